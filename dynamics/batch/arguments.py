@@ -1,0 +1,102 @@
+"""Checking what a batched call is given: shapes, numbers, names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+
+def bind(
+    args: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], what: str
+) -> list[Any]:
+    """Arguments in the order of `names`, given either all by position or all by name.
+
+    Raises `TypeError` that says which are missing, unknown, or too many.
+    """
+    if args and named:
+        raise TypeError(f"{what} takes its inputs by position or by name, not both at once")
+    if named:
+        unknown = [name for name in named if name not in names]
+        missing = [name for name in names if name not in named]
+        if unknown or missing:
+            raise TypeError(
+                f"{what} has inputs {', '.join(names)}; "
+                + "; ".join(
+                    f"{word} {', '.join(group)}"
+                    for word, group in (("unknown:", unknown), ("missing:", missing))
+                    if group
+                )
+            )
+        return [named[name] for name in names]
+    if len(args) != len(names):
+        raise TypeError(
+            f"{what} takes {len(names)} inputs ({', '.join(names)}), but {len(args)} were given"
+        )
+    return list(args)
+
+
+def as_rows(value: Any, size: int, name: str, what: str) -> np.ndarray:
+    """`value` as float64 `(n_samples, size)`, or `(1, size)` where it was given as `(size,)`.
+
+    A scalar is accepted for size 1. Raises `ValueError` that says which axis is wrong.
+    """
+    array = as_doubles(value, name, what)
+    if array.ndim == 0 and size == 1:
+        array = array.reshape(1)
+    if array.ndim not in (1, 2):
+        raise ValueError(
+            f"input '{name}' of {what} has {array.ndim} axes; expected (n_samples, {size}), "
+            f"or ({size},) shared by all samples"
+        )
+    if array.shape[-1] != size:
+        axis = array.ndim - 1
+        hint = ""
+        if array.ndim == 1 and size == 1:
+            hint = "; write a[:, None] for one value a sample"
+        elif array.ndim == 2 and array.shape[0] == size:
+            hint = "; samples come first, so transpose it"
+        raise ValueError(
+            f"input '{name}' of {what} has {array.shape[-1]} along axis {axis}, expected {size}: "
+            f"shape (n_samples, {size}) or ({size},), given {array.shape}{hint}"
+        )
+    return np.ascontiguousarray(np.atleast_2d(array))
+
+
+def as_doubles(value: Any, name: str, what: str) -> np.ndarray:
+    """`value` as a float64 array; `ValueError` where it is not made of real numbers."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub":
+        raise ValueError(f"input '{name}' of {what} must hold real numbers, not {array.dtype}")
+    return array.astype(np.float64, copy=False)
+
+
+def common_length(rows: Sequence[np.ndarray], names: Sequence[str], what: str) -> int:
+    """The number of samples that all inputs agree on; inputs of length 1 are shared.
+
+    Raises `ValueError` naming two inputs that disagree along axis 0.
+    """
+    first: tuple[str, int] | None = None
+    for array, name in zip(rows, names, strict=True):
+        if len(array) == 1:
+            continue
+        if first is not None and first[1] != len(array):
+            raise ValueError(
+                f"inputs of {what} disagree along axis 0 (samples): "
+                f"'{first[0]}' has {first[1]}, '{name}' has {len(array)}"
+            )
+        first = first or (name, len(array))
+    return 1 if first is None else first[1]
+
+
+def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np.ndarray:
+    """The array to write to: a new one, or the caller's after a check of type and shape."""
+    if value is None:
+        return np.empty(shape)
+    if value.shape != shape or value.dtype != np.float64 or not value.flags.c_contiguous:
+        raise ValueError(
+            f"out for '{name}' must be a C-contiguous float64 array of shape {shape}, "
+            f"not {value.dtype} of shape {value.shape}"
+        )
+    return value

@@ -1,0 +1,198 @@
+"""A tape as C: one function over SIMD registers, one statement per operation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import casadi as ca
+
+from dynamics.batch.tape import BOOLEAN, Operation, Tape, operands
+
+# gcc's time grows faster than a function's length; past this many statements a tape is cut.
+PART = 1500
+_CALLS = {
+    **{ca.OP_EXP: "vexp", ca.OP_LOG: "vlog", ca.OP_LOG1P: "vlog1p", ca.OP_EXPM1: "vexpm1"},
+    **{ca.OP_SQRT: "vsqrt", ca.OP_POW: "vpow", ca.OP_ERF: "verf", ca.OP_ERFINV: "verfinv"},
+    **{ca.OP_SIN: "vsin", ca.OP_COS: "vcos", ca.OP_TAN: "vtan"},
+    **{ca.OP_ASIN: "vasin", ca.OP_ACOS: "vacos", ca.OP_ATAN: "vatan", ca.OP_ATAN2: "vatan2"},
+    **{ca.OP_SINH: "vsinh", ca.OP_COSH: "vcosh", ca.OP_TANH: "vtanh"},
+    **{ca.OP_ASINH: "vasinh", ca.OP_ACOSH: "vacosh", ca.OP_ATANH: "vatanh"},
+    **{ca.OP_HYPOT: "vhypot", ca.OP_FMOD: "vfmod", ca.OP_REMAINDER: "vremainder"},
+    **{ca.OP_COPYSIGN: "vcopysign", ca.OP_FMIN: "vfmin", ca.OP_FMAX: "vfmax"},
+    **{ca.OP_FLOOR: "vfloor", ca.OP_CEIL: "vceil", ca.OP_FABS: "vfabs", ca.OP_SIGN: "vsign"},
+}
+_INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
+_COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+# Integer powers up to this one are products, which the vector pow would only approximate.
+_LARGEST_PRODUCT = 4
+
+
+def number(value: float) -> str:
+    """A double as a C expression that gives exactly that double."""
+    if math.isnan(value):
+        return '__builtin_nan("")'
+    if math.isinf(value):
+        return "__builtin_inf()" if value > 0 else "(-__builtin_inf())"
+    return f"({value.hex()})"
+
+
+def kernel(tape: Tape, name: str) -> str:
+    """C text of `static void name(const V *const in[], V *const out[])`.
+
+    `in[k][j]` is nonzero j of input k, `out` likewise; no output may overlap an input. A tape of
+    more than `PART` operations becomes several functions that pass values through memory.
+    """
+    return _Emitter(tape, name).text()
+
+
+class _Emitter:
+    def __init__(self, tape: Tape, name: str) -> None:
+        self.tape, self.name = tape, name
+        self.counts = tape.use_counts()
+        self.parts = self._cut()
+        self.slots, self.n_slots = self._spill()
+
+    def _computed(self) -> list[int]:
+        leaves = (ca.OP_INPUT, ca.OP_CONST)
+        return [i for i, o in enumerate(self.tape.operations) if o.op not in leaves]
+
+    def _cut(self) -> list[list[int]]:
+        computed = self._computed()
+        return [computed[k : k + PART] for k in range(0, len(computed), PART)] or [[]]
+
+    def _spill(self) -> tuple[dict[int, int], int]:
+        """Memory slots of values that a later part reads, reused once nobody reads them."""
+        part_of = {i: p for p, part in enumerate(self.parts) for i in part}
+        last = self._last_parts(part_of)
+        slots: dict[int, int] = {}
+        free: list[int] = []
+        n_slots = 0
+        for p, part in enumerate(self.parts):
+            for i in part:
+                if last.get(i, p) > p:
+                    if not free:
+                        free.append(n_slots)
+                        n_slots += 1
+                    slots[i] = free.pop()
+            free += [slots[i] for i, end in last.items() if end == p and i in slots]
+        return slots, n_slots
+
+    def _last_parts(self, part_of: dict[int, int]) -> dict[int, int]:
+        last: dict[int, int] = {}
+        for i in part_of:
+            for arg in operands(self.tape.operations[i]):
+                if arg in part_of:
+                    last[arg] = max(last.get(arg, -1), part_of[i])
+        return last
+
+    def text(self) -> str:
+        ends = self._output_parts()
+        names = [f"{self.name}_part{p}" for p in range(len(self.parts))]
+        body = [self._part(names[p], part, ends[p]) for p, part in enumerate(self.parts)]
+        memory = f"  V w[{max(self.n_slots, 1)}];\n"
+        calls = "".join(f"  {name}(in, out, w);\n" for name in names)
+        return "".join(body) + (
+            f"INLINE void {self.name}(const V *const in[], V *const out[]) {{\n{memory}{calls}}}\n"
+        )
+
+    def _output_parts(self) -> list[list[tuple[int, int, int]]]:
+        """For each part the outputs (value, output, nonzero) that it writes."""
+        part_of = {i: p for p, part in enumerate(self.parts) for i in part}
+        ends: list[list[tuple[int, int, int]]] = [[] for _ in self.parts]
+        for k, row in enumerate(self.tape.outputs):
+            for j, value in enumerate(row):
+                ends[part_of.get(value, 0)].append((value, k, j))
+        return ends
+
+    def _part(self, name: str, part: list[int], ends: Sequence[tuple[int, int, int]]) -> str:
+        here = set(part)
+        foreign = {a for i in part for a in operands(self.tape.operations[i])} - here
+        foreign |= {value for value, _, _ in ends} - here
+        lines = [self._leaf(i) for i in sorted(foreign)]
+        for i in part:
+            lines.append(self._statement(i, here))
+            if i in self.slots:
+                lines.append(f"w[{self.slots[i]}] = v{i};")
+        lines += [f"out[{k}][{j}] = v{value};" for value, k, j in ends]
+        inline = "INLINE" if len(self.parts) == 1 else "static __attribute__((noinline))"
+        body = "".join(f"  {line}\n" for line in lines)
+        return f"{inline} void {name}(const V *const in[], V *const out[], V *w) {{\n{body}}}\n"
+
+    def _leaf(self, i: int) -> str:
+        operation = self.tape.operations[i]
+        if operation.op == ca.OP_INPUT:
+            return f"const V v{i} = in[{operation.args[0]}][{operation.args[1]}];"
+        if operation.op == ca.OP_CONST:
+            return f"const V v{i} = SPLAT({number(operation.value)});"
+        return f"const V v{i} = w[{self.slots[i]}];" + (
+            f" const M m{i} = v{i} != 0.0;" if operation.op in BOOLEAN else ""
+        )
+
+    def _statement(self, i: int, here: set[int]) -> str:
+        operation = self.tape.operations[i]
+        if operation.op in BOOLEAN:
+            return f"const M m{i} = {self._condition(operation)}; const V v{i} = truth(m{i});"
+        return f"const V v{i} = {self._expression(operation, here)};"
+
+    def _mask(self, i: int) -> str:
+        return f"m{i}" if self.tape.operations[i].op in BOOLEAN else f"(v{i} != 0.0)"
+
+    def _condition(self, operation: Operation) -> str:
+        args = operation.args
+        if operation.op in _COMPARE:
+            return f"v{args[0]} {_COMPARE[operation.op]} v{args[1]}"
+        if operation.op == ca.OP_NOT:
+            return f"~{self._mask(args[0])}"
+        sign = "&" if operation.op == ca.OP_AND else "|"
+        return f"{self._mask(args[0])} {sign} {self._mask(args[1])}"
+
+    def _expression(self, operation: Operation, here: set[int]) -> str:
+        op, v = operation.op, [f"v{a}" for a in operation.args]
+        if op in (ca.OP_ADD, ca.OP_SUB):
+            fused = self._fused(operation, here)
+            if fused:
+                return fused
+        if op in _INFIX:
+            return f"{v[0]} {_INFIX[op]} {v[1]}"
+        if op in _CALLS:
+            return f"{_CALLS[op]}({', '.join(v)})"
+        if op == ca.OP_CONSTPOW:
+            return self._power(operation)
+        if op == ca.OP_IF_ELSE_ZERO:
+            return f"keep({self._mask(operation.args[0])}, {v[1]})"
+        return {
+            ca.OP_NEG: f"-{v[0]}",
+            ca.OP_SQ: f"{v[0]} * {v[0]}",
+            ca.OP_TWICE: f"{v[0]} + {v[0]}",
+            ca.OP_INV: f"1.0 / {v[0]}",
+        }[op]
+
+    def _power(self, operation: Operation) -> str:
+        base, exponent = operation.args
+        value = self.tape.operations[exponent]
+        if value.op == ca.OP_CONST and value.value in range(1, _LARGEST_PRODUCT + 1):
+            return " * ".join([f"v{base}"] * int(value.value))
+        return f"vpow(v{base}, v{exponent})"
+
+    def _fused(self, operation: Operation, here: set[int]) -> str:
+        """a*b + c as one rounding where the product has no other reader; else an empty string."""
+        left, right = operation.args
+        minus = "-" if operation.op == ca.OP_SUB else ""
+        factors = self._product(right, here)
+        if factors:
+            return f"fused({minus}{factors[0]}, {factors[1]}, v{left})"
+        factors = self._product(left, here)
+        if factors:
+            return f"fused({factors[0]}, {factors[1]}, {minus}v{right})"
+        return ""
+
+    def _product(self, i: int, here: set[int]) -> tuple[str, str] | None:
+        operation = self.tape.operations[i]
+        if i not in here or self.counts[i] != 1:
+            return None
+        if operation.op == ca.OP_MUL:
+            return f"v{operation.args[0]}", f"v{operation.args[1]}"
+        if operation.op == ca.OP_SQ:
+            return f"v{operation.args[0]}", f"v{operation.args[0]}"
+        return None

@@ -1,0 +1,110 @@
+"""Batched evaluation of any CasADi function over an array of samples."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch.arguments import as_output, as_rows, bind, common_length
+from dynamics.batch.backends import choose
+from dynamics.batch.c_flat import CFlatEngine
+from dynamics.batch.casadi_backend import CasadiEngine
+from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
+from dynamics.batch.numpy_backend import NumpyEngine
+from dynamics.batch.parallel import checked_threads
+from dynamics.batch.tape import tape_of
+
+BLOCK = 32
+
+
+class Engine(Protocol):
+    """What a backend is: it fills `outputs` and counts the samples that are not finite."""
+
+    name: str
+
+    def evaluate(self, inputs: list[np.ndarray], outputs: list[np.ndarray], n: int) -> int:
+        """Evaluate n samples; arrays are (n, nnz), or (1, nnz) for an input they share."""
+        ...
+
+
+class BatchFunction:
+    """Any CasADi `Function` over an array of samples.
+
+        f = BatchFunction(ca.Function("f", [x, p], [y], ["x", "p"], ["y"]))
+        y = f(x, p)            # x (n_samples, nnz_x), p (n_samples, nnz_p) or (nnz_p,) for all
+        y = f(x=x, p=p)["y"]   # by name: a dictionary of outputs
+
+    Rows hold nonzeros in CasADi's order. Outputs are `(n_samples, nnz_out)`: one array, or a tuple
+    where the function has several. `backend` is `c`, `llvm`, `numpy`, `casadi`, or `auto` for the
+    fastest that can be built here; `threads` is None for every CPU. `block` is how many samples are
+    worked on at once. Results do not depend on `threads` or `block`, to the last bit.
+
+    After a call `nonfinite` tells which samples gave NaN or infinity; a `BatchWarning` says so too.
+
+    Raises `ValueError` for an unknown backend, wrong shapes or counts; `UnsupportedOperation` where
+    the named backend lacks an operation; `CompilerError` where backend `c` was asked for in vain.
+    """
+
+    def __init__(
+        self,
+        fn: ca.Function,
+        backend: str = "auto",
+        threads: int | None = None,
+        block: int = BLOCK,
+    ) -> None:
+        self.name = fn.name()
+        self.input_names = tuple(fn.name_in())
+        self.output_names = tuple(fn.name_out())
+        self.input_sizes = tuple(fn.nnz_in(k) for k in range(fn.n_in()))
+        self.output_sizes = tuple(fn.nnz_out(k) for k in range(fn.n_out()))
+        self.threads = checked_threads(threads)
+        self.block = checked_block(block)
+        self.nonfinite = NonFinite()
+        self.backend, self._engine = choose(backend, self._makers(fn), f"'{self.name}'")
+
+    def _makers(self, fn: ca.Function) -> dict[str, Any]:
+        return {
+            "c": lambda: CFlatEngine(tape_of(fn), self.threads, self.block),
+            "numpy": lambda: NumpyEngine(tape_of(fn), self.threads, self.block),
+            "casadi": lambda: CasadiEngine(fn, self.threads),
+        }
+
+    def __call__(self, *args: Any, out: Sequence[np.ndarray] | None = None, **named: Any) -> Any:
+        """Evaluate; `out` gives arrays `(n_samples, nnz_out)` to write to, one for each output."""
+        values = bind(args, named, self.input_names, f"'{self.name}'")
+        rows = [
+            as_rows(value, size, name, f"'{self.name}'")
+            for value, size, name in zip(values, self.input_sizes, self.input_names, strict=True)
+        ]
+        n = common_length(rows, self.input_names, f"'{self.name}'")
+        outputs = self._outputs(out, n)
+        bad = self._engine.evaluate(rows, outputs, n) if n else 0
+        self.nonfinite = non_finite_rows(outputs) if bad else NonFinite()
+        if self.nonfinite:
+            warnings.warn(f"'{self.name}': {self.nonfinite}", BatchWarning, stacklevel=2)
+        if named:
+            return dict(zip(self.output_names, outputs, strict=True))
+        return outputs[0] if len(outputs) == 1 else tuple(outputs)
+
+    def _outputs(self, out: Sequence[np.ndarray] | None, n: int) -> list[np.ndarray]:
+        given = [None] * len(self.output_sizes) if out is None else list(out)
+        if len(given) != len(self.output_sizes):
+            raise ValueError(
+                f"'{self.name}' has {len(self.output_sizes)} outputs "
+                f"({', '.join(self.output_names)}), but out holds {len(given)} arrays"
+            )
+        return [
+            as_output(array, (n, size), name)
+            for array, size, name in zip(given, self.output_sizes, self.output_names, strict=True)
+        ]
+
+
+def checked_block(block: int) -> int:
+    """`block` if it is a whole number of at least 1, else `ValueError`."""
+    if isinstance(block, bool) or not isinstance(block, int) or block < 1:
+        raise ValueError(f"block must be a whole number of samples, at least 1, not {block!r}")
+    return block

@@ -1,0 +1,180 @@
+"""The tape: a CasADi SX `Function` as a flat list of scalar operations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+OP_NAMES: dict[int, str] = {
+    getattr(ca, name): name for name in dir(ca) if name.startswith("OP_") and name.isupper()
+}
+
+BINARY = frozenset(
+    {
+        *(ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_POW, ca.OP_CONSTPOW),
+        *(ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO),
+        *(ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_FMIN, ca.OP_FMAX),
+        *(ca.OP_ATAN2, ca.OP_HYPOT),
+    }
+)
+UNARY = frozenset(
+    {
+        *(ca.OP_NEG, ca.OP_EXP, ca.OP_LOG, ca.OP_SQRT, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV),
+        *(ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_ASIN, ca.OP_ACOS, ca.OP_ATAN),
+        *(ca.OP_SINH, ca.OP_COSH, ca.OP_TANH, ca.OP_ASINH, ca.OP_ACOSH, ca.OP_ATANH),
+        *(ca.OP_NOT, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FABS, ca.OP_SIGN),
+        *(ca.OP_ERF, ca.OP_ERFINV, ca.OP_LOG1P, ca.OP_EXPM1),
+    }
+)
+# OP_ASSIGN copies, OP_LIFT marks a variable for lifting, OP_PRINTME prints: the value of each
+# is its first operand, so the tape renames instead of computing.
+RENAMES = frozenset({ca.OP_ASSIGN, ca.OP_LIFT, ca.OP_PRINTME})
+BOOLEAN = frozenset({ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT})
+COMMUTATIVE = frozenset(
+    {ca.OP_ADD, ca.OP_MUL, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_HYPOT}
+)
+
+
+class UnsupportedOperation(NotImplementedError):
+    """A CasADi operation that no tape can hold; the message names it and its function."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One value of a tape: `op` applied to earlier values, or a leaf.
+
+    `args` are indices of earlier operations; for `OP_INPUT` they are (input, nonzero) instead.
+    `value` is the number of an `OP_CONST`, else 0.
+    """
+
+    op: int
+    args: tuple[int, ...]
+    value: float = 0.0
+
+
+@dataclass(frozen=True)
+class Tape:
+    """A scalar program in single-assignment form: operation i defines value i.
+
+    `input_sizes` and `output_sizes` count nonzeros; `outputs[k][j]` is the value behind nonzero j
+    of output k. Equal operations on equal operands occur once.
+    """
+
+    name: str
+    input_sizes: tuple[int, ...]
+    output_sizes: tuple[int, ...]
+    operations: tuple[Operation, ...]
+    outputs: tuple[tuple[int, ...], ...]
+
+    def last_uses(self) -> list[int]:
+        """For each value the index of the last operation reading it; outputs live to the end."""
+        last = list(range(len(self.operations)))
+        for i, operation in enumerate(self.operations):
+            for arg in operands(operation):
+                last[arg] = i
+        for row in self.outputs:
+            for value in row:
+                last[value] = len(self.operations)
+        return last
+
+    def use_counts(self) -> list[int]:
+        """For each value how many operands and outputs refer to it."""
+        counts = [0] * len(self.operations)
+        for operation in self.operations:
+            for arg in operands(operation):
+                counts[arg] += 1
+        for row in self.outputs:
+            for value in row:
+                counts[value] += 1
+        return counts
+
+
+def operands(operation: Operation) -> tuple[int, ...]:
+    """The values that an operation reads (none for inputs and constants)."""
+    return () if operation.op == ca.OP_INPUT else operation.args
+
+
+def tape_of(fn: ca.Function) -> Tape:
+    """Flatten a CasADi `Function` (SX, or MX that expands) to a `Tape`.
+
+    Raises `UnsupportedOperation` where the function cannot be written in scalar operations: an MX
+    graph that does not expand, a call that was kept (`never_inline`), or free variables.
+    """
+    fn = _as_sx(fn)
+    builder = _Builder(fn)
+    for i in range(fn.n_instructions()):
+        builder.add(i)
+    return builder.finish()
+
+
+def _as_sx(fn: ca.Function) -> ca.Function:
+    if fn.has_free():
+        raise UnsupportedOperation(
+            f"function '{fn.name()}' has free variables {fn.get_free()}; make them inputs"
+        )
+    if fn.is_a("SXFunction"):
+        return fn
+    try:
+        return fn.expand()
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise UnsupportedOperation(
+            f"function '{fn.name()}' ({fn.class_name()}) does not expand to scalar operations: "
+            f"{reason}"
+        ) from error
+
+
+class _Builder:
+    """Turns CasADi's register program into single-assignment form, one instruction at a time."""
+
+    def __init__(self, fn: ca.Function) -> None:
+        self.fn = fn
+        self.operations: list[Operation] = []
+        self.known: dict[tuple[int, tuple[int, ...], str], int] = {}
+        self.register: dict[int, int] = {}
+        self.outputs = [[-1] * fn.nnz_out(k) for k in range(fn.n_out())]
+
+    def add(self, i: int) -> None:
+        op = self.fn.instruction_id(i)
+        source, target = self.fn.instruction_input(i), self.fn.instruction_output(i)
+        if op == ca.OP_OUTPUT:
+            self.outputs[target[0]][target[1]] = self.register[source[0]]
+        elif op == ca.OP_INPUT:
+            self.register[target[0]] = self._value(Operation(op, (source[0], source[1])))
+        elif op == ca.OP_CONST:
+            constant = float(self.fn.instruction_constant(i))
+            self.register[target[0]] = self._value(Operation(op, (), constant))
+        elif op in RENAMES:
+            self.register[target[0]] = self.register[source[0]]
+        elif op in UNARY:
+            self.register[target[0]] = self._value(Operation(op, (self.register[source[0]],)))
+        elif op in BINARY:
+            args = (self.register[source[0]], self.register[source[1]])
+            self.register[target[0]] = self._value(Operation(op, args))
+        else:
+            raise UnsupportedOperation(
+                f"operation {OP_NAMES.get(op, op)} in function '{self.fn.name()}' "
+                "has no scalar form; inline the call or use backend='casadi'"
+            )
+
+    def _value(self, operation: Operation) -> int:
+        args = operation.args
+        if operation.op in COMMUTATIVE:
+            args = tuple(sorted(args))
+        # float.hex tells 0.0 from -0.0, which == does not.
+        key = (operation.op, args, operation.value.hex())
+        if key not in self.known:
+            self.known[key] = len(self.operations)
+            self.operations.append(operation)
+        return self.known[key]
+
+    def finish(self) -> Tape:
+        fn = self.fn
+        return Tape(
+            name=fn.name(),
+            input_sizes=tuple(fn.nnz_in(k) for k in range(fn.n_in())),
+            output_sizes=tuple(fn.nnz_out(k) for k in range(fn.n_out())),
+            operations=tuple(self.operations),
+            outputs=tuple(tuple(row) for row in self.outputs),
+        )
