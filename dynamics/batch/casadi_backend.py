@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 
@@ -31,6 +33,20 @@ class CasadiEngine:
                 finite &= np.isfinite(array[begin:end]).all(axis=1)
             bad += int(np.count_nonzero(~finite))
         return bad
+
+
+class CasadiKernel:
+    """Evaluates a CasADi function over samples, arrays `(nnz, m)` in and out, samples last."""
+
+    def __init__(self, fn: ca.Function) -> None:
+        self._flat = _flattened(fn)
+
+    def run(self, inputs: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
+        """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
+        m = max(array.shape[-1] for array in (*inputs, *outputs))
+        columns = [np.broadcast_to(array, (len(array), m)) for array in inputs]
+        for array, result in zip(outputs, self._flat.map(m).call(columns), strict=True):
+            array[...] = np.asarray(result)
 
 
 def _columns(array: np.ndarray, begin: int, end: int) -> ca.DM:

@@ -1,0 +1,108 @@
+"""Counter-based random normals: the same numbers in NumPy and inside a compiled kernel.
+
+Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011)
+maps a counter of four 32-bit words under a key of two words to four random words. Here
+
+    key     = SeedSequence(seed).generate_state(2)
+    counter = (low word of the sample's index, high word, number of the pair, 0)
+
+so every sample has a stream of its own, whatever else is computed: the first n samples of a larger
+run are the same samples. The four words make two normals by Box and Muller's transform, with
+52 random bits for the radius and 52 for the angle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
+INCREMENTS = (0x9E3779B9, 0xBB67AE85)
+ROUNDS = 10
+_LOW = np.uint64(0xFFFFFFFF)
+_HALF = np.uint64(32)
+
+
+def philox(counter: np.ndarray, key: tuple[int, int]) -> np.ndarray:
+    """Philox4x32-10 of `counter` (4, m), any integers below 2**32, as uint64 (4, m)."""
+    c = [np.asarray(word, dtype=np.uint64) for word in counter]
+    k = list(key)
+    for _ in range(ROUNDS):
+        product = [c[0] * np.uint64(MULTIPLIERS[0]), c[2] * np.uint64(MULTIPLIERS[1])]
+        c = [
+            (product[1] >> _HALF) ^ c[1] ^ np.uint64(k[0]),
+            product[1] & _LOW,
+            (product[0] >> _HALF) ^ c[3] ^ np.uint64(k[1]),
+            product[0] & _LOW,
+        ]
+        k = [(word + step) & 0xFFFFFFFF for word, step in zip(k, INCREMENTS, strict=True)]
+    return np.stack(np.broadcast_arrays(*c))
+
+
+def key_of(seed: int | np.random.SeedSequence) -> tuple[int, int]:
+    """The two-word Philox key of a seed.
+
+    Raises `ValueError` for anything but a non-negative integer or a `SeedSequence`.
+    """
+    if isinstance(seed, np.random.SeedSequence):
+        sequence = seed
+    elif isinstance(seed, (int, np.integer)) and not isinstance(seed, bool) and seed >= 0:
+        sequence = np.random.SeedSequence(int(seed))
+    else:
+        raise ValueError(f"seed must be a whole number of at least 0, not {seed!r}")
+    low, high = sequence.generate_state(2)
+    return int(low), int(high)
+
+
+def standard_normals(key: tuple[int, int], first: int, n: int, size: int) -> np.ndarray:
+    """Independent N(0, 1) numbers `(n, size)` of the samples `first, ..., first + n - 1`.
+
+    Value m of a sample comes from pair m // 2: with a = (i + 1/2) / 2**52, b = j / 2**52, i and j of 52 bits,
+    sqrt(-2 ln a) cos(2 pi b) for even m and sin for odd m.
+    """
+    index = np.arange(first, first + n, dtype=np.uint64)[:, None]
+    pair = np.arange((size + 1) // 2, dtype=np.uint64)
+    words = philox(np.broadcast_arrays(index & _LOW, index >> _HALF, pair, np.uint64(0)), key)
+    radial = (words[0] | (words[1] << _HALF)) >> np.uint64(12)
+    angular = (words[2] | (words[3] << _HALF)) >> np.uint64(12)
+    radius = np.sqrt(-2.0 * np.log((radial.astype(np.float64) + 0.5) * 2.0**-52))
+    angle = (2.0 * np.pi) * (angular.astype(np.float64) * 2.0**-52)
+    both = np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=-1)
+    return np.ascontiguousarray(both.reshape(n, -1)[:, :size])
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """White Gaussian noise w ~ N(0, diag(sigma)^2), drawn inside the rollout's kernel.
+
+    `sigma` > 0 is one standard deviation, or one for each component; `seed` chooses the stream;
+    `first` is the index of the first sample, so that a run can be continued where it stopped.
+    """
+
+    sigma: float | np.ndarray
+    seed: int | np.random.SeedSequence
+    first: int = 0
+
+    def __post_init__(self) -> None:
+        sigma = np.asarray(self.sigma, dtype=np.float64)
+        if not (np.isfinite(sigma).all() and (sigma > 0).all()):
+            raise ValueError(f"sigma must be positive and finite, not {self.sigma!r}")
+        if self.first < 0:
+            raise ValueError(f"first must be a sample index of at least 0, not {self.first}")
+        key_of(self.seed)
+
+    def scales(self, nu: int) -> np.ndarray:
+        """`sigma` as `(nu,)`; `ValueError` where it has another length."""
+        sigma = np.asarray(self.sigma, dtype=np.float64)
+        if sigma.shape not in ((), (1,), (nu,)):
+            raise ValueError(
+                f"sigma has shape {sigma.shape}; expected one number or shape ({nu},), "
+                "one for each input"
+            )
+        return np.ascontiguousarray(np.broadcast_to(sigma, (nu,)))
+
+    def draw(self, n_samples: int, horizon: int, nu: int) -> np.ndarray:
+        """The same noise as an array `(n_samples, horizon, nu)`."""
+        normals = standard_normals(key_of(self.seed), self.first, n_samples, horizon * nu)
+        return normals.reshape(n_samples, horizon, nu) * self.scales(nu)

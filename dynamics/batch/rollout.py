@@ -1,0 +1,279 @@
+"""Rollouts of a step under a policy: costs, gradients, and their moments over many samples."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch.arguments import as_doubles, as_output, as_rows
+from dynamics.batch.backends import choose
+from dynamics.batch.casadi_backend import CasadiKernel
+from dynamics.batch.function import BLOCK, checked_block
+from dynamics.batch.moments import Moments, merge_chunks
+from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
+from dynamics.batch.numpy_backend import NumpyKernel
+from dynamics.batch.parallel import checked_threads
+from dynamics.batch.policy import RolloutPolicy
+from dynamics.batch.random import Gaussian
+from dynamics.batch.rollout_engines import ChunkEngine, CRolloutEngine, Request, RolloutEngine
+from dynamics.batch.rollout_tapes import StepDefinition, build_tapes
+from dynamics.batch.tape import tape_of
+
+# Moments are kept for each chunk until this many samples, and then merged into the total.
+STRIDE = 1 << 22
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """Values of n rollouts: `cost` (n,), `gradient` and `score` (n, *policy.shape) or None."""
+
+    cost: np.ndarray
+    gradient: np.ndarray | None
+    score: np.ndarray | None
+    nonfinite: NonFinite
+
+
+@dataclass(frozen=True)
+class RolloutMoments:
+    """Moments over samples of the cost, its gradient, and the zeroth-order gradient.
+
+    `gradient` is of d cost / d theta and `zeroth` of (cost - baseline) * score, each None where it
+    was not asked for; their arrays have the policy's shape. Samples in which any value is NaN or
+    infinite are left out of all of them and named by `nonfinite`.
+    """
+
+    cost: Moments
+    gradient: Moments | None
+    zeroth: Moments | None
+    nonfinite: NonFinite
+
+
+class RolloutFunction:
+    """Cost of closed-loop rollouts through contact, and its exact gradient, for many samples.
+
+        cost = sum_{t<N} stage_cost(x_t, u_t, p) + terminal_cost(x_N, p)
+        u_t  = policy.law(x_t, theta_t) + w_t,    x_{t+1} = step(x_t, u_t, p)
+
+    `step` gives x_next, z, F, mu as SX in its symbols (`StepDefinition`, the one the NLP uses).
+    Backends, threads and block are those of `BatchFunction`; results depend neither on threads nor
+    on block, to the last bit. Code size and compile time do not depend on `horizon`.
+
+        f = RolloutFunction(step, stage_cost, terminal_cost, 40, open_loop(nx, nu))
+        r = f(x0, theta, noise=Gaussian(0.1, seed=0), n_samples=1000)
+        m = f.moments(x0, theta, noise=Gaussian(0.1, seed=0), n_samples=1_000_000)
+
+    Raises `ValueError` for dimensions that do not fit, `UnsupportedOperation` and `CompilerError`
+    as `BatchFunction` does.
+    """
+
+    def __init__(
+        self,
+        step: StepDefinition,
+        stage_cost: ca.Function,
+        terminal_cost: ca.Function,
+        horizon: int,
+        policy: RolloutPolicy,
+        backend: str = "auto",
+        threads: int | None = None,
+        block: int = BLOCK,
+    ) -> None:
+        if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
+            raise ValueError(f"horizon must be a whole number of steps, at least 1, not {horizon}")
+        self.horizon, self.policy = horizon, policy
+        self.threads, self.block = checked_threads(threads), checked_block(block)
+        self.tapes = build_tapes(step, stage_cost, terminal_cost, policy)
+        self.backend, self._engine = choose(backend, self._makers(), "the rollout")
+
+    def _makers(self) -> dict[str, Any]:
+        def chunks(make: Any) -> RolloutEngine:
+            return ChunkEngine(self.tapes, self.horizon, self.policy.per_step, self.threads, make)
+
+        return {
+            "c": lambda: CRolloutEngine(self.tapes, self.threads, self.block),
+            "numpy": lambda: chunks(lambda fn: NumpyKernel(tape_of(fn))),
+            "casadi": lambda: chunks(CasadiKernel),
+        }
+
+    def __call__(
+        self,
+        x0: Any,
+        theta: Any,
+        p: Any = (),
+        noise: Gaussian | Any | None = None,
+        n_samples: int | None = None,
+        *,
+        gradient: bool = True,
+        score: bool = False,
+        out: Rollouts | None = None,
+    ) -> Rollouts:
+        """Cost of each sample, with its gradient by theta and its score where asked.
+
+        `x0` (n, nx), `theta` (n, *policy.shape) and `p` (n, np) may each lack the axis of samples
+        and are then shared. `noise` is `Gaussian`, an array (n, horizon, nu), or None. `n_samples`
+        is needed only where no array tells it. The score, sum_t D_theta law(x_t, theta_t)' w_t /
+        sigma^2, is the gradient by theta of the log-density of the noise. `out` is an earlier
+        answer whose arrays are written over.
+
+        Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
+        """
+        q = self._request(x0, theta, p, noise, n_samples, gradient, score)
+        shape = (q.n, *self.policy.shape(self.horizon))
+        given = out or Rollouts(*[None] * 3, NonFinite())  # pyright: ignore[reportArgumentType]
+        cost = as_output(given.cost, (q.n,), "cost")
+        parts = [
+            as_output(array, shape, name) if wanted else None
+            for name, array, wanted in (
+                ("gradient", given.gradient, gradient),
+                ("score", given.score, score),
+            )
+        ]
+        rows = [None if a is None else a.reshape(q.n, -1) for a in parts]
+        bad = self._engine.samples(q, cost.reshape(-1, 1), *rows) if q.n else 0
+        nonfinite = NonFinite()
+        if bad:
+            nonfinite = non_finite_rows([cost, *[a for a in parts if a is not None]])
+            warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=2)
+        return Rollouts(cost, *parts, nonfinite)
+
+    def moments(
+        self,
+        x0: Any,
+        theta: Any,
+        p: Any = (),
+        noise: Gaussian | Any | None = None,
+        n_samples: int | None = None,
+        *,
+        gradient: bool = True,
+        score: bool = False,
+        baseline: float = 0.0,
+    ) -> RolloutMoments:
+        """Mean and second moment over the samples, computed as they come and never stored.
+
+        Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
+        gradient (cost - baseline) * score. Raises `ValueError` as a call does.
+        """
+        q = self._request(x0, theta, p, noise, n_samples, gradient, score)
+        q = replace(q, baseline=float(baseline))
+        total: Moments | None = None
+        bad: list[np.ndarray] = []
+        for begin in range(0, q.n, STRIDE):
+            part = q.part(begin, min(begin + STRIDE, q.n))
+            merged, indices = self._stride(part)
+            bad.append(begin + indices)
+            total = merged if total is None else total.merged(merged)
+        total = total or merge_chunks(*(np.zeros((0, q.n_values)),) * 3)
+        indices = np.concatenate([*bad, np.empty(0, dtype=np.int64)])
+        nonfinite = NonFinite(len(indices), indices)
+        if nonfinite:
+            warnings.warn(f"rollout: {nonfinite}; left out", BatchWarning, stacklevel=2)
+        return self._named(total, q, nonfinite)
+
+    def _stride(self, q: Request) -> tuple[Moments, np.ndarray]:
+        chunk = self._engine.chunk
+        table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
+        bad = self._engine.moments(q, table)
+        indices = self._find_bad(q, table[:, 0], chunk) if bad else np.empty(0, dtype=np.int64)
+        split = 1 + q.n_values
+        return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
+
+    def _find_bad(self, q: Request, counts: np.ndarray, chunk: int) -> np.ndarray:
+        """Roll the chunks that lost samples out again, to say which samples they were."""
+        found = []
+        for i, count in enumerate(counts):
+            begin, end = i * chunk, min((i + 1) * chunk, q.n)
+            if count < end - begin:
+                part, size = q.part(begin, end), q.theta.shape[1]
+                values = [np.empty((part.n, 1)), *np.empty((2, part.n, size))]
+                asked = [values[1] if q.gradient else None, values[2] if q.score else None]
+                self._engine.samples(part, values[0], *asked)
+                rows = non_finite_rows([values[0], *[a for a in asked if a is not None]])
+                found.append(begin + rows.indices)
+        return np.concatenate(found)
+
+    def _named(self, total: Moments, q: Request, nonfinite: NonFinite) -> RolloutMoments:
+        shape, size = self.policy.shape(self.horizon), q.theta.shape[1]
+
+        def block(begin: int, end: int, to: tuple[int, ...]) -> Moments:
+            mean, m2 = total.mean[begin:end].reshape(to), total.m2[begin:end].reshape(to)
+            return Moments(total.n, mean, m2)
+
+        after = 1 + size * q.gradient
+        return RolloutMoments(
+            cost=block(0, 1, ()),
+            gradient=block(1, 1 + size, shape) if q.gradient else None,
+            zeroth=block(after, after + size, shape) if q.score else None,
+            nonfinite=nonfinite,
+        )
+
+    def _request(
+        self,
+        x0: Any,
+        theta: Any,
+        p: Any,
+        noise: Any,
+        n_samples: int | None,
+        gradient: bool,
+        score: bool,
+    ) -> Request:
+        what, tapes = "the rollout", self.tapes
+        rows = {
+            "x0": as_rows(x0, tapes.nx, "x0", what),
+            "theta": self._theta_rows(theta),
+            "p": as_rows(p, tapes.np, "p", what),
+        }
+        gaussian = noise if isinstance(noise, Gaussian) else None
+        if score and gaussian is None:
+            raise ValueError("a score needs noise of known density: give noise=Gaussian(sigma, seed)")
+        if gaussian is not None:
+            gaussian.scales(tapes.nu)
+        elif noise is not None:
+            rows["noise"] = self._noise_rows(noise)
+        n = _sample_count(rows, n_samples)
+        w = rows.pop("noise", None)
+        return Request(
+            n=n,
+            horizon=self.horizon,
+            parts=self.horizon if self.policy.per_step else 1,
+            w=w,
+            gaussian=gaussian,
+            gradient=gradient,
+            score=score,
+            **rows,
+        )
+
+    def _theta_rows(self, theta: Any) -> np.ndarray:
+        shape = self.policy.shape(self.horizon)
+        array = as_doubles(theta, "theta", "the rollout")
+        if array.shape[-len(shape) :] != shape or array.ndim > len(shape) + 1:
+            raise ValueError(
+                f"theta has shape {array.shape}; expected {shape}, shared by all samples, "
+                f"or (n_samples, {', '.join(map(str, shape))})"
+            )
+        return np.ascontiguousarray(array.reshape(-1, self.policy.total(self.horizon)))
+
+    def _noise_rows(self, noise: Any) -> np.ndarray:
+        shape = (self.horizon, self.tapes.nu)
+        array = as_doubles(noise, "noise", "the rollout")
+        if array.ndim != 3 or array.shape[1:] != shape:
+            raise ValueError(
+                f"noise has shape {array.shape}; expected (n_samples, {shape[0]}, {shape[1]}): "
+                "samples, steps, inputs"
+            )
+        return np.ascontiguousarray(array.reshape(len(array), -1))
+
+
+def _sample_count(rows: dict[str, np.ndarray], n_samples: int | None) -> int:
+    """How many samples the arrays and `n_samples` agree on; `ValueError` where they do not."""
+    lengths = {name: len(a) for name, a in rows.items() if len(a) != 1 or name == "noise"}
+    if n_samples is not None:
+        if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
+            raise ValueError(f"n_samples must be a whole number of at least 0, not {n_samples!r}")
+        lengths["n_samples"] = int(n_samples)
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} has {length}" for name, length in lengths.items())
+        raise ValueError(f"the rollout's arrays disagree along axis 0 (samples): {told}")
+    return next(iter(lengths.values()), 1)

@@ -1,0 +1,235 @@
+"""Backends of a rollout: what is asked of them, and how each answers."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import c_rollout, compiler
+from dynamics.batch.parallel import over_chunks
+from dynamics.batch.random import Gaussian, key_of
+from dynamics.batch.rollout_numpy import ChunkRollout, Kernel
+from dynamics.batch.rollout_tapes import RolloutTapes
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Request:
+    """One evaluation of n rollouts; arrays have n rows, or one row shared by all.
+
+    `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is given noise,
+    `gaussian` noise to be drawn, both None for none. `baseline` is subtracted from the cost before
+    it multiplies the score, in moments.
+    """
+
+    n: int
+    horizon: int
+    parts: int
+    x0: Array
+    theta: Array
+    p: Array
+    w: Array | None = None
+    gaussian: Gaussian | None = None
+    gradient: bool = True
+    score: bool = False
+    baseline: float = 0.0
+
+    @property
+    def n_values(self) -> int:
+        """Entries of a sample's vector in moments: cost, gradient, score times cost."""
+        return 1 + self.theta.shape[1] * (self.gradient + self.score)
+
+    def part(self, begin: int, end: int) -> Request:
+        """The same request for samples `begin <= i < end` alone."""
+        rows = {
+            name: value[begin:end] if value is not None and len(value) > 1 else value
+            for name, value in (("x0", self.x0), ("theta", self.theta), ("p", self.p))
+        }
+        gaussian = self.gaussian
+        if gaussian is not None:
+            gaussian = Gaussian(gaussian.sigma, gaussian.seed, gaussian.first + begin)
+        w = None if self.w is None else self.w[begin:end]
+        same = {
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if f.name not in (*rows, "n", "w", "gaussian")
+        }
+        return Request(n=end - begin, w=w, gaussian=gaussian, **rows, **same)
+
+
+class RolloutEngine(Protocol):
+    """A backend. Both calls return how many samples are not finite."""
+
+    chunk: int
+
+    def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
+        """Fill `cost` (n, 1), and `gradient` and `score` (n, parts * n_theta) where asked."""
+        ...
+
+    def moments(self, q: Request, table: Array) -> int:
+        """Fill a row `(count, means, second moments)` of `table` for each chunk of samples."""
+        ...
+
+
+class _Job(ctypes.Structure):
+    """The C structure `job` of `dynamics.batch.c_rollout`."""
+
+    _fields_ = [
+        *(
+            (name, ctypes.c_int64)
+            for name in (
+                *("horizon", "parts", "want", "shared_x0", "shared_theta", "shared_p"),
+                *("noise", "key0", "key1", "first"),
+            )
+        ),
+        *(
+            (name, ctypes.c_void_p)
+            for name in (
+                *("x0", "theta", "p", "w", "sigma", "precision"),
+                *("cost", "gradient", "score", "moments"),
+            )
+        ),
+        ("baseline", ctypes.c_double),
+    ]
+
+
+class CRolloutEngine:
+    """Rollouts in compiled C. Raises `CompilerError` where they cannot be compiled."""
+
+    chunk = 4096
+
+    def __init__(self, tapes: RolloutTapes, threads: int, block: int) -> None:
+        self._nu, self._threads = tapes.nu, threads
+        text = c_rollout.source(tapes, block, compiler.find_compiler())
+        self._run = compiler.load(text).run
+        self._run.restype = ctypes.c_int64
+        self._run.argtypes = [*3 * [ctypes.c_int64], ctypes.c_void_p]
+
+    def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
+        """Fill the arrays sample by sample."""
+        want = (gradient is not None) + 2 * (score is not None)
+        return self._all(q, want, cost=cost, gradient=gradient, score=score)
+
+    def moments(self, q: Request, table: Array) -> int:
+        """Fill the table chunk by chunk; nothing is kept of single samples."""
+        return self._all(q, q.gradient + 2 * q.score + 4, moments=table)
+
+    def _all(self, q: Request, want: int, **results: Array | None) -> int:
+        job, _alive = self._job(q, want, results)
+        bad: list[int] = []
+
+        def work(begin: int, end: int) -> None:
+            bad.append(self._run(begin, end, self.chunk, ctypes.addressof(job)))
+
+        over_chunks(q.n, self.chunk, self._threads, work)
+        if min(bad, default=0) < 0:
+            raise MemoryError(f"no memory for the work arrays of {q.horizon} steps")
+        return sum(bad)
+
+    def _job(self, q: Request, want: int, results: dict[str, Array | None]) -> tuple[_Job, object]:
+        """The structure to pass, and the arrays that must live as long as it is in use."""
+        noise, key, sigma = 0, (0, 0), np.ones(self._nu)
+        if q.w is not None:
+            noise = 1
+        elif q.gaussian is not None:
+            noise, key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(self._nu)
+        arrays = {
+            **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w},
+            **{"sigma": sigma, "precision": 1.0 / sigma**2, **results},
+        }
+        job = _Job(
+            horizon=q.horizon,
+            parts=q.parts,
+            want=want,
+            shared_x0=len(q.x0) == 1,
+            shared_theta=len(q.theta) == 1,
+            shared_p=len(q.p) == 1,
+            noise=noise,
+            key0=key[0],
+            key1=key[1],
+            first=0 if q.gaussian is None else q.gaussian.first,
+            baseline=q.baseline,
+            **{name: a.ctypes.data for name, a in arrays.items() if a is not None},
+        )
+        return job, arrays
+
+
+class ChunkEngine:
+    """Rollouts whose loops run in Python, over chunks of samples."""
+
+    chunk = 1024
+
+    def __init__(
+        self,
+        tapes: RolloutTapes,
+        horizon: int,
+        per_step: bool,
+        threads: int,
+        make: Callable[[ca.Function], Kernel],
+    ) -> None:
+        self._tapes, self._threads = tapes, threads
+        self._rollout = ChunkRollout(tapes, horizon, per_step, make)
+
+    def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
+        """Fill the arrays sample by sample."""
+        bad: list[int] = []
+
+        def work(begin: int, end: int) -> None:
+            chunk_cost, *rest = self._chunk(q.part(begin, end))
+            cost[begin:end, 0] = chunk_cost
+            for target, value in zip((gradient, score), rest, strict=True):
+                if target is not None:
+                    target[begin:end] = value.T
+            finite = np.isfinite(np.vstack((chunk_cost[None], *rest))).all(axis=0)
+            bad.append(int(np.count_nonzero(~finite)))
+
+        over_chunks(q.n, self.chunk, self._threads, work)
+        return sum(bad)
+
+    def moments(self, q: Request, table: Array) -> int:
+        """Fill the table chunk by chunk; nothing is kept of single samples."""
+        bad: list[int] = []
+
+        def work(begin: int, end: int) -> None:
+            cost, gradient, score = self._chunk(q.part(begin, end))
+            values = np.vstack((cost[None], gradient, score * (cost - q.baseline)))
+            values = values[:, np.isfinite(values).all(axis=0)]
+            n = values.shape[1]
+            mean = values.sum(axis=1) / max(n, 1)
+            m2 = np.square(values - mean[:, None]).sum(axis=1)
+            table[begin // self.chunk] = (n, *mean, *m2)
+            bad.append(end - begin - n)
+
+        over_chunks(q.n, self.chunk, self._threads, work)
+        return sum(bad)
+
+    def _chunk(self, q: Request) -> tuple[Array, Array, Array]:
+        """Cost (m,), gradient and score (parts * n_theta or 0, m) of one chunk."""
+        tapes, m = self._tapes, q.n
+        theta = q.theta.T.reshape(q.parts, tapes.n_theta, -1)
+        x0, p, w = (np.ascontiguousarray(a.T) for a in (q.x0, q.p, self._noise(q)))
+        w = w.reshape(q.horizon, tapes.nu, m)
+        x, lam, cost = self._rollout.forward(x0, theta, p, w)
+        shape = (q.parts, tapes.n_theta, m)
+        gradient, score = np.empty((0, m)), np.empty((0, m))
+        if q.gradient:
+            gradient = np.empty(shape)
+            self._rollout.backward(x, lam, theta, p, w, gradient)
+        if q.score and q.gaussian is not None:
+            score = np.empty(shape)
+            precision = 1.0 / q.gaussian.scales(tapes.nu) ** 2
+            self._rollout.scores(x, theta, w * precision[:, None], score)
+        return cost, gradient.reshape(-1, m), score.reshape(-1, m)
+
+    def _noise(self, q: Request) -> Array:
+        if q.w is not None:
+            return q.w
+        if q.gaussian is not None:
+            return q.gaussian.draw(q.n, q.horizon, self._tapes.nu).reshape(q.n, -1)
+        return np.zeros((q.n, q.horizon * self._tapes.nu))

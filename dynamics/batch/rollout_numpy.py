@@ -1,0 +1,108 @@
+"""Rollouts whose loops run in Python over chunks of samples: the NumPy and CasADi backends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch.rollout_tapes import InnerLoop, RolloutTapes
+
+Array = np.ndarray
+
+
+class Kernel(Protocol):
+    """Evaluates one short graph over samples: arrays `(nnz, m)` in and out, samples last."""
+
+    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
+        """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
+        ...
+
+
+class ChunkRollout:
+    """Forward and adjoint sweep of one chunk of samples, samples along the last axis.
+
+    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel.
+    """
+
+    def __init__(
+        self,
+        tapes: RolloutTapes,
+        horizon: int,
+        per_step: bool,
+        make: Callable[[ca.Function], Kernel],
+    ) -> None:
+        self.tapes, self.horizon, self.per_step = tapes, horizon, per_step
+        self.adjoint, self.score = make(tapes.adjoint), make(tapes.score)
+        self.terminal, self.terminal_adjoint = make(tapes.terminal), make(tapes.terminal_adjoint)
+        loop = tapes.forward
+        self.loop = loop if isinstance(loop, InnerLoop) else None
+        if isinstance(loop, InnerLoop):
+            self.opening, self.body = make(loop.opening), make(loop.body)
+            self.closing = make(loop.closing)
+            self.sizes = loop.body.numel_in(0), loop.body.numel_in(1)
+        else:
+            self.step = make(loop)
+
+    def forward(self, x0: Array, theta: Array, p: Array, w: Array) -> tuple[Array, Array, Array]:
+        """States `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
+
+        `x0` (nx, m), `theta` (N or 1, n_theta, m or 1), `p` (np, m or 1), `w` (N, nu, m).
+        """
+        m = w.shape[-1]
+        x = np.empty((self.horizon + 1, self.tapes.nx, m))
+        lam = np.empty((self.horizon, self.tapes.nlam, m))
+        cost, stage = np.zeros((1, m)), np.empty((1, m))
+        x[0] = x0
+        for t in range(self.horizon):
+            arguments = [x[t], self._theta(theta, t), w[t], p]
+            results = [x[t + 1], lam[t], stage]
+            if self.loop is None:
+                self.step.run(arguments, results)
+            else:
+                self.closing.run([*arguments, *self._solve(self.loop, arguments)], results)
+            cost += stage
+        self.terminal.run([x[-1], p], [stage])
+        return x, lam, (cost + stage)[0]
+
+    def _theta(self, theta: Array, t: int) -> Array:
+        return theta[t] if self.per_step else theta[0]
+
+    def _solve(self, loop: InnerLoop, arguments: list[Array]) -> tuple[Array, Array]:
+        m = arguments[0].shape[-1]
+        state, data = (np.empty((size, m)) for size in self.sizes)
+        after = np.empty_like(state)
+        self.opening.run(arguments, [state, data])
+        for _ in range(loop.iterations):
+            self.body.run([state, data], [after])
+            # NaN differs from itself: comparing bits lets a spoiled sample come to rest.
+            done = np.array_equal(after.view(np.int64), state.view(np.int64))
+            state, after = after, state
+            if done:
+                break
+        return state, data
+
+    def backward(
+        self, x: Array, lam: Array, theta: Array, p: Array, w: Array, gradient: Array
+    ) -> None:
+        """Fill `gradient` (N or 1, n_theta, m) with the derivative of the cost by theta."""
+        m = w.shape[-1]
+        xbar, before = np.empty((2, self.tapes.nx, m))
+        part = np.empty((self.tapes.n_theta, m))
+        gradient[...] = 0.0
+        self.terminal_adjoint.run([x[-1], p], [xbar])
+        for t in reversed(range(self.horizon)):
+            arguments = [x[t], self._theta(theta, t), w[t], p, lam[t], xbar]
+            self.adjoint.run(arguments, [before, part])
+            gradient[t if self.per_step else 0] += part
+            xbar, before = before, xbar
+
+    def scores(self, x: Array, theta: Array, w: Array, score: Array) -> None:
+        """Fill `score` (N or 1, n_theta, m) with the sum over steps of D_theta law' w."""
+        part = np.empty((self.tapes.n_theta, w.shape[-1]))
+        score[...] = 0.0
+        for t in range(self.horizon):
+            self.score.run([x[t], self._theta(theta, t), w[t]], [part])
+            score[t if self.per_step else 0] += part
