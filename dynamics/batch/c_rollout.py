@@ -223,16 +223,17 @@ i64 run(i64 begin, i64 end, i64 chunk, const job *q) {
   for (int j = 0; j < U; j++) {
     a[j].x = top, top += (N + 1) * NX;
     a[j].lam = top, top += N * NL;
-    a[j].w = top, top += N * NU;
-    a[j].theta = top, top += nt;
+    int own_theta = !j || !q->shared_theta, own_p = !j || !q->shared_p, own_w = !j || q->noise;
+    a[j].w = own_w ? top : a[0].w, top += own_w * N * NU;
+    a[j].theta = own_theta ? top : a[0].theta, top += own_theta * nt;
+    a[j].p = own_p ? top : a[0].p, top += own_p * NP;
     a[j].gradient = top, top += nt;
     a[j].score = top, top += nt;
-    a[j].p = top, top += NP;
     a[j].cost = top++;
-    if (q->shared_theta) load_shared(q->theta, nt, a[j].theta);
-    if (q->shared_p) load_shared(q->p, NP, a[j].p);
-    if (!q->noise) for (i64 k = 0; k < N * NU; k++) a[j].w[k] = (V){};
   }
+  if (q->shared_theta) load_shared(q->theta, nt, a[0].theta);
+  if (q->shared_p) load_shared(q->p, NP, a[0].p);
+  if (!q->noise) for (i64 k = 0; k < N * NU; k++) a[0].w[k] = (V){};
   accumulator sums = {top, top + values, top + 2 * values, {}};
   for (i64 k = 0; k < 3 * values; k++) top[k] = (V){};
   i64 bad = 0;

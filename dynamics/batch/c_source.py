@@ -22,10 +22,12 @@ _CALLS = {
     **{ca.OP_COPYSIGN: "vcopysign", ca.OP_FMIN: "vfmin", ca.OP_FMAX: "vfmax"},
     **{ca.OP_FLOOR: "vfloor", ca.OP_CEIL: "vceil", ca.OP_FABS: "vfabs", ca.OP_SIGN: "vsign"},
 }
-_INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
+_INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 # Integer powers up to this one are products, which the vector pow would only approximate.
 _LARGEST_PRODUCT = 4
+# Divisors whose reciprocal is an ordinary double too; a division costs ten products.
+_MODERATE = (1e-300, 1e300)
 
 
 def number(value: float) -> str:
@@ -150,9 +152,11 @@ class _Emitter:
     def _expression(self, operation: Operation, here: set[int]) -> str:
         op, v = operation.op, [f"v{a}" for a in operation.args]
         if op in (ca.OP_ADD, ca.OP_SUB):
-            fused = self._fused(operation, here)
-            if fused:
-                return fused
+            shorter = self._chosen(operation) or self._fused(operation, here)
+            if shorter:
+                return shorter
+        if op == ca.OP_DIV:
+            return self._quotient(operation)
         if op in _INFIX:
             return f"{v[0]} {_INFIX[op]} {v[1]}"
         if op in _CALLS:
@@ -174,6 +178,27 @@ class _Emitter:
         if value.op == ca.OP_CONST and value.value in range(1, _LARGEST_PRODUCT + 1):
             return " * ".join([f"v{base}"] * int(value.value))
         return f"vpow(v{base}, v{exponent})"
+
+    def _quotient(self, operation: Operation) -> str:
+        """A division, or for a constant divisor the product with its reciprocal."""
+        a, b = operation.args
+        divisor = self.tape.operations[b]
+        if divisor.op == ca.OP_CONST and _MODERATE[0] < abs(divisor.value) < _MODERATE[1]:
+            return f"v{a} * {number(1.0 / divisor.value)}"
+        return f"v{a} / v{b}"
+
+    def _chosen(self, operation: Operation) -> str:
+        """CasADi's if_else, a sum of two halves of which one is zero, as one selection."""
+        if operation.op != ca.OP_ADD:
+            return ""
+        for first, second in (operation.args, operation.args[::-1]):
+            here, there = self.tape.operations[first], self.tape.operations[second]
+            if here.op == there.op == ca.OP_IF_ELSE_ZERO:
+                negated = self.tape.operations[there.args[0]]
+                if negated.op == ca.OP_NOT and negated.args[0] == here.args[0]:
+                    condition = self._mask(here.args[0])
+                    return f"pick({condition}, v{here.args[1]}, v{there.args[1]})"
+        return ""
 
     def _fused(self, operation: Operation, here: set[int]) -> str:
         """a*b + c as one rounding where the product has no other reader; else an empty string."""

@@ -5,11 +5,11 @@ The forward pass of one step under a policy and noise w is
     u = law(x, theta) + w,    lam solves lam (z + F lam) = mu,    x_next = f(x, u, lam, p)
 
 with z, F, mu functions of (x, u, p). The adjoint pass goes through the solution by the implicit
-function theorem: with s = z + F lam and the weights d = lam / (lam + s),
+function theorem: with s = z + F lam,
 
-    (I - diag(d) + diag(d) F) d lam = d mu / (lam + s) - diag(d) (d z + d F lam)
+    (diag(s) + diag(lam) F) d lam = d mu - diag(lam) (d z + d F lam)
 
-where the exact law has d = 1 on the active set lam > s, 0 off it, and d mu = 0.
+where the exact law has in place of lam and s the active set (1 where lam > s) and its complement.
 """
 
 from __future__ import annotations
@@ -22,6 +22,9 @@ import casadi as ca
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.contact import interior_point
 from dynamics.contact.elimination import solve_without_pivoting
+
+
+_UNDERFLOW = 1e-200
 
 
 class StepDefinition(Protocol):
@@ -181,7 +184,7 @@ class _Closed:
         else:
             z, F, mu = self._closed(step.z, step.F, step.mu)
             solve = interior_point.exact_scalar_solution(z, F)
-            lam = solve if step.exact else interior_point.scalar_solution(z, F, mu)
+            lam = solve if step.exact else _scalar_solution(z, F, mu)
         return _function("forward", self.arguments, self._effects(lam))
 
     def _inner_loop(self) -> InnerLoop:
@@ -226,20 +229,36 @@ class _Closed:
         """What contact adds to the function whose gradient is the adjoint.
 
         The symbols to hold constant while differentiating, the expressions they stand for, and
-        the function `v' (rate mu - d (z + F lam))`, v the solution of the transposed system.
+        the function `v' (mu - diag(lam) (z + F lam))`, v the solution of the transposed system.
         """
         step, lam, n = self.step, self.step.lam, self.n
         if step.exact:
-            d, rate = lam > step.z + step.F @ lam, ca.SX(n, 1)
+            on = lam > step.z + step.F @ lam
+            weights, slack, rate = on, 1 - on, ca.SX(n, 1)
         else:
-            # lam s = mu turns lam / (lam + s) into a form in which nothing cancels.
-            d, rate = lam**2 / (lam**2 + step.mu), lam / (lam**2 + step.mu)
-        matrix = ca.SX.eye(n) - ca.diag(d) + step.F.T @ ca.diag(d)
+            weights, slack, rate = lam, self._slack(), ca.SX.ones(n)
+        matrix = ca.diag(slack) + step.F.T @ ca.diag(weights)
         v = solve_without_pivoting(matrix, lambar)
-        frozen = [ca.SX.sym(name, n) for name in ("v", "d", "rate")]
-        held_v, held_d, held_rate = frozen
+        frozen = [ca.SX.sym(name, n) for name in ("v", "weights")]
         gap = step.z + step.F @ lam
-        return frozen, [v, d, rate], ca.dot(held_v, held_rate * step.mu - held_d * gap)
+        return frozen, [v, weights], ca.dot(frozen[0], rate * step.mu - frozen[1] * gap)
+
+    def _slack(self) -> ca.SX:
+        """The gap s = z + F lam of the softened law."""
+        step = self.step
+        s = step.z + step.F @ step.lam
+        if self.n == 1:
+            return s
+        # With several contacts the sum may cancel; lam s = mu does not, until mu underflows.
+        usable = step.mu > _UNDERFLOW
+        return ca.if_else(usable, step.mu / ca.if_else(usable, step.lam, 1), s)
+
+
+def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
+    """`interior_point.scalar_solution` with one division for both signs of z."""
+    apart = z > 0
+    q = ca.fabs(z) + ca.sqrt(z * z + 4 * F * mu)
+    return ca.if_else(apart, 2 * mu, q) / ca.if_else(apart, q, 2 * F)
 
 
 def _expanded(fn: ca.Function) -> ca.Function:
