@@ -1,0 +1,14 @@
+"""How contact closes: the exact, barrier, adaptive and randomized laws, and the solved step."""
+
+from dynamics.contact.adaptive import Adaptive
+from dynamics.contact.barrier import Barrier
+from dynamics.contact.exact import Exact
+from dynamics.contact.law import ContactLaw
+from dynamics.contact.randomized import Randomized
+from dynamics.contact.step import Step
+
+LAWS: dict[str, type[ContactLaw]] = {
+    law.name: law for law in (Exact, Barrier, Adaptive, Randomized)
+}
+
+__all__ = ["LAWS", "Adaptive", "Barrier", "ContactLaw", "Exact", "Randomized", "Step"]

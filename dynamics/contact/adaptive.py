@@ -1,0 +1,165 @@
+"""The adaptive law: mu falls with the distance to contact, known before the step is solved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import ClassVar
+
+import casadi as ca
+
+from dynamics.contact.interior_point import scalar_solution
+from dynamics.contact.law import ContactLaw, knob, positive
+from dynamics.systems import ContactSystem, ParameterTable
+
+MU_FLOOR = 1e-10
+"""mu where the quartic law finds no inactive contact to measure a distance to."""
+_ACTIVE_IMPULSE = 1.0
+
+
+def normal_pdf(t: ca.SX) -> ca.SX:
+    """Density of the standard normal distribution."""
+    return ca.exp(-t * t / 2) / math.sqrt(2 * math.pi)
+
+
+def normal_tail(t: ca.SX) -> ca.SX:
+    """Upper tail P(w > t) of the standard normal, accurate in relative terms to large t.
+
+    ``erf`` alone cancels beyond t of about 6; there the continued fraction of Mills' ratio takes
+    over (eight levels: 1e-12 relative at t = 5).
+    """
+    central = (1 - ca.erf(t / math.sqrt(2))) / 2
+    far = ca.fmax(t, 5.0)
+    fraction = far
+    for level in range(40, 0, -1):
+        fraction = far + level / fraction
+    return ca.if_else(t > 5.0, normal_pdf(far) / fraction, central)
+
+
+def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
+    """mu(z) for which the softened contact equals Gaussian randomized smoothing.
+
+    ``kappa = (sigma pdf(z/sigma) - z tail(z/sigma)) / F = E[S_0(z + w)]``, w ~ N(0, sigma²), and
+    ``mu = kappa (z + F kappa) > 0``: even in z, at most sigma²/(2 pi F). This is the right form
+    of abs, eq. 5.1, whose printed tail, sign and scale are wrong.
+    """
+    t = ca.fabs(z) / sigma
+    small = sigma * _expected_excess(t) / F
+    return small * (ca.fabs(z) + F * small)
+
+
+def _expected_excess(t: ca.SX) -> ca.SX:
+    """``E max(0, w - t)`` = pdf(t) - t tail(t) for t >= 0, without cancellation at large t."""
+    direct = normal_pdf(t) - t * normal_tail(t)
+    far = ca.fmax(t, 5.0)
+    fraction = far
+    for level in range(40, 1, -1):
+        fraction = far + level / fraction
+    # tail = pdf / (t + 1/f), f the fraction from level 2 on, so pdf - t tail = pdf / (1 + t f).
+    return ca.if_else(t > 5.0, normal_pdf(far) / (1 + far * fraction), direct)
+
+
+def quartic_mu(
+    distance: ca.SX, mu_max: ca.SX | float, scale: ca.SX | float, power: ca.SX | float
+) -> ca.SX:
+    """``mu_max (scale d² + 1)^-power`` of abs, eq. C.2; d [m]."""
+    return mu_max * (scale * distance**2 + 1) ** (-power)
+
+
+class Adaptive(ContactLaw):
+    """``lam_i gap_i = mu_i(z)`` with z the gap at lam = 0, a function of state and input.
+
+    ``law="gaussian"``: :func:`gaussian_mu` of each contact, knob ``contact.sigma`` [m].
+    ``law="quartic"``: :func:`quartic_mu` of the least |z| over the contacts that are inactive,
+    knobs ``contact.mu_max``, ``contact.scale``, ``contact.power``. The paper calls a contact
+    active when its softened impulse exceeds 1 N s, which depends on mu itself; here that impulse
+    is the one contact's own closed form at ``mu_max``, known before the step. Without an inactive
+    contact mu is 1e-10. ``law="quartic-per-contact"`` takes each contact's own |z|.
+    ``law=f``: any function ``f(z, F) -> mu`` of CasADi expressions.
+
+    ``gradient="total"`` differentiates mu as well; ``"frozen"`` holds it, as algorithm 2 of the
+    paper does, which is another direction, no gradient of the rollout, and only the step map
+    takes it.
+    """
+
+    name: ClassVar[str] = "adaptive"
+    summary: ClassVar[str] = "lam gap = mu(z), wide near contact and vanishing far from it"
+
+    def __init__(
+        self,
+        law: str | Callable[[ca.SX, ca.SX], ca.SX] = "gaussian",
+        sigma: float | None = None,
+        mu_max: float | None = None,
+        scale: float | None = None,
+        power: float | None = None,
+        gradient: str = "total",
+    ) -> None:
+        known = ("gaussian", "quartic", "quartic-per-contact")
+        if not callable(law) and law not in known:
+            raise ValueError(f"adaptive: law must be one of {', '.join(known)}, got {law!r}")
+        if gradient not in ("total", "frozen"):
+            raise ValueError(f"adaptive: gradient must be total or frozen, got {gradient!r}")
+        self.law, self.gradient = law, gradient
+        given = {"sigma": sigma, "mu_max": mu_max, "scale": scale, "power": power}
+        wanted = {"gaussian": {"sigma": 0.02}}.get(str(law), {})
+        if str(law).startswith("quartic"):
+            wanted = {"mu_max": 1e-2, "scale": 100.0, "power": 4.0}
+        for name, value in given.items():
+            if value is not None and name not in wanted:
+                raise ValueError(
+                    f"adaptive: {name} does not belong to law {law!r}; it takes"
+                    f" {', '.join(wanted) or 'no parameter'}"
+                )
+        self.values = {
+            name: positive("adaptive", name, default if given[name] is None else given[name])
+            for name, default in wanted.items()
+        }
+
+    @property
+    def frozen(self) -> bool:
+        """Whether gradients hold mu."""
+        return self.gradient == "frozen"
+
+    @property
+    def homotopy_knob(self) -> str | None:
+        """``contact.sigma`` or ``contact.mu_max``."""
+        return {"gaussian": "contact.sigma"}.get(
+            str(self.law), "contact.mu_max" if self.values else None
+        )
+
+    def settings(self) -> dict[str, float | int | str]:
+        """Law, gradient and knob values."""
+        label = self.law if isinstance(self.law, str) else getattr(self.law, "__name__", "user")
+        return {"law": label, "gradient": self.gradient, **self.values}
+
+    def at(self, **values: float) -> Adaptive:
+        """Return the same law with other knob values."""
+        return Adaptive(law=self.law, gradient=self.gradient, **{**self.values, **values})
+
+    def knobs(self, system: ContactSystem) -> ParameterTable:
+        """Knobs of the chosen law."""
+        meaning = {
+            "sigma": (system.gap_unit, "standard deviation of the matched noise on the gap"),
+            "mu_max": ("N s m", "mu at zero distance"),
+            "scale": ("1/m^2", "how fast mu falls with distance"),
+            "power": ("1", "decay exponent"),
+        }
+        return ParameterTable(knob(n, v, *meaning[n]) for n, v in self.values.items())
+
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+        """Return mu(z) per contact."""
+        if callable(self.law):
+            mu = self.law(z, F)
+            return ca.SX.ones(z.numel()) * mu if mu.numel() == 1 else mu
+        diagonal = ca.diag(F)
+        if self.law == "gaussian":
+            return gaussian_mu(z, diagonal, knobs["contact.sigma"])
+        arguments = [knobs[f"contact.{name}"] for name in ("mu_max", "scale", "power")]
+        if self.law == "quartic-per-contact":
+            return quartic_mu(ca.fabs(z), *arguments)
+        impulse = scalar_solution(z, diagonal, arguments[0])
+        inactive = impulse <= _ACTIVE_IMPULSE
+        distance = ca.mmin(ca.if_else(inactive, ca.fabs(z), 1e30))
+        some = ca.mmax(inactive) > 0
+        mu = ca.if_else(some, quartic_mu(ca.if_else(some, distance, 0), *arguments), MU_FLOOR)
+        return ca.SX.ones(z.numel()) * mu

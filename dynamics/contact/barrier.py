@@ -1,0 +1,59 @@
+"""The log-barrier law: one fixed mu for every contact."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import casadi as ca
+
+from dynamics.contact.law import ContactLaw, knob, positive
+from dynamics.systems import ContactSystem, ParameterTable
+
+
+class Barrier(ContactLaw):
+    """``lam_i gap_i = mu``: the optimality condition of a log-barrier on each gap.
+
+    Give ``mu`` [N s m] or the barrier weight ``kappa`` [1/J] of pathologies, eq. 4, which the
+    system converts: ``mu = h / kappa`` for a gap in position, ``1 / kappa`` for quasi-dynamics.
+    For one contact it equals randomized smoothing of the exact law with heavy-tailed noise,
+    Student's t with two degrees of freedom and scale ``sqrt(2 F mu)``: the tail is force at a
+    distance.
+
+    Raises ``ValueError`` unless exactly one of mu and kappa is given, positive and finite, or
+    where the system has no conversion for kappa.
+    """
+
+    name: ClassVar[str] = "barrier"
+    summary: ClassVar[str] = "lam gap = mu, a fixed log-barrier"
+
+    def __init__(self, mu: float | None = None, kappa: float | None = None) -> None:
+        if mu is not None and kappa is not None:
+            raise ValueError("barrier: give mu or kappa, not both; they fix each other")
+        if mu is None and kappa is None:
+            mu = 1e-3
+        hint = "for mu = 0 use the exact law"
+        self.mu = None if mu is None else positive("barrier", "mu", mu, hint)
+        self.kappa = None if kappa is None else positive("barrier", "kappa", kappa)
+
+    @property
+    def homotopy_knob(self) -> str | None:
+        """``contact.mu``; none where kappa is the knob, since it grows instead of falling."""
+        return "contact.mu" if self.mu is not None else None
+
+    def knobs(self, system: ContactSystem) -> ParameterTable:
+        """``contact.mu`` or ``contact.kappa``."""
+        if self.mu is not None:
+            return ParameterTable([knob("mu", self.mu, "N s m", "central-path parameter")])
+        if system.mu_per_kappa is None:
+            raise ValueError(
+                f"barrier: system {system.name!r} has no log-barrier energy that converts kappa;"
+                " give mu instead"
+            )
+        assert self.kappa is not None
+        return ParameterTable([knob("kappa", self.kappa, "1/J", "log-barrier weight")])
+
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+        """``mu``, the same for all contacts."""
+        if "contact.mu" in knobs:
+            return ca.SX.ones(z.numel()) * knobs["contact.mu"]
+        return ca.SX.ones(z.numel()) * system.mu_per_kappa / knobs["contact.kappa"]

@@ -1,0 +1,188 @@
+"""The softened linear complementarity problem ``lam (z + F lam) = mu`` and its path solver.
+
+:func:`iteration` is one step of the primal-dual path solver as a graph, :func:`lcp_solver` folds
+it a fixed number of times, :func:`scalar_solution` is the closed form for one contact.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+
+from dynamics.contact.elimination import solve_without_pivoting
+
+ITERATIONS = 60
+MU_EXACT = 1e-12
+"""The exact law follows the path to this mu (in scaled units), then reads off the active set."""
+MU_LEAST = 1e-14
+"""A smaller scaled mu is rounding to the path solver and is raised to this."""
+_BOUNDARY = 0.995
+_NEIGHBOURHOOD = 1e-2
+_FEASIBILITY = 3e-3
+_SETTLED = 1e-5
+_FLOOR = 1e-8
+
+
+def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
+    """Root of ``lam (z + F lam) = mu`` with lam >= 0, one contact, F > 0, mu >= 0.
+
+    ``lam = 2 mu / (z + r)`` for z > 0 and ``(r - z) / (2 F)`` otherwise, r = sqrt(z² + 4 F mu):
+    either form cancels on the other side (abs, eq. 3.1; pathologies, eq. 5).
+    """
+    r = ca.sqrt(z * z + 4 * F * mu)
+    positive = z > 0
+    return ca.if_else(positive, 2 * mu / (ca.if_else(positive, z, 1) + r), (r - z) / (2 * F))
+
+
+def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
+    """Solution of ``0 <= lam ⟂ z + F lam >= 0`` for one contact: max(0, -z) / F."""
+    return ca.fmax(0, -z) / F
+
+
+def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return D (n, 1) and a scalar c so that ``z D / c`` and ``D F D`` are of order one.
+
+    In the scaled problem lam' = lam / (c D), s' = s D / c and mu' = mu / c²: the path is the same.
+    """
+    D = 1 / ca.sqrt(ca.diag(F))
+    size = ca.mmax(ca.vertcat(ca.fabs(z * D), ca.sqrt(mu)))
+    return D, ca.fmax(size, 1e-150)
+
+
+@cache
+def iteration(n: int) -> ca.Function:
+    """One iteration on the scaled problem: ``(lam, s, z, F, mu) -> (lam, s)``.
+
+    All (n, 1) but F (n, n); lam, s > 0, and ``s = z + F lam`` holds only in the limit. Algorithm 3
+    of adaptive barrier smoothing: Mehrotra's affine predictor and centring, fraction to the
+    boundary. Differently from it, the affine step aims at the wanted mu and the target never
+    falls below it, so that the end is *at* mu; the second-order correction is taken only where it
+    shortens no step and lowers the violation (with it alone, one problem in ten cycles); pairs far
+    below their target are lifted back (without it, rare problems jam at the boundary); the
+    products wait for the defect of ``s = z + F lam``, and both shrink together. Once
+    rounding stops the progress the point is returned unchanged: a fixed point ends the loop.
+    """
+    lam, s, z, mu = (ca.SX.sym(name, n) for name in ("lam", "s", "z", "mu"))
+    F = ca.SX.sym("F", n, n)
+    defect = z + F @ lam - s
+    matrix = ca.diag(s) + ca.diag(lam) @ F
+    inverse = solve_without_pivoting(matrix, ca.SX.eye(n))
+
+    def direction(target: ca.SX, keep: ca.SX | float) -> tuple[ca.SX, ca.SX]:
+        step = inverse @ (target - lam * s - lam * (1 - keep) * defect)
+        return step, F @ step + (1 - keep) * defect
+
+    def length(step_lam: ca.SX, step_s: ca.SX, fraction: ca.SX | float) -> ca.SX:
+        decrease = ca.vertcat(-step_lam / lam, -step_s / s)
+        return 1 / ca.fmax(1, ca.mmax(decrease) / fraction)
+
+    violation = ca.mmax(ca.vertcat(ca.fabs(lam * s - mu), ca.fabs(defect)))
+    fraction = ca.fmax(_BOUNDARY, 1 - violation)
+    affine = direction(mu, 0.0)
+    reach = length(*affine, 1.0)
+    excess = ca.sum1(ca.fabs(lam * s - mu)) / n
+    excess_affine = ca.sum1(ca.fabs((lam + reach * affine[0]) * (s + reach * affine[1]) - mu)) / n
+    centring = ca.fmin(1, excess_affine / ca.fmax(excess, 1e-300)) ** 3
+    remaining = (1 - reach) ** 2
+    behind = _FEASIBILITY * (1 - reach) * ca.mmax(ca.fabs(defect))
+    target = ca.fmax(mu + centring * excess, behind)
+
+    plain = direction(target, remaining)
+    corrected = direction(target - reach**2 * affine[0] * affine[1], remaining)
+    step_plain, step_corrected = length(*plain, fraction), length(*corrected, fraction)
+
+    def moved(step: ca.SX, along: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
+        return lam + step * along[0], s + step * along[1]
+
+    at_plain, at_corrected = moved(step_plain, plain), moved(step_corrected, corrected)
+    better = ca.sum1(ca.fabs(at_corrected[0] * at_corrected[1] - mu)) < ca.sum1(
+        ca.fabs(at_plain[0] * at_plain[1] - mu)
+    )
+    use = ca.logic_and(better, step_corrected >= 0.9 * step_plain)
+    new_lam = ca.if_else(use, at_corrected[0], at_plain[0])
+    new_s = ca.if_else(use, at_corrected[1], at_plain[1])
+    lift = ca.sqrt(ca.fmax(1, _NEIGHBOURHOOD * target / (new_lam * new_s)))
+    new_lam, new_s = new_lam * lift, new_s * lift
+
+    def relative(at_lam: ca.SX, at_s: ca.SX) -> ca.SX:
+        off = ca.fabs(z + F @ at_lam - at_s) / (1 + at_s)
+        return ca.mmax(ca.vertcat(ca.fabs(at_lam * at_s - mu) / ca.fmax(mu, _FLOOR), off))
+
+    now = relative(lam, s)
+    settled = ca.logic_and(now < _SETTLED, ca.logic_not(relative(new_lam, new_s) < now))
+    return ca.Function(
+        f"path_iteration_{n}",
+        [lam, s, z, F, mu],
+        [ca.if_else(settled, lam, new_lam), ca.if_else(settled, s, new_s)],
+        ["lam", "s", "z", "F", "mu"],
+        ["lam_next", "s_next"],
+    )
+
+
+@cache
+def lcp_solver(n: int, exact: bool = False, iterations: int = ITERATIONS) -> ca.Function:
+    """Solve ``lam (z + F lam) = mu`` for lam > 0: ``(z, F, mu) -> (lam, s, error)``.
+
+    ``z``, ``mu``, ``lam`` (impulse), ``s`` (gap), ``error`` are (n, 1), F is a (n, n) P-matrix;
+    ``error`` is each contact's scaled violation ``max(|lam s - mu|, |z + F lam - s|)``, 1e-10 or
+    less where the path was followed to its end. With ``exact`` mu is ignored: the path is
+    followed to :data:`MU_EXACT`, the contacts with lam > s taken as active, and the linear system
+    on that active set solved, so that the complementarity is exact to rounding.
+
+    One contact is solved in closed form. No derivative of this function is of use: differentiate
+    through the implicit function theorem (:mod:`dynamics.contact.step`).
+    """
+    z, mu, F = ca.SX.sym("z", n), ca.SX.sym("mu", n), ca.SX.sym("F", n, n)
+    names = ["z", "F", "mu"], ["lam", "s", "error"]
+    if n == 1:
+        lam = exact_scalar_solution(z, F) if exact else scalar_solution(z, F, mu)
+        s = ca.fmax(0, z) if exact else ca.if_else(z > 0, z + F * lam, mu / ca.fmax(lam, 1e-300))
+        return ca.Function("contact_1", [z, F, mu], [lam, s, 0 * z], *names)
+    D, c = scaling(z, F, 0 * mu if exact else mu)
+    pre = ca.Function(
+        "scale",
+        [z, F, mu],
+        [
+            z * D / c,
+            ca.diag(D) @ F @ ca.diag(D),
+            mu * 0 + MU_EXACT if exact else ca.fmax(mu / c**2, MU_LEAST),
+            D,
+            c,
+        ],
+    )
+    post = _finish(n, exact)
+    args = ca.MX.sym("z", n), ca.MX.sym("F", n, n), ca.MX.sym("mu", n)
+    z_scaled, F_scaled, mu_scaled, D_, c_ = pre(*args)
+    body = iteration(n)
+    pair = ca.SX.sym("pair", 2 * n)
+    data = [ca.SX.sym("z", n), ca.SX.sym("F", n, n), ca.SX.sym("mu", n)]
+    packed = ca.Function("path", [pair, *data], [ca.vertcat(*body(pair[:n], pair[n:], *data))])
+    loop = packed.fold(iterations)
+    end = loop(
+        ca.MX.ones(2 * n),
+        ca.repmat(z_scaled, 1, iterations),
+        ca.repmat(F_scaled, 1, iterations),
+        ca.repmat(mu_scaled, 1, iterations),
+    )
+    out = post(end[:n], end[n:], z_scaled, F_scaled, mu_scaled, D_, c_)
+    return ca.Function(f"contact_{n}", list(args), list(out), *names)
+
+
+def _finish(n: int, exact: bool) -> ca.Function:
+    """Scale back; for the exact law replace the end of the path by its active set's solution."""
+    lam, s, z, mu, D = (ca.SX.sym(name, n) for name in ("lam", "s", "z", "mu", "D"))
+    F, c = ca.SX.sym("F", n, n), ca.SX.sym("c")
+    new_lam, new_s = lam, s
+    if exact:
+        active = lam > s
+        projector = ca.diag(active)
+        matrix = projector @ F + ca.SX.eye(n) - projector
+        on_set = solve_without_pivoting(matrix, -active * z)
+        slack = (1 - active) * (z + F @ on_set)
+        valid = ca.mmin(ca.vertcat(on_set, slack)) >= -1e-9
+        new_lam = ca.if_else(valid, ca.fmax(0, on_set), lam)
+        new_s = ca.if_else(valid, ca.fmax(0, slack), s)
+    goal = 0 if exact else mu
+    error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(z + F @ new_lam - new_s) / (1 + s))
+    return ca.Function("unscale", [lam, s, z, F, mu, D, c], [new_lam * c * D, new_s * c / D, error])

@@ -1,0 +1,141 @@
+"""The randomized law: the average of another law's step over noise."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+from scipy.stats import norm, qmc
+
+from dynamics.contact.exact import Exact
+from dynamics.contact.law import ContactLaw, knob, positive, whole
+from dynamics.contact.step import Branch
+from dynamics.systems import ContactSystem, ParameterTable
+
+SCHEMES = ("sobol", "monte-carlo", "gauss-hermite")
+
+
+class Randomized(ContactLaw):
+    """``x_next = sum_j w_j f(x, u + sigma e_j)``, f the step under another law, ``base``.
+
+    The nodes e_j are standard normal and common to every step, state and iteration, so the
+    averaged map is one deterministic function: ``scheme`` draws them by ``"monte-carlo"``, as a
+    scrambled ``"sobol"`` set (each an even number of ``samples``, mirrored so that odd moments
+    vanish), or takes the tensor ``"gauss-hermite"`` rule with ``samples`` nodes an axis. ``noise``
+    is on the ``"input"`` or the ``"state"``. Contacts are solved at every node; ``lam`` holds all.
+    """
+
+    name: ClassVar[str] = "randomized"
+    summary: ClassVar[str] = "average of another law over noise on the input or the state"
+
+    def __init__(
+        self,
+        sigma: float = 0.1,
+        samples: int | None = None,
+        seed: int = 0,
+        scheme: str = "sobol",
+        noise: str = "input",
+        base: ContactLaw | None = None,
+    ) -> None:
+        if scheme not in SCHEMES:
+            raise ValueError(
+                f"randomized: scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}"
+            )
+        if noise not in ("input", "state"):
+            raise ValueError(f"randomized: noise must be on input or state, got {noise!r}")
+        if isinstance(base, Randomized):
+            raise ValueError("randomized: the base law must not be randomized itself")
+        self.sigma = positive("randomized", "sigma", sigma)
+        default = 5 if scheme == "gauss-hermite" else 16
+        high = 64 if scheme == "gauss-hermite" else 4096
+        self.samples = whole("randomized", "samples", samples or default, 2, high)
+        if scheme != "gauss-hermite" and self.samples % 2:
+            raise ValueError(f"randomized: samples must be even, got {self.samples}")
+        self.seed = whole("randomized", "seed", seed, 0, 2**31 - 1)
+        self.scheme, self.noise = scheme, noise
+        self.base = base or Exact()
+
+    @property
+    def exact(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Whether the base law is exact: then the contact at every node is complementary."""
+        return self.base.exact
+
+    @property
+    def frozen(self) -> bool:
+        """As the base law."""
+        return self.base.frozen
+
+    @property
+    def homotopy_knob(self) -> str | None:
+        """``contact.sigma``."""
+        return "contact.sigma"
+
+    def settings(self) -> dict[str, float | int | str]:
+        """Knobs, sampling, and the base law's own settings as ``base.<name>``."""
+        own = {key: value for key, value in vars(self).items() if key != "base"}
+        inner = {f"base.{key}": value for key, value in self.base.settings().items()}
+        return {**own, "base": self.base.name, **inner}
+
+    def at(self, **values: float) -> Randomized:
+        """Return the same law with another sigma."""
+        own = {key: value for key, value in vars(self).items()}
+        return Randomized(**{**own, **values})  # pyright: ignore[reportArgumentType]
+
+    def knobs(self, system: ContactSystem) -> ParameterTable:
+        """``contact.sigma`` and the base law's knobs."""
+        own = knob(
+            "sigma", self.sigma, "SI", f"standard deviation of the noise on the {self.noise}"
+        )
+        inner = self.base.knobs(system)
+        if "contact.sigma" in inner:
+            raise ValueError(
+                "randomized: the base law has a sigma of its own; use barrier or exact"
+            )
+        return ParameterTable([own]) + inner
+
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+        """Return the base law's mu at one node."""
+        return self.base.target(system, z, F, knobs)
+
+    def nodes(self, system: ContactSystem, knobs: ParameterTable) -> list[Branch]:
+        """Disturbed states or inputs with their weights."""
+        dimension = system.nu if self.noise == "input" else system.nx
+        points, weights = standard_normal_nodes(dimension, self.samples, self.seed, self.scheme)
+        sigma = knobs["contact.sigma"]
+        branches = []
+        for point, weight in zip(points, weights, strict=True):
+            shift = sigma * ca.SX(ca.DM(point))
+            on_x = shift if self.noise == "state" else ca.SX.zeros(system.nx)
+            on_u = shift if self.noise == "input" else ca.SX.zeros(system.nu)
+            branches.append(Branch(float(weight), on_x, on_u))
+        return branches
+
+
+def standard_normal_nodes(
+    dimension: int, samples: int, seed: int, scheme: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (n, dimension) and weights (n,) that average over N(0, I).
+
+    Raises ``ValueError`` where a Gauss-Hermite tensor would have more than 4096 nodes.
+    """
+    if scheme == "gauss-hermite":
+        if samples**dimension > 4096:
+            raise ValueError(
+                f"randomized: {samples} Gauss-Hermite nodes an axis in {dimension} dimensions are"
+                f" {samples**dimension}, more than 4096; use scheme=sobol"
+            )
+        nodes, weights = np.polynomial.hermite_e.hermegauss(samples)
+        weights = weights / weights.sum()
+        grids = np.meshgrid(*[nodes] * dimension, indexing="ij")
+        products = np.meshgrid(*[weights] * dimension, indexing="ij")
+        points = np.stack([grid.ravel() for grid in grids], axis=1)
+        return points, np.prod([product.ravel() for product in products], axis=0)
+    half = samples // 2
+    if scheme == "sobol":
+        exponent = int(np.ceil(np.log2(half)))
+        uniform = qmc.Sobol(dimension, rng=np.random.default_rng(seed)).random_base2(exponent)
+        drawn = norm.ppf(uniform[:half])
+    else:
+        drawn = np.random.default_rng(seed).standard_normal((half, dimension))
+    return np.concatenate([drawn, -drawn]), np.full(samples, 1 / samples)

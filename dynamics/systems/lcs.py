@@ -1,0 +1,127 @@
+"""Linear complementarity systems, their well-posedness test, and linearisation."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dynamics.systems.parameters import ParameterTable, Signal
+from dynamics.systems.system import ContactSystem
+
+
+def lcs(
+    name: str,
+    *,
+    A: ArrayLike,
+    B: ArrayLike,
+    C: ArrayLike,
+    D: ArrayLike,
+    E: ArrayLike,
+    F: ArrayLike,
+    c: ArrayLike | None = None,
+    d: ArrayLike | None = None,
+    states: tuple[Signal, ...] | None = None,
+    inputs: tuple[Signal, ...] | None = None,
+    contacts: tuple[Signal, ...] | None = None,
+    h: float = 1.0,
+    parameters: ParameterTable | None = None,
+    citation: str = "",
+) -> ContactSystem:
+    """Linear complementarity system (adaptive barrier smoothing, eq. 2.1-2.2).
+
+    ``x+ = A x + B u + C lam + c``, ``0 <= lam ⟂ D x + E u + F lam + d >= 0``; matrices numeric or
+    symbolic in ``parameters``. It has one solution for every (x, u) iff F is a P-matrix, see
+    :func:`is_p_matrix`.
+
+    Raises ``ValueError`` where a matrix has the wrong shape.
+    """
+    matrices = {
+        key: ca.SX(ca.DM(np.atleast_2d(value))) if not isinstance(value, ca.SX) else value
+        for key, value in (("A", A), ("B", B), ("C", C), ("D", D), ("E", E), ("F", F))
+    }
+    nx, nu, nlam = matrices["A"].shape[0], matrices["B"].shape[1], matrices["F"].shape[0]
+    shapes = {"A": (nx, nx), "B": (nx, nu), "C": (nx, nlam), "D": (nlam, nx), "E": (nlam, nu),
+              "F": (nlam, nlam)}  # fmt: skip
+    for key, shape in shapes.items():
+        if matrices[key].shape != shape:
+            raise ValueError(f"LCS matrix {key} has shape {matrices[key].shape}, expected {shape}")
+    x, x_next = ca.SX.sym("x", nx), ca.SX.sym("x_next", nx)
+    u, lam = ca.SX.sym("u", nu), ca.SX.sym("lam", nlam)
+    m = matrices
+    offset_x = ca.SX.zeros(nx) if c is None else _column(c, nx, "c")
+    offset_gap = ca.SX.zeros(nlam) if d is None else _column(d, nlam, "d")
+    return ContactSystem(
+        name=name,
+        x=x,
+        u=u,
+        x_next=x_next,
+        lam=lam,
+        residual=x_next - (m["A"] @ x + m["B"] @ u + m["C"] @ lam + offset_x),
+        gap=m["D"] @ x + m["E"] @ u + m["F"] @ lam + offset_gap,
+        states=states or tuple(Signal(f"x{i}", "1") for i in range(nx)),
+        inputs=inputs or tuple(Signal(f"u{i}", "1") for i in range(nu)),
+        contacts=contacts or tuple(Signal(f"contact{i}", "1") for i in range(nlam)),
+        h=h,
+        parameters=parameters or ParameterTable(),
+        gap_unit="1",
+        citation=citation,
+    )
+
+
+def _column(value: ArrayLike | ca.SX, size: int, name: str) -> ca.SX:
+    column = value if isinstance(value, ca.SX) else ca.SX(ca.DM(np.ravel(value)))
+    if column.shape != (size, 1):
+        raise ValueError(f"LCS vector {name} has shape {column.shape}, expected {(size, 1)}")
+    return column
+
+
+def is_p_matrix(F: ArrayLike) -> bool:
+    """Tell whether every principal minor of F is positive, F of shape (n, n), n up to about 16.
+
+    Uses Tsatsomeros and Li's recursion on Schur complements, 2^n steps without a determinant:
+    F is a P-matrix iff F[0,0] > 0 and both F without row and column 0 and the Schur complement of
+    F[0,0] are P-matrices.
+    """
+    matrix = np.atleast_2d(np.asarray(F, dtype=float))
+    if matrix.shape[0] != matrix.shape[1] or not np.all(np.isfinite(matrix)):
+        raise ValueError(f"expected a finite square matrix, got shape {matrix.shape}")
+    if matrix.shape[0] == 0:
+        return True
+    if matrix[0, 0] <= 0:
+        return False
+    rest = matrix[1:, 1:]
+    schur = rest - np.outer(matrix[1:, 0], matrix[0, 1:]) / matrix[0, 0]
+    return is_p_matrix(rest) and is_p_matrix(schur)
+
+
+def linearise(
+    system: ContactSystem, x: ArrayLike, u: ArrayLike, p: ArrayLike | None = None
+) -> ContactSystem:
+    """First-order model of ``system`` at (x, u): an LCS with the same contacts.
+
+    With ``x_next = a(x, u) + B(x, u) lam`` and ``gap = z(x, u) + F(x, u) lam``: a and z are
+    expanded to first order, B and F frozen at the point; exact there to first order in (x, u) and
+    in lam.
+    """
+    affine = system.affine
+    variables = [system.x, system.u, system.parameters.vector]
+    jacobians = ca.Function(
+        "linearisation",
+        variables,
+        [affine.a, ca.jacobian(affine.a, system.x), ca.jacobian(affine.a, system.u), affine.B,
+         affine.z, ca.jacobian(affine.z, system.x), ca.jacobian(affine.z, system.u), affine.F,
+         ca.SX(system.h)],
+    )  # fmt: skip
+    values = system.parameters.values if p is None else np.asarray(p, dtype=float)
+    point, action = np.asarray(x, dtype=float), np.asarray(u, dtype=float)
+    a, A, B, C, z, D, E, F, h = (np.array(out) for out in jacobians(point, action, values))
+    linear = lcs(
+        f"{system.name} linearised",
+        A=A, B=B, C=C, D=D, E=E, F=F,
+        c=a.ravel() - A @ point - B @ action,
+        d=z.ravel() - D @ point - E @ action,
+        states=system.states, inputs=system.inputs, contacts=system.contacts, h=float(h.item()),
+        citation=system.citation,
+    )  # fmt: skip
+    return linear

@@ -1,0 +1,62 @@
+"""Velocity-level time stepping of a mechanical system with unilateral contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+
+from dynamics.systems.parameters import ParameterTable, Signal
+from dynamics.systems.system import ContactSystem
+
+
+def time_stepping(
+    name: str,
+    *,
+    states: tuple[Signal, ...],
+    inputs: tuple[Signal, ...],
+    contacts: tuple[Signal, ...],
+    h: ca.SX | float,
+    mass: ca.SX,
+    impulse: Callable[[ca.SX, ca.SX, ca.SX], ca.SX],
+    distance: Callable[[ca.SX], ca.SX],
+    parameters: ParameterTable,
+    citation: str = "",
+) -> ContactSystem:
+    """Implicit time stepping of Stewart and Trinkle, plastic impacts.
+
+    ``M (v+ - v) = impulse(q, v, u) + J' lam``, ``q+ = q + h v+``,
+    ``gap = phi(q) + J (q+ - q)`` with ``J = d phi / d q`` at the current q, which equals
+    ``phi(q+)`` where phi is affine. The state is ``(q, v)``, each (nq, 1); ``lam`` is an impulse
+    [N s], ``impulse`` the smooth impulse over one step [N s], ``distance`` maps q to phi [m].
+
+    With gap = phi(q+) [m] the log-barrier weight converts as ``mu = h / kappa``
+    (pathologies, eq. 2-5).
+    """
+    nq = len(states) // 2
+    x, x_next = ca.SX.sym("x", 2 * nq), ca.SX.sym("x_next", 2 * nq)
+    u, lam = ca.SX.sym("u", len(inputs)), ca.SX.sym("lam", len(contacts))
+    q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
+    phi = distance(q)
+    J = ca.jacobian(phi, q)
+    residual = ca.vertcat(
+        q_next - q - h * v_next,
+        mass @ (v_next - v) - impulse(q, v, u) - J.T @ lam,
+    )
+    return ContactSystem(
+        name=name,
+        x=x,
+        u=u,
+        x_next=x_next,
+        lam=lam,
+        residual=residual,
+        gap=phi + J @ (q_next - q),
+        states=states,
+        inputs=inputs,
+        contacts=contacts,
+        h=h,
+        parameters=parameters,
+        phi=phi,
+        mu_per_kappa=h,
+        citation=citation,
+    )
