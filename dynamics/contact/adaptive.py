@@ -110,10 +110,8 @@ class Adaptive(ContactLaw):
                     f"adaptive: {name} does not belong to law {law!r}; it takes"
                     f" {', '.join(wanted) or 'no parameter'}"
                 )
-        self.values = {
-            name: positive("adaptive", name, default if given[name] is None else given[name])
-            for name, default in wanted.items()
-        }
+        chosen = {**wanted, **{name: value for name, value in given.items() if value is not None}}
+        self.values = {name: positive("adaptive", name, value) for name, value in chosen.items()}
 
     @property
     def frozen(self) -> bool:

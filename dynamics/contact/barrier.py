@@ -56,4 +56,5 @@ class Barrier(ContactLaw):
         """``mu``, the same for all contacts."""
         if "contact.mu" in knobs:
             return ca.SX.ones(z.numel()) * knobs["contact.mu"]
+        assert system.mu_per_kappa is not None
         return ca.SX.ones(z.numel()) * system.mu_per_kappa / knobs["contact.kappa"]

@@ -116,7 +116,7 @@ def linearise(
     values = system.parameters.values if p is None else np.asarray(p, dtype=float)
     point, action = np.asarray(x, dtype=float), np.asarray(u, dtype=float)
     a, A, B, C, z, D, E, F, h = (np.array(out) for out in jacobians(point, action, values))
-    linear = lcs(
+    return lcs(
         f"{system.name} linearised",
         A=A, B=B, C=C, D=D, E=E, F=F,
         c=a.ravel() - A @ point - B @ action,
@@ -124,4 +124,3 @@ def linearise(
         states=system.states, inputs=system.inputs, contacts=system.contacts, h=float(h.item()),
         citation=system.citation,
     )  # fmt: skip
-    return linear

@@ -86,7 +86,7 @@ class ParameterTable:
 
 
 def signals(text: str) -> tuple[Signal, ...]:
-    """Read ``"x [m] position; v [m/s] velocity"`` into signals, so that a problem stays readable."""
+    """Read ``"x [m] position; v [m/s] velocity"`` into signals."""
     found = []
     for item in text.split(";"):
         name, _, rest = item.strip().partition("[")

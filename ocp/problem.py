@@ -1,0 +1,179 @@
+"""An optimal control problem: a system, a horizon, costs, bounds, and where it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import ContactSystem, ParameterTable
+from ocp.errors import InputError
+
+Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """``lower <= expression <= upper``, the expression in (x, u, p), or (x, p) at the end."""
+
+    name: str
+    expression: ca.SX
+    lower: ca.SX | float
+    upper: ca.SX | float
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
+
+    ``impulse * gap`` is the mu at which homotopies start; ``x`` and ``u`` scale the perturbation
+    of guesses in a multi-start and normalise what the audit compares.
+    """
+
+    impulse: float = 1.0
+    gap: float = 0.1
+    x: float = 1.0
+    u: float = 1.0
+
+
+@dataclass(frozen=True)
+class Scenarios:
+    """Initial states ``x0 + std * e_i``, i < n, with e_i standard normal from ``seed``.
+
+    ``std`` (nx,) in the units of the states. n = 1 is the nominal start alone.
+    """
+
+    n: int = 1
+    std: tuple[float, ...] = ()
+    seed: int = 0
+
+    def offsets(self, nx: int) -> np.ndarray:
+        """Offsets from the nominal start, shape (n, nx); one scenario has offset zero."""
+        if self.n == 1:
+            return np.zeros((1, nx))
+        noise = np.random.default_rng(self.seed).standard_normal((self.n, nx))
+        return noise * np.asarray(self.std)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Minimise the mean over scenarios of ``sum_k l(x_k, u_k, du_k) + l_N(x_N)``, k < N.
+
+    ``stage_cost`` is an expression in ``system.x``, ``system.u``, ``du`` (the symbol for
+    u_k - u_{k-1}, with u_{-1} = ``u_before``) and the parameters, ``terminal_cost`` in
+    ``system.x`` and the parameters. ``x0`` (nx,), ``u_before`` (nu,), and all bounds are
+    expressions in the parameters, so that a study may turn any of them.
+
+    Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
+    """
+
+    name: str
+    system: ContactSystem
+    N: int
+    stage_cost: ca.SX
+    terminal_cost: ca.SX
+    x0: ca.SX
+    parameters: ParameterTable
+    du: ca.SX | None = None
+    u_before: ca.SX | None = None
+    u_lower: ca.SX | float = -ca.inf
+    u_upper: ca.SX | float = ca.inf
+    x_lower: ca.SX | float = -ca.inf
+    x_upper: ca.SX | float = ca.inf
+    path: Sequence[Constraint] = ()
+    terminal: Sequence[Constraint] = ()
+    scenarios: Scenarios = Scenarios()
+    guess: Guess | None = None
+    reference: Reference = Reference()
+    settings: dict[str, float | int | str] = field(default_factory=dict)
+    citation: str = ""
+
+    def __post_init__(self) -> None:
+        nx, nu = self.system.nx, self.system.nu
+        if not (float(self.N).is_integer() and self.N >= 1):
+            raise InputError(
+                f"{self.name}: the horizon N must be a whole number >= 1, got {self.N}"
+            )
+        for what, value, size in (
+            ("x0", self.x0, nx),
+            ("du", self.du, nu),
+            ("u_before", self.u_before, nu),
+            ("stage_cost", self.stage_cost, 1),
+            ("terminal_cost", self.terminal_cost, 1),
+        ):
+            if value is not None and ca.SX(value).numel() != size:
+                raise InputError(
+                    f"{self.name}: {what} has {ca.SX(value).numel()} entries, expected {size}"
+                )
+        if (self.du is None) != (self.u_before is None):
+            raise InputError(f"{self.name}: a cost on du needs both du and u_before, or neither")
+        if self.scenarios.n > 1 and len(self.scenarios.std) != nx:
+            raise InputError(
+                f"{self.name}: scenarios.std has {len(self.scenarios.std)} entries, expected one"
+                f" per state, {nx}"
+            )
+        self._check_symbols()
+
+    def _check_symbols(self) -> None:
+        s = self.system
+        known = [s.x, s.u, self.parameters.vector, *([] if self.du is None else [self.du])]
+        declared = {str(symbol) for part in known for symbol in ca.symvar(ca.SX(part))}
+        used = ca.vertcat(self.stage_cost, self.terminal_cost, self.x0)
+        strange = sorted({str(symbol) for symbol in ca.symvar(used)} - declared)
+        if strange:
+            raise InputError(
+                f"{self.name}: the cost or x0 uses {', '.join(strange)}, which is no state, input,"
+                " du or declared parameter"
+            )
+
+    @property
+    def uses_du(self) -> bool:
+        """Whether the cost depends on input increments."""
+        return self.du is not None
+
+    @cached_property
+    def limits(self) -> ca.Function:
+        """Map ``p`` to ``(x0, u_before, u_lower, u_upper, x_lower, x_upper)``."""
+        nx, nu = self.system.nx, self.system.nu
+        before = ca.SX.zeros(nu) if self.u_before is None else self.u_before
+        outputs = [
+            _column(self.x0, nx),
+            _column(before, nu),
+            *(_column(value, nu) for value in (self.u_lower, self.u_upper)),
+            *(_column(value, nx) for value in (self.x_lower, self.x_upper)),
+        ]
+        names = ["x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper"]
+        return ca.Function("limits", [self.parameters.vector], outputs, ["p"], names)
+
+    @cached_property
+    def cost_terms(self) -> ca.Function:
+        """Map ``(x, u, du, p)`` to ``(stage cost, terminal cost at x)``."""
+        du = ca.SX.sym("du", self.system.nu) if self.du is None else self.du
+        return ca.Function(
+            "cost_terms",
+            [self.system.x, self.system.u, du, self.parameters.vector],
+            [self.stage_cost, self.terminal_cost],
+            ["x", "u", "du", "p"],
+            ["stage", "terminal"],
+        )
+
+    def initial_states(self, p: np.ndarray) -> np.ndarray:
+        """Initial states of all scenarios at parameter values p, shape (scenarios, nx)."""
+        nominal = np.array(self.limits(p)[0]).ravel()
+        return nominal + self.scenarios.offsets(self.system.nx)
+
+    def initial_guess(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """States (N+1, nx) and inputs (N, nu) to start from: by default everything stands still."""
+        if self.guess is not None:
+            return self.guess(self, p)
+        x0, u_before = (np.array(v).ravel() for v in self.limits(p)[:2])
+        return np.tile(x0, (self.N + 1, 1)), np.tile(u_before, (self.N, 1))
+
+
+def _column(value: ca.SX | float, size: int) -> ca.SX:
+    column = ca.SX(value)
+    return ca.repmat(column, size, 1) if column.numel() == 1 and size != 1 else ca.densify(column)

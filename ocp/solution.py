@@ -1,0 +1,134 @@
+"""What a solve gives back: labelled trajectories, an audit, and a verdict in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+import xarray as xr
+
+
+class Status(Enum):
+    """Outcome of a solve; the value is the sentence a person reads."""
+
+    SOLVED = "solved: the audited residuals are below tolerance"
+    INEXACT = "not solved: the solver stopped, but the audited residuals are above tolerance"
+    NO_PROGRESS = (
+        "no-progress: the contacts never act and the gradient of the task cost is zero there;"
+        " start from a smoothing law and follow it (--contact exact -s homotopy=true)"
+    )
+    ITERATION_LIMIT = "not converged: the iteration limit was reached"
+    INFEASIBLE = "not converged: the constraints could not be met from this guess"
+    DIVERGED = "not converged: the iterates diverged or a function returned no number"
+    STOPPED = "stopped by the user"
+    FAILED = "not converged: the solver gave up"
+
+    @property
+    def label(self) -> str:
+        """Short name, as in JSON."""
+        return self.name.lower().replace("_", "-")
+
+
+@dataclass(frozen=True)
+class StageRecord:
+    """One stage of a homotopy: where on the path, and what the solver needed and reached."""
+
+    knob: str
+    value: float
+    cost: float
+    complementarity: float
+    residual: float
+    iterations: int
+    seconds: float
+    status: str
+    accepted: bool = True
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One violated constraint by name, with scenario, step, and how far it is off."""
+
+    name: str
+    component: str
+    scenario: int
+    step: int
+    amount: float
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Residuals recomputed from the trajectories, and the replay under the exact law.
+
+    ``complementarity`` is max lam gap [N s m], ``complementarity_min`` max min(lam, gap), both
+    over all contacts and steps; ``dynamics_residual`` max |residual|, ``law_residual`` max
+    |lam gap - mu|, ``constraint_violation`` of bounds, path and terminal constraints,
+    ``penetration`` max(0, -phi) with phi the true signed distance, ``exact_cost`` the cost of the
+    replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts (step, contact) pairs in
+    contact; ``task_gradient`` is the largest change of the cost per unit input.
+    """
+
+    complementarity: float
+    complementarity_min: float
+    dynamics_residual: float
+    law_residual: float
+    constraint_violation: float
+    penetration: float
+    exact_penetration: float
+    exact_cost: float
+    state_gap: float
+    active_steps: int
+    task_gradient: float
+    worst: list[Violation] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solved (or not) problem.
+
+    ``data`` holds, labelled and with units, over dimensions scenario, node (N+1), interval (N),
+    state, control, contact: ``x`` (scenario, node, state), ``u`` (scenario, interval, control),
+    ``lam``, ``gap``, ``mu`` (scenario, interval, contact), their replay under the exact law
+    ``x_replay``, ``u_replay``, ``lam_replay``, ``gap_replay`` (contact_exact: without branches),
+    ``phi``, ``phi_replay`` (scenario, node, distance) where the system knows its signed distance,
+    for feedback ``K`` (interval, control, state) and ``k`` (interval, control), and the homotopy's
+    stages ``stage_x`` (stage, scenario, node, state), ``stage_u``, ``stage_value``, ``stage_cost``,
+    ``stage_complementarity``, ``stage_residual``, ``stage_iterations``. Coordinate ``time`` [s].
+
+    ``record`` is everything else, ready for JSON (:mod:`ocp.studies.store`): problem, contact,
+    method, policy, solver, parameters, settings, seed.
+    """
+
+    data: xr.Dataset
+    cost: float
+    status: Status
+    audit: Audit
+    stages: list[StageRecord]
+    iterations: int
+    build_s: float
+    solve_s: float
+    record: dict[str, Any]
+    others: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def success(self) -> bool:
+        """Whether the audit, not the solver, says that this is an answer."""
+        return self.status is Status.SOLVED
+
+    @property
+    def verdict(self) -> str:
+        """One or two sentences: solved or not, and whether the plan survives exact physics."""
+        if not self.success:
+            return self.status.value.capitalize() + "."
+        off = self.audit.exact_cost - self.cost
+        relative = abs(off) / max(abs(self.cost), 1e-9)
+        if relative <= 1e-5:
+            survives = "the plan survives exact physics unchanged"
+        elif off <= 0.1 * abs(self.cost):
+            survives = f"the plan survives exact physics at cost {self.audit.exact_cost:.6g}"
+        else:
+            survives = (
+                f"but under exact physics it costs {self.audit.exact_cost:.6g}:"
+                " the plan leans on the smoothing"
+            )
+        return f"Solved: cost {self.cost:.6g}; {survives}."
