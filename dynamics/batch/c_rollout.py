@@ -69,9 +69,19 @@ typedef struct { V *x, *lam, *w, *theta, *p, *gradient, *score, *cost; } lane_me
 """
 
 _SWEEPS = """\
-static void forward(const job *q, const lane_memory *a, int vectors) {
+INLINE void fetch(const double *a, i64 size, i64 row, i64 end, i64 t, i64 n, const int write) {
+  i64 lines = (end - row) * size / 8 + 1, each = lines / n + 1;
+  i64 stop = (t + 1) * each < lines ? (t + 1) * each : lines;
+  for (i64 k = t * each; k < stop; k++) __builtin_prefetch(a + row * size + 8 * k, write);
+}
+static void forward(const job *q, const lane_memory *a, int vectors, i64 next, i64 end) {
+  i64 ahead = next + U * W < end ? next + U * W : end, n = q->horizon;
   for (int j = 0; j < vectors; j++) a[j].cost[0] = (V){};
-  for (i64 t = 0; t < q->horizon; t++)
+  for (i64 t = 0; t < n; t++) {
+    if (next < ahead) {
+      if (!q->shared_theta) fetch(q->theta, q->parts * NT, next, ahead, t, n, 0);
+      if (q->noise == 1) fetch(q->w, n * NU, next, ahead, t, n, 0);
+    }
     for (int j = 0; j < vectors; j++) {
       V *x = a[j].x + t * NX, stage;
       const V *theta = a[j].theta + (q->parts > 1 ? t * NT : 0);
@@ -80,6 +90,7 @@ static void forward(const job *q, const lane_memory *a, int vectors) {
       one_step(in, out);
       a[j].cost[0] += stage;
     }
+  }
   for (int j = 0; j < vectors; j++) {
     V last;
     const V *in[] = {a[j].x + q->horizon * NX, a[j].p};
@@ -88,7 +99,7 @@ static void forward(const job *q, const lane_memory *a, int vectors) {
     a[j].cost[0] += last;
   }
 }
-static void backward(const job *q, const lane_memory *a, int vectors) {
+static void backward(const job *q, const lane_memory *a, int vectors, i64 row, i64 end) {
   V bars[U][NX + 1], part[NT + 1], before[NX + 1];
   for (int j = 0; j < vectors; j++) {
     const V *in[] = {a[j].x + q->horizon * NX, a[j].p};
@@ -96,7 +107,10 @@ static void backward(const job *q, const lane_memory *a, int vectors) {
     terminal_adjoint(in, out);
     if (q->parts == 1) for (int k = 0; k < NT; k++) a[j].gradient[k] = (V){};
   }
-  for (i64 t = q->horizon - 1; t >= 0; t--)
+  i64 last = row + U * W < end ? row + U * W : end;
+  for (i64 t = q->horizon - 1; t >= 0; t--) {
+    if (!(q->want & WANT_MOMENTS))
+      fetch(q->gradient, q->parts * NT, row, last, q->horizon - 1 - t, q->horizon, 1);
     for (int j = 0; j < vectors; j++) {
       i64 at = q->parts > 1 ? t * NT : 0;
       V *g = a[j].gradient + at;
@@ -108,6 +122,7 @@ static void backward(const job *q, const lane_memory *a, int vectors) {
       if (q->parts > 1) for (int k = 0; k < NT; k++) g[k] = part[k];
       else for (int k = 0; k < NT; k++) g[k] += part[k];
     }
+  }
 }
 static void scores(const job *q, const lane_memory *a, int vectors) {
   V part[NT + 1], weighed[NU + 1];
@@ -134,17 +149,20 @@ INLINE int differ(const V *a, const V *b) {
   return any(changed);
 }
 INLINE void one_step(const V *const in[], V *const out[]) {
-  V states[2][NS], data[ND];
-  V *opened[] = {states[0], data};
+  V states[%(branches)d * NS], data[%(branches)d * ND], moved[NS];
+  V *opened[] = {states, data};
   opening(in, opened);
-  int now = 0;
-  for (int i = 0; i < %(iterations)d; i++, now = 1 - now) {
-    const V *from[] = {states[now], data};
-    V *to[] = {states[1 - now]};
-    body(from, to);
-    if (!differ(states[0], states[1])) break;
+  for (int b = 0; b < %(branches)d; b++) {
+    V *state = states + b * NS;
+    const V *from[] = {state, data + b * ND};
+    V *to[] = {moved};
+    for (int i = 0; i < %(iterations)d; i++) {
+      body(from, to);
+      if (!differ(state, moved)) break;
+      for (int k = 0; k < NS; k++) state[k] = moved[k];
+    }
   }
-  const V *all[] = {in[0], in[1], in[2], in[3], states[now], data};
+  const V *all[] = {in[0], in[1], in[2], in[3], states, data};
   closing(all, out);
 }
 """
@@ -174,10 +192,10 @@ static void load_block(const job *q, const lane_memory *a, i64 row, i64 end, int
 _MOMENTS = """\
 typedef struct { V *pivot, *sum, *square; M count; } accumulator;
 INLINE M finite_lanes(V cost, const V *a, const V *b, i64 n, int second) {
-  V spoiled = cost - cost;
-  for (i64 k = 0; k < n; k++) spoiled += a[k] - a[k];
-  if (second) for (i64 k = 0; k < n; k++) spoiled += b[k] - b[k];
-  return spoiled == 0.0;
+  V spoiled[] = {cost - cost, {}, {}, {}};
+  for (i64 k = 0; k < n; k++) spoiled[k & 3] += a[k] - a[k];
+  if (second) for (i64 k = 0; k < n; k++) spoiled[k & 3] += b[k] - b[k];
+  return (spoiled[0] + spoiled[1]) + (spoiled[2] + spoiled[3]) == 0.0;
 }
 static void accumulate(accumulator *c, i64 at, const V *value, i64 n, M ok, int starting) {
   if (starting) for (i64 k = 0; k < n; k++) c->pivot[at + k] = keep(ok, value[k]);
@@ -241,8 +259,8 @@ i64 run(i64 begin, i64 end, i64 chunk, const job *q) {
   for (i64 block = begin; block < end; block += U * W) {
     int vectors = end - block < U * W ? (int)((end - block + W - 1) / W) : U;
     load_block(q, a, block, end, vectors);
-    forward(q, a, vectors);
-    if (gradient) backward(q, a, vectors);
+    forward(q, a, vectors, block + U * W, end);
+    if (gradient) backward(q, a, vectors, block, end);
     if (score) scores(q, a, vectors);
     for (int j = 0; j < vectors; j++) {
       i64 row = block + j * W;
@@ -280,7 +298,7 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
     if isinstance(loop, InnerLoop):
         functions = {"opening": loop.opening, "body": loop.body, "closing": loop.closing}
         sizes = loop.body.numel_in(0), loop.body.numel_in(1)
-        stepping = _INNER % {"iterations": loop.iterations}
+        stepping = _INNER % {"iterations": loop.iterations, "branches": loop.branches}
     else:
         functions, sizes, stepping = {"step": loop}, (0, 0), _CLOSED_FORM
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):

@@ -20,8 +20,9 @@ from dynamics.batch.parallel import checked_threads
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.batch.random import Gaussian
 from dynamics.batch.rollout_engines import ChunkEngine, CRolloutEngine, Request, RolloutEngine
-from dynamics.batch.rollout_tapes import StepDefinition, build_tapes
+from dynamics.batch.rollout_tapes import build_tapes
 from dynamics.batch.tape import tape_of
+from dynamics.contact import Step
 
 # Moments are kept for each chunk until this many samples, and then merged into the total.
 STRIDE = 1 << 22
@@ -58,7 +59,7 @@ class RolloutFunction:
         cost = sum_{t<N} stage_cost(x_t, u_t, p) + terminal_cost(x_N, p)
         u_t  = policy.law(x_t, theta_t) + w_t,    x_{t+1} = step(x_t, u_t, p)
 
-    `step` gives x_next, z, F, mu as SX in its symbols (`StepDefinition`, the one the NLP uses).
+    `step` is a system closed by a contact law, the same that the NLP uses; p are its parameters.
     Backends, threads and block are those of `BatchFunction`; results depend neither on threads nor
     on block, to the last bit. Code size and compile time do not depend on `horizon`.
 
@@ -72,7 +73,7 @@ class RolloutFunction:
 
     def __init__(
         self,
-        step: StepDefinition,
+        step: Step,
         stage_cost: ca.Function,
         terminal_cost: ca.Function,
         horizon: int,
@@ -85,6 +86,7 @@ class RolloutFunction:
             raise ValueError(f"horizon must be a whole number of steps, at least 1, not {horizon}")
         self.horizon, self.policy = horizon, policy
         self.threads, self.block = checked_threads(threads), checked_block(block)
+        self.default_p = step.p.values
         self.tapes = build_tapes(step, stage_cost, terminal_cost, policy)
         self.backend, self._engine = choose(backend, self._makers(), "the rollout")
 
@@ -102,7 +104,7 @@ class RolloutFunction:
         self,
         x0: Any,
         theta: Any,
-        p: Any = (),
+        p: Any | None = None,
         noise: Gaussian | Any | None = None,
         n_samples: int | None = None,
         *,
@@ -113,7 +115,7 @@ class RolloutFunction:
         """Cost of each sample, with its gradient by theta and its score where asked.
 
         `x0` (n, nx), `theta` (n, *policy.shape) and `p` (n, np) may each lack the axis of samples
-        and are then shared. `noise` is `Gaussian`, an array (n, horizon, nu), or None. `n_samples`
+        and are then shared; p is the step's own where it is None. `noise` is `Gaussian`, an array (n, horizon, nu), or None. `n_samples`
         is needed only where no array tells it. The score, sum_t D_theta law(x_t, theta_t)' w_t /
         sigma^2, is the gradient by theta of the log-density of the noise. `out` is an earlier
         answer whose arrays are written over.
@@ -143,7 +145,7 @@ class RolloutFunction:
         self,
         x0: Any,
         theta: Any,
-        p: Any = (),
+        p: Any | None = None,
         noise: Gaussian | Any | None = None,
         n_samples: int | None = None,
         *,
@@ -223,7 +225,7 @@ class RolloutFunction:
         rows = {
             "x0": as_rows(x0, tapes.nx, "x0", what),
             "theta": self._theta_rows(theta),
-            "p": as_rows(p, tapes.np, "p", what),
+            "p": as_rows(self.default_p if p is None else p, tapes.np, "p", what),
         }
         gaussian = noise if isinstance(noise, Gaussian) else None
         if score and gaussian is None:

@@ -102,7 +102,7 @@ class _Job(ctypes.Structure):
 class CRolloutEngine:
     """Rollouts in compiled C. Raises `CompilerError` where they cannot be compiled."""
 
-    chunk = 4096
+    chunk = 1024
 
     def __init__(self, tapes: RolloutTapes, threads: int, block: int) -> None:
         self._nu, self._threads = tapes.nu, threads

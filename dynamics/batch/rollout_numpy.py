@@ -72,17 +72,20 @@ class ChunkRollout:
 
     def _solve(self, loop: InnerLoop, arguments: list[Array]) -> tuple[Array, Array]:
         m = arguments[0].shape[-1]
-        state, data = (np.empty((size, m)) for size in self.sizes)
-        after = np.empty_like(state)
-        self.opening.run(arguments, [state, data])
-        for _ in range(loop.iterations):
-            self.body.run([state, data], [after])
-            # NaN differs from itself: comparing bits lets a spoiled sample come to rest.
-            done = np.array_equal(after.view(np.int64), state.view(np.int64))
-            state, after = after, state
-            if done:
-                break
-        return state, data
+        size, length = self.sizes
+        states, data = np.empty((loop.branches * size, m)), np.empty((loop.branches * length, m))
+        moved = np.empty((size, m))
+        self.opening.run(arguments, [states, data])
+        for branch in range(loop.branches):
+            state = states[branch * size :][:size]
+            given = data[branch * length :][:length]
+            for _ in range(loop.iterations):
+                self.body.run([state, given], [moved])
+                # NaN differs from itself: comparing bits lets a spoiled sample come to rest.
+                if np.array_equal(moved.view(np.int64), state.view(np.int64)):
+                    break
+                state[...] = moved
+        return states, data
 
     def backward(
         self, x: Array, lam: Array, theta: Array, p: Array, w: Array, gradient: Array

@@ -15,48 +15,28 @@ where the exact law has in place of lam and s the active set (1 where lam > s) a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import casadi as ca
 
 from dynamics.batch.policy import RolloutPolicy
-from dynamics.contact import interior_point
+from dynamics.contact import Step, interior_point
 from dynamics.contact.elimination import solve_without_pivoting
-
-
-_UNDERFLOW = 1e-200
-
-
-class StepDefinition(Protocol):
-    """What a rollout reads of a one-step relation: SX symbols, and SX expressions in them.
-
-    Symbols `x` (nx), `u` (nu), `p` (np), `lam` (nlam); expressions in x, u, p: `z` (nlam), `F`
-    (nlam, nlam), `mu` (nlam); `x_next` (nx) in all four. `exact` is true where mu is zero.
-    """
-
-    x: ca.SX
-    u: ca.SX
-    p: ca.SX
-    lam: ca.SX
-    z: ca.SX
-    F: ca.SX
-    mu: ca.SX
-    x_next: ca.SX
-    exact: bool
 
 
 @dataclass(frozen=True)
 class InnerLoop:
     """The contact solve of several contacts: iterate until nothing changes, at most `iterations`.
 
-    `opening: (x, theta, w, p) -> (state, data)`, `body: (state, data) -> state`,
-    `closing: (x, theta, w, p, state, data) -> (x_next, lam, cost)`.
+    `opening: (x, theta, w, p) -> (state, data)`, then `body: (state, data) -> state` on each of
+    `branches` equal parts of them, then `closing: (x, theta, w, p, state, data) -> (x_next, lam,
+    cost)`.
     """
 
     opening: ca.Function
     body: ca.Function
     closing: ca.Function
     iterations: int
+    branches: int
 
 
 @dataclass(frozen=True)
@@ -83,7 +63,7 @@ class RolloutTapes:
 
 
 def build_tapes(
-    step: StepDefinition,
+    step: Step,
     stage_cost: ca.Function,
     terminal_cost: ca.Function,
     policy: RolloutPolicy,
@@ -98,12 +78,12 @@ def build_tapes(
 
 
 def _check(
-    step: StepDefinition,
+    step: Step,
     stage_cost: ca.Function,
     terminal_cost: ca.Function,
     policy: RolloutPolicy,
 ) -> None:
-    nx, nu, np = step.x.numel(), step.u.numel(), step.p.numel()
+    nx, nu, np = step.system.nx, step.system.nu, len(step.p)
     expected = (
         ("stage cost", stage_cost, (nx, nu, np), "(x, u, p)"),
         ("terminal cost", terminal_cost, (nx, np), "(x, p)"),
@@ -130,98 +110,104 @@ class _Closed:
 
     def __init__(
         self,
-        step: StepDefinition,
+        step: Step,
         stage_cost: ca.Function,
         terminal_cost: ca.Function,
         policy: RolloutPolicy,
     ) -> None:
-        self.step, self.policy = step, policy
-        self.stage_cost, self.terminal_cost = _expanded(stage_cost), _expanded(terminal_cost)
-        self.law = _expanded(policy.law)
-        self.n = step.lam.numel()
+        self.step, self.law = step, _expanded(policy.law)
+        self.x, self.p = step.system.x, step.p.vector
+        self.stage_cost = _expanded(stage_cost)(self.x, step.system.u, self.p)
+        self.terminal_cost = _expanded(terminal_cost)(self.x, self.p)
+        self.x_next = step.a + step.B @ step.lam
         self.theta = ca.SX.sym("theta", policy.n_theta)
-        self.w = ca.SX.sym("w", step.u.numel())
-        self.u = self.law(step.x, self.theta) + self.w
-        self.arguments = [step.x, self.theta, self.w, step.p]
+        self.w = ca.SX.sym("w", step.system.nu)
+        self.arguments = [self.x, self.theta, self.w, self.p]
 
     def tapes(self) -> RolloutTapes:
-        step = self.step
-        terminal = self.terminal_cost(step.x, step.p)
-        at_end = [step.x, step.p]
-        law = self.law(step.x, self.theta)
+        law, at_end = self.law(self.x, self.theta), [self.x, self.p]
+        terminal_bar = ca.gradient(self.terminal_cost, self.x)
         return RolloutTapes(
-            nx=step.x.numel(),
-            nu=step.u.numel(),
-            np=step.p.numel(),
-            nlam=self.n,
-            n_theta=self.policy.n_theta,
-            forward=self._forward() if self.n <= 1 else self._inner_loop(),
+            nx=self.step.system.nx,
+            nu=self.step.system.nu,
+            np=len(self.step.p),
+            nlam=self.step.n,
+            n_theta=self.theta.numel(),
+            forward=self._forward() if self.step.system.nlam <= 1 else self._inner_loop(),
             adjoint=self._adjoint(),
             score=_function(
-                "score", [step.x, self.theta, self.w], [ca.jtimes(law, self.theta, self.w, True)]
+                "score", [self.x, self.theta, self.w], [ca.jtimes(law, self.theta, self.w, True)]
             ),
-            terminal=_function("terminal", at_end, [terminal]),
-            terminal_adjoint=_function(
-                "terminal_adjoint", at_end, [ca.gradient(terminal, step.x)]
-            ),
+            terminal=_function("terminal", at_end, [self.terminal_cost]),
+            terminal_adjoint=_function("terminal_adjoint", at_end, [terminal_bar]),
         )
 
     def _closed(self, *expressions: ca.SX) -> list[ca.SX]:
         """Expressions in the step's own (x, u, p), with the policy's input put in for u."""
-        return ca.substitute(list(expressions), [self.step.u], [self.u])
+        u = self.law(self.x, self.theta) + self.w
+        return ca.substitute(list(expressions), [self.step.system.u], [u])
 
     def _effects(self, lam: ca.SX) -> list[ca.SX]:
         """Next state, multiplier and stage cost, given the multiplier."""
-        step = self.step
-        x_next = ca.substitute(step.x_next, step.lam, lam)
-        cost = self.stage_cost(step.x, step.u, step.p)
-        return [*self._closed(x_next), lam, *self._closed(cost)]
+        x_next, cost = self._closed(self.x_next, self.stage_cost)
+        return [ca.substitute(x_next, self.step.lam, lam), lam, cost]
+
+    def _contacts(self) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+        """The problems (z, F, mu) of the branches, which do not touch each other."""
+        z, F, mu = self._closed(self.step.z, self.step.F, self.step.mu)
+        n = self.step.system.nlam
+        rows = [slice(k, k + n) for k in range(0, self.step.n, n)]
+        return [(z[r], F[r, r], mu[r]) for r in rows]
 
     def _forward(self) -> ca.Function:
-        step = self.step
-        if self.n == 0:
-            lam = ca.SX(0, 1)
-        else:
-            z, F, mu = self._closed(step.z, step.F, step.mu)
-            solve = interior_point.exact_scalar_solution(z, F)
-            lam = solve if step.exact else _scalar_solution(z, F, mu)
-        return _function("forward", self.arguments, self._effects(lam))
+        solved = [
+            interior_point.exact_scalar_solution(z, F)
+            if self.step.exact
+            else _scalar_solution(z, F, mu)
+            for z, F, mu in (self._contacts() if self.step.n else [])
+        ]
+        return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
     def _inner_loop(self) -> InnerLoop:
-        n, exact = self.n, self.step.exact
-        z, F, mu = self._closed(self.step.z, self.step.F, self.step.mu)
-        D, c = interior_point.scaling(z, F, 0 * mu if exact else mu)
-        F_scaled = ca.sparsify(ca.diag(D) @ F @ ca.diag(D))
-        mu_scaled = ca.SX.ones(n) * interior_point.MU_EXACT if exact else mu / c**2
-        pattern = F_scaled.sparsity()
-        prepared = [z * D / c, F_scaled.nz[:], mu_scaled, D, c]
-        state, data = ca.SX.sym("state", 2 * n), ca.SX.sym("data", 3 * n + pattern.nnz() + 1)
-        ends = [0, n, n + pattern.nnz(), 2 * n + pattern.nnz(), 3 * n + pattern.nnz()]
-        z_, F_, mu_, D_, c_ = ca.vertsplit(data, [*ends, data.numel()])
-        problem = (z_, ca.SX(pattern, F_), mu_)
+        n, exact = self.step.system.nlam, self.step.exact
+        problems = self._contacts()
+        pattern = sum((F.sparsity() for _, F, _ in problems), ca.Sparsity(n, n))
+        data = [_scaled(z, F, mu, pattern, exact) for z, F, mu in problems]
+        state, given = ca.SX.sym("state", 2 * n), ca.SX.sym("data", data[0].numel())
+        problem, _, _ = _unpacked(given, pattern)
         moved = interior_point.iteration(n)(state[:n], state[n:], *problem)
-        solved = interior_point._finish(n, exact)(state[:n], state[n:], *problem, D_, c_)
+        states = ca.SX.sym("states", 2 * n * len(data))
+        everything = ca.SX.sym("everything", ca.vertcat(*data).numel())
+        solved = []
+        for pair, part in zip(
+            ca.vertsplit(states, 2 * n), ca.vertsplit(everything, given.numel()), strict=True
+        ):
+            problem, D, c = _unpacked(part, pattern)
+            solved.append(interior_point._finish(n, exact)(pair[:n], pair[n:], *problem, D, c)[0])
         return InnerLoop(
             opening=_function(
-                "opening", self.arguments, [ca.SX.ones(2 * n), ca.vertcat(*prepared)]
+                "opening", self.arguments, [ca.SX.ones(states.numel()), ca.vertcat(*data)]
             ),
-            body=_function("body", [state, data], [ca.vertcat(*moved)]),
+            body=_function("body", [state, given], [ca.vertcat(*moved)]),
             closing=_function(
-                "closing", [*self.arguments, state, data], self._effects(solved[0])
+                "closing",
+                [*self.arguments, states, everything],
+                self._effects(ca.vertcat(*solved)),
             ),
             iterations=interior_point.ITERATIONS,
+            branches=len(data),
         )
 
     def _adjoint(self) -> ca.Function:
         step = self.step
-        xbar = ca.SX.sym("xbar", step.x.numel())
-        value = self.stage_cost(step.x, step.u, step.p) + ca.dot(xbar, step.x_next)
+        xbar = ca.SX.sym("xbar", step.system.nx)
+        value = self.stage_cost + ca.dot(xbar, self.x_next)
         frozen, meant = [ca.SX(0, 1)], [ca.SX(0, 1)]
-        if self.n:
-            frozen, meant, through_contact = self._implicit(ca.gradient(value, step.lam))
+        if step.n:
+            frozen, meant, through_contact = self._implicit(step.B.T @ xbar)
             value += through_contact
         value = self._closed(value)[0]
-        bars = [ca.gradient(value, step.x), ca.gradient(value, self.theta)]
+        bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         bars = ca.substitute(bars, frozen, self._closed(*meant))
         return _function("adjoint", [*self.arguments, step.lam, xbar], bars)
 
@@ -231,27 +217,37 @@ class _Closed:
         The symbols to hold constant while differentiating, the expressions they stand for, and
         the function `v' (mu - diag(lam) (z + F lam))`, v the solution of the transposed system.
         """
-        step, lam, n = self.step, self.step.lam, self.n
-        if step.exact:
-            on = lam > step.z + step.F @ lam
-            weights, slack, rate = on, 1 - on, ca.SX(n, 1)
-        else:
-            weights, slack, rate = lam, self._slack(), ca.SX.ones(n)
-        matrix = ca.diag(slack) + step.F.T @ ca.diag(weights)
-        v = solve_without_pivoting(matrix, lambar)
-        frozen = [ca.SX.sym(name, n) for name in ("v", "weights")]
+        step, lam = self.step, self.step.lam
         gap = step.z + step.F @ lam
-        return frozen, [v, weights], ca.dot(frozen[0], rate * step.mu - frozen[1] * gap)
+        if step.exact:
+            weights, slack = lam > gap, lam <= gap
+        else:
+            weights, slack = lam, gap
+        v = solve_without_pivoting(ca.diag(slack) + step.F.T @ ca.diag(weights), lambar)
+        held_v, held_weights = frozen = [ca.SX.sym(name, step.n) for name in ("v", "weights")]
+        function = -ca.dot(held_v, held_weights * gap)
+        if not (step.exact or step.law.frozen):
+            function += ca.dot(held_v, step.mu)
+        return frozen, [v, weights], function
 
-    def _slack(self) -> ca.SX:
-        """The gap s = z + F lam of the softened law."""
-        step = self.step
-        s = step.z + step.F @ step.lam
-        if self.n == 1:
-            return s
-        # With several contacts the sum may cancel; lam s = mu does not, until mu underflows.
-        usable = step.mu > _UNDERFLOW
-        return ca.if_else(usable, step.mu / ca.if_else(usable, step.lam, 1), s)
+
+def _scaled(z: ca.SX, F: ca.SX, mu: ca.SX, pattern: ca.Sparsity, exact: bool) -> ca.SX:
+    """One branch's problem in the solver's scaling, as one column that `_unpacked` reads."""
+    D, c = interior_point.scaling(z, F, 0 * mu if exact else mu)
+    target = ca.fmax(mu / c**2, interior_point.MU_LEAST)
+    if exact:
+        target = ca.SX.ones(z.numel()) * interior_point.MU_EXACT
+    entries = ca.project(ca.diag(D) @ F @ ca.diag(D), pattern).nz[:]
+    return ca.densify(ca.vertcat(z * D / c, entries, target, D, c))
+
+
+def _unpacked(
+    column: ca.SX, pattern: ca.Sparsity
+) -> tuple[tuple[ca.SX, ca.SX, ca.SX], ca.SX, ca.SX]:
+    n, entries = pattern.size1(), pattern.nnz()
+    ends = [0, n, n + entries, 2 * n + entries, 3 * n + entries, column.numel()]
+    z, F, mu, D, c = ca.vertsplit(column, ends)
+    return (z, ca.SX(pattern, F), mu), D, c
 
 
 def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
