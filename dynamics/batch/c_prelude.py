@@ -36,18 +36,27 @@ INLINE V vcopysign(V a, V b) {
 INLINE V vsign(V a) { return pick(a < 0.0, SPLAT(-1.0), pick(a > 0.0, SPLAT(1.0), a)); }
 INLINE V vfmin(V a, V b) { return pick((a < b) | (b != b), a, b); }
 INLINE V vfmax(V a, V b) { return pick((a > b) | (b != b), a, b); }
-INLINE V vsqrt(V a) { V r; LANES r[l] = __builtin_sqrt(a[l]); return r; }
 INLINE V vfloor(V a) { V r; LANES r[l] = __builtin_floor(a[l]); return r; }
 INLINE V vceil(V a) { V r; LANES r[l] = __builtin_ceil(a[l]); return r; }
 INLINE V vfmod(V a, V b) { V r; LANES r[l] = __builtin_fmod(a[l], b[l]); return r; }
 INLINE V vremainder(V a, V b) { V r; LANES r[l] = __builtin_remainder(a[l], b[l]); return r; }
 """
 
-_FUSED = {
-    True: "INLINE V fused(V a, V b, V c) "
-    "{ V r; LANES r[l] = __builtin_fma(a[l], b[l], c[l]); return r; }\n",
-    False: "INLINE V fused(V a, V b, V c) { return a * b + c; }\n",
-}
+# The compiler's own names for one instruction, where it has one: a loop over lanes ends as the same
+# instruction, but takes the compiler ten times as long.
+_SQRT = (
+    ("__builtin_elementwise_sqrt", 0, "__builtin_elementwise_sqrt(a)"),
+    ("__builtin_ia32_sqrtpd512_mask", 8, "__builtin_ia32_sqrtpd512_mask(a, a, -1, 4)"),
+    ("__builtin_ia32_sqrtpd256", 4, "__builtin_ia32_sqrtpd256(a)"),
+    ("__builtin_ia32_sqrtpd", 2, "__builtin_ia32_sqrtpd(a)"),
+)
+_FUSED = (
+    ("__builtin_elementwise_fma", 0, "__builtin_elementwise_fma(a, b, c)"),
+    ("__builtin_ia32_vfmaddpd512_mask", 8, "__builtin_ia32_vfmaddpd512_mask(a, b, c, -1, 4)"),
+    ("__builtin_ia32_vfmaddpd256", 4, "__builtin_ia32_vfmaddpd256(a, b, c)"),
+    ("__builtin_ia32_vfmaddpd", 2, "__builtin_ia32_vfmaddpd(a, b, c)"),
+)
+_PROBE = "#ifndef __has_builtin\n#define __has_builtin(x) 0\n#endif\n"
 
 # Newton's method on erf(y) = x near 0 and on erfc(y) = 1 - |x| (exact there) further out, from
 # Winitzki's closed form; Halley's correction makes three steps enough for every double.
@@ -115,13 +124,34 @@ def prelude(compiler: Compiler) -> str:
         (
             f"#define W {compiler.width}\n",
             _TYPES,
-            _FUSED[compiler.has_fma],
+            _PROBE,
+            _instruction("vsqrt", "V a", _SQRT, "__builtin_sqrt(a[l])"),
+            _fused(compiler),
             functions,
             _ERFINV,
             _transpose(compiler.width),
             _ROWS,
         )
     )
+
+
+def _fused(compiler: Compiler) -> str:
+    """a*b + c in one rounding; two where the CPU has no such instruction."""
+    if not compiler.has_fma:
+        return "INLINE V fused(V a, V b, V c) { return a * b + c; }\n"
+    return _instruction("fused", "V a, V b, V c", _FUSED, "__builtin_fma(a[l], b[l], c[l])")
+
+
+def _instruction(
+    name: str, parameters: str, variants: tuple[tuple[str, int, str], ...], lane: str
+) -> str:
+    """An inline function by the first builtin there is for this width (0: any), else by lanes."""
+    lines = []
+    for keyword, (builtin, width, call) in zip(("#if", *3 * ["#elif"]), variants, strict=True):
+        condition = f"__has_builtin({builtin})" + (f" && W == {width}" if width else "")
+        lines += [f"{keyword} {condition}", f"INLINE V {name}({parameters}) {{ return {call}; }}"]
+    lines += ["#else", f"INLINE V {name}({parameters}) {{ V r; LANES r[l] = {lane}; return r; }}"]
+    return "\n".join((*lines, "#endif\n"))
 
 
 def _vector_function(name: str, compiler: Compiler) -> str:
