@@ -2,7 +2,25 @@
 
 from dynamics.batch.compiler import CompilerError
 from dynamics.batch.function import BatchFunction
+from dynamics.batch.moments import Moments
 from dynamics.batch.nonfinite import BatchWarning, NonFinite
+from dynamics.batch.policy import RolloutPolicy, affine, open_loop
+from dynamics.batch.random import Gaussian
+from dynamics.batch.rollout import RolloutFunction, RolloutMoments, Rollouts
 from dynamics.batch.tape import UnsupportedOperation
 
-__all__ = ["BatchFunction", "BatchWarning", "CompilerError", "NonFinite", "UnsupportedOperation"]
+__all__ = [
+    "BatchFunction",
+    "BatchWarning",
+    "CompilerError",
+    "Gaussian",
+    "Moments",
+    "NonFinite",
+    "RolloutFunction",
+    "RolloutMoments",
+    "RolloutPolicy",
+    "Rollouts",
+    "UnsupportedOperation",
+    "affine",
+    "open_loop",
+]

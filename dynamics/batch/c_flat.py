@@ -72,9 +72,7 @@ class CFlatEngine:
         bad: list[int] = []
 
         def work(begin: int, end: int) -> None:
-            bad.append(
-                self._run(begin, end, pointers_in, shared.ctypes.data, pointers_out)
-            )
+            bad.append(self._run(begin, end, pointers_in, shared.ctypes.data, pointers_out))
 
         over_chunks(n, CHUNK, self.threads, work)
         if min(bad, default=0) < 0:
@@ -99,9 +97,4 @@ def source(tape: Tape, block: int) -> str:
         "n_out": len(tape.output_sizes),
     }
     vectors = max(1, block // machine.width)
-    return (
-        prelude(machine)
-        + f"#define U {vectors}\n"
-        + c_source.kernel(tape, "kernel")
-        + driver
-    )
+    return prelude(machine) + f"#define U {vectors}\n" + c_source.kernel(tape, "kernel") + driver

@@ -325,14 +325,10 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
 
 def random_source() -> str:
     """C text of `normal_pair`, the counter-based normals of `dynamics.batch.random`."""
-    return (
-        _PHILOX
-        % {
-            **{"rounds": ROUNDS, "m0": MULTIPLIERS[0], "m1": MULTIPLIERS[1]},
-            **{"i0": INCREMENTS[0], "i1": INCREMENTS[1]},
-        }
-        + _NORMALS % {"half_pi": c_source.number(math.pi / 2), "series": _series()}
-    )
+    return _PHILOX % {
+        **{"rounds": ROUNDS, "m0": MULTIPLIERS[0], "m1": MULTIPLIERS[1]},
+        **{"i0": INCREMENTS[0], "i1": INCREMENTS[1]},
+    } + _NORMALS % {"half_pi": c_source.number(math.pi / 2), "series": _series()}
 
 
 def _series() -> str:

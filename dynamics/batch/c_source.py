@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from dynamics.batch.tape import BOOLEAN, Operation, Tape, operands
+from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen, operands
 
 # gcc's time grows faster than a function's length; past this many statements a tape is cut.
 PART = 1500
@@ -188,17 +188,9 @@ class _Emitter:
         return f"v{a} / v{b}"
 
     def _chosen(self, operation: Operation) -> str:
-        """CasADi's if_else, a sum of two halves of which one is zero, as one selection."""
-        if operation.op != ca.OP_ADD:
-            return ""
-        for first, second in (operation.args, operation.args[::-1]):
-            here, there = self.tape.operations[first], self.tape.operations[second]
-            if here.op == there.op == ca.OP_IF_ELSE_ZERO:
-                negated = self.tape.operations[there.args[0]]
-                if negated.op == ca.OP_NOT and negated.args[0] == here.args[0]:
-                    condition = self._mask(here.args[0])
-                    return f"pick({condition}, v{here.args[1]}, v{there.args[1]})"
-        return ""
+        """CasADi's if_else as one selection; else an empty string."""
+        choice = chosen(self.tape, operation)
+        return "pick(m{}, v{}, v{})".format(*choice) if choice else ""
 
     def _fused(self, operation: Operation, here: set[int]) -> str:
         """a*b + c as one rounding where the product has no other reader; else an empty string."""

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy import special
 
 from dynamics.batch.parallel import over_chunks
-from dynamics.batch.tape import Tape, operands
+from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen, operands
 
 Array = np.ndarray
+_LOGICAL = frozenset({ca.OP_NOT, ca.OP_AND, ca.OP_OR})
 # A chunk's registers should fit the second-level cache; fewer samples, and calls cost more than
 # arithmetic does.
 CACHE_BYTES = 1 << 20
@@ -19,7 +22,13 @@ CACHE_BYTES = 1 << 20
 
 def _if_else_zero(condition: Array, value: Array, out: Array) -> None:
     # A product would turn 0 * inf into NaN; CasADi's operation does not.
-    out[...] = np.where(condition != 0.0, value, 0.0)
+    out.fill(0.0)
+    np.copyto(out, value, where=condition)
+
+
+def _choose(condition: Array, value: Array, other: Array, out: Array) -> None:
+    np.copyto(out, other)
+    np.copyto(out, value, where=condition)
 
 
 def _reciprocal(a: Array, out: Array) -> None:
@@ -65,64 +74,143 @@ class NumpyKernel:
     """Evaluates a tape over samples in NumPy.
 
     `run(inputs, outputs)` takes one array `(nnz, m)` per input and fills one `(nnz, m)` per output:
-    samples last, so that every operation is one contiguous pass. A row of shape `(1,)` broadcasts.
-    Thread-safe: each call has its own registers.
+    samples last, so that every operation is one contiguous pass. An input of shape `(nnz, 1)`
+    broadcasts. Each thread has registers of its own, kept from call to call.
+    """
+
+    def __init__(self, tape: Tape) -> None:
+        writer = _Writer(tape)
+        calls = {f"f{op}": call for op, call in _UFUNCS.items()} | {"choose": _choose}
+        names: dict[str, Any] = {**calls, **writer.constants}
+        exec(compile(writer.text(), f"<tape {tape.name}>", "exec"), names)
+        self._program = names["program"]
+        self.n_registers, self._n_masks = writer.sizes
+        self._memory = threading.local()
+
+    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
+        """Evaluate every sample; non-finite values pass through as IEEE arithmetic has them."""
+        m = max((row.shape[-1] for row in (*inputs, *outputs)), default=0)
+        memory = self._memory
+        if getattr(memory, "m", None) != m:
+            memory.m = m
+            memory.numbers = list(np.empty((self.n_registers, m)))
+            memory.masks = list(np.empty((self._n_masks, m), dtype=bool))
+        with np.errstate(all="ignore"):
+            self._program(inputs, outputs, memory.numbers, memory.masks)
+
+
+class _Writer:
+    """Writes a tape as a Python function `program(i, o, r, m)`, one call an operation.
+
+    Registers, `r0, r1, ...` for numbers and `m0, ...` for truth values, are given out by liveness:
+    the working set is the width of the graph, not its length.
     """
 
     def __init__(self, tape: Tape) -> None:
         self.tape = tape
-        self._program = _allocate(tape)
-        self.n_registers = 1 + max((step.target for step in self._program), default=-1)
-
-    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
-        """Evaluate every sample; non-finite values pass through as IEEE arithmetic has them."""
-        tape = self.tape
-        m = max((row.shape[-1] for row in (*inputs, *outputs)), default=0)
-        registers = list(np.empty((self.n_registers, m)))
-        values: list[Array] = [np.empty(0)] * len(tape.operations)
+        self.names: dict[int, str] = {}
+        self.constants: dict[str, np.float64] = {}
+        self.free: dict[str, list[str]] = {"r": [], "m": []}
+        self.count = {"r": 0, "m": 0}
+        self.lines: list[str] = []
+        self.choices = {
+            i: choice
+            for i, operation in enumerate(tape.operations)
+            if (choice := chosen(tape, operation)) is not None
+        }
+        self.last = self._last_uses()
+        self.direct = self._direct()
         for i, operation in enumerate(tape.operations):
-            if operation.op == ca.OP_INPUT:
-                values[i] = inputs[operation.args[0]][operation.args[1]]
-            elif operation.op == ca.OP_CONST:
-                values[i] = np.array([operation.value])
-        with np.errstate(all="ignore"):
-            for step in self._program:
-                out = registers[step.target]
-                step.call(*[values[a] for a in step.args], out=out)
-                values[step.index] = out
+            if self.last[i] >= 0:
+                self._write(i, operation)
+                self._release(i)
         for k, row in enumerate(tape.outputs):
-            for j, value in enumerate(row):
-                outputs[k][j] = values[value]
+            for j, v in enumerate(row):
+                if self.direct.get(v) != (k, j):
+                    self.lines.append(f"o[{k}][{j}] = {self.names[v]}")
 
+    def _reads(self, i: int) -> tuple[int, ...]:
+        return self.choices.get(i) or operands(self.tape.operations[i])
 
-class _Step:
-    """One computed operation: which function, on which values, into which register."""
+    def _last_uses(self) -> list[int]:
+        """The last reader of each value; -1 for the halves of a choice that nobody else reads."""
+        n = len(self.tape.operations)
+        last = [-1] * n
+        for row in self.tape.outputs:
+            for value in row:
+                last[value] = n
+        for i in reversed(range(n)):
+            if last[i] >= 0:
+                for arg in self._reads(i):
+                    last[arg] = max(last[arg], i)
+        return last
 
-    __slots__ = ("args", "call", "index", "target")
+    def _direct(self) -> dict[int, tuple[int, int]]:
+        """Computed numbers that are written straight to an output row."""
+        leaves = {ca.OP_INPUT, ca.OP_CONST}
+        return {
+            value: (k, j)
+            for k, row in enumerate(self.tape.outputs)
+            for j, value in enumerate(row)
+            if self.tape.operations[value].op not in leaves | BOOLEAN
+        }
 
-    def __init__(self, index: int, op: int, args: tuple[int, ...], target: int) -> None:
-        self.index, self.args, self.target, self.call = index, args, target, _UFUNCS[op]
+    def _release(self, i: int) -> None:
+        for arg in set(self._reads(i)):
+            kind = self.names[arg][0]
+            if self.last[arg] == i and kind in self.free:
+                self.free[kind].append(self.names[arg])
 
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """How many registers there are for numbers and for truth values."""
+        return self.count["r"], self.count["m"]
 
-def _allocate(tape: Tape) -> list[_Step]:
-    """Assign registers by liveness, so that the working set is the width of the graph."""
-    last = tape.last_uses()
-    free: list[int] = []
-    register_of: dict[int, int] = {}
-    n_registers = 0
-    program: list[_Step] = []
-    for i, operation in enumerate(tape.operations):
-        if operation.op in (ca.OP_INPUT, ca.OP_CONST):
-            continue
-        if not free:
-            free.append(n_registers)
-            n_registers += 1
-        register_of[i] = free.pop()
-        program.append(_Step(i, operation.op, operation.args, register_of[i]))
-        for arg in set(operands(operation)):
-            if last[arg] == i and arg in register_of:
-                free.append(register_of.pop(arg))
-    return program
+    def text(self) -> str:
+        """The function's source."""
+        bind = [
+            f"{', '.join(f'{kind}{k}' for k in range(n))}, = {kind}"
+            for kind, n in self.count.items()
+            if n
+        ]
+        body = "\n    ".join([*bind, *self.lines, "return"])
+        return f"def program(i, o, r, m):\n    {body}\n"
+
+    def _write(self, i: int, operation: Operation) -> None:
+        op = operation.op
+        if op == ca.OP_INPUT:
+            self.names[i] = f"i[{operation.args[0]}][{operation.args[1]}]"
+        elif op == ca.OP_CONST:
+            self.names[i] = f"k{i}"
+            self.constants[f"k{i}"] = np.float64(operation.value)
+        elif i in self.choices:
+            arguments = [self.names[arg] for arg in self.choices[i]]
+            self._call(i, "choose", arguments)
+        else:
+            arguments = [self._argument(op, k, arg) for k, arg in enumerate(operation.args)]
+            self._call(i, f"f{op}", arguments)
+
+    def _call(self, i: int, call: str, arguments: list[str]) -> None:
+        if i in self.direct:
+            k, j = self.direct[i]
+            self.names[i] = f"o[{k}][{j}]"
+        else:
+            boolean = self.tape.operations[i].op in BOOLEAN
+            self.names[i] = self._register("m" if boolean else "r")
+        self.lines.append(f"{call}({', '.join(arguments)}, out={self.names[i]})")
+
+    def _argument(self, op: int, position: int, arg: int) -> str:
+        """An operand's name, turned from number to truth value or back where the two do not fit."""
+        wants_mask = op in _LOGICAL or (op == ca.OP_IF_ELSE_ZERO and position == 0)
+        if wants_mask == (self.tape.operations[arg].op in BOOLEAN):
+            return self.names[arg]
+        return f"{self.names[arg]} {'!= 0.0' if wants_mask else '* 1.0'}"
+
+    def _register(self, kind: str) -> str:
+        if not self.free[kind]:
+            self.free[kind].append(f"{kind}{self.count[kind]}")
+            self.count[kind] += 1
+        return self.free[kind].pop()
 
 
 class NumpyEngine:

@@ -229,7 +229,9 @@ class RolloutFunction:
         }
         gaussian = noise if isinstance(noise, Gaussian) else None
         if score and gaussian is None:
-            raise ValueError("a score needs noise of known density: give noise=Gaussian(sigma, seed)")
+            raise ValueError(
+                "a score needs noise of known density: give noise=Gaussian(sigma, seed)"
+            )
         if gaussian is not None:
             gaussian.scales(tapes.nu)
         elif noise is not None:

@@ -163,7 +163,7 @@ class CRolloutEngine:
 class ChunkEngine:
     """Rollouts whose loops run in Python, over chunks of samples."""
 
-    chunk = 1024
+    chunk = 4096
 
     def __init__(
         self,
@@ -212,8 +212,8 @@ class ChunkEngine:
     def _chunk(self, q: Request) -> tuple[Array, Array, Array]:
         """Cost (m,), gradient and score (parts * n_theta or 0, m) of one chunk."""
         tapes, m = self._tapes, q.n
-        theta = q.theta.T.reshape(q.parts, tapes.n_theta, -1)
-        x0, p, w = (np.ascontiguousarray(a.T) for a in (q.x0, q.p, self._noise(q)))
+        x0, theta, p, w = (np.ascontiguousarray(a.T) for a in (q.x0, q.theta, q.p, self._noise(q)))
+        theta = theta.reshape(q.parts, tapes.n_theta, -1)
         w = w.reshape(q.horizon, tapes.nu, m)
         x, lam, cost = self._rollout.forward(x0, theta, p, w)
         shape = (q.parts, tapes.n_theta, m)

@@ -67,17 +67,6 @@ class Tape:
     operations: tuple[Operation, ...]
     outputs: tuple[tuple[int, ...], ...]
 
-    def last_uses(self) -> list[int]:
-        """For each value the index of the last operation reading it; outputs live to the end."""
-        last = list(range(len(self.operations)))
-        for i, operation in enumerate(self.operations):
-            for arg in operands(operation):
-                last[arg] = i
-        for row in self.outputs:
-            for value in row:
-                last[value] = len(self.operations)
-        return last
-
     def use_counts(self) -> list[int]:
         """For each value how many operands and outputs refer to it."""
         counts = [0] * len(self.operations)
@@ -93,6 +82,23 @@ class Tape:
 def operands(operation: Operation) -> tuple[int, ...]:
     """The values that an operation reads (none for inputs and constants)."""
     return () if operation.op == ca.OP_INPUT else operation.args
+
+
+def chosen(tape: Tape, operation: Operation) -> tuple[int, int, int] | None:
+    """(condition, value, other) where an operation is CasADi's `if_else` on a truth value.
+
+    CasADi writes it as a sum of two halves, `if_else_zero` on a condition and on its negation.
+    """
+    if operation.op != ca.OP_ADD:
+        return None
+    for first, second in (operation.args, operation.args[::-1]):
+        here, there = tape.operations[first], tape.operations[second]
+        if here.op == there.op == ca.OP_IF_ELSE_ZERO:
+            condition, negation = here.args[0], tape.operations[there.args[0]]
+            boolean = tape.operations[condition].op in BOOLEAN
+            if boolean and negation.op == ca.OP_NOT and negation.args[0] == condition:
+                return condition, here.args[1], there.args[1]
+    return None
 
 
 def tape_of(fn: ca.Function) -> Tape:
