@@ -1,0 +1,21 @@
+"""Named contact problems, one a file; ``get(name, **params)`` builds one."""
+
+from problems.parameters import Parameters, quantity, structure, table
+from problems.registry import get, load, names, spec
+from problems.spec import Citation, Golden, ProblemSpec, describe, parse_parameters
+
+__all__ = [
+    "Citation",
+    "Golden",
+    "Parameters",
+    "ProblemSpec",
+    "describe",
+    "get",
+    "load",
+    "names",
+    "parse_parameters",
+    "quantity",
+    "spec",
+    "structure",
+    "table",
+]

@@ -1,0 +1,97 @@
+"""A ball with thrusters over a floor that does not bounce it."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import signals, time_stepping
+from ocp.problem import Problem, Reference
+from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation, Golden
+
+name = "ball-bounce"
+title = "A ball with thrust over a floor"
+citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 1a, with thrust")
+axes = ("x [m]", "y [m]")
+equations = (
+    "m (v+ - v) = h (u - (0, m g)) + (0, lam),  q+ = q + h v+,  0 <= lam ⟂ y+ >= 0",
+    "minimise  sum_k w_u h |u_k|²  +  w_end |q_N - goal|² + w_v |v_N|²",
+    "with |u| <= u_max componentwise, from (x0, y0, vx0, vy0)",
+)
+typst = (
+    "m (v^+ - v) = h (u - (0, m g)) + (0, lambda), quad q^+ = q + h v^+,"
+    " quad 0 <= lambda perp y^+ >= 0",
+    'min sum_(k=0)^(N-1) w_u h norm(u_k)^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N)^2',
+    'norm(u)_infinity <= u_"max"',
+)
+golden: dict[str, Golden] = {}
+
+
+class Params(Parameters):
+    """Parameters of ``ball-bounce``; the floor is at y = 0."""
+
+    m: float = quantity(1.0, "kg", "mass", above=0)
+    g: float = quantity(9.81, "m/s^2", "gravity")
+    h: float = quantity(0.05, "s", "step size", above=0)
+    N: int = structure(40, "number of steps", least=1)
+    x0: float = quantity(0.0, "m", "start, x")
+    y0: float = quantity(1.0, "m", "start, height", least=0)
+    vx0: float = quantity(1.0, "m/s", "start velocity, x")
+    vy0: float = quantity(-6.0, "m/s", "start velocity, y")
+    goal_x: float = quantity(2.0, "m", "goal, x")
+    goal_y: float = quantity(0.5, "m", "goal, height")
+    w_u: float = quantity(0.01, "1/(N^2 s)", "stage weight of the thrust", least=0)
+    w_end: float = quantity(100.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
+    w_v: float = quantity(1.0, "s^2/m^2", "terminal weight of the velocity", least=0)
+    u_max: float = quantity(15.0, "N", "largest thrust", above=0)
+
+
+def build(params: Params) -> Problem:
+    """Plastic time stepping of a point ball; u is a force [N], lam an impulse [N s]."""
+    p = table(params)
+    weight = ca.vertcat(0, p["m"] * p["g"])
+    system = time_stepping(
+        name,
+        states=signals("x [m]; y [m] height; vx [m/s]; vy [m/s]"),
+        inputs=signals("ux [N] thrust; uy [N] thrust"),
+        contacts=signals("floor [N s] impulse of the floor"),
+        h=p["h"],
+        mass=p["m"] * ca.SX.eye(2),
+        impulse=lambda q, v, u: p["h"] * (u - weight),  # noqa: ARG005
+        distance=lambda q: q[1],
+        parameters=p,
+        citation=citation.key,
+    )
+    x, u = system.x, system.u
+    off = ca.sumsqr(x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["w_u"] * p["h"] * ca.sumsqr(u),
+        terminal_cost=p["w_end"] * off + p["w_v"] * ca.sumsqr(x[2:]),
+        x0=ca.vertcat(p["x0"], p["y0"], p["vx0"], p["vy0"]),
+        parameters=p,
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        reference=Reference(impulse=1.0, gap=0.1, x=1.0, u=5.0),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Floor, goal and the ball, whose size is for the eye only: the model's ball is a point."""
+    radius = 0.05
+    return [
+        HalfPlane(0, 0, 0, 1),
+        Point(params.goal_x, params.goal_y + radius, "goal"),
+        Disc(float(state[0]), float(state[1]) + radius, radius),
+    ]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:  # noqa: ARG001
+    """The floor pushes upwards."""
+    return [ContactFrame(float(state[0]), float(state[1]), 0, 1)]

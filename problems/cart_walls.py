@@ -1,0 +1,137 @@
+"""A pole on a cart between two soft walls, upright linearisation: an LCS."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import ContactSystem, ParameterTable, signals
+from ocp.problem import Problem, Reference
+from problems.drawing import Box, ContactFrame, Point, Segment, Shape, Spring
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation, Golden
+
+name = "cart-walls"
+title = "A pole on a cart between soft walls"
+citation = Citation("zhang2023adaptive", "A linear complementarity system as in eq. 2.1-2.2")
+axes = ("x [m]", "y [m]")
+equations = (
+    "x = (p, theta, p', theta'),  x+ = x + h (A x+ + B u + C lam),  lam a force [N]",
+    "A[0,2] = A[1,3] = 1, A[2,1] = g mp/mc, A[3,1] = g (mc+mp)/(l mc), B = (0, 0, 1/mc, 1/(l mc))",
+    "C[3] = (-1/(l mp), 1/(l mp)),  tip = p+ + l theta+",
+    "0 <= lam_1 ⟂ lam_1/k + wall - tip >= 0,  0 <= lam_2 ⟂ lam_2/k + wall + tip >= 0",
+    "minimise  sum_k w_p p² + w_theta theta² + w_dp p'² + w_dtheta theta'² + w_u u²"
+    "  +  w_end |x_N|²",
+    "with |u| <= u_max, from (p0, theta0, dp0, dtheta0)",
+)
+typst = (
+    "x = (p, theta, dot(p), dot(theta)), quad x^+ = x + h (A x^+ + B u + C lambda)",
+    "A_13 = A_24 = 1, quad A_32 = g m_p / m_c, quad A_42 = g (m_c + m_p) / (l m_c)",
+    "B = (0, 0, 1 / m_c, 1 / (l m_c)), quad C_(4 dot) = (-1 / (l m_p), 1 / (l m_p))",
+    "0 <= lambda_1 perp lambda_1 / k + d - (p^+ + l theta^+) >= 0, quad"
+    " 0 <= lambda_2 perp lambda_2 / k + d + (p^+ + l theta^+) >= 0",
+    "min sum_(k=0)^(N-1) w_p p^2 + w_theta theta^2 + w_(dot(p)) dot(p)^2"
+    ' + w_(dot(theta)) dot(theta)^2 + w_u u^2 + w_"end" norm(x_N)^2',
+    'abs(u) <= u_"max"',
+)
+golden: dict[str, Golden] = {}
+
+
+class Params(Parameters):
+    """Parameters of ``cart-walls``; the walls are springs that the pole's tip runs into."""
+
+    mc: float = quantity(1.0, "kg", "mass of the cart", above=0)
+    mp: float = quantity(0.1, "kg", "mass of the pole's tip", above=0)
+    l: float = quantity(0.5, "m", "length of the pole", above=0)  # noqa: E741
+    g: float = quantity(9.81, "m/s^2", "gravity")
+    wall: float = quantity(0.35, "m", "distance of either wall from the middle", above=0)
+    k: float = quantity(100.0, "N/m", "stiffness of the walls", above=0)
+    h: float = quantity(0.04, "s", "step size", above=0)
+    N: int = structure(50, "number of steps", least=1)
+    p0: float = quantity(0.1, "m", "start of the cart")
+    theta0: float = quantity(0.2, "rad", "start angle of the pole")
+    dp0: float = quantity(0.5, "m/s", "start velocity of the cart")
+    dtheta0: float = quantity(2.0, "rad/s", "start angular velocity of the pole")
+    w_p: float = quantity(10.0, "1/m^2", "stage weight of the cart's position", least=0)
+    w_theta: float = quantity(50.0, "1/rad^2", "stage weight of the angle", least=0)
+    w_dp: float = quantity(1.0, "s^2/m^2", "stage weight of the cart's velocity", least=0)
+    w_dtheta: float = quantity(5.0, "s^2/rad^2", "stage weight of the angular velocity", least=0)
+    w_u: float = quantity(0.1, "1/N^2", "stage weight of the force", least=0)
+    w_end: float = quantity(100.0, "SI", "terminal weight of every state", least=0)
+    u_max: float = quantity(4.0, "N", "largest force on the cart", above=0)
+
+
+def build(params: Params) -> Problem:
+    """Implicit Euler on the upright linearisation; u and lam are forces [N].
+
+    The walls are compliant, so there is no signed distance to audit: that the tip runs into a wall
+    is the model, and the gap, which has the wall's spring in it, is what must not be negative.
+    """
+    p = table(params)
+    system = _system(p)
+    x, u = system.x, system.u
+    weights = ca.vertcat(p["w_p"], p["w_theta"], p["w_dp"], p["w_dtheta"])
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=ca.dot(weights, x**2) + p["w_u"] * u**2,
+        terminal_cost=p["w_end"] * ca.sumsqr(x),
+        x0=ca.vertcat(p["p0"], p["theta0"], p["dp0"], p["dtheta0"]),
+        parameters=p,
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        reference=Reference(impulse=10.0, gap=0.01, x=0.2, u=2.0),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def _system(p: ParameterTable) -> ContactSystem:
+    x, x_next = ca.SX.sym("x", 4), ca.SX.sym("x_next", 4)
+    u, lam = ca.SX.sym("u"), ca.SX.sym("lam", 2)
+    mc, mp, length = p["mc"], p["mp"], p["l"]
+    _, theta, dp, dtheta = ca.vertsplit(x_next)
+    acceleration = p["g"] * mp / mc * theta + u / mc
+    turn = (
+        p["g"] * (mc + mp) / (length * mc) * theta
+        + u / (length * mc)
+        + (lam[1] - lam[0]) / (length * mp)
+    )
+    tip = x_next[0] + length * theta
+    return ContactSystem(
+        name=name,
+        x=x,
+        u=u,
+        x_next=x_next,
+        lam=lam,
+        residual=x_next - x - p["h"] * ca.vertcat(dp, dtheta, acceleration, turn),
+        gap=lam / p["k"] + p["wall"] + ca.vertcat(-tip, tip),
+        states=signals("p [m] cart; theta [rad] pole; dp [m/s]; dtheta [rad/s]"),
+        inputs=signals("u [N] force on the cart"),
+        contacts=signals("right [N] force of the right wall; left [N] force of the left wall"),
+        h=p["h"],
+        parameters=p,
+        citation=citation.key,
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Cart, pole with its tip, and the springs of both walls at the height of the tip."""
+    position, height = float(state[0]), params.l
+    # The model is linear in the angle, and so is the picture: then contact looks like contact.
+    tip = position + params.l * float(state[1])
+    right, left = max(params.wall, tip), min(-params.wall, tip)
+    return [
+        Box(position, -0.05, 0.2, 0.1, role="actuator"),
+        Segment(position, 0, tip, height),
+        Point(tip, height),
+        Spring(params.wall + 0.15, height, right, height),
+        Spring(-params.wall - 0.15, height, left, height),
+    ]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """The right wall pushes the tip to the left, the left wall to the right."""
+    tip = float(state[0]) + params.l * float(state[1])
+    return [ContactFrame(tip, params.l, -1, 0), ContactFrame(tip, params.l, 1, 0)]

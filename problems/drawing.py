@@ -1,0 +1,90 @@
+"""What a problem looks like, as plain data: the reports decide how to draw it.
+
+Lengths in metres, angles in radians. Every shape is a frozen value, so those of several instants
+that are equal (walls, goals) can be drawn once. ``role`` is ``"object"``, ``"actuator"``,
+``"environment"`` or ``"goal"``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A disc around (x, y)."""
+
+    x: float
+    y: float
+    radius: float
+    role: str = "object"
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle centred at (x, y), turned counter-clockwise by ``angle``."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    angle: float = 0.0
+    role: str = "object"
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A straight bar from (x1, y1) to (x2, y2)."""
+
+    x1: float
+    y1: float
+    x2: float
+    y2: float
+    role: str = "object"
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring from (x1, y1) to (x2, y2)."""
+
+    x1: float
+    y1: float
+    x2: float
+    y2: float
+    role: str = "environment"
+
+
+@dataclass(frozen=True)
+class Point:
+    """A mark at (x, y)."""
+
+    x: float
+    y: float
+    role: str = "object"
+
+
+@dataclass(frozen=True)
+class HalfPlane:
+    """Everything on the side of the line through (x, y) that its normal (nx, ny) points away from.
+
+    A floor at height zero is ``HalfPlane(0, 0, 0, 1)``.
+    """
+
+    x: float
+    y: float
+    nx: float
+    ny: float
+    role: str = "environment"
+
+
+Shape = Disc | Box | Segment | Spring | Point | HalfPlane
+
+
+@dataclass(frozen=True)
+class ContactFrame:
+    """Where contact i acts: ``lam_i`` pushes the object at (x, y) along the unit (nx, ny)."""
+
+    x: float
+    y: float
+    nx: float
+    ny: float

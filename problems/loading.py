@@ -1,0 +1,77 @@
+"""A user's problem file: imported, and checked before any command uses it."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.problem import Problem
+from problems.spec import ProblemSpec, where
+
+
+def import_file(path: Path) -> ModuleType:
+    """Import the module at ``path`` (absolute), each time afresh.
+
+    Raises :class:`~ocp.errors.InputError` where there is no such file, or it raises.
+    """
+    if not path.is_file():
+        kind = "is a directory" if path.is_dir() else "there is no such file"
+        raise InputError(f"{path}: {kind}; expected a Python file that defines a problem")
+    spec = importlib.util.spec_from_file_location(f"user_problem_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{path}: not a Python file; expected one that defines a problem")
+    module = importlib.util.module_from_spec(spec)
+    # pydantic looks a model's annotations up in the module of that name.
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{path}: the file raised at {where(error, path)}") from error
+    return module
+
+
+def check(spec: ProblemSpec) -> None:
+    """Build the problem at its defaults and evaluate every part of it once.
+
+    Raises :class:`~ocp.errors.InputError` naming the part whose dimension or value does not fit.
+    """
+    problem = spec.problem()
+    p = problem.parameters.values
+    system = problem.system
+    parts = {
+        "the system": lambda: system.affine,
+        "x0, u_before or a bound": lambda: problem.limits(p),
+        "the cost": lambda: problem.cost_terms,
+        "the guess": lambda: _check_guess(problem, p),
+    }
+    for what, evaluate in parts.items():
+        try:
+            evaluate()
+        except Exception as error:
+            reason = str(error).strip().splitlines()[-1] if str(error).strip() else repr(error)
+            raise InputError(f"{spec.path}: {what} does not fit: {reason}") from error
+    start = problem.initial_states(p)
+    if not np.all(np.isfinite(start)):
+        raise InputError(f"{spec.path}: x0 is not finite: {start[0]}")
+    cost = np.array(problem.cost_terms(start[0], np.zeros(system.nu), np.zeros(system.nu), p))
+    if not np.all(np.isfinite(cost)):
+        raise InputError(f"{spec.path}: the cost is not a finite number at x0 and u = 0")
+    if spec.draw is not None:
+        try:
+            spec.draw(spec.params({}), start[0])
+        except Exception as error:
+            path = spec.path or Path()
+            raise InputError(f"{path}: draw(params, state) failed: {where(error, path)}") from error
+
+
+def _check_guess(problem: Problem, p: np.ndarray) -> None:
+    states, inputs = problem.initial_guess(p)
+    expected = (problem.N + 1, problem.system.nx), (problem.N, problem.system.nu)
+    shapes = np.shape(states), np.shape(inputs)
+    if shapes != expected:
+        raise ValueError(f"it has states {shapes[0]} and inputs {shapes[1]}, expected {expected}")

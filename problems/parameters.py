@@ -1,0 +1,97 @@
+"""Parameters of a named problem: checked numbers with units, and their symbols."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
+
+from dynamics.systems import Parameter, ParameterTable
+
+
+class Parameters(BaseModel):
+    """Base of every problem's parameters: finite numbers, nothing unknown, never changed.
+
+    A ``float`` field becomes a symbol that a study may turn; an ``int`` field, or one made by
+    :func:`structure`, shapes the problem (horizon, number of scenarios, seed) and stays a number.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+def quantity(
+    default: float,
+    unit: str,
+    meaning: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+) -> Any:
+    """Declare a scalar in SI ``unit`` with its range: greater than ``above``, in [least, most]."""
+    return Field(
+        default, gt=above, ge=least, le=most, description=meaning, json_schema_extra={"unit": unit}
+    )
+
+
+def structure(
+    default: float, meaning: str, *, least: float = 0, most: float | None = None, unit: str = "1"
+) -> Any:
+    """Declare a number that shapes the problem, such as its horizon, and is never a symbol."""
+    return Field(
+        default,
+        ge=least,
+        le=most,
+        description=meaning,
+        json_schema_extra={"unit": unit, "structural": True},
+    )
+
+
+def unit_of(field: FieldInfo) -> str:
+    """Return the field's unit, ``"1"`` where none was declared."""
+    extra = field.json_schema_extra
+    return str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
+
+
+def is_structural(field: FieldInfo) -> bool:
+    """Whether the field shapes the problem instead of becoming a symbol."""
+    extra = field.json_schema_extra
+    declared = isinstance(extra, dict) and bool(extra.get("structural"))
+    return declared or field.annotation is not float
+
+
+def range_of(field: FieldInfo) -> str:
+    """Say in words which values the field takes, with its unit: ``"a number > 0 [kg]"``."""
+    kind = {int: "a whole number", float: "a number"}.get(
+        field.annotation or float, f"a {getattr(field.annotation, '__name__', field.annotation)}"
+    )
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+    limits = [
+        f"{sign} {getattr(entry, attribute):g}"
+        for entry in field.metadata
+        for attribute, sign in signs.items()
+        if getattr(entry, attribute, None) is not None
+    ]
+    unit = unit_of(field)
+    return " and ".join([f"{kind} {limits[0]}", *limits[1:]] if limits else [kind]) + (
+        "" if unit == "1" else f" [{unit}]"
+    )
+
+
+def table(params: BaseModel) -> ParameterTable:
+    """Return the turnable parameters as fresh symbols with their values as defaults."""
+    return ParameterTable(
+        Parameter(name, float(getattr(params, name)), unit_of(field), field.description or "")
+        for name, field in type(params).model_fields.items()
+        if not is_structural(field)
+    )
+
+
+def structural_settings(params: BaseModel) -> dict[str, float | int | str]:
+    """Return the structural parameters by name, for the record of a run."""
+    return {
+        name: getattr(params, name)
+        for name, field in type(params).model_fields.items()
+        if is_structural(field)
+    }

@@ -1,0 +1,107 @@
+"""A mass pushed along a line by a spring-held actuator."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from pydantic import model_validator
+
+from dynamics.systems import quasi_dynamic, signals
+from ocp.problem import Problem, Reference
+from problems.drawing import Box, ContactFrame, Point, Shape
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation, Golden
+
+name = "push-1d"
+title = "Pushing a mass along a line"
+citation = Citation("suh2023noising", "Noising data, sec. IV-B and eq. 13")
+axes = ("x [m]", "")
+equations = (
+    "(M/h) (qu+ - qu) = lam,  h K (qa+ - u) = -lam,  0 <= lam ⟂ qu+ - qa+ - width >= 0",
+    "minimise  sum_k w_x (qu_k - goal_x)² + w_du du_k²  +  w_end (qu_N - goal_x)²",
+    "with du_k = u_k - u_(k-1), u_(-1) = qa0, |u| <= u_max, from (qu0, qa0)",
+)
+typst = (
+    "M / h (q_u^+ - q_u) = lambda, quad h K (q_a^+ - u) = -lambda,"
+    " quad 0 <= lambda perp q_u^+ - q_a^+ - w >= 0",
+    'min sum_(k=0)^(N-1) w_x (q_(u,k) - x_"goal")^2 + w_(delta u) delta u_k^2'
+    ' + w_"end" (q_(u,N) - x_"goal")^2',
+    'delta u_k = u_k - u_(k-1), quad u_(-1) = q_(a,0), quad abs(u) <= u_"max"',
+)
+golden: dict[str, Golden] = {}
+
+
+class Params(Parameters):
+    """Parameters of ``push-1d``; qu is the object, qa the pusher to its left."""
+
+    M: float = quantity(1.0, "kg", "mass of the object", above=0)
+    K: float = quantity(100.0, "N/m", "stiffness of the actuator", above=0)
+    h: float = quantity(0.1, "s", "step size", above=0)
+    N: int = structure(20, "number of steps", least=1)
+    width: float = quantity(0.2, "m", "distance of the centres in contact", least=0)
+    qu0: float = quantity(0.0, "m", "start of the object")
+    qa0: float = quantity(-0.5, "m", "start of the pusher")
+    goal_x: float = quantity(1.0, "m", "goal of the object")
+    w_x: float = quantity(1.0, "1/m^2", "stage weight of the distance to the goal", least=0)
+    w_du: float = quantity(0.1, "1/m^2", "stage weight of the input's increments", least=0)
+    w_end: float = quantity(100.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
+    u_max: float = quantity(2.0, "m", "largest commanded position", above=0)
+
+    @model_validator(mode="after")
+    def _apart(self) -> Params:
+        if self.qu0 - self.qa0 < self.width:
+            raise ValueError(
+                f"the pusher starts inside the object: qu0 - qa0 = {self.qu0 - self.qa0:g} m must"
+                f" be at least width = {self.width:g} m"
+            )
+        return self
+
+
+def build(params: Params) -> Problem:
+    """The problem of noising, sec. IV-B; u is the commanded position [m], lam an impulse [N s]."""
+    p = table(params)
+    system = quasi_dynamic(
+        name,
+        states=signals("qu [m] object; qa [m] pusher"),
+        inputs=signals("u [m] commanded pusher"),
+        contacts=signals("push [N s] impulse on the object"),
+        h=p["h"],
+        mass=p["M"],
+        stiffness=p["K"],
+        distance=lambda q: q[0] - q[1] - p["width"],
+        parameters=p,
+        citation=citation.key,
+    )
+    du = ca.SX.sym("du", 1)
+    off = system.x[0] - p["goal_x"]
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["w_x"] * off**2 + p["w_du"] * du**2,
+        terminal_cost=p["w_end"] * off**2,
+        x0=ca.vertcat(p["qu0"], p["qa0"]),
+        parameters=p,
+        du=du,
+        u_before=p["qa0"],
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Object and pusher as boxes that touch at distance ``width``, and the goal."""
+    side = params.width or 0.05
+    return [
+        Point(params.goal_x, 0, "goal"),
+        Box(float(state[0]), 0, side, side),
+        Box(float(state[1]), 0, side, side, role="actuator"),
+    ]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """The pusher pushes the object's left face towards positive x."""
+    return [ContactFrame(float(state[0]) - params.width / 2, 0, 1, 0)]

@@ -1,0 +1,127 @@
+"""A disc pushed over a plane by a smaller disc, frictionless."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from pydantic import model_validator
+
+from dynamics.systems import quasi_dynamic, signals
+from ocp.problem import Problem, Reference, Scenarios
+from problems.drawing import ContactFrame, Disc, Point, Shape
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation, Golden
+
+name = "push-disc"
+title = "Pushing a disc in the plane"
+citation = Citation("suh2023noising", "Noising data, eq. 13-14, in the plane and frictionless")
+axes = ("x [m]", "y [m]")
+equations = (
+    "(M/h) (o+ - o) = n lam,  h K (a+ - u) = -n lam",
+    "0 <= lam ⟂ |o - a| - R - r + n·((o+ - o) - (a+ - a)) >= 0,  n = (o - a) / |o - a|",
+    "minimise  sum_k w_x |o_k - goal|² + w_du |du_k|²  +  w_end |o_N - goal|²",
+    "with du_k = u_k - u_(k-1), u_(-1) = a_0, |u| <= u_max componentwise",
+)
+typst = (
+    "M / h (o^+ - o) = n lambda, quad h K (a^+ - u) = -n lambda, quad n = (o - a) / norm(o - a)",
+    "0 <= lambda perp norm(o - a) - R - r + n dot ((o^+ - o) - (a^+ - a)) >= 0",
+    'min sum_(k=0)^(N-1) w_x norm(o_k - o_"goal")^2 + w_(delta u) norm(delta u_k)^2'
+    ' + w_"end" norm(o_N - o_"goal")^2',
+    'delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u)_infinity <= u_"max"',
+)
+golden: dict[str, Golden] = {}
+
+
+class Params(Parameters):
+    """Parameters of ``push-disc``; with ``scenarios`` > 1 the object's start is uncertain."""
+
+    M: float = quantity(1.0, "kg", "mass of the object", above=0)
+    K: float = quantity(50.0, "N/m", "stiffness of the actuator", above=0)
+    h: float = quantity(0.1, "s", "step size", above=0)
+    N: int = structure(20, "number of steps", least=1)
+    R: float = quantity(0.5, "m", "radius of the object", above=0)
+    r: float = quantity(0.1, "m", "radius of the pusher", above=0)
+    ox0: float = quantity(0.0, "m", "start of the object, x")
+    oy0: float = quantity(0.0, "m", "start of the object, y")
+    ax0: float = quantity(-1.0, "m", "start of the pusher, x")
+    ay0: float = quantity(0.2, "m", "start of the pusher, y")
+    goal_x: float = quantity(1.0, "m", "goal of the object, x")
+    goal_y: float = quantity(0.5, "m", "goal of the object, y")
+    w_x: float = quantity(0.01, "1/m^2", "stage weight of the distance to the goal", least=0)
+    w_du: float = quantity(0.1, "1/m^2", "stage weight of the input's increments", least=0)
+    w_end: float = quantity(10.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
+    u_max: float = quantity(3.0, "m", "largest commanded coordinate", above=0)
+    scenarios: int = structure(1, "number of initial states", least=1, most=1000)
+    scenario_std: float = structure(0.03, "spread of the object's start over scenarios", unit="m")
+    scenario_seed: int = structure(0, "seed of the scenarios", most=2**31 - 1)
+
+    @model_validator(mode="after")
+    def _apart(self) -> Params:
+        distance = float(np.hypot(self.ox0 - self.ax0, self.oy0 - self.ay0))
+        if distance < self.R + self.r:
+            raise ValueError(
+                f"the pusher starts inside the object: their centres are {distance:g} m apart,"
+                f" which must be at least R + r = {self.R + self.r:g} m"
+            )
+        return self
+
+
+def build(params: Params) -> Problem:
+    """The quasi-dynamic model of noising, eq. 13, with the gap linearised at the current q.
+
+    u is the commanded position of the pusher [m], lam an impulse [N s].
+    """
+    p = table(params)
+
+    def distance(q: ca.SX) -> ca.SX:
+        return ca.norm_2(q[:2] - q[2:]) - p["R"] - p["r"]
+
+    system = quasi_dynamic(
+        name,
+        states=signals("ox [m] object; oy [m] object; ax [m] pusher; ay [m] pusher"),
+        inputs=signals("ux [m] commanded pusher; uy [m] commanded pusher"),
+        contacts=signals("push [N s] impulse on the object"),
+        h=p["h"],
+        mass=p["M"] * ca.SX.eye(2),
+        stiffness=p["K"] * ca.SX.eye(2),
+        distance=distance,
+        parameters=p,
+        citation=citation.key,
+    )
+    du = ca.SX.sym("du", 2)
+    off = ca.sumsqr(system.x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
+    std = params.scenario_std
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["w_x"] * off + p["w_du"] * ca.sumsqr(du),
+        terminal_cost=p["w_end"] * off,
+        x0=ca.vertcat(p["ox0"], p["oy0"], p["ax0"], p["ay0"]),
+        parameters=p,
+        du=du,
+        u_before=ca.vertcat(p["ax0"], p["ay0"]),
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        scenarios=Scenarios(params.scenarios, (std, std, 0.0, 0.0), params.scenario_seed),
+        reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Object, pusher and goal."""
+    ox, oy, ax, ay = (float(value) for value in state)
+    return [
+        Point(params.goal_x, params.goal_y, "goal"),
+        Disc(ox, oy, params.R),
+        Disc(ax, ay, params.r, "actuator"),
+    ]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """The pusher pushes the object along the line of centres."""
+    normal = np.asarray(state[:2]) - np.asarray(state[2:])
+    nx, ny = (float(value) for value in normal / np.linalg.norm(normal))
+    return [ContactFrame(float(state[0]) - params.R * nx, float(state[1]) - params.R * ny, nx, ny)]

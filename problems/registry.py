@@ -1,0 +1,107 @@
+"""Every problem by name, and a user's own file as if it had one."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from pydantic import BaseModel
+
+from ocp.errors import InputError
+from ocp.problem import Problem
+from problems.loading import check, import_file
+from problems.spec import ProblemSpec, did_you_mean
+
+_MODULES = {
+    "wall-1d": "problems.wall_1d",
+    "push-1d": "problems.push_1d",
+    "push-disc": "problems.push_disc",
+    "ball-bounce": "problems.ball_bounce",
+    "cart-walls": "problems.cart_walls",
+}
+_REQUIRED = ("name", "title", "Params", "build")
+_OPTIONAL = ("equations", "typst", "draw", "frames", "axes", "golden", "citation")
+
+
+def names() -> list[str]:
+    """Names of the problems that ship with the workbench."""
+    return list(_MODULES)
+
+
+def spec(name: str) -> ProblemSpec:
+    """Return the problem called ``name``, or the one that the file ``name`` (``*.py``) defines.
+
+    Raises :class:`~ocp.errors.InputError` for a name that is neither.
+    """
+    if name.endswith(".py"):
+        return load(name)
+    if name not in _MODULES:
+        raise InputError(
+            f"unknown problem {name!r}{did_you_mean(name, _MODULES)}; there are"
+            f" {', '.join(_MODULES)}, or give the path of a file such as my_problem.py"
+        )
+    return _registered(name)
+
+
+def get(name: str, **params: Any) -> Problem:
+    """Build the problem ``name`` with ``params``, the rest at their defaults.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown name or a bad parameter.
+    """
+    return spec(name).problem(params)
+
+
+def load(path: str | Path) -> ProblemSpec:
+    """Read a problem from a user's file.
+
+    The file defines ``name``, ``title``, ``Params`` (a pydantic model, :mod:`problems.parameters`)
+    and ``build(params) -> Problem``, and may define ``equations``, ``typst``, ``draw``,
+    ``frames``, ``axes``, ``golden`` and ``citation``, as the files beside this one do.
+
+    Raises :class:`~ocp.errors.InputError` where there is no such file, it raises (with the line),
+    a name is missing or of the wrong kind, or the problem's dimensions do not fit.
+    """
+    file = Path(path).expanduser().resolve()
+    found = _from_module(import_file(file), file)
+    check(found)
+    return found
+
+
+@cache
+def _registered(name: str) -> ProblemSpec:
+    return _from_module(importlib.import_module(_MODULES[name]), None)
+
+
+def _from_module(module: ModuleType, path: Path | None) -> ProblemSpec:
+    values = {key: getattr(module, key) for key in _REQUIRED if hasattr(module, key)}
+    missing = [key for key in _REQUIRED if key not in values]
+    if missing:
+        raise InputError(
+            f"{path}: the file must define {', '.join(_REQUIRED)};"
+            f" {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+        )
+    wrong = _wrong_kind(values)
+    if wrong:
+        raise InputError(f"{path}: {wrong}")
+    values |= {key: getattr(module, key) for key in _OPTIONAL if hasattr(module, key)}
+    for key in ("equations", "typst"):
+        lines = values.get(key, ())
+        values[key] = tuple(lines.splitlines()) if isinstance(lines, str) else tuple(lines)
+    return ProblemSpec(**values, path=path)
+
+
+def _wrong_kind(values: dict[str, Any]) -> str | None:
+    if not (isinstance(values["name"], str) and re.fullmatch(r"\w[\w.-]*", values["name"])):
+        return f"name must be a word of letters, digits, '-' and '_', got {values['name']!r}"
+    if not isinstance(values["title"], str):
+        return f"title must be a text, got {values['title']!r}"
+    params = values["Params"]
+    if not (isinstance(params, type) and issubclass(params, BaseModel)):
+        return "Params must be a class derived from problems.Parameters (a pydantic model)"
+    if not callable(values["build"]):
+        return "build must be a function that takes Params and returns a Problem"
+    return None

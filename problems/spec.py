@@ -1,0 +1,173 @@
+"""A named problem as the workbench knows it: parameters, builder, drawing, known optima."""
+
+from __future__ import annotations
+
+import difflib
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from ocp.errors import InputError
+from ocp.problem import Problem
+from problems.drawing import ContactFrame, Shape
+from problems.parameters import range_of, unit_of
+
+
+@dataclass(frozen=True)
+class Citation:
+    """Where a problem comes from: the key in the bibliography, and the place in words."""
+
+    key: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Golden:
+    """A known optimum: cost under ``law`` and ``method`` at the default parameters.
+
+    ``tolerance`` is relative; ``source`` says how the number was found; ``starts`` is the number of
+    starts that finds it.
+    """
+
+    law: str
+    method: str
+    cost: float
+    tolerance: float
+    source: str
+    starts: int = 1
+
+
+@dataclass(frozen=True)
+class ProblemSpec:
+    """One named problem, at any parameters.
+
+    ``build(params)`` gives the :class:`~ocp.problem.Problem`; ``draw(params, state)`` the shapes at
+    one state (nx,), ``frames(params, state)`` the place and direction of each contact;
+    ``equations`` are plain lines, ``typst`` the same in typst's mathematics; ``axes`` label the
+    drawing; ``path`` is the user's file, None for a problem that ships with the workbench.
+    """
+
+    name: str
+    title: str
+    Params: type[BaseModel]
+    build: Callable[[Any], Problem]
+    equations: tuple[str, ...] = ()
+    typst: tuple[str, ...] = ()
+    draw: Callable[[Any, np.ndarray], list[Shape]] | None = None
+    frames: Callable[[Any, np.ndarray], list[ContactFrame]] | None = None
+    axes: tuple[str, str] = ("x [m]", "y [m]")
+    golden: Mapping[str, Golden] = field(default_factory=dict)
+    citation: Citation | None = None
+    path: Path | None = None
+
+    def params(self, values: Mapping[str, Any]) -> BaseModel:
+        """Check ``values`` and fill in the defaults.
+
+        Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
+        """
+        try:
+            return self.Params(**values)
+        except ValidationError as error:
+            raise InputError(self._explain(error)) from None
+
+    def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
+        """Build the problem at ``values``, the rest at their defaults.
+
+        Raises :class:`~ocp.errors.InputError` for a bad parameter, and for a user's ``build`` that
+        raises, returns no problem, or one whose dimensions do not fit.
+        """
+        params = self.params(values or {})
+        try:
+            problem = self.build(params)
+        except Exception as error:
+            if self.path is None:
+                raise
+            raise InputError(f"{self.path}: build(params) failed: {where(error, self.path)}") from (
+                error
+            )
+        if not isinstance(problem, Problem):
+            raise InputError(
+                f"{self.path or self.name}: build(params) returned"
+                f" {_kind(problem)}, expected an ocp.problem.Problem"
+            )
+        return problem
+
+    def _explain(self, error: ValidationError) -> str:
+        found = error.errors()[0]
+        if not found["loc"]:
+            return f"{self.name}: {found['msg'].removeprefix('Value error, ')}"
+        parameter = str(found["loc"][0])
+        fields = self.Params.model_fields
+        if parameter not in fields:
+            return (
+                f"{self.name}: unknown parameter {parameter!r}"
+                f"{did_you_mean(parameter, fields)}; it takes {', '.join(fields) or 'none'}"
+            )
+        about = fields[parameter]
+        given = found["input"]
+        if found["type"] == "missing":
+            return f"{self.name}: parameter {parameter} has no default; give {range_of(about)}"
+        shown = repr(given) if isinstance(given, str) else given
+        meaning = f" ({about.description})" if about.description else ""
+        return f"{self.name}: parameter {parameter}{meaning} must be {range_of(about)}, got {shown}"
+
+
+def parse_parameters(spec: ProblemSpec, assignments: Iterable[str]) -> dict[str, Any]:
+    """Read ``["M=2", "N=40"]`` into checked values by name, ready for :meth:`ProblemSpec.problem`.
+
+    Raises :class:`~ocp.errors.InputError` for anything that is not ``name=value``, for a name
+    given twice, and for what :meth:`ProblemSpec.params` refuses.
+    """
+    given: dict[str, str] = {}
+    for assignment in assignments:
+        name, sign, value = (part.strip() for part in assignment.partition("="))
+        if not (name and sign and value):
+            raise InputError(f"{spec.name}: expected name=value, got {assignment!r}; say -p M=2.0")
+        if name in given:
+            raise InputError(f"{spec.name}: parameter {name} is given twice; give it once")
+        given[name] = value
+    checked = spec.params(given)
+    return {name: getattr(checked, name) for name in given}
+
+
+def describe(spec: ProblemSpec) -> list[dict[str, Any]]:
+    """List the parameters in order, each with name, value, unit, range and description."""
+    return [
+        {
+            "name": name,
+            "value": about.default,
+            "unit": unit_of(about),
+            "range": range_of(about),
+            "description": about.description or "",
+        }
+        for name, about in spec.Params.model_fields.items()
+    ]
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ``" (did you mean 'x'?)"`` for the nearest known name, or nothing."""
+    names = {candidate.lower(): candidate for candidate in known}
+    close = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
+    return f" (did you mean {names[close[0]]!r}?)" if close else ""
+
+
+def where(error: BaseException, path: Path) -> str:
+    """Say what was raised and at which line of the user's file."""
+    if isinstance(error, SyntaxError):
+        return f"line {error.lineno}: {type(error).__name__}: {error.msg}"
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename) == path
+    ]
+    place = f"line {lines[-1]}: " if lines else ""
+    return f"{place}{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+
+
+def _kind(value: object) -> str:
+    return "nothing" if value is None else f"a {type(value).__name__}"

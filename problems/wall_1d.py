@@ -1,0 +1,92 @@
+"""A mass that is pushed against a wall: the smallest problem with contact."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import signals, time_stepping
+from ocp.problem import Problem, Reference
+from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation, Golden
+
+name = "wall-1d"
+title = "A mass against a wall"
+citation = Citation("suh2022pathologies", "Pathologies of differentiable simulators, ex. IV.1-2")
+axes = ("x [m]", "")
+equations = (
+    "m (v+ - v) = u + lam,  x+ = x + h v+,  0 <= lam ⟂ x+ >= 0",
+    "minimise  sum_k w_x (x_k - goal_x)² + w_v v_k² + w_u u_k²  +  w_end (x_N - goal_x)²",
+    "with |u| <= u_max, from (x0, v0)",
+)
+typst = (
+    "m (v^+ - v) = u + lambda, quad x^+ = x + h v^+, quad 0 <= lambda perp x^+ >= 0",
+    'min sum_(k=0)^(N-1) w_x (x_k - x_"goal")^2 + w_v v_k^2 + w_u u_k^2'
+    ' + w_"end" (x_N - x_"goal")^2',
+    'abs(u) <= u_"max"',
+)
+golden: dict[str, Golden] = {}
+
+
+class Params(Parameters):
+    """Parameters of ``wall-1d``; the wall is at x = 0, the goal behind it."""
+
+    m: float = quantity(1.0, "kg", "mass", above=0)
+    h: float = quantity(0.1, "s", "step size", above=0)
+    N: int = structure(30, "number of steps", least=1)
+    x0: float = quantity(1.0, "m", "start position", least=0)
+    v0: float = quantity(0.0, "m/s", "start velocity")
+    goal_x: float = quantity(-0.5, "m", "goal position")
+    w_x: float = quantity(1.0, "1/m^2", "stage weight of the distance to the goal", least=0)
+    w_v: float = quantity(0.1, "s^2/m^2", "stage weight of the velocity", least=0)
+    w_u: float = quantity(0.01, "1/(N s)^2", "stage weight of the input", least=0)
+    w_end: float = quantity(10.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
+    u_max: float = quantity(1.0, "N s", "largest input impulse", above=0)
+
+
+def build(params: Params) -> Problem:
+    """The problem of pathologies, ex. IV.1-2, with a task; u and lam are impulses [N s]."""
+    p = table(params)
+    system = time_stepping(
+        name,
+        states=signals("x [m] position; v [m/s] velocity"),
+        inputs=signals("u [N s] impulse"),
+        contacts=signals("wall [N s] impulse of the wall"),
+        h=p["h"],
+        mass=p["m"],
+        impulse=lambda q, v, u: u,  # noqa: ARG005
+        distance=lambda q: q,
+        parameters=p,
+        citation=citation.key,
+    )
+    x, v, u = system.x[0], system.x[1], system.u
+    off = x - p["goal_x"]
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["w_x"] * off**2 + p["w_v"] * v**2 + p["w_u"] * u**2,
+        terminal_cost=p["w_end"] * off**2,
+        x0=ca.vertcat(p["x0"], p["v0"]),
+        parameters=p,
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        reference=Reference(impulse=1.0, gap=0.1, x=1.0, u=0.5),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """The wall, the goal behind it, and the mass in front of it."""
+    return [
+        HalfPlane(0, 0, 1, 0),
+        Point(params.goal_x, 0, "goal"),
+        Box(float(state[0]) + 0.05, 0, 0.1, 0.1),
+    ]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:  # noqa: ARG001
+    """The wall pushes towards positive x."""
+    return [ContactFrame(float(state[0]), 0, 1, 0)]
