@@ -1,0 +1,46 @@
+"""The house: one root, one direction of imports, one version, and no uninvited names."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("dynamics", "ocp", "problems", "reports")
+
+
+def test_all_four_packages_come_from_one_root() -> None:
+    """Other distributions ship packages named ocp and reports; they must not shadow ours."""
+    roots = {name: Path(import_module(name).__file__ or "").parents[1] for name in PACKAGES}
+    assert set(roots.values()) == {ROOT}
+
+
+def test_the_version_is_told_once() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert version("centralpath") == project["version"]
+
+
+@pytest.mark.parametrize(
+    ("floor", "above"), [(name, PACKAGES[i + 1 :]) for i, name in enumerate(PACKAGES[:-1])]
+)
+def test_a_floor_loads_nothing_from_above(floor: str, above: tuple[str, ...]) -> None:
+    """Import every module of a floor in a fresh interpreter and look at what came along."""
+    modules = [
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        for path in sorted((ROOT / floor).rglob("*.py"))
+        # Needs a library that only an extra installs.
+        if path.stem != "llvm_backend"
+    ]
+    code = (
+        f"import sys\nfor name in {modules!r}: __import__(name)\n"
+        f"print([m for m in sys.modules if m.split('.')[0] in {above!r}])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,227 @@
+"""The run store: what goes in comes out, whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from ocp.errors import DamagedRun, InputError
+from ocp.solution import Audit, Solution, StageRecord, Status, Violation
+from ocp.studies import store
+
+
+def dataset(shift: float = 0.0) -> xr.Dataset:
+    x = np.linspace(0, 1, 6).reshape(1, 3, 2) + shift
+    return xr.Dataset(
+        {
+            "x": (("scenario", "node", "state"), x, {"units": "see state"}),
+            "lam": (("scenario", "interval"), [[0.0, math.nan]], {"units": "N s"}),
+        },
+        coords={"state": ["q", "v"], "time": ("node", [0.0, 0.1, 0.2], {"units": "s"})},
+    )
+
+
+def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
+    audit = Audit(
+        complementarity=1e-9, complementarity_min=1e-9, dynamics_residual=1e-12, law_residual=0.0,
+        constraint_violation=0.0, penetration=0.0, exact_penetration=math.nan, exact_cost=math.inf,
+        state_gap=0.0, active_steps=3, task_gradient=0.5,
+        worst=[Violation("dynamics", "q", 0, 2, 1e-12)],
+    )  # fmt: skip
+    stage = StageRecord("contact.mu", 1e-3, 2.5, 1e-3, 1e-9, 7, seconds, "solved")
+    record = {"problem": "toy", "contact": "exact", "seed": 4, "parameters": {"m": 1.0}}
+    return Solution(
+        dataset(), cost, Status.SOLVED, audit, [stage], 7, seconds, 2 * seconds, record,
+        others=[{"start": 1, "cost": 3.0, "seconds": seconds}],
+    )  # fmt: skip
+
+
+def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
+    original = solution()
+    run = store.load(store.save(original, tmp_path, ["ocp", "solve", "toy"]))
+    again = run.solution()
+    xr.testing.assert_identical(again.data, original.data)
+    assert again.stages == original.stages
+    assert again.record == original.record
+    assert again.others == original.others
+    assert (again.cost, again.status, again.iterations) == (2.5, Status.SOLVED, 7)
+    assert again.audit.worst == original.audit.worst
+    assert math.isnan(again.audit.exact_cost), "what JSON cannot hold comes back as NaN"
+    assert run.meta["argv"] == ["ocp", "solve", "toy"]
+    assert run.meta["seed"] == 4
+    assert {"python", "casadi", "numpy"} <= set(run.meta["versions"])
+
+
+def test_meta_is_strict_json(tmp_path: Path) -> None:
+    path = store.save(solution(), tmp_path, [])
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is not JSON")
+
+    meta = json.loads((path / "meta.json").read_text(), parse_constant=refuse)
+    assert meta["audit"]["exact_cost"] is None
+    assert meta["schema"] == store.SCHEMA
+
+
+def test_the_hash_tells_content_and_ignores_times(tmp_path: Path) -> None:
+    def stored(what: Solution, argv: list[str]) -> str:
+        return store.load(store.save(what, tmp_path, argv)).meta["hash"]
+
+    first = stored(solution(seconds=1.0), ["a"])
+    assert stored(solution(seconds=9.0), ["b"]) == first
+    assert stored(solution(cost=2.6), ["a"]) != first
+    assert stored(replace(solution(), data=dataset(1e-15)), ["a"]) != first
+    renamed = dataset().rename({"x": "y"})
+    assert stored(replace(solution(), data=renamed), ["a"]) != first
+
+
+def test_identical_runs_in_one_second_are_both_kept(tmp_path: Path) -> None:
+    paths = {store.save(solution(), tmp_path, []) for _ in range(4)}
+    assert len(paths) == 4
+    assert {entry.path for entry in store.list_runs(tmp_path)} == paths
+
+
+def test_nothing_but_the_two_files(tmp_path: Path) -> None:
+    path = store.save(solution(), tmp_path, [])
+    assert {file.name for file in path.iterdir()} == {"solution.nc", "meta.json"}
+    assert [child.name for child in path.parent.iterdir()] == [path.name]
+
+
+def test_a_name_cannot_leave_the_store(tmp_path: Path) -> None:
+    data = dataset()
+    path = store.write(tmp_path / "runs", "../evil name/..", data, {"kind": "continue"})
+    assert path.parent.parent == tmp_path / "runs"
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def edit(**changes: object):
+    def change(path: Path) -> None:
+        meta = json.loads(path.read_text()) | changes
+        path.write_text(json.dumps({k: v for k, v in meta.items() if v != "gone"}))
+
+    return change
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(bytes(content))
+
+
+@pytest.mark.parametrize(
+    ("file", "harm", "reason"),
+    [
+        ("solution.nc", Path.unlink, "No such file"),
+        ("solution.nc", cut, "checksum"),
+        ("solution.nc", flip, "checksum"),
+        ("meta.json", Path.unlink, "No such file"),
+        ("meta.json", cut, "not JSON"),
+        ("meta.json", lambda path: path.write_text("[1]"), "schema"),
+        ("meta.json", edit(schema=99), "schema version 99"),
+        ("meta.json", edit(hash="gone", kind="gone"), "lacks hash, kind"),
+    ],
+)
+def test_damage_is_named(tmp_path: Path, file: str, harm, reason: str) -> None:
+    path = store.save(solution(), tmp_path, [])
+    harm(path / file)
+    with pytest.raises(DamagedRun) as caught:
+        store.load(path)
+    assert file in str(caught.value)
+    assert reason in str(caught.value)
+
+
+def test_an_unreadable_netcdf_with_the_right_checksum_is_damaged(tmp_path: Path) -> None:
+    path = store.save(solution(), tmp_path, [])
+    (path / "solution.nc").write_bytes(b"not netCDF")
+    checksum = hashlib.sha256(b"not netCDF").hexdigest()
+    edit(checksum=checksum)(path / "meta.json")
+    with pytest.raises(DamagedRun, match="no readable netCDF"):
+        store.load(path)
+
+
+def test_a_listing_shows_damaged_runs_with_the_reason(tmp_path: Path) -> None:
+    good, bad = (store.save(solution(), tmp_path, []) for _ in range(2))
+    (bad / "meta.json").unlink()
+    entries = {entry.path: entry for entry in store.list_runs(tmp_path)}
+    assert entries[good].meta is not None
+    assert entries[bad].meta is None
+    assert "meta.json" in entries[bad].damage
+
+
+def test_a_missing_run_is_wrong_usage(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no run"):
+        store.load(tmp_path / "nothing")
+
+
+def test_a_study_is_no_solution(tmp_path: Path) -> None:
+    path = store.write(tmp_path, "toy", dataset(), {"kind": "continue"})
+    with pytest.raises(InputError, match="continue"):
+        store.load(path).solution()
+
+
+@pytest.mark.parametrize("call", [store.check_writable, lambda r: store.save(solution(), r, [])])
+def test_a_root_that_is_a_file_is_refused(tmp_path: Path, call) -> None:
+    root = tmp_path / "runs"
+    root.write_text("")
+    with pytest.raises(InputError, match="--out"):
+        call(root)
+
+
+@pytest.mark.parametrize("fails", ["fsync", "rename"])
+def test_a_full_disk_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(*((os, "fsync") if fails == "fsync" else (Path, "rename")), full)
+    with pytest.raises(InputError, match="disk is full"):
+        store.save(solution(), tmp_path, [])
+    assert list((tmp_path / "toy").iterdir()) == []
+
+
+KILLED_WHILE_WRITING = textwrap.dedent(
+    """
+    import sys, time
+    import xarray as xr
+    from pathlib import Path
+    from ocp.studies import store
+    def hang(*_):
+        print("writing", flush=True)
+        time.sleep(60)
+    store._flush_directory = hang
+    store.write(Path(sys.argv[1]), "toy", xr.Dataset({"a": ("n", [1.0])}), {"kind": "continue"})
+    """
+)
+
+
+def test_kill_leaves_no_half_run_and_the_next_save_sweeps(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", KILLED_WHILE_WRITING, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "writing\n"
+        store.save(solution(), tmp_path, [])
+        living = [p for p in (tmp_path / "toy").iterdir() if p.name.startswith(".")]
+        assert len(living) == 1, "a save must not sweep what a living process is writing"
+        process.send_signal(signal.SIGKILL)
+    assert living[0].exists()
+    assert len(store.list_runs(tmp_path)) == 1, "a half run must not be listed"
+    store.save(solution(), tmp_path, [])
+    assert not living[0].exists()
+    assert len(store.list_runs(tmp_path)) == 2
