@@ -50,6 +50,11 @@ def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     return D, ca.fmax(size, 1e-150)
 
 
+def iteration_count(n: int) -> int:
+    """Iterations that the path solver is given for n contacts; half of them mostly suffice."""
+    return min(ITERATIONS, 24 + 2 * n)
+
+
 @cache
 def iteration(n: int) -> ca.Function:
     """One iteration on the scaled problem: ``(lam, s, z, F, mu) -> (lam, s)``.
@@ -121,7 +126,7 @@ def iteration(n: int) -> ca.Function:
 
 
 @cache
-def lcp_solver(n: int, exact: bool = False, iterations: int = ITERATIONS) -> ca.Function:
+def lcp_solver(n: int, exact: bool = False) -> ca.Function:
     """Solve ``lam (z + F lam) = mu`` for lam > 0: ``(z, F, mu) -> (lam, s, error)``.
 
     ``z``, ``mu``, ``lam`` (impulse), ``s`` (gap), ``error`` are (n, 1), F is a (n, n) P-matrix;
@@ -139,6 +144,7 @@ def lcp_solver(n: int, exact: bool = False, iterations: int = ITERATIONS) -> ca.
         lam = exact_scalar_solution(z, F) if exact else scalar_solution(z, F, mu)
         s = ca.fmax(0, z) if exact else ca.if_else(z > 0, z + F * lam, mu / ca.fmax(lam, 1e-300))
         return ca.Function("contact_1", [z, F, mu], [lam, s, 0 * z], *names)
+    iterations = iteration_count(n)
     D, c = scaling(z, F, 0 * mu if exact else mu)
     pre = ca.Function(
         "scale",

@@ -1,0 +1,13 @@
+"""Methods that turn a problem under a law and a policy into one NLP."""
+
+from ocp.transcription.direct import Direct
+from ocp.transcription.multiple_shooting import MultipleShooting
+from ocp.transcription.nlp import NLP
+from ocp.transcription.single_shooting import SingleShooting
+
+Method = Direct | MultipleShooting | SingleShooting
+METHODS: dict[str, type[Method]] = {
+    method.name: method for method in (Direct, MultipleShooting, SingleShooting)
+}
+
+__all__ = ["METHODS", "NLP", "Direct", "Method", "MultipleShooting", "SingleShooting"]

@@ -1,0 +1,143 @@
+"""Run a named NLP solver on an NLP and say what it did."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.solution import Status
+from ocp.transcription.nlp import NLP
+
+SOLVERS = {
+    "ipopt": "interior point, exact Hessian, MUMPS or SPRAL inside (the default)",
+    "fatrop": "interior point for staged problems",
+    "uno": "barrier and SQP methods of the Uno family",
+    "sleqp": "sequential linear programming with equality-constrained steps",
+}
+IPOPT_DEFAULTS: dict[str, Any] = {
+    "print_level": 0,
+    "sb": "yes",
+    "tol": 1e-9,
+    "constr_viol_tol": 1e-9,
+    "compl_inf_tol": 1e-9,
+    "dual_inf_tol": 1e-4,
+    "acceptable_iter": 0,
+    "max_iter": 1000,
+    "bound_relax_factor": 0.0,
+    "honor_original_bounds": "yes",
+    "mumps_mem_percent": 200,
+}
+_STATUS = {
+    "Solve_Succeeded": Status.SOLVED,
+    "Solved_To_Acceptable_Level": Status.SOLVED,
+    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": Status.ITERATION_LIMIT,
+    "Maximum_WallTime_Exceeded": Status.ITERATION_LIMIT,
+    "Infeasible_Problem_Detected": Status.INFEASIBLE,
+    "Diverging_Iterates": Status.DIVERGED,
+    "Invalid_Number_Detected": Status.DIVERGED,
+    "User_Requested_Stop": Status.STOPPED,
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """Variables and multipliers of an NLP: what a warm start needs."""
+
+    x: np.ndarray
+    lam_x: np.ndarray | None = None
+    lam_g: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    """Where a solver stopped: point, cost, constraints, and its own word on it."""
+
+    point: Point
+    f: float
+    g: np.ndarray
+    status: Status
+    word: str
+    iterations: int
+    seconds: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether the solver claims convergence."""
+        return self.status is Status.SOLVED
+
+
+class Solver:
+    """A solver by name with its options; compiled instances are kept on the NLP.
+
+    ``options`` are the solver's own (for IPOPT without the ``ipopt.`` prefix). Raises
+    :class:`~ocp.errors.InputError` for an unknown name, a plugin this CasADi lacks, or an option
+    the solver refuses.
+    """
+
+    def __init__(self, name: str = "ipopt", options: dict[str, Any] | None = None) -> None:
+        if name not in SOLVERS:
+            raise InputError(f"unknown solver {name!r}; there are {', '.join(SOLVERS)}")
+        if not ca.has_nlpsol(name):
+            raise InputError(f"this CasADi has no {name}; use --solver ipopt")
+        self.name, self.options = name, dict(options or {})
+
+    def run(
+        self,
+        nlp: NLP,
+        start: Point,
+        p: np.ndarray,
+        bounds: dict[str, np.ndarray],
+        **overrides: Any,
+    ) -> Result:
+        """Solve from ``start``; with multipliers there and ``warm_start_init_point`` they are used."""
+        function = self._instance(nlp, overrides)
+        arguments: dict[str, Any] = {"x0": start.x, "p": p, **bounds}
+        if start.lam_g is not None:
+            arguments |= {"lam_g0": start.lam_g, "lam_x0": start.lam_x}
+        began = time.perf_counter()
+        answer = function(**arguments)
+        seconds = time.perf_counter() - began
+        stats = function.stats()
+        word = str(stats.get("return_status", "unknown"))
+        good = bool(stats.get("success", False))
+        status = _STATUS.get(word, Status.SOLVED if good else Status.FAILED)
+        values = {key: np.array(answer[key]).ravel() for key in ("x", "lam_x", "lam_g", "g")}
+        point = Point(values["x"], values["lam_x"], values["lam_g"])
+        cost = float(answer["f"])
+        if not np.all(np.isfinite(values["x"])):
+            status = Status.DIVERGED
+        return Result(
+            point, cost, values["g"], status, word, int(stats.get("iter_count", 0)), seconds
+        )
+
+    def _instance(self, nlp: NLP, overrides: dict[str, Any]) -> ca.Function:
+        options = {**self.options, **overrides}
+        key = json.dumps([self.name, options], sort_keys=True, default=str)
+        if key not in nlp.solvers:
+            nlp.solvers[key] = self._create(nlp, options)
+        return nlp.solvers[key]
+
+    def _create(self, nlp: NLP, options: dict[str, Any]) -> ca.Function:
+        x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", len(nlp.names) + nlp.data.size)
+        f, g = nlp.f_g(x, p)
+        common: dict[str, Any] = {"print_time": False, "calc_lam_p": False, "error_on_fail": False}
+        if self.name == "ipopt":
+            inner = {**IPOPT_DEFAULTS, **options}
+            derivatives = {"grad_f": nlp.gradient, "jac_g": nlp.jacobian, "hess_lag": nlp.hessian}
+            common |= {"ipopt": inner, **derivatives}
+        else:
+            common[self.name] = {**({"print_level": 0} if self.name == "fatrop" else {}), **options}
+        try:
+            return ca.nlpsol("solver", self.name, {"x": x, "p": p, "f": f, "g": g}, common)
+        except RuntimeError as error:
+            line = next((s for s in str(error).splitlines() if "ption" in s), str(error).strip())
+            raise InputError(
+                f"{self.name} refused its options {options}: {line.strip()}"
+            ) from error

@@ -1,0 +1,117 @@
+"""What all transcriptions share: the parameters of the graph and the local symbols of a stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from ocp.policy import Feedback, Policy
+from ocp.problem import Problem
+from ocp.transcription.nlp import Layout
+
+
+@dataclass(eq=False)
+class Graph:
+    """A problem under a law and a policy, before a method turns it into variables.
+
+    ``names`` are all scalar parameters in order, ``p`` their symbols: the problem's, the law's,
+    then ``penalty`` and ``relaxation``.
+    """
+
+    problem: Problem
+    step: Step
+    policy: Policy
+
+    def __post_init__(self) -> None:
+        table = self.problem.parameters + self.step.p
+        self.penalty, self.relaxation = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
+        self.names = [*table.names, "penalty", "relaxation"]
+        self.p = ca.vertcat(table.vector, self.penalty, self.relaxation)
+        self.K = ca.SX.sym("K", self.nu, self.nx)
+        self.k = ca.SX.sym("k", self.nu)
+        self.u_before = ca.SX.sym("u_before", self.nu)
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return self.problem.system.nx
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.problem.system.nu
+
+    @property
+    def scenarios(self) -> int:
+        """Number of scenarios."""
+        return self.problem.scenarios.n
+
+    @property
+    def feedback(self) -> bool:
+        """Whether inputs come from gains."""
+        return isinstance(self.policy, Feedback)
+
+    @property
+    def gain_steps(self) -> int:
+        """Number of distinct gains."""
+        return 1 if isinstance(self.policy, Feedback) and self.policy.stationary else self.problem.N
+
+    def stage_cost(self) -> ca.SX:
+        """Stage cost with du written out as u - u_before."""
+        problem = self.problem
+        if problem.du is None:
+            return problem.stage_cost
+        return ca.substitute(problem.stage_cost, problem.du, problem.system.u - self.u_before)
+
+    def path_constraints(self) -> ca.SX:
+        """Path constraint expressions, stacked."""
+        return ca.vertcat(ca.SX(0, 1), *(c.expression for c in self.problem.path))
+
+    def terminal_constraints(self) -> ca.SX:
+        """Terminal constraint expressions, stacked."""
+        return ca.vertcat(ca.SX(0, 1), *(c.expression for c in self.problem.terminal))
+
+    def data(self) -> Layout:
+        """Layout of the initial data in the parameter vector."""
+        layout = Layout()
+        layout.add("x0", (self.scenarios, self.nx))
+        layout.add("u_before", (self.nu,))
+        return layout
+
+    def add_gains(self, variables: Layout) -> None:
+        """Append gains and offsets to the variables."""
+        if self.feedback:
+            variables.add("K", (self.gain_steps, self.nu, self.nx))
+            variables.add("k", (self.gain_steps, self.nu))
+
+    def gain_symbols(self) -> list[ca.SX]:
+        """Local gain symbols of a stage, K by rows; none for open loop."""
+        return [ca.vec(self.K.T), self.k] if self.feedback else []
+
+    def gain_index(self, variables: Layout) -> np.ndarray:
+        """Positions of each step's gains, shape (N, nu nx + nu), or (N, 0)."""
+        if not self.feedback:
+            return np.zeros((self.problem.N, 0), dtype=int)
+        K = variables["K"].index.reshape(self.gain_steps, -1)
+        both = np.concatenate([K, variables["k"].index], axis=1)
+        return np.broadcast_to(both, (self.problem.N, both.shape[1]))
+
+    def component_names(self, kind: str) -> tuple[str, ...]:
+        """Names of the states, inputs or contacts."""
+        system = self.problem.system
+        signals = {"x": system.states, "u": system.inputs, "lam": self.step.contacts}[kind]
+        return tuple(signal.name for signal in signals)
+
+
+def constraint_names(constraints: object) -> tuple[str, ...]:
+    """Name every entry of a problem's path or terminal constraints."""
+    names = []
+    for constraint in constraints:  # pyright: ignore[reportGeneralTypeIssues]
+        size = constraint.expression.numel()
+        names += (
+            [constraint.name] if size == 1 else [f"{constraint.name}[{i}]" for i in range(size)]
+        )
+    return tuple(names)

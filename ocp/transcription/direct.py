@@ -1,0 +1,186 @@
+"""Direct transcription: states, inputs, multipliers and gaps are all variables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from ocp.errors import InputError
+from ocp.policy import Feedback, Policy
+from ocp.problem import Problem
+from ocp.transcription.common import Graph, constraint_names
+from ocp.transcription.nlp import NLP, Layout
+from ocp.transcription.stage import Compile, Stage, assemble
+
+FORMS = ("product", "none", "fischer-burmeister", "lin-fukushima")
+
+
+@dataclass(frozen=True)
+class Direct:
+    """Every step's residual and gap are constraints, and so is the closure of contact.
+
+    Per step and scenario: ``residual(x, u, x_next, lam) = 0``, ``gap(x, u, x_next, lam) = s``,
+    and, by ``form``, ``lam s = mu`` ("product"; the exact law's strategies bound it instead),
+    nothing ("none": a penalty on lam s or fixed active sets), ``lam + s - sqrt(lam² + s² + 2 t) =
+    0`` ("fischer-burmeister") or ``lam s <= t²``, ``(lam + t)(s + t) >= t²`` ("lin-fukushima"),
+    t the parameter ``relaxation``.
+    """
+
+    name: ClassVar[str] = "direct"
+    summary: ClassVar[str] = "states, inputs, multipliers and gaps are variables"
+
+    def transcribe(
+        self,
+        problem: Problem,
+        step: Step,
+        policy: Policy,
+        form: str = "product",
+        compiled: Compile | None = None,
+    ) -> NLP:
+        """Build the NLP; raises ``InputError`` for a law whose gradient is frozen."""
+        if step.law.frozen:
+            raise InputError(
+                "direct: a frozen gradient needs the step map; use method single-shooting or"
+                " multiple-shooting, or gradient=total"
+            )
+        graph = Graph(problem, step, policy)
+        variables, constraints = _variables(graph), Layout()
+        stages = [_interval(graph, variables, constraints, form)]
+        stages.append(terminal_stage(graph, variables, constraints))
+        stages += gain_penalty(graph, variables)
+        data = graph.data()
+        parts = assemble(stages, variables.size, data.size, constraints.size, len(graph.names),
+                         compiled)  # fmt: skip
+        pairs = np.stack([variables["lam"].index.ravel(), variables["gap"].index.ravel()])
+        return NLP(
+            problem, step, policy, self.name, variables, constraints, graph.names, data,
+            parts.f_g, parts.gradient, parts.jacobian, parts.hessian, form, pairs,
+        )  # fmt: skip
+
+
+def _variables(graph: Graph) -> Layout:
+    layout = Layout()
+    S, N, n = graph.scenarios, graph.problem.N, graph.step.n
+    layout.add("x", (S, N, graph.nx), graph.component_names("x"))
+    rows = S if graph.feedback else 1
+    layout.add("u", (rows, N, graph.nu), graph.component_names("u"))
+    layout.add("lam", (S, N, n), graph.component_names("lam"))
+    layout.add("gap", (S, N, n), graph.component_names("lam"))
+    graph.add_gains(layout)
+    return layout
+
+
+def state_index(graph: Graph, variables: Layout) -> np.ndarray:
+    """Positions of x_0 (data) and x_1..x_N (variables) in [x; data], shape (S, N+1, nx)."""
+    start = variables.size + np.arange(graph.scenarios * graph.nx)
+    first = start.reshape(graph.scenarios, 1, graph.nx)
+    return np.concatenate([first, variables["x"].index], axis=1)
+
+
+def input_index(graph: Graph, variables: Layout) -> np.ndarray:
+    """Positions of u_{-1} (data) and u_0..u_{N-1} (variables), shape (S, N+1, nu)."""
+    start = variables.size + graph.scenarios * graph.nx
+    before = np.broadcast_to(start + np.arange(graph.nu), (graph.scenarios, 1, graph.nu))
+    u = np.broadcast_to(variables["u"].index, (graph.scenarios, graph.problem.N, graph.nu))
+    return np.concatenate([before, u], axis=1)
+
+
+def interval_locals(graph: Graph, variables: Layout) -> tuple[list[ca.SX], list[np.ndarray]]:
+    """Local symbols (x, [u_before], u, x_next, gains) of a stage and their positions (S, N, .)."""
+    system = graph.problem.system
+    x, u = state_index(graph, variables), input_index(graph, variables)
+    S, N = graph.scenarios, graph.problem.N
+    symbols, positions = [system.x], [x[:, :-1]]
+    if graph.problem.uses_du:
+        symbols.append(graph.u_before)
+        positions.append(u[:, :-1])
+    symbols += [system.u, system.x_next]
+    positions += [u[:, 1:], x[:, 1:]]
+    gains = graph.gain_index(variables)
+    symbols += graph.gain_symbols()
+    positions.append(np.broadcast_to(gains, (S, N, gains.shape[1])))
+    return symbols, positions
+
+
+def policy_constraint(graph: Graph) -> ca.SX:
+    """``u - K x - k``, or nothing for open loop."""
+    system = graph.problem.system
+    return system.u - graph.K @ system.x - graph.k if graph.feedback else ca.SX(0, 1)
+
+
+def add_rows(
+    constraints: Layout, parts: list[tuple[str, ca.SX, tuple[str, ...]]], S: int, N: int
+) -> tuple[ca.SX, np.ndarray]:
+    """Name constraint blocks (S, N, size) and return their stack and rows (S N, total)."""
+    rows = [
+        constraints.add(name, (S, N, expression.numel()), components).index.reshape(S * N, -1)
+        for name, expression, components in parts
+        if expression.numel()
+    ]
+    stacked = ca.vertcat(ca.SX(0, 1), *(expression for _, expression, _ in parts))
+    return stacked, np.concatenate([np.zeros((S * N, 0), dtype=int), *rows], axis=1)
+
+
+def _interval(graph: Graph, variables: Layout, constraints: Layout, form: str) -> Stage:
+    step, S, N = graph.step, graph.scenarios, graph.problem.N
+    gap = ca.SX.sym("gap", step.n)
+    symbols, positions = interval_locals(graph, variables)
+    symbols += [step.lam, gap]
+    positions += [variables["lam"].index, variables["gap"].index]
+    names = graph.component_names
+    parts = [
+        ("dynamics", step.residual, names("x")),
+        ("gap_definition", step.gap - gap, names("lam")),
+        *_closure(graph, gap, form),
+        ("policy", policy_constraint(graph), names("u")),
+        ("path", graph.path_constraints(), constraint_names(graph.problem.path)),
+    ]
+    expression, rows = add_rows(constraints, parts, S, N)
+    cost = graph.stage_cost()
+    if form == "none":
+        cost += graph.penalty * ca.dot(step.lam, gap)
+    index = np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1)
+    w = ca.vertcat(*symbols)
+    return Stage("interval", w, graph.p, cost, expression, index, rows, 1 / S)
+
+
+def _closure(graph: Graph, gap: ca.SX, form: str) -> list[tuple[str, ca.SX, tuple[str, ...]]]:
+    lam, mu, t = graph.step.lam, graph.step.mu, graph.relaxation
+    names = graph.component_names("lam")
+    if form == "product":
+        return [("contact", lam * gap - mu, names)]
+    if form == "fischer-burmeister":
+        return [("contact", lam + gap - ca.sqrt(lam**2 + gap**2 + 2 * t), names)]
+    if form == "lin-fukushima":
+        return [
+            ("contact", lam * gap - t**2, names),
+            ("separation", (lam + t) * (gap + t) - t**2, names),
+        ]
+    return []
+
+
+def terminal_stage(graph: Graph, variables: Layout, constraints: Layout) -> Stage:
+    """Terminal cost and constraints on x_N of every scenario."""
+    problem, S = graph.problem, graph.scenarios
+    parts = [("terminal", graph.terminal_constraints(), constraint_names(problem.terminal))]
+    expression, rows = add_rows(constraints, parts, S, 1)
+    index = state_index(graph, variables)[:, -1]
+    return Stage(
+        "terminal", problem.system.x, graph.p, problem.terminal_cost, expression, index, rows, 1 / S
+    )
+
+
+def gain_penalty(graph: Graph, variables: Layout) -> list[Stage]:
+    """``penalty |K_t|²`` per step; nothing for open loop or a zero penalty."""
+    if not isinstance(graph.policy, Feedback) or graph.policy.penalty == 0:
+        return []
+    index = variables["K"].index.reshape(graph.gain_steps, -1)
+    gains = ca.SX.sym("gains", index.shape[1])
+    repeats = graph.problem.N / graph.gain_steps
+    cost = graph.policy.penalty * repeats * ca.sumsqr(gains)
+    rows = np.zeros((graph.gain_steps, 0), dtype=int)
+    return [Stage("gains", gains, graph.p, cost, ca.SX(0, 1), index, rows)]

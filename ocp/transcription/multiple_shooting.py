@@ -1,0 +1,90 @@
+"""Multiple shooting: states and inputs are variables, contact is solved inside each step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from ocp.policy import Policy
+from ocp.problem import Problem
+from ocp.transcription.common import Graph, constraint_names
+from ocp.transcription.direct import (
+    add_rows,
+    gain_penalty,
+    interval_locals,
+    policy_constraint,
+    terminal_stage,
+)
+from ocp.transcription.nlp import NLP, Layout
+from ocp.transcription.stage import Compile, Stage, assemble
+
+
+@dataclass(frozen=True)
+class MultipleShooting:
+    """``x_{k+1} = step(x_k, u_k)`` as constraints, the step solved by the path solver.
+
+    Derivatives of the step, first and second, come from the implicit function theorem at its
+    solution.
+    """
+
+    name: ClassVar[str] = "multiple-shooting"
+    summary: ClassVar[str] = "states and inputs are variables, contact is solved inside each step"
+
+    def transcribe(
+        self,
+        problem: Problem,
+        step: Step,
+        policy: Policy,
+        form: str = "product",
+        compiled: Compile | None = None,
+    ) -> NLP:
+        """Build the NLP; ``form`` is of no concern here, the step closes the contact itself."""
+        graph = Graph(problem, step, policy)
+        variables, constraints = Layout(), Layout()
+        S, N = graph.scenarios, problem.N
+        variables.add("x", (S, N, graph.nx), graph.component_names("x"))
+        rows = S if graph.feedback else 1
+        variables.add("u", (rows, N, graph.nu), graph.component_names("u"))
+        graph.add_gains(variables)
+        symbols, positions = interval_locals(graph, variables)
+        parts = [
+            ("dynamics", problem.system.x_next - next_state(step), graph.component_names("x")),
+            ("policy", policy_constraint(graph), graph.component_names("u")),
+            ("path", graph.path_constraints(), constraint_names(problem.path)),
+        ]
+        expression, where = add_rows(constraints, parts, S, N)
+        w = ca.vertcat(*symbols)
+        stage = Stage(
+            "interval", w, graph.p, graph.stage_cost(), expression,
+            np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1), where, 1 / S,
+            step.lam, step.contact_relation(), step.relation_jacobian,
+            contact_solve(graph, w, step),
+        )  # fmt: skip
+        stages = [stage, terminal_stage(graph, variables, constraints)]
+        stages += gain_penalty(graph, variables)
+        data = graph.data()
+        made = assemble(stages, variables.size, data.size, constraints.size, len(graph.names),
+                        compiled)  # fmt: skip
+        return NLP(
+            problem, step, policy, self.name, variables, constraints, graph.names, data,
+            made.f_g, made.gradient, made.jacobian, made.hessian,
+        )  # fmt: skip
+
+
+def next_state(step: Step) -> ca.SX:
+    """``a + B lam``: the next state once the contact is solved."""
+    return step.a + step.B @ step.lam
+
+
+def contact_solve(graph: Graph, w: ca.SX, step: Step) -> ca.Function:
+    """Map a stage's locals and all parameters to the contact's solution lam."""
+    picked = ca.Function(
+        "pick", [w, graph.p], [graph.problem.system.x, graph.problem.system.u, step.p.vector]
+    )
+    local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", graph.p.numel())
+    lam = step.solve(*picked(local, p))[1]
+    return ca.Function("contact_solve", [local, p], [lam], ["w", "p"], ["lam"])

@@ -1,0 +1,188 @@
+"""A nonlinear program with named blocks, and the way back from its vectors to trajectories."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from ocp.policy import Policy
+from ocp.problem import Problem
+
+
+@dataclass(frozen=True)
+class Block:
+    """A named array inside a vector: its shape, where it starts, and the names of its last axis."""
+
+    name: str
+    shape: tuple[int, ...]
+    start: int
+    components: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return int(np.prod(self.shape))
+
+    @property
+    def index(self) -> np.ndarray:
+        """Positions in the vector, in the block's shape."""
+        return self.start + np.arange(self.size).reshape(self.shape)
+
+
+class Layout:
+    """Blocks laid one after the other in one vector."""
+
+    def __init__(self) -> None:
+        self.blocks: dict[str, Block] = {}
+        self.size = 0
+
+    def add(self, name: str, shape: tuple[int, ...], components: tuple[str, ...] = ()) -> Block:
+        """Append a block; an empty one is kept so that its name is known."""
+        block = Block(name, shape, self.size, components)
+        self.blocks[name] = block
+        self.size += block.size
+        return block
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.blocks
+
+    def __getitem__(self, name: str) -> Block:
+        return self.blocks[name]
+
+    def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
+        """Write blocks into one vector; a block that is not named stays zero."""
+        vector = np.zeros(self.size)
+        for name, value in values.items():
+            block = self.blocks[name]
+            vector[block.index] = np.broadcast_to(np.asarray(value, dtype=float), block.shape)
+        return vector
+
+    def unpack(self, vector: np.ndarray) -> dict[str, np.ndarray]:
+        """Read every block out of a vector."""
+        flat = np.asarray(vector, dtype=float).ravel()
+        return {name: flat[block.index] for name, block in self.blocks.items()}
+
+    def locate(self, position: int) -> tuple[Block, tuple[int, ...]]:
+        """Return the block that holds ``position``, and the index inside it."""
+        for block in self.blocks.values():
+            if block.start <= position < block.start + block.size:
+                return block, tuple(int(i) for i in np.unravel_index(
+                    position - block.start, block.shape))  # fmt: skip
+        raise IndexError(position)
+
+
+@dataclass(eq=False)
+class NLP:
+    """``min f(x, p)`` subject to ``g_lower <= g(x, p) <= g_upper`` and bounds on x.
+
+    The vector x is laid out by ``variables``, g by ``constraints``. The parameter vector p is
+    ``values`` (problem and law parameters by name, then ``penalty`` and ``relaxation``, the knobs
+    of the strategies for exact complementarity) followed by ``data`` (the initial states of all
+    scenarios and the input before the first).
+
+    ``f_g`` maps (x, p) to (f, g); ``gradient`` to (f, df/dx); ``jacobian`` to (g, dg/dx);
+    ``hessian`` maps (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian.
+    ``pairs`` holds the positions of complementary multipliers and gaps in x, shape (2, m);
+    ``rollout`` marks shooting methods, whose states follow from x and p.
+    """
+
+    problem: Problem
+    step: Step
+    policy: Policy
+    method: str
+    variables: Layout
+    constraints: Layout
+    names: list[str]
+    data: Layout
+    f_g: ca.Function
+    gradient: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
+    form: str = "product"
+    pairs: np.ndarray = field(default_factory=lambda: np.zeros((2, 0), dtype=int))
+    trajectories: ca.Function | None = None
+    solvers: dict[str, ca.Function] = field(default_factory=dict)
+
+    @property
+    def n(self) -> int:
+        """Number of variables."""
+        return self.variables.size
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return self.constraints.size
+
+    def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
+        """Put parameter values, by name, and the initial data they imply into the vector p."""
+        table = self.problem.parameters
+        physical = np.array([values[name] for name in table.names])
+        x0 = self.problem.initial_states(physical)
+        u_before = np.array(self.problem.limits(physical)[1]).ravel()
+        head = np.array([values[name] for name in self.names])
+        return np.concatenate([head, self.data.pack({"x0": x0, "u_before": u_before})])
+
+    def default_values(self) -> dict[str, float]:
+        """Default value of every parameter by name."""
+        table = self.problem.parameters + self.step.p
+        values = {parameter.name: float(parameter.value) for parameter in table}
+        return {**values, "penalty": 0.0, "relaxation": 0.0}
+
+    def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
+        """Bounds ``lbx ubx lbg ubg`` at the given parameter values."""
+        problem = self.problem
+        physical = np.array([values[name] for name in problem.parameters.names])
+        limits = [np.array(v).ravel() for v in problem.limits(physical)]
+        u_lower, u_upper, x_lower, x_upper = limits[2:]
+        known = {
+            "x": (x_lower, x_upper),
+            "u": (u_lower, u_upper),
+            "lam": (0.0, np.inf),
+            "gap": (0.0, np.inf),
+        }
+        gain_bound = getattr(self.policy, "bound", np.inf)
+        known["K"] = (-gain_bound, gain_bound)
+        lower, upper = {}, {}
+        for name in self.variables.blocks:
+            lower[name], upper[name] = known.get(name, (-np.inf, np.inf))
+        g_lower, g_upper = self._constraint_bounds(physical, known)
+        return {
+            "lbx": self.variables.pack(lower),
+            "ubx": self.variables.pack(upper),
+            "lbg": g_lower,
+            "ubg": g_upper,
+        }
+
+    def _constraint_bounds(
+        self, physical: np.ndarray, known: dict[str, tuple]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = {}, {}
+        for kind in ("path", "terminal"):
+            if kind in self.constraints and self.constraints[kind].size:
+                lower[kind], upper[kind] = _evaluated_bounds(self.problem, kind, physical)
+        for name in ("x", "u"):
+            if f"{name}_bound" in self.constraints:
+                lower[f"{name}_bound"], upper[f"{name}_bound"] = known[name]
+        if "separation" in self.constraints:
+            upper["separation"] = np.inf
+        return self.constraints.pack(lower), self.constraints.pack(upper)
+
+
+def _evaluated_bounds(
+    problem: Problem, kind: str, physical: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    constraints = problem.path if kind == "path" else problem.terminal
+    ends = []
+    for end in ("lower", "upper"):
+        columns = [
+            ca.repmat(
+                ca.SX(getattr(c, end)), c.expression.numel() // ca.SX(getattr(c, end)).numel()
+            )
+            for c in constraints
+        ]
+        function = ca.Function(end, [problem.parameters.vector], [ca.vertcat(*columns)])
+        ends.append(np.array(function(physical)).ravel())
+    return ends[0], ends[1]

@@ -1,0 +1,320 @@
+"""Single shooting: inputs (or gains) alone are variables, states follow by rolling out.
+
+The stage is the one of multiple shooting, differentiated once; here its states are condensed:
+with ``M_k = d xi_k / d theta`` the sensitivities of the rollout, nu the adjoints of the Lagrangian
+and ``H_k`` the stage's Hessian under them, the exact Hessian is ``sum_k Y_k' H_k Y_k``,
+``Y_k = [M_k; E_k]``, E_k picking the step's own inputs or gains from theta.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from ocp.policy import Feedback, Policy
+from ocp.problem import Problem
+from ocp.transcription.common import Graph, constraint_names
+from ocp.transcription.multiple_shooting import contact_solve, next_state
+from ocp.transcription.nlp import NLP, Layout
+from ocp.transcription.stage import Compile, Stage
+
+
+@dataclass(frozen=True)
+class SingleShooting:
+    """``theta`` = inputs or gains; ``xi_{k+1} = (step(x_k, u_k), u_k)`` rolled out from x_0."""
+
+    name: ClassVar[str] = "single-shooting"
+    summary: ClassVar[str] = "only inputs or gains are variables, states follow"
+
+    def transcribe(
+        self,
+        problem: Problem,
+        step: Step,
+        policy: Policy,
+        form: str = "product",
+        compiled: Compile | None = None,
+    ) -> NLP:
+        """Build the NLP; ``form`` is of no concern here, the step closes the contact itself."""
+        graph = Graph(problem, step, policy)
+        variables, constraints = Layout(), Layout()
+        if graph.feedback:
+            graph.add_gains(variables)
+        else:
+            variables.add("u", (1, problem.N, graph.nu), graph.component_names("u"))
+        condensed = _Condensed(graph, variables, constraints, compiled)
+        f_g, gradient, jacobian, hessian, trajectories = condensed.functions()
+        return NLP(
+            problem, step, policy, self.name, variables, constraints, graph.names, graph.data(),
+            f_g, gradient, jacobian, hessian, trajectories=trajectories,
+        )  # fmt: skip
+
+
+class _Condensed:
+    """Builds the condensed functions of one problem."""
+
+    def __init__(self, graph: Graph, variables: Layout, constraints: Layout,
+                 compiled: Compile | None) -> None:  # fmt: skip
+        self.graph, self.variables, self.constraints = graph, variables, constraints
+        self.make = compiled or (lambda function: function)
+        problem = graph.problem
+        self.S, self.N = graph.scenarios, problem.N
+        self.theta_index = (
+            graph.gain_index(variables) if graph.feedback
+            else variables["u"].index.reshape(self.N, -1)
+        )  # fmt: skip
+        self._stage_expressions()
+        self._terminal_expressions()
+
+    def _stage_expressions(self) -> None:
+        graph, problem, step = self.graph, self.graph.problem, self.graph.step
+        system = problem.system
+        limits = _finite_limits(problem)
+        theta = ca.vertcat(*graph.gain_symbols()) if graph.feedback else system.u
+        self.xi = ca.vertcat(system.x, *([graph.u_before] if problem.uses_du else []))
+        u = graph.K @ system.x + graph.k if graph.feedback else system.u
+
+        def closed(expression: ca.SX) -> ca.SX:
+            return ca.substitute(expression, system.u, u) if graph.feedback else expression
+
+        following = closed(next_state(step))
+        xi_next = ca.vertcat(following, *([u] if problem.uses_du else []))
+        bounded_u = [("u_bound", u)] if graph.feedback and limits["u"] else []
+        bounded_x = [("x_bound", following)] if limits["x"] else []
+        path = [("path", closed(graph.path_constraints()))] if problem.path else []
+        names = {
+            "u_bound": graph.component_names("u"),
+            "x_bound": graph.component_names("x"),
+            "path": constraint_names(problem.path),
+        }
+        extra = [*bounded_u, *bounded_x, *path]
+        for name, expression in extra:
+            self.constraints.add(name, (self.S, self.N, expression.numel()), names[name])
+        self.extra = [name for name, _ in extra]
+        self.nc = sum(expression.numel() for _, expression in extra)
+        outputs = ca.vertcat(xi_next, *(expression for _, expression in extra))
+        w = ca.vertcat(self.xi, theta)
+        relation = closed(step.contact_relation())
+        gap = closed(step.z + step.F @ step.lam)
+        self.stage = Stage(
+            "shooting", w, graph.p, closed(graph.stage_cost()), outputs,
+            np.zeros((self.N * self.S, w.numel()), dtype=int),
+            np.zeros((self.N * self.S, outputs.numel()), dtype=int), 1 / self.S,
+            step.lam, relation, closed(step.relation_jacobian), self._solve(w, u),
+        )  # fmt: skip
+        self.gap = ca.Function("gap", [w, graph.p, step.lam], [gap, u, closed(step.mu)])
+
+    def _solve(self, w: ca.SX, u: ca.SX) -> ca.Function:
+        graph, step = self.graph, self.graph.step
+        picked = ca.Function("pick", [w, graph.p], [graph.problem.system.x, u, step.p.vector])
+        local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", graph.p.numel())
+        return ca.Function("contact_solve", [local, p], [step.solve(*picked(local, p))[1]])
+
+    def _terminal_expressions(self) -> None:
+        graph, problem = self.graph, self.graph.problem
+        expression = graph.terminal_constraints()
+        names = constraint_names(problem.terminal)
+        if problem.terminal:
+            self.constraints.add("terminal", (self.S, 1, expression.numel()), names)
+        index = np.zeros((self.S, self.xi.numel()), dtype=int)
+        rows = np.zeros((self.S, expression.numel()), dtype=int)
+        self.terminal = Stage("terminal", self.xi, graph.p, problem.terminal_cost, expression,
+                              index, rows, 1 / self.S)  # fmt: skip
+
+    def _rollout(self, theta: ca.MX, p: ca.MX, data: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
+        """States xi of all scenarios (nxi, S (N+1)), locals w (nw, S N) and lam (n, S N)."""
+        stage, graph = self.stage, self.graph
+        w, q = ca.MX.sym("w", stage.w.numel()), ca.MX.sym("p", graph.p.numel())
+        values = self.make(stage.values())
+        lam = stage.solve(w, q) if stage.solve else ca.MX(0, 1)
+        following = values(w, q, lam)[1][: self.xi.numel()]
+        xi, local = ca.MX.sym("xi", self.xi.numel()), ca.MX.sym("t", w.numel() - self.xi.numel())
+        once = ca.Function("advance", [w, q], [following, lam])
+        advance = ca.Function("advance", [xi, local, q], once(ca.vertcat(xi, local), q))
+        chain = advance.mapaccum("rollout", self.N)
+        locals_ = ca.reshape(theta[self.theta_index.ravel().tolist()], -1, self.N)
+        states, ws, lams = [], [], []
+        for scenario in range(self.S):
+            x0 = data[scenario * graph.nx : (scenario + 1) * graph.nx]
+            before = data[self.S * graph.nx :] if graph.problem.uses_du else ca.MX(0, 1)
+            start = ca.vertcat(x0, before)
+            after, lam_all = chain(start, locals_, ca.repmat(p, 1, self.N))
+            xi_all = ca.horzcat(start, after)
+            states.append(xi_all)
+            ws.append(ca.vertcat(xi_all[:, : self.N], locals_))
+            lams.append(lam_all)
+        return ca.horzcat(*states), ca.horzcat(*ws), ca.horzcat(*lams)
+
+    def functions(self) -> tuple[ca.Function, ...]:
+        """``f_g, gradient, jacobian, hessian, trajectories``."""
+        graph, n = self.graph, self.variables.size
+        theta, full = ca.MX.sym("x", n), ca.MX.sym("p", graph.p.numel() + graph.data().size)
+        p, data = full[: graph.p.numel()], full[graph.p.numel() :]
+        xi, w, lam = self._rollout(theta, p, data)
+        ends = [(s + 1) * (self.N + 1) - 1 for s in range(self.S)]
+        f, g = self._values(theta, p, xi[:, ends], w, lam)
+        first = self._first(theta, p, xi[:, ends], w, lam)
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.constraints.size)
+        hess = self._hessian(theta, p, xi[:, ends], w, lam, lam_f, lam_g, first)
+        gap, u, mu = self.gap.map(self.N * self.S)(w, ca.repmat(p, 1, self.N * self.S), lam)
+        dense = ca.Sparsity.dense(self.constraints.size, n)
+        jac = ca.project(first["jacobian"], dense) if self.constraints.size else ca.MX(0, n)
+        return (
+            ca.Function("nlp", [theta, full], [f, g], ["x", "p"], ["f", "g"]),
+            ca.Function("grad_f", [theta, full], [f, first["gradient"]], ["x", "p"], ["f", "grad:f:x"]),
+            ca.Function("jac_g", [theta, full], [g, jac], ["x", "p"], ["g", "jac:g:x"]),
+            ca.Function(
+                "hess_lag", [theta, full, lam_f, lam_g], [hess], ["x", "p", "lam:f", "lam:g"],
+                ["triu:hess:gamma:x:x"],
+            ),
+            ca.Function(
+                "trajectories", [theta, full], [xi[: graph.nx, :], u, lam, gap],
+                ["theta", "p"], ["x", "u", "lam", "gap"],
+            ),
+        )  # fmt: skip
+
+    def _values(
+        self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX
+    ) -> tuple[ca.MX, ca.MX]:
+        stage = self.make(self.stage.values())
+        cost, out = stage.map("stage_map", "serial", self.N * self.S, [1], [])(w, p, lam)
+        last = self.terminal.values().map("end_map", "serial", self.S, [1], [])
+        cost_end, c_end = last(end, p, ca.MX(0, self.S))
+        f = ca.sum2(cost) + ca.sum2(cost_end) + self._gain_cost(theta)
+        return f, self._arranged(out[self.xi.numel() :, :], c_end)
+
+    def _gain_cost(self, theta: ca.MX) -> ca.MX:
+        policy = self.graph.policy
+        if not isinstance(policy, Feedback):
+            return ca.MX(0)
+        weight = policy.penalty * self.N / self.graph.gain_steps
+        return weight * ca.sumsqr(theta[self.variables["K"].index.ravel().tolist()])
+
+    def _arranged(self, rows: ca.MX, end: ca.MX) -> ca.MX:
+        """Order stage constraints (nc, S N) and terminal ones (nt, S) as the layout has them."""
+        parts, at = [ca.MX(0, 1)], 0
+        for name in self.extra:
+            size = self.constraints[name].shape[-1]
+            parts.append(ca.vec(rows[at : at + size, :]))
+            at += size
+        if end.numel():
+            parts.append(ca.vec(end))
+        return ca.vertcat(*parts)
+
+    def _first(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX) -> dict[str, ca.MX]:
+        """Stage Jacobians, sensitivities M of all states, gradient and constraint Jacobian."""
+        nxi, nw, n = self.xi.numel(), self.stage.w.numel(), self.variables.size
+        function, pattern = self.stage.first()
+        mapped = self.make(function).map("first_map", "serial", self.N * self.S, [1], [])
+        _, _, slope, entries = mapped(w, p, lam)
+        last, pattern_end = self.terminal.first()
+        _, _, slope_end, entries_end = last.map("end_first", "serial", self.S, [1], [])(
+            end, p, ca.MX(0, self.S)
+        )
+        gradient = ca.MX.zeros(1, n)
+        rows: dict[str, list[ca.MX]] = {name: [] for name in [*self.extra, "terminal"]}
+        Y_all, blocks, ends = [], [], []
+        picks = [self._pick(k) for k in range(self.N)]
+        for s in range(self.S):
+            M = ca.MX(nxi, n)
+            for k in range(self.N):
+                at = s * self.N + k
+                J = ca.MX(pattern, entries[:, at])
+                Y = ca.vertcat(ca.densify(M), picks[k])
+                gradient += slope[:, at].T @ Y
+                following = J @ Y
+                M = following[:nxi, :]
+                self._split_rows(rows, following[nxi:, :])
+                Y_all.append(Y)
+                blocks.append(J)
+            gradient += slope_end[:, s].T @ M
+            J_end = ca.MX(pattern_end, entries_end[:, s])
+            rows["terminal"].append(J_end @ M)
+            Y_all.append(M)
+            ends.append(J_end)
+        gradient += ca.gradient(self._gain_cost(theta), theta).T if self.graph.feedback else 0
+        stacked = ca.vertcat(ca.MX(0, n), *(ca.vertcat(*v) for v in rows.values() if v))
+        return {
+            "gradient": ca.densify(gradient.T), "jacobian": stacked, "Y": Y_all,
+            "J": blocks, "J_end": ends, "slope": slope, "slope_end": slope_end, "nw": nw,
+        }  # pyright: ignore[reportReturnType]  # fmt: skip
+
+    def _split_rows(self, rows: dict[str, list[ca.MX]], block: ca.MX) -> None:
+        at = 0
+        for name in self.extra:
+            size = self.constraints[name].shape[-1]
+            rows[name].append(block[at : at + size, :])
+            at += size
+
+    def _pick(self, k: int) -> ca.DM:
+        index = self.theta_index[k]
+        return ca.DM.triplet(list(range(index.size)), index.tolist(), ca.DM.ones(index.size),
+                             index.size, self.variables.size)  # fmt: skip
+
+    def _hessian(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX,
+                 lam_f: ca.MX, lam_g: ca.MX, first: dict) -> ca.MX:  # fmt: skip
+        multipliers, multipliers_end = self._multipliers(lam_g)
+        adjoints = self._adjoints(lam_f, multipliers, multipliers_end, first)
+        function, pattern = self.stage.second()
+        copies = self.N * self.S
+        mapped = self.make(function).map("second_map", "serial", copies, [1], [])
+        scale = ca.repmat(lam_f, 1, copies)
+        entries = mapped(w, p, lam, scale, ca.vertcat(adjoints, multipliers))
+        last, pattern_end = self.terminal.second()
+        entries_end = last.map("end_second", "serial", self.S, [1], [])(
+            end, p, ca.MX(0, self.S), ca.repmat(lam_f, 1, self.S), multipliers_end
+        )
+        left, right = [], []
+        for s in range(self.S):
+            for k in range(self.N + 1):
+                Y = first["Y"][s * (self.N + 1) + k]
+                H = (ca.MX(pattern, entries[:, s * self.N + k]) if k < self.N
+                     else ca.MX(pattern_end, entries_end[:, s]))  # fmt: skip
+                left.append(ca.densify(Y))
+                right.append(ca.densify(ca.triu2symm(H) @ Y))
+        hessian = ca.vertcat(*left).T @ ca.vertcat(*right)
+        if self.graph.feedback:
+            hessian += lam_f * ca.hessian(self._gain_cost(theta), theta)[0]
+        return ca.triu(hessian)
+
+    def _multipliers(self, lam_g: ca.MX) -> tuple[ca.MX, ca.MX]:
+        parts = [ca.MX(0, self.N * self.S)]
+        for name in self.extra:
+            block = self.constraints[name]
+            parts.append(ca.reshape(lam_g[block.index.ravel().tolist()], block.shape[-1], -1))
+        end = ca.MX(0, self.S)
+        if "terminal" in self.constraints:
+            end = ca.reshape(lam_g[self.constraints["terminal"].index.ravel().tolist()], -1, self.S)
+        return ca.vertcat(*parts), end
+
+    def _adjoints(self, lam_f: ca.MX, multipliers: ca.MX, multipliers_end: ca.MX,
+                  first: dict) -> ca.MX:  # fmt: skip
+        """Adjoints of ``lam_f f + lam_g' g`` with respect to xi_1..xi_N, (nxi, S N)."""
+        nxi, columns = self.xi.numel(), []
+        for s in range(self.S):
+            nu = lam_f * first["slope_end"][:, s] + first["J_end"][s].T @ multipliers_end[:, s]
+            found = [nu]
+            for k in reversed(range(1, self.N)):
+                at = s * self.N + k
+                J = first["J"][at]
+                back = J.T @ ca.vertcat(nu, multipliers[:, at])
+                nu = (lam_f * first["slope"][:, at] + back)[:nxi]
+                found.append(nu)
+            columns += reversed(found)
+        return ca.horzcat(*columns)
+
+
+def _finite_limits(problem: Problem) -> dict[str, bool]:
+    """Tell which bounds are not infinite, so that no empty constraint is made of them."""
+
+    def finite(*values: ca.SX | float) -> bool:
+        return any(not ca.SX(v).is_constant() or np.isfinite(np.array(ca.DM(ca.SX(v)))).any()
+                   for v in values)  # fmt: skip
+
+    return {
+        "u": finite(problem.u_lower, problem.u_upper),
+        "x": finite(problem.x_lower, problem.x_upper),
+    }

@@ -1,0 +1,245 @@
+"""One stage differentiated once, mapped over all stages and scattered into a sparse NLP.
+
+A :class:`Stage` is a cost and constraints in a few local variables; :func:`assemble` gathers the
+locals of every copy from the decision vector, maps the stage's derivatives over the copies, and
+scatters them into gradient, Jacobian and Hessian. Set-up cost is that of one stage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact.elimination import solve_without_pivoting
+
+Compile = Callable[[ca.Function], ca.Function]
+
+
+@dataclass(eq=False)
+class Stage:
+    """``copies`` of a cost (1,) and constraints (nc,) in local variables ``w`` (nw,).
+
+    ``index`` (copies, nw) tells where each copy's locals sit in ``[x; data]``; ``weight`` scales
+    the cost. ``inner`` (n,) are unknowns that solve ``relation(inner, w, p) = 0`` with the map
+    ``solve(w, p) -> inner``, or nothing; all derivatives go through them by the implicit function
+    theorem. ``rows`` (copies, nc) tells where the constraints go in g.
+    """
+
+    name: str
+    w: ca.SX
+    p: ca.SX
+    cost: ca.SX
+    constraints: ca.SX
+    index: np.ndarray
+    rows: np.ndarray
+    weight: float = 1.0
+    inner: ca.SX | None = None
+    relation: ca.SX | None = None
+    relation_jacobian: ca.SX | None = None
+    solve: ca.Function | None = None
+
+    def __post_init__(self) -> None:
+        self.copies = self.index.shape[0]
+        self.cost = self.weight * ca.densify(ca.SX(self.cost))
+        self.constraints = ca.densify(ca.vertcat(ca.SX(0, 1), self.constraints))
+        self.hidden = ca.SX(0, 1) if self.inner is None else self.inner
+        self.arguments = [self.w, self.p, self.hidden]
+
+    def values(self) -> ca.Function:
+        """``(w, p, inner) -> (cost, constraints)``."""
+        return self._function("values", self.arguments, [self.cost, self.constraints])
+
+    def first(self) -> tuple[ca.Function, ca.Sparsity]:
+        """``(w, p, inner) -> (cost, constraints, gradient, Jacobian nonzeros)`` and its pattern."""
+        gradient = self._total(self.cost).T
+        jacobian = self._total(self.constraints)
+        outputs = [self.cost, self.constraints, ca.densify(gradient), _nonzeros(jacobian)]
+        return self._function("first", self.arguments, outputs), jacobian.sparsity()
+
+    def second(self) -> tuple[ca.Function, ca.Sparsity]:
+        """``(w, p, inner, s, m) -> nonzeros`` of the upper Hessian of ``s cost + m' constraints``."""
+        s, m = ca.SX.sym("s"), ca.SX.sym("m", self.constraints.numel())
+        lagrangian = s * self.cost + ca.dot(m, self.constraints)
+        hessian = ca.triu(self._total_hessian(lagrangian))
+        function = self._function("second", [*self.arguments, s, m], [_nonzeros(hessian)])
+        return function, hessian.sparsity()
+
+    def _function(self, what: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+        return ca.Function(f"{self.name}_{what}", inputs, outputs, {"cse": True})
+
+    @property
+    def _sensitivity(self) -> ca.SX:
+        """``d inner / dw`` at the solution."""
+        assert self.relation is not None and self.relation_jacobian is not None
+        partial = ca.jacobian(self.relation, self.w)
+        return -solve_without_pivoting(self.relation_jacobian, partial)
+
+    def _total(self, expression: ca.SX) -> ca.SX:
+        direct = ca.jacobian(expression, self.w)
+        if self.inner is None:
+            return direct
+        return direct + ca.jacobian(expression, self.inner) @ self._sensitivity
+
+    def _total_hessian(self, lagrangian: ca.SX) -> ca.SX:
+        """With ``R_y' a = -dL/dy``: ``[I; Y]' grad²(L + a' R) [I; Y]``, Y = d inner / dw."""
+        if self.inner is None:
+            return ca.hessian(lagrangian, self.w)[0]
+        assert self.relation is not None and self.relation_jacobian is not None
+        slope = ca.gradient(lagrangian, self.inner)
+        solved = -solve_without_pivoting(self.relation_jacobian.T, ca.densify(slope))
+        adjoint = ca.SX.sym("adjoint", self.inner.numel())
+        both = ca.vertcat(self.w, self.inner)
+        curved = ca.hessian(lagrangian + ca.dot(adjoint, self.relation), both)[0]
+        curved = ca.substitute(curved, adjoint, solved)
+        basis = ca.vertcat(ca.SX.eye(self.w.numel()), self._sensitivity)
+        return basis.T @ curved @ basis
+
+
+def _nonzeros(matrix: ca.SX) -> ca.SX:
+    return ca.vertcat(ca.SX(0, 1), *matrix.nonzeros())
+
+
+class _Mapped:
+    """One stage's function mapped over its copies, called with the whole [x; data] and p."""
+
+    def __init__(self, stage: Stage, function: ca.Function) -> None:
+        self.stage = stage
+        common = [1]
+        self.map = function.map(f"{function.name()}_map", "serial", stage.copies, common, [])
+        self.gather = ca.DM(stage.index.ravel()).T
+
+    def locals(self, source: ca.MX) -> ca.MX:
+        return ca.reshape(source[self.stage.index.ravel().tolist()], -1, self.stage.copies)
+
+    def __call__(self, source: ca.MX, p: ca.MX, *more: ca.MX) -> list[ca.MX]:
+        w = self.locals(source)
+        return _listed(self.map(w, p, inner_values(self.stage, w, p), *more))
+
+
+def inner_values(stage: Stage, w: ca.MX, p: ca.MX) -> ca.MX:
+    """Solve the inner unknowns of all copies, shape (n, copies)."""
+    if stage.solve is None:
+        return ca.MX(0, stage.copies)
+    mapped = stage.solve.map(f"{stage.name}_solve_map", "serial", stage.copies, [1], [])
+    return _listed(mapped(w, p))[0]
+
+
+def _listed(value: object) -> list[ca.MX]:
+    return list(value) if isinstance(value, (list, tuple)) else [value]  # pyright: ignore
+
+
+@dataclass(eq=False)
+class Assembly:
+    """The four functions that a solver needs, see :class:`~ocp.transcription.nlp.NLP`."""
+
+    f_g: ca.Function
+    gradient: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
+
+
+def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int,
+             compiled: Compile | None = None) -> Assembly:  # fmt: skip
+    """Assemble an NLP of n variables and m constraints from stages.
+
+    ``n_p`` parameters come first in the parameter vector, ``n_data`` data entries after them.
+    """
+    make = compiled or (lambda function: function)
+    x, full = ca.MX.sym("x", n), ca.MX.sym("p", n_p + n_data)
+    p, source = full[:n_p], ca.vertcat(x, full[n_p:])
+
+    values = [_Mapped(stage, make(stage.values()))(source, p) for stage in stages]
+    f, g = _sum_costs(values), _collect(stages, [v[1] for v in values], m)
+    f_g = ca.Function("nlp", [x, full], [f, g], ["x", "p"], ["f", "g"])
+
+    made = [(stage, *stage.first()) for stage in stages]
+    first = [_Mapped(stage, make(function))(source, p) for stage, function, _ in made]
+    f1, g1 = _sum_costs(first), _collect(stages, [v[1] for v in first], m)
+    grad = _scattered_gradient(stages, [v[2] for v in first], n)
+    jac = _scattered_jacobian(
+        [(stage, pattern) for stage, _, pattern in made], [v[3] for v in first], n, m
+    )
+    gradient = ca.Function("grad_f", [x, full], [f1, grad], ["x", "p"], ["f", "grad:f:x"])
+    jacobian = ca.Function("jac_g", [x, full], [g1, jac], ["x", "p"], ["g", "jac:g:x"])
+
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", m)
+    patterns, parts = [], []
+    for stage in stages:
+        function, pattern = stage.second()
+        scale = ca.repmat(lam_f, 1, stage.copies)
+        multipliers = ca.reshape(lam_g[stage.rows.ravel().tolist()], -1, stage.copies)
+        parts.append(_Mapped(stage, make(function))(source, p, scale, multipliers)[0])
+        patterns.append((stage, pattern))
+    hess = _scattered_hessian(patterns, parts, n)
+    hessian = ca.Function(
+        "hess_lag",
+        [x, full, lam_f, lam_g],
+        [hess],
+        ["x", "p", "lam:f", "lam:g"],
+        ["triu:hess:gamma:x:x"],
+    )
+    return Assembly(f_g, gradient, jacobian, hessian)
+
+
+def _sum_costs(values: list[list[ca.MX]]) -> ca.MX:
+    return sum((ca.sum2(value[0]) for value in values), ca.MX(0))
+
+
+def _collect(stages: list[Stage], parts: list[ca.MX], m: int) -> ca.MX:
+    """Put the stages' constraints into their rows of g."""
+    rows = np.concatenate([stage.rows.ravel() for stage in stages])
+    order = np.argsort(rows, kind="stable")
+    flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(part) for part in parts))
+    return flat[order.tolist()] if m else ca.MX(0, 1)
+
+
+def _scattered_gradient(stages: list[Stage], parts: list[ca.MX], n: int) -> ca.MX:
+    target = np.concatenate([stage.index.ravel() for stage in stages])
+    return _add_up(target, n, ca.vertcat(*(ca.vec(part) for part in parts)))
+
+
+def _add_up(target: np.ndarray, size: int, values: ca.MX) -> ca.MX:
+    """Sum ``values`` into a dense vector of ``size`` at ``target``; targets beyond it are dropped."""
+    kept = np.flatnonzero(target < size)
+    ones = ca.DM.triplet(
+        target[kept].tolist(), kept.tolist(), ca.DM.ones(kept.size), size, target.size
+    )
+    return ca.densify(ones @ values)
+
+
+def _scattered_jacobian(
+    patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int, m: int
+) -> ca.MX:
+    rows, columns = [], []
+    for stage, pattern in patterns:
+        row, column = (np.array(v, dtype=int) for v in pattern.get_triplet())
+        rows.append(stage.rows[:, row].ravel())
+        columns.append(stage.index[:, column].ravel())
+    row, column = np.concatenate(rows), np.concatenate(columns)
+    kept = np.flatnonzero(column < n)
+    order = kept[np.lexsort((row[kept], column[kept]))]
+    sparsity = ca.Sparsity.triplet(m, n, row[order].tolist(), column[order].tolist())
+    flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(part) for part in parts))
+    return ca.MX(sparsity, flat[order.tolist()])
+
+
+def _scattered_hessian(
+    patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int
+) -> ca.MX:
+    rows, columns = [], []
+    for stage, pattern in patterns:
+        row, column = (np.array(v, dtype=int) for v in pattern.get_triplet())
+        rows.append(stage.index[:, row].ravel())
+        columns.append(stage.index[:, column].ravel())
+    first, second = np.concatenate(rows), np.concatenate(columns)
+    row, column = np.minimum(first, second), np.maximum(first, second)
+    kept = column < n
+    key = np.where(kept, column * n + row, n * n)
+    unique, target = np.unique(key, return_inverse=True)
+    cells = unique[unique < n * n]
+    sparsity = ca.Sparsity.triplet(n, n, (cells % n).tolist(), (cells // n).tolist())
+    flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(part) for part in parts))
+    return ca.MX(sparsity, _add_up(target, cells.size, flat))
