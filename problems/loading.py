@@ -11,7 +11,7 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.problem import Problem
-from problems.spec import ProblemSpec, where
+from problems.spec import ProblemSpec, reason, where
 
 
 def import_file(path: Path) -> ModuleType:
@@ -45,7 +45,7 @@ def check(spec: ProblemSpec) -> None:
     system = problem.system
     parts = {
         "the system": lambda: system.affine,
-        "x0, u_before or a bound": lambda: problem.limits(p),
+        "x0, u_before or a bound": lambda: _check_limits(problem),
         "the cost": lambda: problem.cost_terms,
         "the guess": lambda: _check_guess(problem, p),
     }
@@ -53,8 +53,7 @@ def check(spec: ProblemSpec) -> None:
         try:
             evaluate()
         except Exception as error:
-            reason = str(error).strip().splitlines()[-1] if str(error).strip() else repr(error)
-            raise InputError(f"{spec.path}: {what} does not fit: {reason}") from error
+            raise InputError(f"{spec.path}: {what} does not fit: {reason(error)}") from error
     start = problem.initial_states(p)
     if not np.all(np.isfinite(start)):
         raise InputError(f"{spec.path}: x0 is not finite: {start[0]}")
@@ -67,6 +66,15 @@ def check(spec: ProblemSpec) -> None:
         except Exception as error:
             path = spec.path or Path()
             raise InputError(f"{path}: draw(params, state) failed: {where(error, path)}") from error
+
+
+def _check_limits(problem: Problem) -> None:
+    limits, nx, nu = problem.limits, problem.system.nx, problem.system.nu
+    for index in range(limits.n_out()):
+        name, rows = limits.name_out(index), limits.size1_out(index)
+        expected = nx if name.startswith("x") else nu
+        if rows != expected:
+            raise ValueError(f"{name} has {rows} entries, expected {expected}")
 
 
 def _check_guess(problem: Problem, p: np.ndarray) -> None:

@@ -166,7 +166,13 @@ def where(error: BaseException, path: Path) -> str:
         if Path(frame.filename) == path
     ]
     place = f"line {lines[-1]}: " if lines else ""
-    return f"{place}{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+    return f"{place}{type(error).__name__}: {reason(error)}"
+
+
+def reason(error: BaseException) -> str:
+    """Return the line of the message that says what happened; CasADi puts it below a location."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [""]
+    return lines[-1] if lines[0].endswith(":") else lines[0]
 
 
 def _kind(value: object) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import casadi as ca
 
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.system import ContactSystem
+from dynamics.systems.system import ContactSystem, check_shape
 
 
 def quasi_dynamic(
@@ -32,6 +32,8 @@ def quasi_dynamic(
 
     As the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, the log-barrier weight converts as
     ``mu = 1 / kappa``.
+
+    Raises ``ValueError`` where a dimension does not fit.
     """
     nq, nu = len(states), len(inputs)
     x, x_next = ca.SX.sym("x", nq), ca.SX.sym("x_next", nq)
@@ -39,6 +41,9 @@ def quasi_dynamic(
     dq = x_next - x
     n_free = nq - nu
     phi = distance(x)
+    check_shape(name, "mass", mass, (n_free, n_free))
+    check_shape(name, "stiffness", stiffness, (nu, nu))
+    check_shape(name, "distance(q)", phi, (len(contacts), 1))
     J = ca.jacobian(phi, x)
     impulse = J.T @ lam
     residual = ca.vertcat(

@@ -114,6 +114,14 @@ class ContactSystem:
         return AffineContact(a, B, z, F)
 
 
+def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int]) -> None:
+    """Raise ``ValueError`` where a builder's argument has another shape than its docstring says."""
+    if ca.SX(expression).shape != shape:
+        raise ValueError(
+            f"system {system!r}: {what} has shape {ca.SX(expression).shape}, expected {shape}"
+        )
+
+
 def _free_symbols(expression: ca.SX, known: ca.SX) -> list[str]:
     names = {str(symbol): symbol for symbol in ca.symvar(expression)}
     declared = [str(symbol) for symbol in ca.symvar(known)]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import casadi as ca
 
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.system import ContactSystem
+from dynamics.systems.system import ContactSystem, check_shape
 
 
 def time_stepping(
@@ -32,16 +32,25 @@ def time_stepping(
 
     With gap = phi(q+) [m] the log-barrier weight converts as ``mu = h / kappa``
     (pathologies, eq. 2-5).
+
+    Raises ``ValueError`` where a dimension does not fit.
     """
+    if len(states) % 2:
+        raise ValueError(
+            f"system {name!r}: {len(states)} states; expected positions and as many velocities"
+        )
     nq = len(states) // 2
     x, x_next = ca.SX.sym("x", 2 * nq), ca.SX.sym("x_next", 2 * nq)
     u, lam = ca.SX.sym("u", len(inputs)), ca.SX.sym("lam", len(contacts))
     q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
-    phi = distance(q)
+    phi, smooth = distance(q), impulse(q, v, u)
+    check_shape(name, "mass", mass, (nq, nq))
+    check_shape(name, "impulse(q, v, u)", smooth, (nq, 1))
+    check_shape(name, "distance(q)", phi, (len(contacts), 1))
     J = ca.jacobian(phi, q)
     residual = ca.vertcat(
         q_next - q - h * v_next,
-        mass @ (v_next - v) - impulse(q, v, u) - J.T @ lam,
+        mass @ (v_next - v) - smooth - J.T @ lam,
     )
     return ContactSystem(
         name=name,

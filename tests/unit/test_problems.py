@@ -1,0 +1,358 @@
+"""The registry, the parameters, and the five first problems at hand-computed points."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import asdict
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+import typst
+
+import problems
+from dynamics.contact import Exact
+from ocp.errors import InputError
+from ocp.problem import Problem
+from problems.parameters import is_structural
+
+NAMES = ["wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls"]
+PARAMETERS = [
+    (name, parameter) for name in NAMES for parameter in problems.spec(name).Params.model_fields
+]
+
+
+def other_value(name: str, parameter: str) -> float:
+    """A value near the default that the parameter takes."""
+    default = problems.spec(name).Params.model_fields[parameter].default
+    return default + 1 if isinstance(default, int) else 1.01 * default or 0.01
+
+
+def expressions(problem: Problem) -> ca.SX:
+    """Everything that a parameter can be in."""
+    system = problem.system
+    bounds = [problem.u_lower, problem.u_upper, problem.x_lower, problem.x_upper]
+    before = [] if problem.u_before is None else [problem.u_before]
+    parts = [system.residual, system.gap, problem.stage_cost, problem.terminal_cost, problem.x0]
+    return ca.vertcat(*parts, *before, *(ca.SX(bound) for bound in bounds))
+
+
+def test_the_first_five_problems_are_registered_in_order():
+    assert problems.names()[:5] == NAMES
+
+
+@pytest.mark.parametrize(("name", "parameter"), PARAMETERS)
+def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter: str):
+    value = other_value(name, parameter)
+    given = problems.parse_parameters(problems.spec(name), [f"{parameter}={value}"])
+    if parameter.startswith("scenario_"):
+        given["scenarios"] = 3
+    problem = problems.get(name, **given)
+    if is_structural(problems.spec(name).Params.model_fields[parameter]):
+        assert problem.settings[parameter] == value
+    else:
+        index = problem.parameters.index(parameter)
+        assert problem.parameters.values[index] == value
+        assert ca.depends_on(expressions(problem), problem.parameters[parameter])
+
+
+def test_structural_parameters_shape_the_problem():
+    assert problems.get("wall-1d", N=7).N == 7
+    many = problems.get("push-disc", scenarios=8)
+    starts = many.initial_states(many.parameters.values)
+    assert starts.shape == (8, 4)
+    assert np.all(starts[:, 2:] == [-1, 0.2])
+    assert np.all(np.abs(starts[:, :2]) < 4 * 0.03)
+    assert len(np.unique(starts[:, 0])) == 8
+    again = problems.get("push-disc", scenarios=8)
+    other = problems.get("push-disc", scenarios=8, scenario_seed=1)
+    assert np.array_equal(starts, again.initial_states(again.parameters.values))
+    assert not np.array_equal(starts, other.initial_states(other.parameters.values))
+    wide = problems.get("push-disc", scenarios=8, scenario_std=0.06)
+    assert np.allclose(wide.initial_states(wide.parameters.values)[:, :2], 2 * starts[:, :2])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_parameter_is_described(name: str):
+    for row in problems.describe(problems.spec(name)):
+        assert row["description"], row
+        assert row["unit"], row
+        assert np.isfinite(row["value"])
+
+
+# The costs of the issue, written out with its numbers: (x, u, du) -> (stage, terminal).
+HAND = {
+    "wall-1d": lambda x, u, du: (
+        (x[0] + 0.5) ** 2 + 0.1 * x[1] ** 2 + 0.01 * u[0] ** 2,
+        10 * (x[0] + 0.5) ** 2,
+    ),
+    "push-1d": lambda x, u, du: ((x[0] - 1) ** 2 + 0.1 * du[0] ** 2, 100 * (x[0] - 1) ** 2),
+    "push-disc": lambda x, u, du: (
+        0.01 * ((x[0] - 1) ** 2 + (x[1] - 0.5) ** 2) + 0.1 * (du[0] ** 2 + du[1] ** 2),
+        10 * ((x[0] - 1) ** 2 + (x[1] - 0.5) ** 2),
+    ),
+    "ball-bounce": lambda x, u, du: (
+        0.01 * 0.05 * (u[0] ** 2 + u[1] ** 2),
+        100 * ((x[0] - 2) ** 2 + (x[1] - 0.5) ** 2) + x[2] ** 2 + x[3] ** 2,
+    ),
+    "cart-walls": lambda x, u, du: (
+        10 * x[0] ** 2 + 50 * x[1] ** 2 + x[2] ** 2 + 5 * x[3] ** 2 + 0.1 * u[0] ** 2,
+        100 * float(np.sum(x**2)),
+    ),
+}
+STARTS = {
+    "wall-1d": ([1, 0], [0], 1, 30, 0.1),
+    "push-1d": ([0, -0.5], [-0.5], 2, 20, 0.1),
+    "push-disc": ([0, 0, -1, 0.2], [-1, 0.2], 3, 20, 0.1),
+    "ball-bounce": ([0, 1, 1, -6], [0, 0], 15, 40, 0.05),
+    "cart-walls": ([0.1, 0.2, 0.5, 2.0], [0], 4, 50, 0.04),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_costs_match_the_hand_computed_ones(name: str):
+    problem = problems.get(name)
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        x, u = rng.normal(size=problem.system.nx), rng.normal(size=problem.system.nu)
+        du = rng.normal(size=problem.system.nu)
+        got = problem.cost_terms(x, u, du, problem.parameters.values)
+        assert np.allclose([float(value) for value in got], HAND[name](x, u, du), rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_start_bounds_horizon_and_step_are_those_of_the_issue(name: str):
+    problem = problems.get(name)
+    x0, before, u_max, steps, h = STARTS[name]
+    p = problem.parameters.values
+    limits = [np.array(value).ravel() for value in problem.limits(p)]
+    assert np.array_equal(limits[0], x0)
+    assert np.array_equal(limits[1], before)
+    assert np.all(limits[2] == -u_max)
+    assert np.all(limits[3] == u_max)
+    assert steps == problem.N
+    step = ca.Function("h", [problem.parameters.vector], [problem.system.h])
+    assert float(step(p)) == h
+
+
+def exact_step(name: str, x: list[float], u: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    problem = problems.get(name)
+    x_next, lam = Exact().close(problem.system).map(x, u, problem.parameters.values)
+    return np.array(x_next).ravel(), np.array(lam).ravel()
+
+
+def test_wall_stops_the_mass():
+    # z = 0.05 + 0.1 (-1 + 0.2) = -0.03, lam = 0.03 m / h
+    assert np.allclose(exact_step("wall-1d", [0.05, -1], [0.2])[0], [0, -0.5])
+    assert np.allclose(exact_step("wall-1d", [0.05, -1], [0.2])[1], 0.3)
+
+
+def test_pusher_moves_the_mass_by_the_ratio_of_stiffnesses():
+    # rho = h² K / (M + h² K) = 1/2, pushed by u - (qu - width) = 0.3
+    x_next, lam = exact_step("push-1d", [0, -0.5], [0.1])
+    assert np.allclose(x_next, [0.15, -0.05])
+    assert np.allclose(lam, 0.15 / 0.1)
+
+
+def test_disc_moves_along_the_line_of_centres():
+    x_next, lam = exact_step("push-disc", [0, 0, -0.6, 0], [-0.3, 0])
+    share = 0.01 * 50 / (1 + 0.01 * 50)
+    assert np.allclose(x_next, [0.3 * share, 0, -0.6 + 0.3 * share, 0])
+    assert np.allclose(lam, 0.3 * share / 0.1)
+    assert np.allclose(exact_step("push-disc", [0, 0, -1, 0.2], [-1, 0.2])[1], 0)
+
+
+def test_ball_lands_without_bouncing():
+    x_next, lam = exact_step("ball-bounce", [0, 0.1, 1, -6], [2, 9.81])
+    assert np.allclose(x_next, [0.05 * 1.1, 0, 1.1, -2])
+    assert np.allclose(lam, 4)
+    x_next, lam = exact_step("ball-bounce", [0, 1, 0, 0], [0, 0])
+    assert np.allclose(x_next, [0, 1 - 9.81 * 0.05**2, 0, -9.81 * 0.05])
+    assert np.allclose(lam, 0)
+
+
+def test_cart_obeys_the_matrices_of_the_issue():
+    h, length, k = 0.04, 0.5, 100
+    A = np.zeros((4, 4))
+    A[0, 2] = A[1, 3] = 1
+    A[2, 1], A[3, 1] = 9.81 * 0.1, 9.81 * 1.1 / length
+    B, C = np.array([0, 0, 1, 1 / length]), np.zeros((4, 2))
+    C[3] = -1 / (length * 0.1), 1 / (length * 0.1)
+    x, u = np.array([0.3, 0.2, 0.5, 2]), 1.5
+    x_next, lam = exact_step("cart-walls", list(x), [u])
+    assert np.allclose(x_next, x + h * (A @ x_next + B * u + C @ lam), atol=1e-12)
+    tip = x_next[0] + length * x_next[1]
+    assert lam[0] > 0
+    assert np.allclose([lam[0] / k + 0.35 - tip, lam[1]], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_drawings_are_plain_data_that_moves_with_the_state(name: str):
+    spec, problem = problems.spec(name), problems.get(name)
+    assert spec.draw is not None
+    assert spec.frames is not None
+    params, start = spec.params({}), problem.initial_states(problem.parameters.values)[0]
+    here, there = spec.draw(params, start), spec.draw(params, start + 0.1)
+    assert here != there
+    assert here == spec.draw(params, start)
+    for shape in here:
+        assert all(isinstance(value, float | int | str) for value in asdict(shape).values())
+    frames = spec.frames(params, start)
+    assert len(frames) == problem.system.nlam
+    assert np.allclose([np.hypot(frame.nx, frame.ny) for frame in frames], 1)
+
+
+def test_equations_are_valid_typst():
+    lines = [line for name in NAMES for line in problems.spec(name).typst]
+    assert len(lines) > len(NAMES)
+    document = "\n\n".join(f"$ {line} $" for line in lines)
+    assert typst.compile(document.encode(), format="pdf")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "sentence"),
+    [
+        ("push-disk", {}, "did you mean 'push-disc'"),
+        ("nothing-like-it", {}, "wall-1d, push-1d, push-disc, ball-bounce, cart-walls"),
+        ("push-disc", {"M": -1}, r"M \(mass of the object\) must be a number > 0 \[kg\], got -1"),
+        ("push-disc", {"M": "heavy"}, r"must be a number > 0 \[kg\], got 'heavy'"),
+        ("push-disc", {"M": float("nan")}, r"must be a number > 0 \[kg\], got nan"),
+        ("push-disc", {"M": float("inf")}, r"\[kg\], got inf"),
+        ("push-disc", {"goalx": 1}, r"unknown parameter 'goalx' \(did you mean 'goal_x'\?\)"),
+        ("push-disc", {"N": 0}, "N .* must be a whole number >= 1, got 0"),
+        ("push-disc", {"N": 1.5}, "N .* must be a whole number >= 1, got 1.5"),
+        ("push-disc", {"scenario_std": -0.1}, r"scenario_std .* >= 0 \[m\]"),
+        ("push-disc", {"ox0": -0.9}, "starts inside the object"),
+        ("push-1d", {"qa0": 0.1}, "starts inside the object"),
+    ],
+)
+def test_bad_input_gets_its_sentence(name: str, values: dict, sentence: str):
+    with pytest.raises(InputError, match=sentence) as raised:
+        problems.get(name, **values)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "sentence"),
+    [
+        (["M"], "expected name=value, got 'M'"),
+        (["=2"], "expected name=value"),
+        (["M="], "expected name=value"),
+        (["M=1", "M=2"], "M is given twice"),
+        (["M=1,5"], "got '1,5'"),
+    ],
+)
+def test_bad_assignments_get_their_sentence(assignment: list[str], sentence: str):
+    with pytest.raises(InputError, match=sentence):
+        problems.parse_parameters(problems.spec("push-disc"), assignment)
+
+
+USER = """
+import casadi as ca
+from dynamics.systems import signals, time_stepping
+from ocp.problem import Problem
+from problems import Parameters, quantity, structure, table
+
+name, title = "my-wall", "A mass of my own"
+
+
+class Params(Parameters):
+    m: float = quantity(2.0, "kg", "mass", above=0)
+    N: int = structure(4, "number of steps", least=1)
+
+
+def build(params):
+    p = table(params)
+    system = time_stepping(
+        name, states=signals("x [m]; v [m/s]"), inputs=signals("u [N s]"),
+        contacts=signals("wall [N s]"), h=0.1, mass=p["m"], impulse=lambda q, v, u: u,
+        distance=lambda q: q, parameters=p,
+    )
+    return Problem(
+        name=name, system=system, N=params.N, stage_cost=ca.sumsqr(system.u),
+        terminal_cost=(system.x[0] - 1) ** 2, x0=ca.SX([1, 0]), parameters=p,
+    )
+"""
+
+
+def user_file(folder: Path, text: str) -> Path:
+    path = folder / "mine.py"
+    path.write_text(textwrap.dedent(text))
+    return path
+
+
+def test_a_users_file_works_like_a_registered_problem(tmp_path: Path):
+    path = user_file(tmp_path, USER)
+    spec = problems.load(path)
+    assert (spec.name, spec.title, spec.path) == ("my-wall", "A mass of my own", path)
+    assert problems.spec(str(path)).name == "my-wall"
+    problem = problems.get(str(path), m=3.0, N=6)
+    assert problem.N == 6
+    assert problem.parameters.values == [3.0]
+    with pytest.raises(InputError, match=r"my-wall: parameter m .* > 0 \[kg\]"):
+        problems.get(str(path), m=0)
+
+
+def test_a_changed_file_is_read_again(tmp_path: Path):
+    path = user_file(tmp_path, USER)
+    assert problems.load(path).title == "A mass of my own"
+    user_file(tmp_path, USER.replace("of my own", "of another's"))
+    assert problems.load(path).title == "A mass of another's"
+
+
+# The problem's own arguments end here, so that further ones can be put in.
+END = "x0=ca.SX([1, 0]), parameters=p,"
+
+BROKEN = {
+    "raises": (USER + "\n1 / 0\n", r"raised at line \d+: ZeroDivisionError"),
+    "syntax": (USER + "\ndef (\n", r"line \d+: SyntaxError"),
+    "exits": (USER + "\nraise SystemExit(3)\n", "SystemExit"),
+    "no build": (USER.replace("def build", "def make"), "build is missing"),
+    "nothing": ("", "name, title, Params, build are missing"),
+    "Params": (USER.replace("(Parameters)", ""), "Params must be a class derived from"),
+    "name": (USER.replace('"my-wall"', '"../my wall"'), "name must be a word"),
+    "title": (USER.replace('"A mass of my own"', "7"), "title must be a text"),
+    "returns": (USER.replace("return Problem(", "dict("), "returned nothing, expected"),
+    "build raises": (USER.replace('p["m"]', 'p["n"]'), r"build\(params\) failed: line \d+: KeyE"),
+    "x0": (USER.replace("ca.SX([1, 0])", "ca.SX([1, 0, 0])"), "x0 has 3 entries, expected 2"),
+    "odd": (USER.replace("v [m/s]", "v [m/s]; w [m]"), "3 states; expected positions and as many"),
+    "mass": (USER.replace("v [m/s]", "v [m/s]; w [m]; a [1]"), r"mass has shape \(1, 1\), exp"),
+    "contacts": (USER.replace("wall [N s]", "a [N s]; b [N s]"), r"distance\(q\) has shape"),
+    "strange": (USER.replace("v, u: u,", "v, u: ca.SX.sym('a'),"), "uses a, which is no state"),
+    "bound": (
+        USER.replace(END, END + "u_upper=ca.SX([1, 2]),"),
+        "a bound does not fit: u_upper has 2 entries, expected 1",
+    ),
+    "guess": (
+        USER.replace(END, END + "guess=lambda problem, p: ([0], [0]),"),
+        "the guess does not fit: it has states",
+    ),
+    "nan": (USER.replace("ca.SX([1, 0])", "ca.SX([1, float('nan')])"), "x0 is not finite"),
+    "nan cost": (
+        USER.replace("(system.x[0] - 1) **", "(system.x[1]) ** -"),
+        "cost is not a finite",
+    ),
+    "horizon": (USER.replace("N=params.N", "N=0"), "horizon N must be a whole number >= 1"),
+    "draw": (
+        USER + "\ndef draw(params, state):\n    return state[9]\n",
+        r"draw\(params, state\) failed: line \d+: IndexError",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_file_gets_its_sentence(tmp_path: Path, case: str):
+    text, sentence = BROKEN[case]
+    path = user_file(tmp_path, text)
+    with pytest.raises(InputError, match=sentence) as raised:
+        problems.load(path)
+    assert "mine.py" in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_missing_file_gets_its_sentence(tmp_path: Path):
+    with pytest.raises(InputError, match="there is no such file"):
+        problems.spec(str(tmp_path / "absent.py"))
+    with pytest.raises(InputError, match="is a directory"):
+        problems.load(tmp_path)
