@@ -13,6 +13,7 @@ run are the same samples. The four words make two normals by Box and Muller's tr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,7 @@ _LOW = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
 
 
-def philox(counter: np.ndarray, key: tuple[int, int]) -> np.ndarray:
+def philox(counter: Sequence[np.ndarray] | np.ndarray, key: tuple[int, int]) -> np.ndarray:
     """Philox4x32-10 of `counter` (4, m), any integers below 2**32, as uint64 (4, m)."""
     c = [np.asarray(word, dtype=np.uint64) for word in counter]
     k = list(key)
@@ -58,8 +59,8 @@ def key_of(seed: int | np.random.SeedSequence) -> tuple[int, int]:
 def standard_normals(key: tuple[int, int], first: int, n: int, size: int) -> np.ndarray:
     """Independent N(0, 1) numbers `(n, size)` of the samples `first, ..., first + n - 1`.
 
-    Value m of a sample comes from pair m // 2: with a = (i + 1/2) / 2**52, b = j / 2**52, i and j of 52 bits,
-    sqrt(-2 ln a) cos(2 pi b) for even m and sin for odd m.
+    Value m of a sample comes from pair m // 2: with a = (i + 1/2) / 2**52 and b = j / 2**52, i and
+    j of 52 bits, sqrt(-2 ln a) cos(2 pi b) for even m and sin for odd m.
     """
     index = np.arange(first, first + n, dtype=np.uint64)[:, None]
     pair = np.arange((size + 1) // 2, dtype=np.uint64)

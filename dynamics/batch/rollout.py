@@ -115,31 +115,27 @@ class RolloutFunction:
         """Cost of each sample, with its gradient by theta and its score where asked.
 
         `x0` (n, nx), `theta` (n, *policy.shape) and `p` (n, np) may each lack the axis of samples
-        and are then shared; p is the step's own where it is None. `noise` is `Gaussian`, an array (n, horizon, nu), or None. `n_samples`
-        is needed only where no array tells it. The score, sum_t D_theta law(x_t, theta_t)' w_t /
-        sigma^2, is the gradient by theta of the log-density of the noise. `out` is an earlier
-        answer whose arrays are written over.
+        and are then shared; None for p takes the step's own values. `noise` is `Gaussian`, an array
+        (n, horizon, nu), or None. `n_samples` is needed only where no array tells it. The score,
+        sum_t D_theta law(x_t, theta_t)' w_t / sigma^2, is the gradient by theta of the
+        log-density of the noise. `out` is an earlier answer whose arrays are written over.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
         q = self._request(x0, theta, p, noise, n_samples, gradient, score)
         shape = (q.n, *self.policy.shape(self.horizon))
-        given = out or Rollouts(*[None] * 3, NonFinite())  # pyright: ignore[reportArgumentType]
-        cost = as_output(given.cost, (q.n,), "cost")
+        cost = as_output(out and out.cost, (q.n,), "cost")
         parts = [
-            as_output(array, shape, name) if wanted else None
-            for name, array, wanted in (
-                ("gradient", given.gradient, gradient),
-                ("score", given.score, score),
-            )
+            as_output(out and getattr(out, name), shape, name) if wanted else None
+            for name, wanted in (("gradient", gradient), ("score", score))
         ]
         rows = [None if a is None else a.reshape(q.n, -1) for a in parts]
-        bad = self._engine.samples(q, cost.reshape(-1, 1), *rows) if q.n else 0
+        bad = self._engine.samples(q, cost.reshape(-1, 1), rows[0], rows[1]) if q.n else 0
         nonfinite = NonFinite()
         if bad:
             nonfinite = non_finite_rows([cost, *[a for a in parts if a is not None]])
             warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=2)
-        return Rollouts(cost, *parts, nonfinite)
+        return Rollouts(cost, parts[0], parts[1], nonfinite)
 
     def moments(
         self,
@@ -191,7 +187,7 @@ class RolloutFunction:
                 part, size = q.part(begin, end), q.theta.shape[1]
                 values = [np.empty((part.n, 1)), *np.empty((2, part.n, size))]
                 asked = [values[1] if q.gradient else None, values[2] if q.score else None]
-                self._engine.samples(part, values[0], *asked)
+                self._engine.samples(part, values[0], asked[0], asked[1])
                 rows = non_finite_rows([values[0], *[a for a in asked if a is not None]])
                 found.append(begin + rows.indices)
         return np.concatenate(found)
@@ -222,11 +218,10 @@ class RolloutFunction:
         score: bool,
     ) -> Request:
         what, tapes = "the rollout", self.tapes
-        rows = {
-            "x0": as_rows(x0, tapes.nx, "x0", what),
-            "theta": self._theta_rows(theta),
-            "p": as_rows(self.default_p if p is None else p, tapes.np, "p", what),
-        }
+        start = as_rows(x0, tapes.nx, "x0", what)
+        thetas = self._theta_rows(theta)
+        parameters = as_rows(self.default_p if p is None else p, tapes.np, "p", what)
+        w = None
         gaussian = noise if isinstance(noise, Gaussian) else None
         if score and gaussian is None:
             raise ValueError(
@@ -235,18 +230,19 @@ class RolloutFunction:
         if gaussian is not None:
             gaussian.scales(tapes.nu)
         elif noise is not None:
-            rows["noise"] = self._noise_rows(noise)
-        n = _sample_count(rows, n_samples)
-        w = rows.pop("noise", None)
+            w = self._noise_rows(noise)
+        n = _sample_count({"x0": start, "theta": thetas, "p": parameters, "noise": w}, n_samples)
         return Request(
             n=n,
             horizon=self.horizon,
             parts=self.horizon if self.policy.per_step else 1,
+            x0=start,
+            theta=thetas,
+            p=parameters,
             w=w,
             gaussian=gaussian,
             gradient=gradient,
             score=score,
-            **rows,
         )
 
     def _theta_rows(self, theta: Any) -> np.ndarray:
@@ -270,9 +266,13 @@ class RolloutFunction:
         return np.ascontiguousarray(array.reshape(len(array), -1))
 
 
-def _sample_count(rows: dict[str, np.ndarray], n_samples: int | None) -> int:
+def _sample_count(rows: dict[str, np.ndarray | None], n_samples: int | None) -> int:
     """How many samples the arrays and `n_samples` agree on; `ValueError` where they do not."""
-    lengths = {name: len(a) for name, a in rows.items() if len(a) != 1 or name == "noise"}
+    lengths = {
+        name: len(a)
+        for name, a in rows.items()
+        if a is not None and (len(a) != 1 or name == "noise")
+    }
     if n_samples is not None:
         if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
             raise ValueError(f"n_samples must be a whole number of at least 0, not {n_samples!r}")

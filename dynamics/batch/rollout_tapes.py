@@ -194,7 +194,7 @@ class _Closed:
                 [*self.arguments, states, everything],
                 self._effects(ca.vertcat(*solved)),
             ),
-            iterations=interior_point.ITERATIONS,
+            iterations=interior_point.iteration_count(n),
             branches=len(data),
         )
 

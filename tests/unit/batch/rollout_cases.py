@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from dynamics.batch import RolloutPolicy
 from dynamics.contact import ContactLaw, Step
 from dynamics.systems import ContactSystem, lcs
 
@@ -46,3 +47,24 @@ def closed(system: ContactSystem, law: ContactLaw) -> tuple[Step, ca.Function, c
     x, u, p = system.x, system.u, step.p.vector
     stage = ca.Function("stage", [x, u, p], [0.1 * ca.sumsqr(u) + 0.01 * ca.sumsqr(x)])
     return step, stage, ca.Function("terminal", [x, p], [5 * ca.sumsqr(x - 1)])
+
+
+def reference(
+    step: Step, stage: ca.Function, terminal: ca.Function, horizon: int, policy: RolloutPolicy
+) -> ca.Function:
+    """The same rollout unrolled in CasADi: (x0, theta, p, w) to cost and gradient by theta.
+
+    theta is (n_theta, horizon or 1), w is (nu, horizon); contact is differentiated by the step's
+    own explicit map, which shares nothing with the batch engine's adjoint.
+    """
+    nx, nu = step.system.nx, step.system.nu
+    x0, p = ca.MX.sym("x0", nx), ca.MX.sym("p", len(step.p))
+    theta = ca.MX.sym("theta", policy.n_theta, horizon if policy.per_step else 1)
+    w = ca.MX.sym("w", nu, horizon)
+    x, cost = x0, ca.MX(0)
+    for t in range(horizon):
+        u = policy.law(x, theta[:, t if policy.per_step else 0]) + w[:, t]
+        cost += stage(x, u, p)
+        x = step.map(x, u, p)[0]
+    cost += terminal(x, p)
+    return ca.Function("reference", [x0, theta, p, w], [cost, ca.gradient(cost, theta)])
