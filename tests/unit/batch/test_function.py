@@ -89,9 +89,7 @@ def test_long_graphs_are_cut_and_agree():
     wanted, got = BatchFunction(f, backend="numpy")(at), BatchFunction(f, backend="c")(at)
     # The map is chaotic: early values agree to rounding, late ones only with themselves.
     np.testing.assert_allclose(got[1][:, :4], wanted[1][:, :4], rtol=1e-12)
-    np.testing.assert_array_equal(
-        got[0], BatchFunction(f, backend="c", block=8, threads=2)(at)[0]
-    )
+    np.testing.assert_array_equal(got[0], BatchFunction(f, backend="c", block=8, threads=2)(at)[0])
 
 
 def test_sparse_inputs_and_outputs_are_rows_of_nonzeros():
@@ -128,7 +126,7 @@ def test_out_arrays_are_written_to(graph, samples):
     assert norm is out[1]
     with pytest.raises(ValueError, match=r"C-contiguous float64 array of shape \(1003, 13\)"):
         f(*samples, out=[np.empty((1003, 12)), norm])
-    with pytest.raises(ValueError, match="2 outputs.*holds 1 arrays"):
+    with pytest.raises(ValueError, match=r"2 outputs.*holds 1 arrays"):
         f(*samples, out=[y])
 
 

@@ -13,8 +13,10 @@ from dynamics.batch import BatchFunction, BatchWarning, UnsupportedOperation
 from dynamics.batch.tape import BINARY, OP_NAMES, RENAMES, UNARY, tape_of
 
 SPECIAL = np.array(
-    [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 2.0, -3.0, np.inf, -np.inf, np.nan, 5e-324, -5e-324]
-    + [1e300, -1e300, 1e-300, 1e308, 709.9, -746.0, 3.0, 0.1, 1e5, -1e5, 1e22]
+    [
+        *(0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 2.0, -3.0, np.inf, -np.inf, np.nan, 5e-324, -5e-324),
+        *(1e300, -1e300, 1e-300, 1e308, 709.9, -746.0, 3.0, 0.1, 1e5, -1e5, 1e22),
+    ]
 )
 
 
@@ -97,7 +99,7 @@ def test_erfinv_is_accurate_where_casadi_is_not(backend):
     x = ca.SX.sym("x")
     ends = np.array([-1.0, -0.0, 0.0, 1.0, 1.5, np.nan])
     tails = 1.0 - np.logspace(-16, -1, 50)
-    at = np.concatenate((np.linspace(-0.999, 0.999, 999), tails, -tails, 10.0 ** -tails, ends))
+    at = np.concatenate((np.linspace(-0.999, 0.999, 999), tails, -tails, 10.0**-tails, ends))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BatchWarning)
         got = BatchFunction(ca.Function("f", [x], [ca.erfinv(x)]), backend=backend)(at[:, None])
@@ -127,5 +129,5 @@ def test_kept_call_is_named_and_auto_falls_back_to_casadi():
 def test_free_variables_are_refused():
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     f = ca.Function("f", [x], [x * y], {"allow_free": True})
-    with pytest.raises(UnsupportedOperation, match="free variables.*make them inputs"):
+    with pytest.raises(UnsupportedOperation, match=r"free variables.*make them inputs"):
         tape_of(f)

@@ -1,0 +1,169 @@
+"""The compiler and its cache: missing, failing, damaged, shared, and refused."""
+
+from __future__ import annotations
+
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.batch import BatchFunction, BatchWarning, CompilerError, compiler
+
+SOURCE = "long long answer(void) { return %d; }\n"
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch) -> Path:
+    """A cache of the test's own, and nothing loaded before."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(compiler, "_loaded", {})
+    return tmp_path / "cache" / "centralpath" / "objects"
+
+
+@pytest.fixture
+def graph() -> ca.Function:
+    x = ca.SX.sym("x")
+    return ca.Function("graph", [x], [ca.sin(x) + x * x])
+
+
+def fake_compiler(folder: Path, script: str, monkeypatch) -> None:
+    folder.mkdir()
+    path = folder / "cc"
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder))
+
+
+def test_object_is_cached_for_the_owner_alone(own_cache):
+    assert compiler.load(SOURCE % 41).answer() == 41
+    (path,) = own_cache.glob("*")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(own_cache.stat().st_mode) == 0o700
+
+
+def test_cached_object_is_not_compiled_again(own_cache, monkeypatch):
+    compiler.load(SOURCE % 42)
+    monkeypatch.setattr(compiler, "_loaded", {})
+    monkeypatch.setattr(compiler, "_compile", lambda *_: pytest.fail("compiled again"))
+    assert compiler.load(SOURCE % 42).answer() == 42
+
+
+def test_corrupted_object_is_thrown_away_and_compiled_again(own_cache, monkeypatch):
+    compiler.load(SOURCE % 43)
+    (path,) = own_cache.glob("*.so")
+    damaged = path.read_bytes()[:-100] + b"x" * 100
+    path.unlink()  # writing over a loaded object would damage this very process
+    path.write_bytes(damaged)
+    monkeypatch.setattr(compiler, "_loaded", {})
+    assert compiler.load(SOURCE % 43).answer() == 43
+    assert len(list(own_cache.glob("*.so"))) == 1
+
+
+def test_unusable_cache_is_done_without(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("not a folder")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert compiler.cache_directory() is None
+    assert compiler.load(SOURCE % 44).answer() == 44
+    assert compiler.info()["cache"] is None
+    assert compiler.clear() == 0
+
+
+def test_cache_that_others_may_write_to_is_refused(own_cache):
+    own_cache.mkdir(parents=True)
+    own_cache.chmod(0o777)
+    assert compiler.cache_directory() is None
+    assert compiler.load(SOURCE % 45).answer() == 45
+    assert not list(own_cache.glob("*.so"))
+
+
+def test_full_disk_is_done_without(own_cache, monkeypatch):
+    compile_, refused = compiler._compile, []
+
+    def failing(*arguments):
+        if arguments[-1] == own_cache:
+            refused.append(1)
+            raise OSError("No space left on device")
+        return compile_(*arguments)
+
+    monkeypatch.setattr(compiler, "_compile", failing)
+    assert compiler.load(SOURCE % 46).answer() == 46
+    assert refused
+
+
+def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    message = r"no C compiler found \(looked for cc, gcc, clang\); 'graph' runs on the numpy"
+    with pytest.warns(BatchWarning, match=message):
+        f = BatchFunction(graph)
+    assert f.backend == "numpy"
+    np.testing.assert_allclose(f(np.array([[2.0]])), np.sin(2.0) + 4.0)
+    with pytest.raises(CompilerError, match="no C compiler found"):
+        BatchFunction(graph, backend="c")
+    assert compiler.info()["compiler"] is None
+
+
+def test_failing_compiler_shows_its_last_line_and_is_passed_over(graph, tmp_path, monkeypatch):
+    script = """case "$*" in
+      *--version*) echo "cc 0.1" ;;
+      *-dM*) echo "#define __SSE2__ 1" ;;
+      *) echo "first line" >&2; echo "cc1: out of memory" >&2; exit 1 ;;
+    esac"""
+    fake_compiler(tmp_path / "bin", script, monkeypatch)
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    with pytest.warns(BatchWarning, match=r"cc failed: cc1: out of memory; 'graph' runs on the"):
+        assert BatchFunction(graph).backend == "numpy"
+    with pytest.raises(CompilerError, match=r"cc failed: cc1: out of memory$"):
+        BatchFunction(graph, backend="c")
+
+
+def test_compiler_that_makes_rubbish_is_passed_over(graph, tmp_path, monkeypatch):
+    script = """case "$*" in
+      *--version*) echo "cc 0.2" ;;
+      *-dM*) echo "#define __SSE2__ 1" ;;
+      *) while [ "$1" != "-o" ]; do shift; done; echo rubbish > "$2" ;;
+    esac"""
+    fake_compiler(tmp_path / "bin", script, monkeypatch)
+    with pytest.raises(CompilerError, match="the compiled object does not load"):
+        BatchFunction(graph, backend="c")
+
+
+def test_processes_may_compile_the_same_at_once(own_cache):
+    program = (
+        f"from dynamics.batch import compiler; assert compiler.load({SOURCE % 47!r}).answer() == 47"
+    )
+    racing = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(4)]
+    assert [process.wait(timeout=120) for process in racing] == [0, 0, 0, 0]
+    assert len(list(own_cache.glob("*.so"))) == 1
+    assert not list(own_cache.glob("build-*"))
+
+
+def test_info_and_clear(own_cache):
+    compiler.load(SOURCE % 48)
+    told = compiler.info()
+    assert told["objects"] == 1
+    assert told["cache"] == str(own_cache)
+    assert told["width"] in (2, 4, 8)
+    assert compiler.clear() == 1
+    assert compiler.info()["objects"] == 0
+
+
+@pytest.mark.parametrize("native", [("-march=x86-64",), ("-march=haswell",)])
+def test_narrower_cpus_get_the_same_numbers(native, monkeypatch):
+    machine = compiler.find_compiler()
+    if machine.instruction_set not in ("AVX-512", "AVX2"):
+        pytest.skip("this CPU cannot run the narrower code")
+    monkeypatch.setattr(compiler, "NATIVE_FLAGS", (native,))
+    compiler._probe.cache_clear()
+    x = ca.SX.sym("x", 9)
+    y = ca.if_else(x > 0, ca.sqrt(ca.fabs(x)), ca.atan2(x, 2)) * ca.exp(x) + ca.floor(x)
+    f = ca.Function("f", [x], [y, ca.erf(x) / 3])
+    at = np.random.default_rng(0).standard_normal((101, 9))
+    got, wanted = BatchFunction(f, backend="c")(at), BatchFunction(f, backend="numpy")(at)
+    compiler._probe.cache_clear()
+    for one, other in zip(got, wanted, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)

@@ -1,0 +1,80 @@
+"""Counter-based normals: known answers, statistics, streams, and the compiled copy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from dynamics.batch import Gaussian
+from dynamics.batch.random import key_of, philox, standard_normals
+
+# Known answers of Random123, Philox4x32-10.
+KNOWN = [
+    (
+        (0, 0, 0, 0),
+        (0, 0),
+        (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8),
+    ),
+    (
+        (0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF),
+        (0xFFFFFFFF, 0xFFFFFFFF),
+        (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD),
+    ),
+    (
+        (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
+        (0xA4093822, 0x299F31D0),
+        (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
+    ),
+]
+
+
+@pytest.mark.parametrize(("counter", "key", "words"), KNOWN)
+def test_known_answers(counter, key, words):
+    assert tuple(int(w) for w in philox(np.array(counter, dtype=np.uint64), key)) == words
+
+
+def test_statistics_are_those_of_numpys_normals():
+    n = 400_000
+    ours = standard_normals(key_of(11), 0, n // 8, 8).ravel()
+    theirs = np.random.default_rng(11).standard_normal(n)
+    for power, variance in ((1, 1), (2, 2), (3, 15), (4, 96), (6, 10170)):
+        assert abs(np.mean(ours**power) - stats.norm.moment(power)) < 5 * np.sqrt(variance / n)
+    assert stats.kstest(ours, "norm").pvalue > 1e-3
+    assert stats.ks_2samp(ours, theirs).pvalue > 1e-3
+    columns = ours.reshape(-1, 8)
+    correlation = np.corrcoef(columns.T) - np.eye(8)
+    assert np.abs(correlation).max() < 5 / np.sqrt(len(columns))
+    assert abs(np.corrcoef(columns[:-1, 0], columns[1:, 0])[0, 1]) < 5 / np.sqrt(len(columns))
+
+
+def test_first_samples_of_a_larger_run_are_the_same():
+    long = Gaussian(0.5, seed=4).draw(100, 7, 3)
+    np.testing.assert_array_equal(long[:10], Gaussian(0.5, seed=4).draw(10, 7, 3))
+    np.testing.assert_array_equal(long[40:60], Gaussian(0.5, seed=4, first=40).draw(20, 7, 3))
+    np.testing.assert_array_equal(long[:, :4], Gaussian(0.5, seed=4).draw(100, 4, 3))
+
+
+def test_samples_beyond_32_bits_have_streams_of_their_own():
+    here, there = standard_normals(key_of(0), 5, 1, 6), standard_normals(key_of(0), 5 + 2**32, 1, 6)
+    assert not np.any(here == there)
+
+
+def test_seeds_are_streams():
+    one = np.random.SeedSequence(3)
+    np.testing.assert_array_equal(
+        standard_normals(key_of(3), 0, 5, 2), standard_normals(key_of(one), 0, 5, 2)
+    )
+    assert key_of(one.spawn(1)[0]) != key_of(3)
+
+
+@pytest.mark.parametrize("sigma", [0.0, -1.0, np.nan, np.inf, [1.0, 0.0]])
+def test_sigma_must_be_positive(sigma):
+    with pytest.raises(ValueError, match="sigma must be positive and finite"):
+        Gaussian(np.array(sigma), seed=0)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", None, True])
+def test_seed_must_be_a_whole_number(seed):
+    with pytest.raises(ValueError, match="seed must be a whole number of at least 0"):
+        Gaussian(1.0, seed=seed)
