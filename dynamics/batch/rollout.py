@@ -129,7 +129,7 @@ class RolloutFunction:
             as_output(out and getattr(out, name), shape, name) if wanted else None
             for name, wanted in (("gradient", gradient), ("score", score))
         ]
-        rows = [None if a is None else a.reshape(q.n, -1) for a in parts]
+        rows = [None if a is None else a.reshape(q.n, q.theta.shape[1]) for a in parts]
         bad = self._engine.samples(q, cost.reshape(-1, 1), rows[0], rows[1]) if q.n else 0
         nonfinite = NonFinite()
         if bad:
@@ -224,9 +224,7 @@ class RolloutFunction:
         w = None
         gaussian = noise if isinstance(noise, Gaussian) else None
         if score and gaussian is None:
-            raise ValueError(
-                "a score needs noise of known density: give noise=Gaussian(sigma, seed)"
-            )
+            raise ValueError("a score needs Gaussian noise; give noise=Gaussian(sigma, seed)")
         if gaussian is not None:
             gaussian.scales(tapes.nu)
         elif noise is not None:
