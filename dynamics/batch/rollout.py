@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.arguments import as_doubles, as_output, as_rows
+from dynamics.batch.arguments import as_doubles, as_output, as_rows, common_length
 from dynamics.batch.backends import choose
 from dynamics.batch.casadi_backend import CasadiKernel
 from dynamics.batch.function import BLOCK, checked_block
@@ -58,6 +58,8 @@ class RolloutFunction:
 
         cost = sum_{t<N} stage_cost(x_t, u_t, p) + terminal_cost(x_N, p)
         u_t  = policy.law(x_t, theta_t) + w_t,    x_{t+1} = step(x_t, u_t, p)
+
+    A stage cost with four arguments is of (x_t, u_t, u_t - u_{t-1}, p); calls then take `u_before`.
 
     `step` is a system closed by a contact law, the same that the NLP uses; p are its parameters.
     Backends, threads and block are those of `BatchFunction`; results depend neither on threads nor
@@ -108,6 +110,7 @@ class RolloutFunction:
         noise: Gaussian | Any | None = None,
         n_samples: int | None = None,
         *,
+        u_before: Any | None = None,
         gradient: bool = True,
         score: bool = False,
         out: Rollouts | None = None,
@@ -122,7 +125,7 @@ class RolloutFunction:
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        q = self._request(x0, theta, p, noise, n_samples, gradient, score)
+        q = self._request(x0, theta, p, noise, n_samples, u_before, gradient, score)
         shape = (q.n, *self.policy.shape(self.horizon))
         cost = as_output(out and out.cost, (q.n,), "cost")
         parts = [
@@ -145,6 +148,7 @@ class RolloutFunction:
         noise: Gaussian | Any | None = None,
         n_samples: int | None = None,
         *,
+        u_before: Any | None = None,
         gradient: bool = True,
         score: bool = False,
         baseline: float = 0.0,
@@ -154,7 +158,7 @@ class RolloutFunction:
         Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
         gradient (cost - baseline) * score. Raises `ValueError` as a call does.
         """
-        q = self._request(x0, theta, p, noise, n_samples, gradient, score)
+        q = self._request(x0, theta, p, noise, n_samples, u_before, gradient, score)
         q = replace(q, baseline=float(baseline))
         total: Moments | None = None
         bad: list[np.ndarray] = []
@@ -214,11 +218,12 @@ class RolloutFunction:
         p: Any,
         noise: Any,
         n_samples: int | None,
+        u_before: Any | None,
         gradient: bool,
         score: bool,
     ) -> Request:
         what, tapes = "the rollout", self.tapes
-        start = as_rows(x0, tapes.nx, "x0", what)
+        start = self._start(x0, u_before)
         thetas = self._theta_rows(theta)
         parameters = as_rows(self.default_p if p is None else p, tapes.np, "p", what)
         w = None
@@ -242,6 +247,22 @@ class RolloutFunction:
             gradient=gradient,
             score=score,
         )
+
+    def _start(self, x0: Any, u_before: Any | None) -> np.ndarray:
+        """Initial states, with the input before beside them where the cost asks for it."""
+        n_before = self.tapes.n_before
+        if (u_before is not None) != (n_before > 0):
+            raise ValueError(
+                "the stage cost is of (x, u, du, p): give u_before, the input before the first"
+                if n_before
+                else "u_before was given, but the stage cost is of (x, u, p) and has no use for it"
+            )
+        states = as_rows(x0, self.tapes.nx - n_before, "x0", "the rollout")
+        if u_before is None:
+            return states
+        before = as_rows(u_before, n_before, "u_before", "the rollout")
+        n = common_length([states, before], ["x0", "u_before"], "the rollout")
+        return np.hstack([np.broadcast_to(a, (n, a.shape[1])) for a in (states, before)])
 
     def _theta_rows(self, theta: Any) -> np.ndarray:
         shape = self.policy.shape(self.horizon)

@@ -43,6 +43,9 @@ class InnerLoop:
 class RolloutTapes:
     """CasADi functions of one step; all SX, all arguments dense columns.
 
+    Here x is what is carried from step to step: the system's state and, where the stage cost asks
+    for du, the input before (`nx` counts both, `n_before` the latter).
+
     - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no
       closed form for lam
     - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
@@ -51,6 +54,7 @@ class RolloutTapes:
     """
 
     nx: int
+    n_before: int
     nu: int
     np: int
     nlam: int
@@ -70,7 +74,8 @@ def build_tapes(
 ) -> RolloutTapes:
     """Close the step under the policy and differentiate it once.
 
-    `stage_cost: (x, u, p) -> l` and `terminal_cost: (x, p) -> l` are scalar. Raises `ValueError`
+    `stage_cost: (x, u, p) -> l`, or `(x, u, du, p) -> l` with du_t = u_t - u_{t-1}, and
+    `terminal_cost: (x, p) -> l` are scalar. Raises `ValueError`
     where the dimensions of costs, policy and step do not fit.
     """
     _check(step, stage_cost, terminal_cost, policy)
@@ -84,8 +89,10 @@ def _check(
     policy: RolloutPolicy,
 ) -> None:
     nx, nu, np = step.system.nx, step.system.nu, len(step.p)
+    with_du = stage_cost.n_in() == 4
+    stage = ((nx, nu, nu, np), "(x, u, du, p)") if with_du else ((nx, nu, np), "(x, u, p)")
     expected = (
-        ("stage cost", stage_cost, (nx, nu, np), "(x, u, p)"),
+        ("stage cost", stage_cost, *stage),
         ("terminal cost", terminal_cost, (nx, np), "(x, p)"),
         ("policy", policy.law, (nx, policy.n_theta), "(x, theta)"),
     )
@@ -115,20 +122,26 @@ class _Closed:
         terminal_cost: ca.Function,
         policy: RolloutPolicy,
     ) -> None:
+        system = step.system
         self.step, self.law = step, _expanded(policy.law)
-        self.x, self.p = step.system.x, step.p.vector
-        self.stage_cost = _expanded(stage_cost)(self.x, step.system.u, self.p)
-        self.terminal_cost = _expanded(terminal_cost)(self.x, self.p)
-        self.x_next = step.a + step.B @ step.lam
-        self.theta = ca.SX.sym("theta", policy.n_theta)
-        self.w = ca.SX.sym("w", step.system.nu)
+        self.p, self.theta = step.p.vector, ca.SX.sym("theta", policy.n_theta)
+        self.w = ca.SX.sym("w", system.nu)
+        stage = _expanded(stage_cost)
+        self.before = ca.SX.sym("before", system.nu if stage.n_in() == 4 else 0)
+        self.x = ca.vertcat(system.x, self.before)
+        change = [system.u - self.before] if stage.n_in() == 4 else []
+        self.stage_cost = stage(system.x, system.u, *change, self.p)
+        self.terminal_cost = _expanded(terminal_cost)(system.x, self.p)
+        carried = system.u if stage.n_in() == 4 else ca.SX(0, 1)
+        self.x_next = ca.vertcat(step.a + step.B @ step.lam, carried)
         self.arguments = [self.x, self.theta, self.w, self.p]
 
     def tapes(self) -> RolloutTapes:
-        law, at_end = self.law(self.x, self.theta), [self.x, self.p]
+        law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
         return RolloutTapes(
-            nx=self.step.system.nx,
+            nx=self.x.numel(),
+            n_before=self.before.numel(),
             nu=self.step.system.nu,
             np=len(self.step.p),
             nlam=self.step.n,
@@ -144,7 +157,7 @@ class _Closed:
 
     def _closed(self, *expressions: ca.SX) -> list[ca.SX]:
         """Expressions in the step's own (x, u, p), with the policy's input put in for u."""
-        u = self.law(self.x, self.theta) + self.w
+        u = self.law(self.step.system.x, self.theta) + self.w
         return ca.substitute(list(expressions), [self.step.system.u], [u])
 
     def _effects(self, lam: ca.SX) -> list[ca.SX]:
@@ -200,11 +213,11 @@ class _Closed:
 
     def _adjoint(self) -> ca.Function:
         step = self.step
-        xbar = ca.SX.sym("xbar", step.system.nx)
+        xbar = ca.SX.sym("xbar", self.x.numel())
         value = self.stage_cost + ca.dot(xbar, self.x_next)
         frozen, meant = [ca.SX(0, 1)], [ca.SX(0, 1)]
         if step.n:
-            frozen, meant, through_contact = self._implicit(step.B.T @ xbar)
+            frozen, meant, through_contact = self._implicit(step.B.T @ xbar[: step.system.nx])
             value += through_contact
         value = self._closed(value)[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]

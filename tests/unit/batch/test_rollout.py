@@ -42,10 +42,14 @@ def rollout(system: str, law: str, policy: str, backend: str = "c", **options) -
     return RolloutFunction(step, *costs, HORIZON, chosen, backend=backend, **options)
 
 
-def inputs(f: RolloutFunction, n: int, seed: int = 0) -> dict[str, np.ndarray]:
-    rng = np.random.default_rng(seed)
+def inputs(f: RolloutFunction, n: int) -> dict[str, np.ndarray]:
+    return inputs_of(f, f.tapes.nx, n)
+
+
+def inputs_of(f: RolloutFunction, nx: int, n: int) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
     return {
-        "x0": rng.standard_normal((n, f.tapes.nx)),
+        "x0": rng.standard_normal((n, nx)),
         "theta": 0.3 * rng.standard_normal((n, *f.policy.shape(HORIZON))),
         "noise": 0.1 * rng.standard_normal((n, HORIZON, f.tapes.nu)),
     }
@@ -244,6 +248,36 @@ def test_any_policy_function_serves():
     ]
     for answer in answers[:2]:
         np.testing.assert_allclose(answer.gradient, answers[2].gradient, rtol=1e-12)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("policy", ["open", "affine"])
+def test_cost_of_input_increments(policy, backend):
+    step, _, terminal = case("four", "barrier")
+    system, du = step.system, ca.SX.sym("du", 2)
+    value = ca.sumsqr(du) + 0.1 * ca.dot(system.u, du) + 0.01 * ca.sumsqr(system.x)
+    stage = ca.Function("stage", [system.x, system.u, du, step.p.vector], [value])
+    f = RolloutFunction(step, stage, terminal, HORIZON, POLICIES[policy](6, 2), backend=backend)
+    given, before = inputs_of(f, 6, 2), np.array([0.3, -0.2])
+    got = f(**given, u_before=before)
+    h = 1e-6
+    k = (0, 2, 1) if policy == "open" else (0, 5)
+    ahead, behind = (given["theta"].copy() for _ in range(2))
+    ahead[k] += h
+    behind[k] -= h
+    costs = [f(**{**given, "theta": t}, u_before=before).cost[0] for t in (ahead, behind)]
+    np.testing.assert_allclose(got.gradient[k], (costs[0] - costs[1]) / (2 * h), rtol=1e-6)
+    x, total, last = given["x0"][0], 0.0, before
+    for t in range(HORIZON):
+        theta = given["theta"][0, t] if policy == "open" else given["theta"][0]
+        u = np.array(f.policy.law(x, theta))[:, 0] + given["noise"][0, t]
+        total += float(stage(x, u, u - last, step.p.values))
+        x, last = np.array(step.map(x, u, step.p.values)[0])[:, 0], u
+    np.testing.assert_allclose(got.cost[0], total + float(terminal(x, step.p.values)), rtol=1e-12)
+    with pytest.raises(ValueError, match="give u_before, the input before the first"):
+        f(**given)
+    with pytest.raises(ValueError, match="has no use for it"):
+        rollout("four", "barrier", policy)(**given, u_before=before)
 
 
 def test_parameters_are_the_steps_own_or_one_row_a_sample():
