@@ -1,0 +1,30 @@
+"""Optimal control through contact: problems, methods, policies, and judged solutions."""
+
+from ocp.errors import DamagedRun, InputError, NotConverged
+from ocp.policy import Feedback, OpenLoop
+from ocp.problem import Constraint, Problem, Reference, Scenarios
+from ocp.rollout import Gains, Rollout, roll_out
+from ocp.solution import Solution, Status
+from ocp.solve import solve
+from ocp.transcription import Direct, MultipleShooting, SingleShooting
+
+__all__ = [
+    "Constraint",
+    "DamagedRun",
+    "Direct",
+    "Feedback",
+    "Gains",
+    "InputError",
+    "MultipleShooting",
+    "NotConverged",
+    "OpenLoop",
+    "Problem",
+    "Reference",
+    "Rollout",
+    "Scenarios",
+    "SingleShooting",
+    "Solution",
+    "Status",
+    "roll_out",
+    "solve",
+]

@@ -8,6 +8,10 @@ from typing import Any
 
 import xarray as xr
 
+from dynamics.contact import ContactLaw
+from ocp.problem import Problem
+from ocp.rollout import Gains, Rollout, roll_out
+
 
 class Status(Enum):
     """Outcome of a solve; the value is the sentence a person reads."""
@@ -108,7 +112,18 @@ class Solution:
     build_s: float
     solve_s: float
     record: dict[str, Any]
+    problem: Problem
+    values: dict[str, float]
+    gains: Gains | None = None
     others: list[dict[str, Any]] = field(default_factory=list)
+
+    def replay(self, law: ContactLaw | None = None) -> Rollout:
+        """Roll the plan out under another law (the exact one if not said).
+
+        Open loop: the same inputs; feedback: the same policy from each scenario.
+        """
+        plan = self.gains if self.gains is not None else self.data["u"].values
+        return roll_out(self.problem, plan, self.values, law)
 
     @property
     def success(self) -> bool:

@@ -1,0 +1,241 @@
+"""Recompute everything a solver claims, replay the plan under the exact law, and judge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Exact, Step
+from ocp.errors import NotConverged
+from ocp.problem import Problem
+from ocp.rollout import Gains, Rollout, roll_out
+from ocp.solution import Audit, Status, Violation
+from ocp.solvers.solver import Result
+from ocp.transcription.nlp import NLP
+
+TOLERANCES = {
+    "dynamics_residual": 1e-8,
+    "law_residual": 1e-7,
+    "constraint_violation": 1e-6,
+    "complementarity": 1e-8,
+}
+"""What ``success`` demands; complementarity only of the exact law."""
+_ACTIVE = 1e-7
+_FLAT = 1e-7
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Planned trajectories of all scenarios; lam, gap, mu (S, N, n) over all branches."""
+
+    x: np.ndarray
+    u: np.ndarray
+    lam: np.ndarray
+    gap: np.ndarray
+    mu: np.ndarray
+    residual: np.ndarray
+    gains: Gains | None
+
+
+def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
+    """Read the trajectories out of an NLP's variables and recompute gap, mu and residual."""
+    blocks = nlp.variables.unpack(result.point.x)
+    problem, step = nlp.problem, nlp.step
+    S, N, nx = problem.scenarios.n, problem.N, problem.system.nx
+    gains = Gains(blocks["K"], blocks["k"]) if "K" in blocks else None
+    if nlp.trajectories is not None:
+        found = nlp.trajectories(result.point.x, p)
+        x, u, lam, _ = (np.array(v).T for v in found)
+        x, u, lam = x.reshape(S, N + 1, nx), u.reshape(S, N, -1), lam.reshape(S, N, -1)
+    else:
+        x0 = nlp.data.unpack(p[len(nlp.names) :])["x0"]
+        x = np.concatenate([x0[:, None], blocks["x"]], axis=1)
+        u = np.broadcast_to(blocks["u"], (S, N, problem.system.nu))
+        lam = blocks.get("lam")
+        if lam is None:
+            lam = _solved_contacts(nlp, x, u, p)
+    residual, gap, mu = relation_values(step, x, u, lam, _step_values(nlp, p))
+    return Trajectories(x, np.array(u), lam, gap, mu, residual, gains)
+
+
+def _step_values(nlp: NLP, p: np.ndarray) -> np.ndarray:
+    position = {name: i for i, name in enumerate(nlp.names)}
+    return np.array([p[position[name]] for name in nlp.step.p.names])
+
+
+def _solved_contacts(nlp: NLP, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+    values = _step_values(nlp, p)
+    flat_x, flat_u = x[:, :-1].reshape(-1, x.shape[2]).T, u.reshape(-1, u.shape[2]).T
+    lam = nlp.step.solve.map(flat_x.shape[1])(flat_x, flat_u, values)[1]
+    return np.array(lam).T.reshape(*u.shape[:2], -1)
+
+
+def relation_values(
+    step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residual (S, N, nx), gap (S, N, n) and mu (S, N, n) of the implicit step."""
+    system = step.system
+    relation = ca.Function(
+        "relation",
+        [system.x, system.u, system.x_next, step.lam, step.p.vector],
+        [step.residual, step.gap, step.mu],
+    )
+    S, N = u.shape[:2]
+
+    def columns(array: np.ndarray) -> np.ndarray:
+        return np.asarray(array).reshape(S * N, -1).T
+
+    found = relation.map(S * N)(
+        columns(x[:, :-1]), columns(u), columns(x[:, 1:]), columns(lam), values
+    )
+    residual, gap, mu = (np.array(ca.densify(v)).T.reshape(S, N, -1) for v in found)
+    return residual, gap, mu
+
+
+def signed_distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray | None:
+    """True signed distance phi of every contact, (S, N+1, n_phi), or None if unknown."""
+    phi = problem.system.phi
+    if phi is None:
+        return None
+    function = ca.Function("phi", [problem.system.x, problem.parameters.vector], [ca.densify(phi)])
+    values = function.map(x.shape[0] * x.shape[1])(x.reshape(-1, x.shape[2]).T, physical)
+    return np.array(values).T.reshape(*x.shape[:2], -1)
+
+
+def audit(
+    nlp: NLP, result: Result, plan: Trajectories, values: dict[str, float], p: np.ndarray,
+    bounds: dict[str, np.ndarray],
+) -> tuple[Audit, Rollout]:  # fmt: skip
+    """Judge a result by its trajectories, and replay it under the exact law.
+
+    Open loop: the same inputs. Feedback: the same policy from each scenario.
+    """
+    problem = nlp.problem
+    physical = np.array([values[name] for name in problem.parameters.names])
+    replay = _replay(problem, plan, values)
+    products = np.abs(plan.lam * plan.gap)
+    g = np.array(nlp.f_g(result.point.x, p)[1]).ravel()
+    x_off = np.maximum(bounds["lbx"] - result.point.x, result.point.x - bounds["ubx"])
+    g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
+    free = np.concatenate([x_off, _without_contact(nlp, g_off)])
+    smallest = np.minimum(plan.lam, plan.gap)
+    found = Audit(
+        complementarity=_largest(products),
+        complementarity_min=_largest(np.abs(smallest)),
+        dynamics_residual=_largest(np.abs(plan.residual)),
+        law_residual=_largest(np.abs(plan.lam * plan.gap - plan.mu)),
+        constraint_violation=max(0.0, _largest(free)),
+        penetration=_penetration(problem, plan.x, plan.gap, physical),
+        exact_penetration=_penetration(problem, replay.x, replay.gap, physical),
+        exact_cost=replay.cost,
+        state_gap=_largest(np.abs(plan.x - replay.x)),
+        active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _ACTIVE))),
+        task_gradient=task_gradient(problem, replay, values),
+        worst=worst_constraints(nlp, result.point.x, g, bounds),
+    )
+    return found, replay
+
+
+def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Rollout:
+    inputs = plan.u if plan.gains is None else plan.gains
+    try:
+        return roll_out(problem, inputs, values, Exact())
+    except NotConverged:
+        empty = np.full_like(plan.x, np.nan), np.full_like(plan.u, np.nan)
+        shape = (*plan.u.shape[:2], problem.system.nlam)
+        nothing = np.full(shape, np.nan)
+        return Rollout(*empty, nothing, nothing, np.full(len(plan.x), np.nan))
+
+
+def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:
+    """Leave out the closure of contact, which is judged by lam and gap themselves."""
+    kept = np.ones(violation.size, dtype=bool)
+    for name in ("contact", "separation"):
+        if name in nlp.constraints:
+            kept[nlp.constraints[name].index.ravel()] = False
+    return violation[kept]
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.max(values)) if values.size else 0.0
+
+
+def _penetration(problem: Problem, x: np.ndarray, gap: np.ndarray, physical: np.ndarray) -> float:
+    phi = signed_distances(problem, x, physical)
+    return max(0.0, _largest(-(gap if phi is None else phi)))
+
+
+def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -> float:
+    """Largest derivative of the state part of the cost with respect to any input, relative.
+
+    ``B_k' nu_{k+1}`` with ``nu_k = dl/dx + A_k' nu_{k+1}`` along the exact replay, over the sum of
+    ``|dl/dx|``: zero where no input moves anything that the cost looks at.
+    """
+    if not np.all(np.isfinite(replay.x)):
+        return float("nan")
+    step = Exact().close(problem.system)
+    physical = np.array([values[name] for name in problem.parameters.names])
+    p = np.array([values[name] for name in step.p.names])
+    du = problem.du if problem.du is not None else ca.SX.sym("du", problem.system.nu)
+    x = problem.system.x
+    slopes = ca.Function(
+        "slopes",
+        [x, problem.system.u, du, problem.parameters.vector],
+        [ca.gradient(problem.stage_cost, x), ca.gradient(problem.terminal_cost, x)],
+    )
+    jacobian = step.map.jacobian()
+    before = np.array(problem.limits(physical)[1]).ravel()
+    largest, size = 0.0, 1e-300
+    for s in range(len(replay.x)):
+        u = replay.u[s]
+        increments = np.diff(np.vstack([before, u]), axis=0)
+        nu = np.array(slopes(replay.x[s, -1], u[-1], increments[-1], physical)[1]).ravel()
+        size += np.abs(nu).sum()
+        for k in reversed(range(problem.N)):
+            J = jacobian(replay.x[s, k], u[k], p, replay.x[s, k + 1], replay.lam[s, k])
+            largest = max(largest, float(np.abs(np.array(J[1]).T @ nu).max(initial=0.0)))
+            slope = np.array(slopes(replay.x[s, k], u[k], increments[k], physical)[0]).ravel()
+            size += np.abs(slope).sum()
+            nu = slope + np.array(J[0]).T @ nu
+    return largest / size
+
+
+def judge(nlp: NLP, result: Result, found: Audit, finished: bool) -> Status:
+    """Turn the solver's word and the audit into one status."""
+    if not result.ok:
+        return result.status
+    limits = {key: getattr(found, key) for key in TOLERANCES}
+    if not nlp.step.exact:
+        limits.pop("complementarity")
+    elif nlp.method == "direct":
+        limits.pop("law_residual")
+    good = all(np.isfinite(v) and v <= TOLERANCES[key] for key, v in limits.items())
+    if not (good and finished):
+        return Status.INEXACT
+    if found.active_steps == 0 and found.task_gradient < _FLAT and nlp.problem.system.nlam:
+        return Status.NO_PROGRESS
+    return Status.SOLVED
+
+
+def worst_constraints(
+    nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray], count: int = 5
+) -> list[Violation]:
+    """Return the most violated constraints and bounds, by name, scenario and step."""
+    g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
+    x_off = np.maximum(bounds["lbx"] - x, x - bounds["ubx"])
+    off = np.concatenate([g_off, x_off])
+    order = np.argsort(-np.nan_to_num(off, nan=np.inf))[:count]
+    worst = []
+    for position in order:
+        if not off[position] > 0:
+            continue
+        in_g = position < g.size
+        layout = nlp.constraints if in_g else nlp.variables
+        block, index = layout.locate(int(position if in_g else position - g.size))
+        component = block.components[index[-1]] if block.components else str(index[-1])
+        name = block.name if in_g else f"bound on {block.name}"
+        scenario, k = (index[0], index[1]) if len(index) == 3 else (0, index[0])
+        worst.append(Violation(name, component, scenario, k, float(off[position])))
+    return worst

@@ -1,0 +1,110 @@
+"""Label trajectories: names, units and times on every array."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import xarray as xr
+
+from dynamics.systems import Signal
+from ocp.audit import Trajectories, signed_distances
+from ocp.problem import Problem
+from ocp.rollout import Rollout
+from ocp.session import Outcome
+from ocp.transcription.nlp import NLP
+
+
+def label(
+    nlp: NLP, plan: Trajectories, replay: Rollout, outcome: Outcome, values: dict[str, float]
+) -> xr.Dataset:
+    """Return the dataset that :class:`~ocp.solution.Solution` documents."""
+    problem = nlp.problem
+    physical = np.array([values[name] for name in problem.parameters.names])
+    data = xr.Dataset(coords=_coordinates(nlp, physical))
+    along = ("scenario", "interval")
+    data["x"] = (("scenario", "node", "state"), plan.x)
+    data["u"] = ((*along, "control"), plan.u)
+    for name in ("lam", "gap", "mu"):
+        data[name] = ((*along, "contact"), getattr(plan, name))
+    data["x_replay"] = (("scenario", "node", "state"), replay.x)
+    data["u_replay"] = ((*along, "control"), replay.u)
+    data["lam_replay"] = ((*along, "contact_exact"), replay.lam)
+    data["gap_replay"] = ((*along, "contact_exact"), replay.gap)
+    for name, x in (("phi", plan.x), ("phi_replay", replay.x)):
+        phi = signed_distances(problem, x, physical)
+        if phi is not None:
+            data[name] = (("scenario", "node", "distance"), phi)
+    if plan.gains is not None:
+        N = problem.N
+        K = np.broadcast_to(plan.gains.K, (N, *plan.gains.K.shape[1:]))
+        k = np.broadcast_to(plan.gains.k, (N, *plan.gains.k.shape[1:]))
+        data["K"] = (("interval", "control", "state"), K)
+        data["k"] = (("interval", "control"), k)
+    _add_stages(data, nlp, outcome)
+    _add_units(data, problem)
+    return data
+
+
+def _names(signals: tuple[Signal, ...]) -> list[str]:
+    return [signal.name for signal in signals]
+
+
+def _coordinates(nlp: NLP, physical: np.ndarray) -> dict[str, object]:
+    problem, system = nlp.problem, nlp.problem.system
+    h = float(ca.Function("h", [problem.parameters.vector], [ca.SX(system.h)])(physical))
+    time = h * np.arange(problem.N + 1)
+    return {
+        "state": _names(system.states),
+        "control": _names(system.inputs),
+        "contact": _names(nlp.step.contacts),
+        "contact_exact": _names(system.contacts),
+        "time": ("node", time, {"units": "s"}),
+        "time_interval": ("interval", time[:-1], {"units": "s"}),
+    }
+
+
+def _add_stages(data: xr.Dataset, nlp: NLP, outcome: Outcome) -> None:
+    records = outcome.trace.records
+    data["stage_knob"] = ("stage", [record.knob for record in records])
+    data["stage_status"] = ("stage", [record.status for record in records])
+    for name in ("value", "cost", "complementarity", "residual", "iterations", "seconds"):
+        data[f"stage_{name}"] = ("stage", [getattr(record, name) for record in records])
+    kept = [nlp.variables.unpack(x) for _, x in outcome.trace.points if x.size == nlp.n]
+    for block in ("x", "u"):
+        if kept and block in nlp.variables:
+            stack = np.stack([blocks[block] for blocks in kept])
+            last = {"x": "state", "u": "control"}[block]
+            rows = "scenario" if stack.shape[1] == data.sizes["scenario"] else "shared"
+            data[f"stage_{block}"] = (("accepted_stage", rows, "interval", last), stack)
+
+
+def _add_units(data: xr.Dataset, problem: Problem) -> None:
+    system = problem.system
+    units = {
+        "state": [signal.unit for signal in system.states],
+        "control": [signal.unit for signal in system.inputs],
+        "contact_exact": [signal.unit for signal in system.contacts],
+    }
+    branches = data.sizes["contact"] // max(1, system.nlam)
+    units["contact"] = units["contact_exact"] * branches
+    for dimension, values in units.items():
+        data[f"{dimension}_unit"] = (dimension, values)
+    per_entry = {
+        "x": "state_unit", "x_replay": "state_unit", "u": "control_unit",
+        "u_replay": "control_unit", "lam": "contact_unit", "lam_replay": "contact_exact_unit",
+    }  # fmt: skip
+    contact_unit = system.contacts[0].unit if system.contacts else "1"
+    simple = {"gap": system.gap_unit, "gap_replay": system.gap_unit, "phi": "m",
+              "phi_replay": "m", "mu": f"{contact_unit} {system.gap_unit}"}  # fmt: skip
+    for name, variable in data.data_vars.items():
+        key = str(name)
+        if key in per_entry:
+            dimension = per_entry[key]
+            found = sorted(set(data[dimension].values.tolist()))
+            variable.attrs["units"] = found[0] if len(found) == 1 else f"see {dimension}"
+        elif key in simple:
+            variable.attrs["units"] = simple[key]
+        elif key == "stage_seconds":
+            variable.attrs["units"] = "s"
+        else:
+            variable.attrs.setdefault("units", "1")

@@ -1,0 +1,203 @@
+"""A problem under a law, a method and a policy, built once and solved as often as wanted."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import ContactLaw, Step
+from ocp.errors import InputError
+from ocp.policy import Feedback, Policy
+from ocp.problem import Problem
+from ocp.solvers.homotopy import Homotopy, Path, Plan, Progress, Trace, geometric, translate
+from ocp.solvers.polish import polish
+from ocp.solvers.solver import Point, Result, Solver
+from ocp.solvers.strategies import DEFAULT_STRATEGY, STRATEGIES
+from ocp.transcription import Direct, Method
+from ocp.transcription.nlp import NLP
+from ocp.transcription.stage import Compile
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one solve left: the result and its NLP, the table, and whether the path was finished."""
+
+    result: Result
+    nlp: NLP
+    finished: bool
+    trace: Trace
+
+
+@dataclass
+class Session:
+    """Everything that is built once: the closed step and one NLP per form, in ``nlps``.
+
+    ``values`` are parameter values by name (problem, law, strategy); turn them and solve again.
+    """
+
+    problem: Problem
+    law: ContactLaw
+    method: Method
+    policy: Policy
+    solver: Solver = field(default_factory=Solver)
+    strategy: str = DEFAULT_STRATEGY
+    homotopy: bool | None = None
+    factor: float | None = None
+    start_value: float | None = None
+    compiled: Compile | None = None
+
+    def __post_init__(self) -> None:
+        began = time.perf_counter()
+        self.step: Step = self.law.close(self.problem.system)
+        self.nlps: dict[str, NLP] = {}
+        table = self.problem.parameters + self.step.p
+        self.values = {parameter.name: float(parameter.value) for parameter in table}
+        self.values |= {"penalty": 0.0, "relaxation": 0.0}
+        self.build_s = time.perf_counter() - began
+
+    @property
+    def nlp_builds(self) -> int:
+        """Number of NLPs that were built."""
+        return len(self.nlps)
+
+    def nlp_of(self, form: str) -> NLP:
+        """Build the NLP of a form, or return the one that exists."""
+        if form not in self.nlps:
+            began = time.perf_counter()
+            self.nlps[form] = self.method.transcribe(
+                self.problem, self.step, self.policy, form, self.compiled
+            )
+            self.build_s += time.perf_counter() - began
+        return self.nlps[form]
+
+    @property
+    def complementary(self) -> bool:
+        """Whether the contact stands as complementarity in the NLP itself."""
+        return self.step.exact and isinstance(self.method, Direct)
+
+    def solve(
+        self, start: Point | None = None, progress: Progress | None = None,
+        guess: tuple[np.ndarray, np.ndarray] | None = None, warm_from: NLP | None = None,
+    ) -> Outcome:  # fmt: skip
+        """Solve at the present values, from a warm point of ``warm_from`` or from a guess."""
+        follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
+        if start is not None and warm_from is not None:
+            return self._continue(follower, start, warm_from)
+        if self.complementary:
+            return self._exact(follower, guess)
+        return self._smooth(follower, guess)
+
+    def _smooth(self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None) -> Outcome:
+        point = self.first_point(self.nlp_of("product"), guess)
+        warm = False
+        if self.step.exact and self.homotopy:
+            point = self._through_barrier(follower, point)
+        result, nlp, finished = follower.follow(self._law_path(), point, warm)
+        return Outcome(result, nlp, finished, follower.trace)
+
+    def _law_path(self) -> Path:
+        """The law's own knob from a wide start to its value, or the one value."""
+        knob = self.step.law.homotopy_knob
+        if knob is None or self.homotopy is False or self.step.exact:
+            return Path([0.0], lambda _: Plan(self.step.law.name, 0.0))
+        target = self.values[knob]
+        reference = self.problem.reference
+        spatial = knob.endswith("sigma")
+        wide = 3 * reference.gap if spatial else reference.impulse * reference.gap
+        factor = self.factor or (0.55 if spatial else 0.2)
+        values = geometric(self.start_value or wide, target, factor)
+        label = knob.removeprefix("contact.")
+
+        def plan(value: float) -> Plan:
+            options: dict[str, Any] = {}
+            if self.solver.name == "ipopt" and value != values[0]:
+                options["mu_init"] = 1e-5
+            if self.solver.name == "ipopt" and value != target:
+                options["tol"] = 1e-6
+            return Plan(label, value, parameters={knob: value}, options=options)
+
+        return Path(values, plan)
+
+    def _through_barrier(self, follower: Homotopy, point: Point) -> Point:
+        """Exact law in shooting: follow the barrier law down first, in an NLP of its own."""
+        from dynamics.contact import Barrier
+
+        helper = Session(self.problem, Barrier(mu=1e-9), self.method, self.policy, self.solver)
+        inner = Homotopy(helper.nlp_of, self.solver, {**helper.values, **self._shared()},
+                         follower.progress)  # fmt: skip
+        result, nlp, _ = inner.follow(helper._law_path(), point)
+        follower.trace.records += inner.trace.records
+        follower.trace.iterations += inner.trace.iterations
+        follower.trace.seconds += inner.trace.seconds
+        self.build_s += helper.build_s
+        return Point(translate(result.point, nlp, self.nlp_of("product")).x)
+
+    def _shared(self) -> dict[str, float]:
+        return {name: self.values[name] for name in self.problem.parameters.names}
+
+    def _exact(self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None) -> Outcome:
+        if self.strategy not in STRATEGIES:
+            raise InputError(
+                f"unknown strategy {self.strategy!r}; there are {', '.join(STRATEGIES)}"
+            )
+        paths = STRATEGIES[self.strategy]().paths(self.problem.reference)
+        source = self.nlp_of(paths[0].plan(paths[0].values[0]).form)
+        point, finished = self.first_point(source, guess), True
+        result: Result | None = None
+        for path in paths:
+            first = self.nlp_of(path.plan(path.values[0]).form)
+            usable = translate(point, source, first)
+            result, source, finished = follower.follow(path, usable, warm=result is not None)
+            if not finished:
+                break
+            point = result.point
+        assert result is not None
+        polished, nlp, worked = polish(follower, source, result, self.problem.reference)
+        return Outcome(polished, nlp, worked, follower.trace)
+
+    def _continue(self, follower: Homotopy, start: Point, source: NLP) -> Outcome:
+        """One warm stage at the present values; for the exact law on a small relaxation first."""
+        if not self.complementary:
+            nlp = self.nlp_of("product")
+            options = {"mu_init": 1e-7} if self.solver.name == "ipopt" else {}
+            plan = Plan(self.step.law.name, 0.0, options=options)
+            result = follower.stage(plan, nlp, translate(start, source, nlp), True)
+            return Outcome(result, nlp, result.ok, follower.trace)
+        nlp = self.nlp_of("product")
+        t = 1e-6 * self.problem.reference.impulse * self.problem.reference.gap
+        plan = Plan("t", t, contact=(-np.inf, t), options={"mu_init": max(t / 10, 1e-9)})
+        result = follower.stage(plan, nlp, translate(start, source, nlp), True)
+        if not result.ok:
+            return Outcome(result, nlp, False, follower.trace)
+        polished, end, worked = polish(follower, nlp, result, self.problem.reference)
+        return Outcome(polished, end, worked, follower.trace)
+
+    def first_point(self, nlp: NLP, guess: tuple[np.ndarray, np.ndarray] | None = None) -> Point:
+        """Write guessed trajectories into the NLP's variables, with contacts to match.
+
+        Multipliers and gaps start on the central path of the homotopy's first mu, each gap at its
+        contact-free value where that is open.
+        """
+        physical = np.array([self.values[name] for name in self.problem.parameters.names])
+        X, U = guess if guess is not None else self.problem.initial_guess(physical)
+        blocks: dict[str, np.ndarray] = {"x": X[None, 1:], "u": U[None]}
+        if isinstance(self.policy, Feedback):
+            blocks["k"] = U[:1] if self.policy.stationary else U
+        if "lam" in nlp.variables:
+            mu = self.problem.reference.impulse * self.problem.reference.gap
+            gap = np.maximum(self._free_gaps(X, U), np.sqrt(mu * self.problem.reference.gap))
+            blocks["gap"], blocks["lam"] = gap[None], (mu / gap)[None]
+        return Point(nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables}))
+
+    def _free_gaps(self, X: np.ndarray, U: np.ndarray) -> np.ndarray:
+        system, step = self.problem.system, self.step
+        inputs = [system.x, system.u, system.x_next, step.lam, step.p.vector]
+        gap = ca.Function("free_gap", inputs, [step.gap])
+        values = np.array([self.values[name] for name in step.p.names])
+        zeros = np.zeros((step.n, len(U)))
+        found = gap.map(len(U))(X[:-1].T, U.T, X[1:].T, zeros, values)
+        return np.array(found).T

@@ -1,0 +1,191 @@
+"""The one entry: a problem, a law, a method, a policy and a solver in, a judged solution out."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from importlib.metadata import version
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import ContactLaw, Exact
+from ocp.audit import audit, judge, trajectories
+from ocp.errors import InputError
+from ocp.labelled import label
+from ocp.policy import OpenLoop, Policy
+from ocp.problem import Problem
+from ocp.session import Outcome, Session
+from ocp.settings import Settings
+from ocp.solution import Solution, StageRecord, Status
+from ocp.solvers.solver import Solver
+from ocp.transcription import Direct, Method
+
+_SPREAD = 0.3
+
+
+def solve(
+    problem: Problem,
+    contact: ContactLaw | None = None,
+    transcription: Method | None = None,
+    policy: Policy | None = None,
+    solver: str = "ipopt",
+    settings: dict[str, Any] | None = None,
+    starts: int = 1,
+    seed: int = 0,
+    progress: Callable[[StageRecord], None] | None = None,
+) -> Solution:
+    """Solve ``problem`` and audit the answer.
+
+    ``starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
+    by seeded noise of 0.3 characteristic units; the best audited answer wins and the others are
+    listed in ``Solution.others``.
+
+    Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
+    """
+    if not 1 <= starts <= 10_000:
+        raise InputError(f"starts must be from 1 to 10000, got {starts}")
+    session = new_session(problem, contact, transcription, policy, solver, settings)
+    return solve_session(session, starts, seed, progress)
+
+
+def new_session(
+    problem: Problem,
+    contact: ContactLaw | None = None,
+    transcription: Method | None = None,
+    policy: Policy | None = None,
+    solver: str = "ipopt",
+    settings: dict[str, Any] | None = None,
+) -> Session:
+    """Build what a solve, or a whole study, needs once."""
+    chosen = Settings.read(settings or {})
+    compiled = None
+    if chosen.compile:
+        from ocp.transcription.compiled import compiled_stage
+
+        compiled = compiled_stage
+    return Session(
+        problem,
+        contact or Exact(),
+        transcription or Direct(),
+        policy or OpenLoop(),
+        Solver(solver, chosen.options),
+        chosen.strategy,
+        chosen.homotopy,
+        chosen.factor,
+        chosen.start,
+        compiled,
+    )
+
+
+def solve_session(
+    session: Session,
+    starts: int = 1,
+    seed: int = 0,
+    progress: Callable[[StageRecord], None] | None = None,
+) -> Solution:
+    """Solve a session from one or several guesses."""
+    solutions = [
+        judged(session, session.solve(progress=progress, guess=guess), seed)
+        for guess in guesses(session, starts, seed)
+    ]
+    best = min(solutions, key=rank)
+    if starts == 1:
+        return best
+    others = [
+        {
+            "start": index,
+            "status": found.status.label,
+            "cost": found.cost,
+            "exact_cost": found.audit.exact_cost,
+            "iterations": found.iterations,
+            "chosen": found is best,
+        }
+        for index, found in enumerate(solutions)
+    ]
+    iterations = sum(found.iterations for found in solutions)
+    seconds = sum(found.solve_s for found in solutions)
+    return replace(best, others=others, iterations=iterations, solve_s=seconds)
+
+
+def rank(found: Solution) -> tuple[int, float]:
+    """Order answers: audited ones first, then by cost."""
+    order = {Status.SOLVED: 0, Status.NO_PROGRESS: 1}
+    return order.get(found.status, 2), found.cost if np.isfinite(found.cost) else np.inf
+
+
+def guesses(session: Session, starts: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the problem's own guess and perturbed ones, each from its own stream of the seed."""
+    problem = session.problem
+    physical = np.array([session.values[name] for name in problem.parameters.names])
+    X, U = problem.initial_guess(physical)
+    found = [(X, U)]
+    for stream in np.random.SeedSequence(seed).spawn(starts - 1):
+        noise = np.random.default_rng(stream)
+        size_x, size_u = problem.reference.x, problem.reference.u
+        shaken = X + _SPREAD * size_x * noise.standard_normal(X.shape)
+        shaken[0] = X[0]
+        found.append((shaken, U + _SPREAD * size_u * noise.standard_normal(U.shape)))
+    return found
+
+
+def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
+    """Audit an outcome, label it, and say what came of it."""
+    began = time.perf_counter()
+    nlp, result = outcome.nlp, outcome.result
+    values = session.values
+    p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
+    plan = trajectories(nlp, result, p)
+    found, replay = audit(nlp, result, plan, values, p, bounds)
+    status = judge(nlp, result, found, outcome.finished)
+    data = label(nlp, plan, replay, outcome, values)
+    return Solution(
+        data=data,
+        cost=result.f,
+        status=status,
+        audit=found,
+        stages=outcome.trace.records,
+        iterations=outcome.trace.iterations,
+        build_s=session.build_s,
+        solve_s=outcome.trace.seconds,
+        record={**record(session, seed), "audit_s": time.perf_counter() - began},
+        problem=session.problem,
+        values=dict(values),
+        gains=plan.gains,
+    )
+
+
+def record(session: Session, seed: int) -> dict[str, Any]:
+    """Everything that tells how an answer came about, ready for JSON."""
+    problem, policy = session.problem, session.policy
+    return {
+        "problem": problem.name,
+        "contact": session.law.name,
+        "contact_settings": session.law.settings(),
+        "method": session.method.name,
+        "policy": policy.name,
+        "policy_settings": asdict(policy),
+        "solver": session.solver.name,
+        "solver_options": session.solver.options,
+        "strategy": session.strategy if session.complementary else None,
+        "params": {
+            **{name: session.values[name] for name in problem.parameters.names},
+            **problem.settings,
+        },
+        "knobs": {name: session.values[name] for name in session.step.p.names
+                  if name not in problem.parameters},
+        "N": problem.N,
+        "seed": seed,
+        "versions": versions(),
+        "citation": problem.citation,
+    }  # fmt: skip
+
+
+def versions() -> dict[str, str]:
+    """Versions of what an answer's digits depend on."""
+    names = ("centralpath", "numpy", "scipy", "xarray")
+    found = {name: version(name) for name in names}
+    return {**found, "casadi": ca.__version__, "python": platform.python_version()}

@@ -1,0 +1,171 @@
+"""Follow a path of NLPs to its end: warm starts, step-back, and a table people can read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ocp.solution import StageRecord
+from ocp.solvers.solver import Point, Result, Solver
+from ocp.transcription.nlp import NLP
+
+Progress = Callable[[StageRecord], None]
+WARM = {
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-9,
+    "warm_start_bound_frac": 1e-9,
+    "warm_start_slack_bound_push": 1e-9,
+    "warm_start_slack_bound_frac": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
+}
+_STEP_BACKS = 4
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One stage: the form of the NLP, parameter values, bounds on the contact rows, options."""
+
+    knob: str
+    value: float
+    form: str = "product"
+    parameters: dict[str, float] = field(default_factory=dict)
+    contact: tuple[float, float] | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Path:
+    """Values of a knob, from easy to wanted, and the stage that each one means.
+
+    ``complete`` tells early that the aim is reached. A path whose last stage must succeed is
+    ``strict``; one that only prepares the next is not.
+    """
+
+    values: Sequence[float]
+    plan: Callable[[float], Plan]
+    strict: bool = True
+    complete: Callable[[NLP, Result], bool] | None = None
+
+
+@dataclass
+class Trace:
+    """What following paths has left behind: the last good point and the table."""
+
+    records: list[StageRecord] = field(default_factory=list)
+    points: list[tuple[str, np.ndarray]] = field(default_factory=list)
+    iterations: int = 0
+    seconds: float = 0.0
+
+
+class Homotopy:
+    """Follows paths on the NLPs that ``nlp_of(form)`` gives, with one solver.
+
+    A stage that fails is retried at the geometric mean of the last good value and its own, up to
+    four times; what cannot be reached is said by ``finished = False``.
+    """
+
+    def __init__(self, nlp_of: Callable[[str], NLP], solver: Solver, values: dict[str, float],
+                 progress: Progress | None = None) -> None:  # fmt: skip
+        self.nlp_of, self.solver, self.values = nlp_of, solver, values
+        self.progress, self.trace = progress, Trace()
+
+    def follow(self, path: Path, start: Point, warm: bool = False) -> tuple[Result, NLP, bool]:
+        """Follow one path; returns the last result, its NLP, and whether the end was reached."""
+        pending, good, tries = list(path.values), None, 0
+        point, best = start, None
+        form = None
+        while pending:
+            value = pending.pop(0)
+            plan = path.plan(value)
+            nlp = self.nlp_of(plan.form)
+            usable = translate(point, form, nlp) if form is not None else point
+            result = self.stage(plan, nlp, usable, warm or good is not None)
+            if result.ok:
+                point, form, good, tries = result.point, nlp, value, 0
+                best = (result, nlp)
+                if path.complete is not None and path.complete(nlp, result):
+                    break
+                continue
+            if good is None or tries >= _STEP_BACKS or value == 0:
+                if path.strict or best is None:
+                    return result, nlp, False
+                break
+            tries += 1
+            pending = [math.sqrt(good * value), value, *pending]
+        assert best is not None
+        return *best, True
+
+    def stage(self, plan: Plan, nlp: NLP, start: Point, warm: bool) -> Result:
+        """Solve one stage and write its line of the table."""
+        values = {**self.values, **plan.parameters}
+        p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
+        if plan.contact is not None and "contact" in nlp.constraints:
+            rows = nlp.constraints["contact"].index.ravel()
+            bounds["lbg"][rows], bounds["ubg"][rows] = plan.contact
+        options = {**plan.options}
+        usable = start if warm else Point(start.x)
+        if warm and self.solver.name == "ipopt" and start.lam_g is not None:
+            options = {**WARM, **options}
+        result = self.solver.run(nlp, usable, p, bounds, **options)
+        self.record(plan.knob, plan.value, nlp, result, bounds)
+        return result
+
+    def record(self, knob: str, value: float, nlp: NLP, result: Result,
+               bounds: dict[str, np.ndarray]) -> None:  # fmt: skip
+        """Add a line to the table and tell whoever watches."""
+        g = result.g
+        off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
+        products = result.point.x[nlp.pairs]
+        line = StageRecord(
+            knob=knob,
+            value=value,
+            cost=result.f,
+            complementarity=float(np.abs(products[0] * products[1]).max(initial=0.0)),
+            residual=float(np.maximum(off, 0).max(initial=0.0)),
+            iterations=result.iterations,
+            seconds=result.seconds,
+            status=result.word,
+            accepted=result.ok,
+        )
+        self.trace.records.append(line)
+        self.trace.iterations += result.iterations
+        self.trace.seconds += result.seconds
+        if result.ok:
+            self.trace.points.append((nlp.form, result.point.x))
+        if self.progress is not None:
+            self.progress(line)
+
+
+def translate(point: Point, source: NLP, target: NLP) -> Point:
+    """Carry a point between NLPs that share blocks: same names, same meaning."""
+    if source is target:
+        return point
+
+    def carried(vector: np.ndarray | None, old: Any, new: Any) -> np.ndarray | None:
+        if vector is None:
+            return None
+        blocks = old.unpack(vector)
+        return new.pack({
+            name: blocks[name] for name in new.blocks
+            if name in blocks and blocks[name].shape == new[name].shape
+        })  # fmt: skip
+
+    x = carried(point.x, source.variables, target.variables)
+    assert x is not None
+    return Point(
+        x,
+        carried(point.lam_x, source.variables, target.variables),
+        carried(point.lam_g, source.constraints, target.constraints),
+    )
+
+
+def geometric(start: float, end: float, factor: float) -> list[float]:
+    """Values from ``start`` down to ``end`` by ``factor``, the last one exactly ``end``."""
+    if start <= end:
+        return [end]
+    count = max(1, math.ceil(math.log(end / start) / math.log(factor)))
+    return [start * (end / start) ** (i / count) for i in range(count)] + [end]

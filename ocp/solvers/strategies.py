@@ -1,0 +1,175 @@
+"""Strategies for exact complementarity, each a few paths of easier NLPs.
+
+All work on a direct transcription, whose pairs ``lam, gap >= 0`` are variables, and all but the
+equality and smoothing ones admit the exact solution itself, so that no plan rides on leftover
+smoothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from ocp.problem import Reference
+from ocp.solvers.homotopy import Path, Plan, geometric
+from ocp.solvers.solver import Result
+from ocp.transcription.nlp import NLP
+
+T_END = 1e-8
+"""Relaxation at which a path ends; the polish removes what is left."""
+
+
+class Strategy(Protocol):
+    """Paths to follow one after the other, from sizes characteristic of the problem."""
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """Return the paths, easiest first."""
+        ...
+
+
+@dataclass(frozen=True)
+class Scholtes:
+    """``lam gap <= t`` (or ``= t``), t falling (Scholtes 2001).
+
+    Inexact stages stop at a tolerance of t with IPOPT's own barrier held at t/10: nothing is
+    gained by solving a relaxation better than it is relaxed.
+    """
+
+    factor: float = 0.1
+    equality: bool = False
+    inexact: bool = True
+    name: ClassVar[str] = "scholtes"
+    summary: ClassVar[str] = "lam gap <= t, t falling, inexact stages"
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """One path from t = impulse times distance."""
+        start = reference.impulse * reference.gap
+
+        def plan(t: float) -> Plan:
+            options: dict[str, float | str] = {}
+            if self.inexact:
+                tolerance = min(1e-4, max(t, 1e-9))
+                options = {"tol": tolerance, "mu_target": t / 10, "compl_inf_tol": tolerance,
+                           "mu_init": max(t / 10, 1e-11)}  # fmt: skip
+            lower = t if self.equality else -np.inf
+            return Plan("t", t, contact=(lower, t), options=options)
+
+        return [Path(geometric(start, T_END, self.factor), plan)]
+
+
+@dataclass(frozen=True)
+class ScholtesCold:
+    """``lam gap <= t`` with every stage solved tightly from cold multipliers: the textbook loop."""
+
+    factor: float = 0.1
+    name: ClassVar[str] = "scholtes-cold"
+    summary: ClassVar[str] = "lam gap <= t, tight stages, cold multipliers (the textbook loop)"
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """One path whose stages forget the multipliers."""
+        start = reference.impulse * reference.gap
+
+        def plan(t: float) -> Plan:
+            return Plan("t", t, contact=(-np.inf, t), options={"warm_start_init_point": "no"})
+
+        return [Path(geometric(start, T_END, self.factor), plan)]
+
+
+def _complementary(tolerance: float) -> Callable[[NLP, Result], bool]:
+    def reached(nlp: NLP, result: Result) -> bool:
+        lam, gap = result.point.x[nlp.pairs]
+        return bool(np.abs(lam * gap).max(initial=0.0) <= tolerance)
+
+    return reached
+
+
+@dataclass(frozen=True)
+class L1Penalty:
+    """``cost + rho sum lam gap``, rho growing until the products vanish (an exact penalty)."""
+
+    first: float = 10.0
+    growth: float = 10.0
+    steps: int = 6
+    name: ClassVar[str] = "l1"
+    summary: ClassVar[str] = "penalty rho lam gap, rho growing until it is exact"
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """One ladder of penalties, scaled to impulse times distance."""
+        unit = 1.0
+
+        def plan(rho: float) -> Plan:
+            options = {} if rho == self.first * unit else {"mu_init": 1e-4}
+            return Plan("rho", rho, "none", {"penalty": rho}, options=options)
+
+        values = [self.first * unit * self.growth**i for i in range(self.steps)]
+        return [Path(values, plan, strict=False, complete=_complementary(1e-7))]
+
+
+@dataclass(frozen=True)
+class L1ThenScholtes:
+    """A short ladder of penalties finds the region, Scholtes' relaxation the point."""
+
+    name: ClassVar[str] = "l1-scholtes"
+    summary: ClassVar[str] = "two or three penalties, then the relaxation from a small t"
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """The ladder, then the relaxation."""
+        ladder = L1Penalty(steps=3).paths(reference)
+        small = Reference(reference.impulse, 1e-3 * reference.gap)
+        return [*ladder, *Scholtes().paths(small)]
+
+
+@dataclass(frozen=True)
+class FischerBurmeister:
+    """``lam + gap - sqrt(lam² + gap² + 2 t) = 0``, t falling."""
+
+    factor: float = 0.1
+    name: ClassVar[str] = "fischer-burmeister"
+    summary: ClassVar[str] = "smoothed Fischer-Burmeister equation, t falling"
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """One path in t."""
+        start = reference.impulse * reference.gap
+
+        def plan(t: float) -> Plan:
+            return Plan("t", t, "fischer-burmeister", {"relaxation": t}, options={"mu_init": 1e-4})
+
+        return [Path(geometric(start, T_END, self.factor), plan)]
+
+
+@dataclass(frozen=True)
+class LinFukushima:
+    """``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²``, t falling (Lin and Fukushima 2005)."""
+
+    factor: float = 0.3
+    name: ClassVar[str] = "lin-fukushima"
+    summary: ClassVar[str] = "lam gap <= t^2 and (lam+t)(gap+t) >= t^2, t falling"
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """One path in t, the square root of Scholtes'."""
+        start = float(np.sqrt(reference.impulse * reference.gap))
+
+        def plan(t: float) -> Plan:
+            parameters = {"relaxation": t}
+            return Plan("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
+
+        return [Path(geometric(start, float(np.sqrt(T_END)), self.factor), plan)]
+
+
+STRATEGIES: dict[str, Callable[[], Strategy]] = {
+    "scholtes": Scholtes,
+    "scholtes-equality": lambda: Scholtes(equality=True),
+    "scholtes-exact": lambda: Scholtes(inexact=False),
+    "scholtes-cold": ScholtesCold,
+    "l1": L1Penalty,
+    "l1-scholtes": L1ThenScholtes,
+    "fischer-burmeister": FischerBurmeister,
+    "lin-fukushima": LinFukushima,
+}
+DEFAULT_STRATEGY = "l1-scholtes"
