@@ -83,10 +83,13 @@ class _Emitter:
     def _last_parts(self, part_of: dict[int, int]) -> dict[int, int]:
         last: dict[int, int] = {}
         for i in part_of:
-            for arg in operands(self.tape.operations[i]):
+            for arg in self._reads(self.tape.operations[i]):
                 if arg in part_of:
                     last[arg] = max(last.get(arg, -1), part_of[i])
         return last
+
+    def _reads(self, operation: Operation) -> tuple[int, ...]:
+        return operands(operation) + (chosen(self.tape, operation) or ())
 
     def text(self) -> str:
         ends = self._output_parts()
@@ -109,7 +112,7 @@ class _Emitter:
 
     def _part(self, name: str, part: list[int], ends: Sequence[tuple[int, int, int]]) -> str:
         here = set(part)
-        foreign = {a for i in part for a in operands(self.tape.operations[i])} - here
+        foreign = {a for i in part for a in self._reads(self.tape.operations[i])} - here
         foreign |= {value for value, _, _ in ends} - here
         lines = [self._leaf(i) for i in sorted(foreign)]
         for i in part:

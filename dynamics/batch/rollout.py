@@ -90,6 +90,7 @@ class RolloutFunction:
         self.threads, self.block = checked_threads(threads), checked_block(block)
         self.default_p = step.p.values
         self.tapes = build_tapes(step, stage_cost, terminal_cost, policy)
+        self._derive = NumpyKernel(tape_of(self.tapes.derived))
         self.backend, self._engine = choose(backend, self._makers(), "the rollout")
 
     def _makers(self) -> dict[str, Any]:
@@ -225,7 +226,9 @@ class RolloutFunction:
         what, tapes = "the rollout", self.tapes
         start = self._start(x0, u_before)
         thetas = self._theta_rows(theta)
-        parameters = as_rows(self.default_p if p is None else p, tapes.np, "p", what)
+        parameters = as_rows(self.default_p if p is None else p, len(self.default_p), "p", what)
+        derived = np.empty((tapes.np, len(parameters)))
+        self._derive.run([np.ascontiguousarray(parameters.T)], [derived])
         w = None
         gaussian = noise if isinstance(noise, Gaussian) else None
         if score and gaussian is None:
@@ -241,7 +244,7 @@ class RolloutFunction:
             parts=self.horizon if self.policy.per_step else 1,
             x0=start,
             theta=thetas,
-            p=parameters,
+            p=np.ascontiguousarray(derived.T),
             w=w,
             gaussian=gaussian,
             gradient=gradient,

@@ -14,10 +14,11 @@ where the exact law has in place of lam and s the active set (1 where lam > s) a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
+from dynamics.batch.hoisting import hoisted
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.contact import Step, interior_point
 from dynamics.contact.elimination import solve_without_pivoting
@@ -51,6 +52,9 @@ class RolloutTapes:
     - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
     - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w
     - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
+
+    In all of these p stands for the `np` values `derived: parameters -> p`, which hold whatever
+    the graphs need that depends on parameters alone.
     """
 
     nx: int
@@ -64,6 +68,7 @@ class RolloutTapes:
     score: ca.Function
     terminal: ca.Function
     terminal_adjoint: ca.Function
+    derived: ca.Function
 
 
 def build_tapes(
@@ -75,7 +80,8 @@ def build_tapes(
     """Close the step under the policy and differentiate it once.
 
     `stage_cost: (x, u, p) -> l`, or `(x, u, du, p) -> l` with du_t = u_t - u_{t-1}, and
-    `terminal_cost: (x, p) -> l` are scalar. Raises `ValueError`
+    `terminal_cost: (x, p) -> l` are scalar. The tapes take in place of p the derived values that
+    `RolloutTapes.derived` makes of it. Raises `ValueError`
     where the dimensions of costs, policy and step do not fit.
     """
     _check(step, stage_cost, terminal_cost, policy)
@@ -138,21 +144,34 @@ class _Closed:
 
     def tapes(self) -> RolloutTapes:
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
+        score = ca.jtimes(law, self.theta, self.w, True)
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
+        loop = None if self.step.system.nlam <= 1 else self._inner_loop()
+        with_p = {
+            "adjoint": (self._adjoint(), 3),
+            "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
+            "terminal_adjoint": (_function("terminal_adjoint", at_end, [terminal_bar]), 1),
+        }
+        if loop is None:
+            with_p["forward"] = (self._forward(), 3)
+        else:
+            with_p |= {"opening": (loop.opening, 3), "closing": (loop.closing, 3)}
+        derived, rest = hoisted(with_p, len(self.step.p))
+        if loop is not None:
+            loop = replace(loop, opening=rest["opening"], closing=rest["closing"])
         return RolloutTapes(
             nx=self.x.numel(),
             n_before=self.before.numel(),
             nu=self.step.system.nu,
-            np=len(self.step.p),
+            np=derived.numel_out(0),
             nlam=self.step.n,
             n_theta=self.theta.numel(),
-            forward=self._forward() if self.step.system.nlam <= 1 else self._inner_loop(),
-            adjoint=self._adjoint(),
-            score=_function(
-                "score", [self.x, self.theta, self.w], [ca.jtimes(law, self.theta, self.w, True)]
-            ),
-            terminal=_function("terminal", at_end, [self.terminal_cost]),
-            terminal_adjoint=_function("terminal_adjoint", at_end, [terminal_bar]),
+            forward=loop or rest["forward"],
+            adjoint=rest["adjoint"],
+            score=_function("score", [self.x, self.theta, self.w], [score]),
+            terminal=rest["terminal"],
+            terminal_adjoint=rest["terminal_adjoint"],
+            derived=derived,
         )
 
     def _closed(self, *expressions: ca.SX) -> list[ca.SX]:
