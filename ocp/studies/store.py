@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -26,16 +27,18 @@ import numpy as np
 import xarray as xr
 
 from ocp.errors import DamagedRun, InputError
+from ocp.problem import Problem
+from ocp.rollout import Gains
 from ocp.solution import Audit, Solution, StageRecord, Status, Violation
 from ocp.studies.provenance import git_revision, versions
 
 SCHEMA = 1
 DATA_FILE, META_FILE = "solution.nc", "meta.json"
 _PARTIAL = ".partial-"
-# Where and when a run was made: two runs that differ only in these are the same answer.
-_CIRCUMSTANCES = frozenset(
-    {"argv", "created", "revision", "versions", "build_s", "solve_s", "seconds", "source"}
-)
+# Where, when and how fast a run was made: runs that differ only in these are the same answer.
+_PROVENANCE = {"argv", "created", "revision", "versions", "source"}
+_TIMES = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds"}
+_CIRCUMSTANCES = _PROVENANCE | _TIMES
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,8 @@ class StoredRun:
     """A run read back: labelled arrays, and everything else as plain JSON values.
 
     ``meta`` holds ``schema kind problem created argv versions revision seed hash checksum`` and,
-    for ``kind == "solve"``, ``record audit cost status stages iterations build_s solve_s others``.
+    for ``kind == "solve"``, ``record audit cost status verdict stages iterations build_s solve_s
+    others``.
     """
 
     path: Path
@@ -55,30 +59,64 @@ class StoredRun:
         """What made it: ``solve``, ``continue``, ..."""
         return self.meta["kind"]
 
-    def solution(self) -> Solution:
-        """Return the solution as it was solved; numbers that were not finite are NaN.
+    @property
+    def record(self) -> dict[str, Any]:
+        """What was asked."""
+        return self.meta.get("record") or {}
+
+    @cached_property
+    def status(self) -> Status:
+        """Outcome of the solve; raises as :attr:`audit` does."""
+        with self._described():
+            return next(s for s in Status if s.label == self.meta["status"])
+
+    @cached_property
+    def audit(self) -> Audit:
+        """Audit of the solve; numbers that were not finite are NaN.
+
+        Raises :class:`~ocp.errors.DamagedRun` where ``meta.json`` lacks a part of it.
+        """
+        with self._described():
+            worst = [Violation(**item) for item in self.meta["audit"]["worst"]]
+            return _read(Audit, {**self.meta["audit"], "worst": worst})
+
+    @cached_property
+    def stages(self) -> list[StageRecord]:
+        """Homotopy table of the solve; raises as :attr:`audit` does."""
+        with self._described():
+            return [_read(StageRecord, stage) for stage in self.meta["stages"]]
+
+    def solution(self, problem: Problem) -> Solution:
+        """Return the solution as it was solved, of ``problem`` built again at its parameters.
 
         Raises :class:`~ocp.errors.DamagedRun` where ``meta.json`` lacks a part of it, and
         :class:`~ocp.errors.InputError` for a run that is no solve.
         """
         if self.kind != "solve":
             raise InputError(f"{self.path} holds a {self.kind} study, expected a run of ocp solve")
-        meta = self.meta
-        try:
-            worst = [Violation(**item) for item in meta["audit"]["worst"]]
-            audit = _read(Audit, {**meta["audit"], "worst": worst})
+        meta, data = self.meta, self.data
+        with self._described():
             return Solution(
-                data=self.data,
+                data=data,
                 cost=_number(meta["cost"]),
-                status=next(s for s in Status if s.label == meta["status"]),
-                audit=audit,
-                stages=[_read(StageRecord, stage) for stage in meta["stages"]],
+                status=self.status,
+                audit=self.audit,
+                stages=self.stages,
                 iterations=meta["iterations"],
                 build_s=_number(meta["build_s"]),
                 solve_s=_number(meta["solve_s"]),
-                record=meta["record"],
+                record=self.record,
+                problem=problem,
+                values={**dict(zip(problem.parameters.names, problem.parameters.values.tolist(),
+                                   strict=True)), **self.record.get("knobs", {})},
+                gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
                 others=meta["others"],
-            )
+            )  # fmt: skip
+
+    @contextmanager
+    def _described(self) -> Iterator[None]:
+        try:
+            yield
         except (KeyError, TypeError, StopIteration) as error:
             raise DamagedRun(
                 f"{self.path / META_FILE}: the solution's description is incomplete ({error!r})"
@@ -105,6 +143,7 @@ def save(solution: Solution, root: Path | str, argv: Sequence[str]) -> Path:
         "audit": asdict(solution.audit),
         "cost": solution.cost,
         "status": solution.status.label,
+        "verdict": solution.verdict,
         "stages": [asdict(stage) for stage in solution.stages],
         "iterations": solution.iterations,
         "build_s": solution.build_s,
@@ -224,13 +263,13 @@ def list_runs(root: Path | str) -> list[RunEntry]:
 def content_hash(data: xr.Dataset, meta: dict[str, Any]) -> str:
     """Ten hex digits over arrays and description without times and circumstances."""
     digest = hashlib.sha256()
-    for name in sorted(map(str, data.variables)):
+    for name in sorted(set(map(str, data.variables)) - _CIRCUMSTANCES):
         variable = data.variables[name]
         values = np.asarray(variable.values)
         head = [name, list(variable.dims), list(values.shape), plain(dict(variable.attrs))]
         digest.update(json.dumps(head, sort_keys=True).encode())
         numeric = values.dtype.kind in "biuf"
-        digest.update(values.tobytes() if numeric else json.dumps(values.tolist()).encode())
+        digest.update(values.tobytes() if numeric else json.dumps(plain(values)).encode())
     digest.update(json.dumps(_without_circumstances(plain(meta)), sort_keys=True).encode())
     return digest.hexdigest()[:10]
 

@@ -1,0 +1,87 @@
+"""``ocp doctor``: what this machine has, and whether the house stands on one root."""
+
+from __future__ import annotations
+
+import os
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from ocp.errors import InputError
+from reports.cli.common import Debug, Json, Output, Quiet
+
+PACKAGES = ("dynamics", "ocp", "problems", "reports")
+LINEAR_SOLVERS = ("mumps", "spral")
+
+
+def run(as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> int:
+    """Show CasADi's plugins, the compiler, threads, versions, and where the packages lie."""
+    roots = package_roots()
+    found = {"root": common_root(roots), "roots": roots, **machine()}
+    output = Output(as_json, quiet)
+    output.document(found)
+    if not as_json:
+        for key, value in found.items():
+            if key != "roots":
+                print(f"{key:<16} {_words(value)}")
+    return 0
+
+
+def package_roots() -> dict[str, str]:
+    """Return the directory that each of the four packages was imported from."""
+    return {name: str(Path(import_module(name).__file__ or "").parents[1]) for name in PACKAGES}
+
+
+def common_root(roots: dict[str, str]) -> str:
+    """Return the one root; raises InputError where another distribution shadows a package."""
+    if len(set(roots.values())) > 1:
+        places = ", ".join(f"{name} from {root}" for name, root in roots.items())
+        raise InputError(
+            f"the four packages come from different places: {places}; another distribution ships"
+            " a package of that name, so install centralpath in an environment of its own"
+        )
+    return next(iter(roots.values()))
+
+
+def machine() -> dict[str, Any]:
+    """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
+    import casadi as ca
+
+    from dynamics.batch import compiler
+    from ocp.solvers.solver import SOLVERS
+    from ocp.studies.provenance import versions
+
+    return {
+        "versions": {**versions(), **{n: version(n) for n in ("matplotlib", "typst", "typer")}},
+        "threads": len(os.sched_getaffinity(0)),
+        "solvers": {name: ca.has_nlpsol(name) for name in SOLVERS},
+        "linear_solvers": {name: _linear_solver_works(name) for name in LINEAR_SOLVERS},
+        "kernels": compiler.info(),
+    }
+
+
+def _linear_solver_works(name: str) -> bool:
+    """Solve a problem of one variable with IPOPT over this linear solver."""
+    import casadi as ca
+
+    x = ca.MX.sym("x")
+    quiet = {"print_level": 0, "sb": "yes", "linear_solver": name}
+    try:
+        solver = ca.nlpsol(
+            "probe", "ipopt", {"x": x, "f": (x - 1) ** 2}, {"ipopt": quiet, "print_time": False}
+        )
+        found = float(solver(x0=0)["x"])
+    except RuntimeError:
+        return False
+    return bool(solver.stats()["success"]) and abs(found - 1) < 1e-6
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, dict):
+        return "\n                 ".join(
+            f"{key:<15} {_words(item)}" for key, item in value.items()
+        )
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -1,0 +1,42 @@
+"""``ocp list``: everything that has a name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from reports.cli.common import Debug, Json, Output, Quiet
+
+
+def run(as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> int:
+    """List named problems, contact laws, methods, policies, solvers and figures."""
+    content = catalogue()
+    output = Output(as_json, quiet)
+    output.document(content)
+    if not as_json:
+        for title, items in content.items():
+            if items:
+                print(title)
+            for item in items:
+                print(f"  {item['name']:<18} {item['summary']}")
+    return 0
+
+
+def catalogue() -> dict[str, list[dict[str, Any]]]:
+    """Return what ``ocp list --json`` prints: per kind, objects with name and summary."""
+    from dynamics.contact import LAWS
+    from ocp.policy import POLICIES
+    from ocp.solvers.solver import SOLVERS
+    from ocp.transcription import METHODS
+    from problems import names, spec
+
+    def classes(known: Any) -> list[dict[str, Any]]:
+        return [{"name": name, "summary": known[name].summary} for name in known]
+
+    return {
+        "problems": [{"name": name, "summary": spec(name).title} for name in names()],
+        "contacts": classes(LAWS),
+        "methods": classes(METHODS),
+        "policies": classes(POLICIES),
+        "solvers": [{"name": name, "summary": SOLVERS[name]} for name in SOLVERS],
+        "figures": [],
+    }

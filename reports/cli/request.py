@@ -1,0 +1,91 @@
+"""What a person asked for, checked and built: problem, law, method, policy, settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ocp.errors import InputError
+from reports.cli.choices import assignments, choose, contact_law, policy, split_policy_settings
+
+if TYPE_CHECKING:
+    from dynamics.contact import ContactLaw
+    from ocp.policy import Policy
+    from ocp.problem import Problem
+    from ocp.solution import Solution
+    from ocp.transcription import Method
+    from problems import ProblemSpec
+
+
+@dataclass(frozen=True)
+class Request:
+    """Everything that a solve or a continuation needs, nothing unchecked."""
+
+    spec: ProblemSpec
+    params: dict[str, Any]
+    problem: Problem
+    law: ContactLaw
+    method: Method
+    policy: Policy
+    solver: str
+    settings: dict[str, str]
+
+    @classmethod
+    def read(
+        cls,
+        *,
+        problem: str,
+        params: Iterable[str] | None,
+        contact: str,
+        law_settings: Iterable[str] | None,
+        method: str,
+        policy_name: str,
+        solver: str,
+        settings: Iterable[str] | None,
+    ) -> Request:
+        """Check the words of a command line; raises InputError for the first that does not fit."""
+        from ocp.solvers.solver import SOLVERS
+        from ocp.transcription import METHODS
+        from problems import parse_parameters, spec
+
+        found = spec(problem)
+        given = parse_parameters(found, params or ())
+        law = contact_law(contact, law_settings)
+        transcription = choose("method", method, METHODS)()
+        choose("solver", solver, SOLVERS)
+        own, others = split_policy_settings(assignments("-s", settings))
+        chosen_policy = policy(policy_name, own)
+        built = found.problem(given)
+        try:
+            law.knobs(built.system)
+        except ValueError as error:
+            raise InputError(str(error)) from error
+        values = found.params(given).model_dump()
+        return cls(found, values, built, law, transcription, chosen_policy, solver, others)
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """What a run needs to find its problem again: parameters, and a user's file."""
+        source = None if self.spec.path is None else str(self.spec.path)
+        return {"params": self.params, "source": source}
+
+    def described(self, solution: Solution) -> Solution:
+        """Return the solution with its problem's origin in the record."""
+        return replace(solution, record={**solution.record, **self.origin})
+
+
+def check_pdf_place(pdf: Path | None) -> None:
+    """Raise InputError before any work where a PDF could not be written after it."""
+    from ocp.studies import store
+
+    if pdf is None:
+        return
+    if pdf.is_dir():
+        raise InputError(f"{pdf} is a directory; name a file such as {pdf / 'report.pdf'}")
+    try:
+        store.check_writable(pdf.parent)
+    except InputError as error:
+        message = str(error).replace("the run", "the PDF").replace("with --out", "for it")
+        raise InputError(message) from error

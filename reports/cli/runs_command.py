@@ -1,0 +1,84 @@
+"""``ocp runs [RUN]``: what the store holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from reports.cli.common import Debug, Json, Out, Output, Quiet
+
+
+def run(
+    run: Annotated[str | None, typer.Argument(help="A run: its path, or part of its name.")] = None,
+    out: Out = Path("runs"),
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> int:
+    """List the stored runs, or show one."""
+    from reports.console import print_table, run_table, runs_table
+
+    output = Output(as_json, quiet)
+    if run is not None:
+        from ocp.studies import store
+
+        stored = store.load(find(run, out))
+        output.document({"run": str(stored.path), **stored.meta})
+        if not as_json:
+            print_table(run_table(stored))
+        return 0
+    entries = listing(out)
+    output.document({"runs": entries})
+    if not as_json:
+        if entries:
+            print_table(runs_table(entries))
+        else:
+            print(f"{out} holds no runs; ocp solve PROBLEM makes one")
+    return 0
+
+
+def listing(root: Path) -> list[dict[str, Any]]:
+    """Return one object a run: run, problem, kind, created, hash, status, cost, ..., damage."""
+    from ocp.studies import store
+
+    rows = []
+    for entry in store.list_runs(root):
+        meta = entry.meta or {}
+        record = meta.get("record") or {}
+        rows.append(
+            {
+                "run": str(entry.path),
+                "problem": meta.get("problem", entry.path.parent.name),
+                **{key: meta.get(key) for key in ("kind", "created", "hash", "status", "cost")},
+                **{key: record.get(key) for key in ("contact", "method", "policy")},
+                "damage": entry.damage or None,
+            }
+        )
+    return rows
+
+
+def find(text: str, root: Path) -> Path:
+    """Return the run that ``text`` names: a path, or part of exactly one run's name in ``root``.
+
+    Raises :class:`~ocp.errors.InputError` for none and for several.
+    """
+    from ocp.errors import InputError
+    from ocp.studies import store
+    from problems.spec import did_you_mean
+
+    if Path(text).exists():
+        return Path(text)
+    paths = {f"{e.path.parent.name}/{e.path.name}": e.path for e in store.list_runs(root)}
+    matches = [path for name, path in paths.items() if text in name]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        names = ", ".join(path.name for path in matches[:3])
+        raise InputError(
+            f"{text!r} names {len(matches)} runs ({names}, ...); give more of the name"
+        )
+    raise InputError(
+        f"there is no run {text!r}{did_you_mean(text, paths)}; ocp runs lists what {root} holds"
+    )

@@ -1,0 +1,50 @@
+"""``ocp show PROBLEM``: what a problem is."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from reports.cli.common import Debug, Json, Output, Quiet
+
+
+def run(
+    problem: Annotated[str, typer.Argument(help="Registered name or path/to/file.py.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> int:
+    """Show a problem: equations, parameters with units and defaults, citation, golden values."""
+    from problems import describe, spec
+    from reports.bibliography import full_citation
+
+    found = spec(problem)
+    parameters = describe(found)
+    citation = found.citation
+    output = Output(as_json, quiet)
+    output.document(
+        {
+            "name": found.name,
+            "title": found.title,
+            "equations": list(found.equations),
+            "parameters": parameters,
+            "citation": None if citation is None else asdict(citation),
+            "golden": {name: asdict(golden) for name, golden in found.golden.items()},
+        }
+    )
+    if as_json:
+        return 0
+    print(f"{found.name}: {found.title}\n")
+    for line in found.equations:
+        print(f"    {line}")
+    print()
+    from reports.console import golden_table, parameter_table, print_table
+
+    print_table(parameter_table(parameters))
+    if found.golden:
+        print_table(golden_table(found.golden))
+    if citation is not None:
+        print(f"Source: {citation.text} ({full_citation(citation.key)})")
+    return 0

@@ -1,0 +1,122 @@
+"""``ocp solve PROBLEM``: solve, audit, store, report."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from reports.cli.common import (
+    Contact,
+    Debug,
+    Json,
+    LawSettings,
+    Method,
+    Out,
+    Output,
+    Params,
+    PolicyName,
+    Quiet,
+    Seed,
+    Settings,
+    SolverName,
+)
+
+if TYPE_CHECKING:
+    from ocp.solution import Solution
+
+NOT_CONVERGED = 3
+
+
+def run(
+    problem: Annotated[str, typer.Argument(help="Registered name or path/to/file.py.")],
+    params: Params = None,
+    contact: Contact = "barrier",
+    law_settings: LawSettings = None,
+    method: Method = "direct",
+    policy: PolicyName = "open-loop",
+    solver: SolverName = "ipopt",
+    settings: Settings = None,
+    starts: Annotated[int, typer.Option("--starts", min=1, help="Perturbed guesses.")] = 1,
+    seed: Seed = 0,
+    out: Out = Path("runs"),
+    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write a report here.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> int:
+    """Solve a problem under a contact law, audit the answer, and store the run."""
+    from ocp.solve import solve
+    from ocp.studies import store
+    from reports import console
+    from reports.cli.request import Request, check_pdf_place
+
+    asked = Request.read(
+        problem=problem, params=params, contact=contact, law_settings=law_settings, method=method,
+        policy_name=policy, solver=solver, settings=settings,
+    )  # fmt: skip
+    store.check_writable(out)
+    check_pdf_place(pdf)
+    output = Output(as_json, quiet)
+    with console.progress(quiet, f"{asked.spec.name}: building") as report:
+        solution = solve(
+            asked.problem, contact=asked.law, transcription=asked.method, policy=asked.policy,
+            solver=asked.solver, settings=asked.settings, starts=starts, seed=seed, progress=report,
+        )  # fmt: skip
+    solution = asked.described(solution)
+    path = store.save(solution, out, ["ocp", *sys.argv[1:]])
+    show(output, solution)
+    output.say(solution.verdict)
+    output.say(f"run: {path}")
+    if pdf is not None:
+        from reports.pdf import write_pdf
+
+        write_pdf([store.load(path)], pdf)
+        output.say(f"PDF: {pdf}")
+    output.document(document(solution, path, pdf))
+    return 0 if solution.success else NOT_CONVERGED
+
+
+def show(output: Output, solution: Solution) -> None:
+    """Print the homotopy table, the audit and, for a failure, the worst constraints."""
+    from reports import console
+
+    if solution.stages:
+        output.note(console.stage_table(solution.stages))
+    output.note(console.result_table(solution))
+    if solution.audit.worst and not solution.success:
+        output.note(console.violation_table(solution))
+    if solution.others:
+        output.note(console.starts_table(solution.others))
+
+
+def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[str, Any]:
+    """Return what ``ocp solve --json`` prints."""
+    from dataclasses import asdict
+
+    from ocp.studies import store
+
+    meta = store.read_meta(path)
+    record, audit = solution.record, asdict(solution.audit)
+    return {
+        **{key: record.get(key) for key in ("problem", "contact", "method", "policy", "solver")},
+        "status": solution.status.label,
+        "success": solution.success,
+        "verdict": solution.verdict,
+        "cost": solution.cost,
+        "iterations": solution.iterations,
+        "build_s": solution.build_s,
+        "solve_s": solution.solve_s,
+        **audit,
+        "stages": [asdict(stage) for stage in solution.stages],
+        "others": solution.others,
+        "run": str(path),
+        "hash": meta["hash"],
+        "pdf": None if pdf is None else str(pdf),
+        "params": record.get("params", record.get("parameters")),
+        "settings": record.get("settings"),
+        "seed": record.get("seed"),
+        "versions": meta["versions"],
+    }

@@ -1,0 +1,224 @@
+"""Tables and progress on the terminal; every table fits 80 columns."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ocp.solution import Solution, StageRecord
+    from ocp.studies.store import StoredRun
+    from problems.spec import Golden
+
+COLUMNS = 80
+
+
+def print_table(table: Table) -> None:
+    """Print a table that is a command's result, on stdout, 80 columns wide at most."""
+    Console(width=COLUMNS, highlight=False).print(table)
+
+
+def number(value: float | None, digits: int = 6) -> str:
+    """Write a number for people; what is missing or not finite shows as a dash."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{value:.{digits}g}"
+
+
+def small(value: float | None) -> str:
+    """Write a residual: two digits and the power of ten."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
+
+
+def _table(*columns: tuple[str, str], title: str | None = None) -> Table:
+    table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0))
+    for name, justify in columns:
+        table.add_column(name, justify="right" if justify == "right" else "left")
+    return table
+
+
+def knob_title(knob: str) -> str:
+    """Name a homotopy's knob in a heading: ``contact.mu`` becomes ``mu``."""
+    return knob.rpartition(".")[2] or "knob"
+
+
+def stage_table(stages: Sequence[StageRecord]) -> Table:
+    """Homotopy table: where on the path, cost, residuals, iterations, seconds; failures named."""
+    knobs = {stage.knob for stage in stages}
+    head = knob_title(knobs.pop()) if len(knobs) == 1 else "knob"
+    table = _table(
+        *((name, "right") for name in ("stage", head, "cost", "lam·gap", "residual", "iter", "s")),
+        ("", "left"),
+    )
+    for index, stage in enumerate(stages, start=1):
+        place = small(stage.value) if stage.value else ""
+        if head == "knob":
+            place = f"{knob_title(stage.knob)} {place}".rstrip()
+        table.add_row(
+            str(index), place, number(stage.cost, 7), small(stage.complementarity),
+            small(stage.residual), str(stage.iterations), f"{stage.seconds:.2f}",
+            "" if stage.accepted else "stepped back",
+        )  # fmt: skip
+    return table
+
+
+def stage_line(stage: StageRecord) -> str:
+    """One stage in one line, at most 80 columns."""
+    tail = "" if stage.accepted else "  stepped back"
+    return (
+        f"{knob_title(stage.knob)} {small(stage.value)}  cost {number(stage.cost, 7)}"
+        f"  lam·gap {small(stage.complementarity)}  {stage.iterations} it"
+        f"  {stage.seconds:.2f} s{tail}"
+    )
+
+
+@contextmanager
+def progress(quiet: bool, first: str) -> Iterator[Callable[[StageRecord], None]]:
+    """Yield what a solve calls after each stage: one live line on a terminal, else plain lines."""
+    if quiet:
+        yield lambda _: None
+        return
+    console = Console(stderr=True, highlight=False)
+    if not console.is_terminal:
+        yield lambda stage: print(stage_line(stage), file=sys.stderr, flush=True)
+        return
+    with Live(Text(first), console=console, transient=True, auto_refresh=False) as live:
+        yield lambda stage: live.update(Text(stage_line(stage)), refresh=True)
+
+
+def point_line(name: str, row: Mapping[str, Any]) -> str:
+    """One point of a continuation in one line, at most 80 columns."""
+    return (
+        f"{knob_title(name)} {row['value']:.4g}  cost {number(row['cost'], 7)}"
+        f"  exact {number(row['exact_cost'], 7)}  lam·gap {small(row['complementarity'])}"
+        f"  {row['iterations']} it"
+    )
+
+
+def path_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The points of a continuation."""
+    heads = (knob_title(name), "cost", "exact cost", "lam·gap", "iter")
+    table = _table(*((title, "right") for title in heads), ("", "left"))
+    for row in rows:
+        table.add_row(
+            f"{row['value']:.5g}", number(row["cost"], 7), number(row["exact_cost"], 7),
+            small(row["complementarity"]), str(row["iterations"]), row["status"],
+        )  # fmt: skip
+    return table
+
+
+def result_table(solution: Solution) -> Table:
+    """Cost, exact cost, iterations and the audited residuals."""
+    audit = solution.audit
+    table = _table(("", "left"), ("", "right"), ("", "left"))
+    table.show_header = False
+    rows = [
+        ("cost under the chosen law", number(solution.cost, 8), ""),
+        ("cost under exact physics", number(audit.exact_cost, 8), "the plan replayed"),
+        ("complementarity", small(audit.complementarity), "max lam·gap"),
+        ("", small(audit.complementarity_min), "max min(lam, gap)"),
+        ("dynamics residual", small(audit.dynamics_residual), ""),
+        ("penetration", small(audit.penetration), "m, by true signed distance"),
+        ("state gap to the replay", small(audit.state_gap), "max |x - x_replay|"),
+        ("iterations", str(solution.iterations), ""),
+        ("build, solve", f"{solution.build_s:.2f}, {solution.solve_s:.2f}", "s"),
+    ]
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def violation_table(solution: Solution) -> Table:
+    """The worst constraints by name, for a solve that failed."""
+    table = _table(
+        ("worst constraint", "left"), ("component", "left"), ("scenario", "right"),
+        ("step", "right"), ("off by", "right"),
+    )  # fmt: skip
+    for violation in solution.audit.worst:
+        table.add_row(
+            violation.name, violation.component, str(violation.scenario), str(violation.step),
+            small(violation.amount),
+        )  # fmt: skip
+    return table
+
+
+def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
+    """The starts of a multi-start that did not win."""
+    keys = [key for key in ("start", "status", "cost", "exact_cost", "iterations") if
+            any(key in other for other in others)]  # fmt: skip
+    table = _table(*((key.replace("_", " "), "right") for key in keys), title="other starts")
+    for other in others:
+        table.add_row(
+            *(number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys)
+        )
+    return table
+
+
+def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
+    """A problem's parameters with default, unit and meaning."""
+    table = _table(("parameter", "left"), ("default", "right"), ("unit", "left"), ("", "left"))
+    for row in parameters:
+        value = row["value"]
+        shown = number(value) if isinstance(value, int | float) else "required"
+        table.add_row(row["name"], shown, row["unit"], row["description"])
+    return table
+
+
+def golden_table(golden: Mapping[str, Golden]) -> Table:
+    """A problem's known optima."""
+    table = _table(
+        ("known optimum", "left"), ("law", "left"), ("method", "left"), ("cost", "right"),
+        ("source", "left"),
+    )  # fmt: skip
+    for name, known in golden.items():
+        table.add_row(name, known.law, known.method, number(known.cost, 8), known.source)
+    return table
+
+
+def runs_table(entries: Sequence[Mapping[str, Any]]) -> Table:
+    """One line a stored run; a damaged one shows why."""
+    table = _table(("problem", "left"), ("run", "left"), ("what", "left"), ("cost", "right"),
+                   ("", "left"))  # fmt: skip
+    for entry in entries:
+        name = entry["run"].rpartition("/")[2]
+        if entry["damage"]:
+            table.add_row(entry["problem"], name, "damaged", "", "")
+            continue
+        what = " ".join(str(entry[key]) for key in ("contact", "method") if entry[key])
+        table.add_row(entry["problem"], name, what or entry["kind"], number(entry["cost"]),
+                      entry["status"] or "")  # fmt: skip
+    return table
+
+
+def run_table(run: StoredRun) -> Table:
+    """What one run's description says, one line a key."""
+    table = _table(("", "left"), ("", "left"))
+    table.show_header = False
+    meta, record = run.meta, run.meta.get("record") or {}
+    table.add_row("run", str(run.path))
+    for key in ("kind", "problem", "created", "status", "cost", "iterations", "seed", "revision"):
+        if meta.get(key) is not None:
+            table.add_row(key, str(meta[key]))
+    for key, value in record.items():
+        if value not in (None, {}, []) and key not in ("problem", "seed"):
+            table.add_row(key, _inline(value))
+    table.add_row("command", " ".join(meta.get("argv") or []))
+    table.add_row("versions", _inline(meta.get("versions") or {}))
+    table.add_row("arrays", ", ".join(str(name) for name in run.data.data_vars))
+    return table
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key}={_inline(item)}" for key, item in value.items())
+    return number(value) if isinstance(value, float) else str(value)

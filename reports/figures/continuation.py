@@ -1,0 +1,74 @@
+"""Figures of a path over a parameter."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from reports.figures.run import FLOOR, label
+from reports.style import CYCLE, INK, PLANNED, REPLAYED, WIDTH
+from reports.view import RunView
+
+_MOST_STATES = 6
+
+
+def path(view: RunView) -> Figure:
+    """Cost and exact cost, complementarity, and iterations over the parameter."""
+    points = view.run.meta["points"]
+    value = _column(points, "value")
+    good = np.array([bool(point["success"]) for point in points])
+    figure = Figure(figsize=(WIDTH, 4.6))
+    top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.3, 1))
+    cost, exact = _column(points, "cost"), _column(points, "exact_cost")
+    top.plot(value[good], cost[good], "o-", color=PLANNED, label="cost under the law")
+    top.plot(value[good], exact[good], "s--", color=REPLAYED, label="cost under exact physics")
+    top.set_ylabel("cost")
+    complementarity = np.maximum(_column(points, "complementarity"), FLOOR)
+    middle.semilogy(value[good], complementarity[good], "o-", color=CYCLE[2])
+    middle.set_ylabel("max $\\lambda$ gap")
+    bottom.plot(value, _column(points, "iterations"), "o", color=CYCLE[3])
+    bottom.set_ylim(bottom=0)
+    bottom.set_ylabel("iterations")
+    bottom.set_xlabel(_parameter_label(view))
+    for axis in (top, middle, bottom):
+        for place in value[~good]:
+            axis.axvline(place, color=INK, linestyle=":", linewidth=0.9)
+        if view.run.meta["scale"] == "log":
+            axis.set_xscale("log")
+    if not good.all():
+        top.plot([], [], ":", color=INK, label="failed")
+    figure.legend(loc="outside upper center", ncols=3)
+    return figure
+
+
+def states(view: RunView) -> Figure | None:
+    """States of scenario 0 at a few points of the path, the first faint, the last dark."""
+    x = view.array("x")
+    if x is None or not len(x):
+        return None
+    signals = view.signals("states")[:_MOST_STATES]
+    rows = -(-len(signals) // 2)
+    figure = Figure(figsize=(WIDTH, 1.3 * rows + 0.4))
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    values = view.run.data["value"].values
+    chosen = np.unique(np.linspace(0, len(x) - 1, min(6, len(x))).round().astype(int))
+    for axis, (index, signal) in zip(axes, enumerate(signals), strict=False):
+        for strength, point in zip(np.linspace(0.25, 1, len(chosen)), chosen, strict=True):
+            axis.plot(view.time, x[point, 0, :, index], color=PLANNED, alpha=strength,
+                      label=f"{values[point]:.3g}" if index == 0 else None)  # fmt: skip
+        axis.set_ylabel(label(signal.name, signal.unit))
+    for axis in axes[len(signals) :]:
+        axis.set_axis_off()
+    for axis in axes[max(0, len(signals) - 2) : len(signals)]:
+        axis.set_xlabel("time [s]")
+        axis.tick_params(labelbottom=True)
+    figure.legend(loc="outside upper center", ncols=6, title=_parameter_label(view))
+    return figure
+
+
+def _column(points: list[dict], name: str) -> np.ndarray:
+    return np.array([np.nan if p[name] is None else p[name] for p in points], dtype=float)
+
+
+def _parameter_label(view: RunView) -> str:
+    return label(str(view.run.meta["over"]), str(view.run.meta.get("unit") or ""))

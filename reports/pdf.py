@@ -1,0 +1,88 @@
+"""A PDF from stored runs: pages set by typst, figures as vectors, the same bytes each time."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import typst
+from matplotlib.figure import Figure
+
+from ocp.errors import InputError
+from ocp.studies.store import StoredRun, plain
+from reports.pages import comparison_page, continuation_page, solve_page
+from reports.style import styled, to_svg
+from reports.view import RunView
+
+_TEMPLATES = Path(__file__).with_name("templates")
+
+
+def write_pdf(runs: Sequence[StoredRun], path: Path) -> None:
+    """Write a report of one run, or of several solves side by side, to ``path``.
+
+    Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
+    compared, or where a problem's typst equations do not compile.
+    """
+    content = render(runs)
+    try:
+        _replace(path, content)
+    except OSError as error:
+        raise InputError(
+            f"cannot write the PDF {path}: {error.strerror}; choose another place"
+        ) from error
+
+
+def render(runs: Sequence[StoredRun]) -> bytes:
+    """Return the PDF's bytes."""
+    views = [RunView.of(run) for run in runs]
+    with styled():
+        template, content, figures = _page(views)
+        drawn = {name: to_svg(figure) for name, figure in figures.items()}
+    return _typeset(template, content, drawn)
+
+
+def _page(views: list[RunView]) -> tuple[str, dict[str, Any], dict[str, Figure]]:
+    kinds = {view.run.kind for view in views}
+    if kinds == {"solve"}:
+        if len(views) == 1:
+            return ("solve.typ", *solve_page(views[0]))
+        return ("comparison.typ", *comparison_page(views))
+    if kinds == {"continue"} and len(views) == 1:
+        return ("continuation.typ", *continuation_page(views[0]))
+    raise InputError(
+        "only runs of ocp solve can stand side by side in a report; give continuations one by one"
+    )
+
+
+def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="centralpath-") as folder:
+        root = Path(folder)
+        for file in _TEMPLATES.glob("*.typ"):
+            shutil.copy(file, root)
+        for name, svg in figures.items():
+            (root / f"{name}.svg").write_bytes(svg)
+        content = {**content, "figures": sorted(figures)}
+        (root / "content.json").write_text(json.dumps(plain(content)))
+        try:
+            return typst.compile(str(root / template), root=folder, ignore_system_fonts=True)
+        except typst.TypstError as error:
+            raise InputError(
+                f"the report does not compile: {error}; check the problem's typst equations"
+            ) from error
+
+
+def _replace(path: Path, content: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, partial = tempfile.mkstemp(prefix=".partial-", suffix=".pdf", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        Path(partial).chmod(0o644)
+        Path(partial).replace(path)
+    finally:
+        Path(partial).unlink(missing_ok=True)

@@ -1,0 +1,64 @@
+"""A stored run beside the problem it solved, which is found again by name or by its file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dynamics.systems import Signal
+from ocp.errors import InputError
+from ocp.problem import Problem
+from ocp.studies.store import StoredRun
+from problems import ProblemSpec, spec
+
+
+def problem_of(run: StoredRun) -> tuple[ProblemSpec, Any, Problem]:
+    """Build a run's problem again: its spec, its parameters, the problem.
+
+    Raises :class:`~ocp.errors.InputError` where the problem's file is gone or no longer fits.
+    """
+    found = spec(run.record.get("source") or run.meta["problem"])
+    known = found.Params.model_fields
+    given = {k: v for k, v in run.record.get("params", {}).items() if k in known}
+    return found, found.params(given), found.problem(given)
+
+
+@dataclass(frozen=True)
+class RunView:
+    """What pages and figures show of a run; ``spec`` and ``params`` are None if not found again."""
+
+    run: StoredRun
+    spec: ProblemSpec | None
+    params: Any
+    problem: Problem | None
+
+    @classmethod
+    def of(cls, run: StoredRun) -> RunView:
+        """Look at a run; a problem that cannot be built again is left out."""
+        try:
+            return cls(run, *problem_of(run))
+        except InputError:
+            return cls(run, None, None, None)
+
+    @property
+    def title(self) -> str:
+        """Title of the problem."""
+        return self.spec.title if self.spec else str(self.run.meta["problem"])
+
+    def signals(self, kind: str) -> list[Signal]:
+        """Names and units of the ``states``, ``inputs`` or ``contacts``."""
+        if self.problem is not None:
+            return list(getattr(self.problem.system, kind))
+        dimension = {"states": "state", "inputs": "control", "contacts": "contact"}[kind]
+        return [Signal(str(name), "") for name in self.run.data[dimension].values]
+
+    def array(self, name: str) -> np.ndarray | None:
+        """Values of a stored array, or None where the run has none."""
+        return self.run.data[name].values if name in self.run.data else None
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time of each node [s], shape (N+1,)."""
+        return np.asarray(self.run.data["time"].values, dtype=float)
