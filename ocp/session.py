@@ -16,10 +16,13 @@ from ocp.problem import Problem
 from ocp.solvers.homotopy import Homotopy, Path, Plan, Progress, Trace, geometric, translate
 from ocp.solvers.polish import polish
 from ocp.solvers.solver import Point, Result, Solver
-from ocp.solvers.strategies import DEFAULT_STRATEGY, STRATEGIES
+from ocp.solvers.strategies import DEFAULT_STRATEGY, STRATEGIES, CentralPath
 from ocp.transcription import Direct, Method
 from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Compile
+
+_STAGE_ITERATIONS = 100
+"""Before the last stage of a law's path an answer need not be sharp, only nearer."""
 
 
 @dataclass(frozen=True)
@@ -116,9 +119,10 @@ class Session:
             options: dict[str, Any] = {}
             if self.solver.name == "ipopt" and value != values[0]:
                 options["mu_init"] = 1e-5
-            if self.solver.name == "ipopt" and value != target:
-                options["tol"] = 1e-6
-            return Plan(label, value, parameters={knob: value}, options=options)
+            last = value == target
+            if self.solver.name == "ipopt" and not last:
+                options |= {"tol": 1e-6, "max_iter": _STAGE_ITERATIONS}
+            return Plan(label, value, parameters={knob: value}, options=options, partial=not last)
 
         return Path(values, plan)
 
@@ -144,20 +148,31 @@ class Session:
             raise InputError(
                 f"unknown strategy {self.strategy!r}; there are {', '.join(STRATEGIES)}"
             )
-        paths = STRATEGIES[self.strategy]().paths(self.problem.reference)
+        strategy, reference = STRATEGIES[self.strategy](), self.problem.reference
+        paths = strategy.paths(reference)
         source = self.nlp_of(paths[0].plan(paths[0].values[0]).form)
-        point, finished = self.first_point(source, guess), True
+        result, source = self._along(follower, paths, self.first_point(source, guess), source)
+        polished, nlp, worked = polish(follower, source, result, reference)
+        if not worked and result.ok and isinstance(strategy, CentralPath):
+            paths = strategy.further(reference)
+            result, source = self._along(follower, paths, result.point, source, warm=True)
+            polished, nlp, worked = polish(follower, source, result, reference)
+        return Outcome(polished, nlp, worked, follower.trace)
+
+    def _along(
+        self, follower: Homotopy, paths: list[Path], point: Point, source: NLP, warm: bool = False
+    ) -> tuple[Result, NLP]:
+        """Follow paths one after the other, as far as they go."""
         result: Result | None = None
         for path in paths:
             first = self.nlp_of(path.plan(path.values[0]).form)
             usable = translate(point, source, first)
-            result, source, finished = follower.follow(path, usable, warm=result is not None)
+            result, source, finished = follower.follow(path, usable, warm or result is not None)
             if not finished:
                 break
             point = result.point
         assert result is not None
-        polished, nlp, worked = polish(follower, source, result, self.problem.reference)
-        return Outcome(polished, nlp, worked, follower.trace)
+        return result, source
 
     def _continue(self, follower: Homotopy, start: Point, source: NLP) -> Outcome:
         """One warm stage at the present values; for the exact law on a small relaxation first."""

@@ -9,7 +9,6 @@ from dataclasses import asdict, replace
 from importlib.metadata import version
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from dynamics.contact import ContactLaw, Exact
@@ -188,4 +187,4 @@ def versions() -> dict[str, str]:
     """Versions of what an answer's digits depend on."""
     names = ("centralpath", "numpy", "scipy", "xarray")
     found = {name: version(name) for name in names}
-    return {**found, "casadi": ca.__version__, "python": platform.python_version()}
+    return {**found, "casadi": version("casadi"), "python": platform.python_version()}

@@ -6,18 +6,21 @@ it a fixed number of times, :func:`scalar_solution` is the closed form for one c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import casadi as ca
 
 from dynamics.contact.elimination import solve_without_pivoting
 
-ITERATIONS = 60
+_STAGES = (8, 8, 16, 32, 64, 128)
 MU_EXACT = 1e-12
 """The exact law follows the path to this mu (in scaled units), then reads off the active set."""
 MU_LEAST = 1e-14
 """A smaller scaled mu is rounding to the path solver and is raised to this."""
 _BOUNDARY = 0.995
+_CENTRING = 0.3
+_NEAR = 0.5
 _NEIGHBOURHOOD = 1e-2
 _FEASIBILITY = 3e-3
 _SETTLED = 1e-5
@@ -51,8 +54,8 @@ def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def iteration_count(n: int) -> int:
-    """Iterations that the path solver is given for n contacts; half of them mostly suffice."""
-    return min(ITERATIONS, 24 + 2 * n)
+    """Iterations the path solver is given for n contacts; ten suffice mostly, none for one."""
+    return sum(_STAGES) if n > 1 else 0
 
 
 @cache
@@ -63,10 +66,12 @@ def iteration(n: int) -> ca.Function:
     of adaptive barrier smoothing: Mehrotra's affine predictor and centring, fraction to the
     boundary. Differently from it, the affine step aims at the wanted mu and the target never
     falls below it, so that the end is *at* mu; the second-order correction is taken only where it
-    shortens no step and lowers the violation (with it alone, one problem in ten cycles); pairs far
-    below their target are lifted back (without it, rare problems jam at the boundary); the
-    products wait for the defect of ``s = z + F lam``, and both shrink together. Once
-    rounding stops the progress the point is returned unchanged: a fixed point ends the loop.
+    shortens no step and lowers the violation (with it alone, one problem in ten cycles); the
+    centring goes at least two thirds of the way and steps near the end are damped (else strongly
+    coupled contacts stall or circle there); pairs far below their target are lifted back (without
+    it, rare problems jam at the boundary); the products wait for the defect of ``s = z + F lam``,
+    and both shrink together. Once rounding stops the progress the point is returned unchanged: a
+    fixed point ends the loop.
     """
     lam, s, z, mu = (ca.SX.sym(name, n) for name in ("lam", "s", "z", "mu"))
     F = ca.SX.sym("F", n, n)
@@ -88,10 +93,14 @@ def iteration(n: int) -> ca.Function:
     reach = length(*affine, 1.0)
     excess = ca.sum1(ca.fabs(lam * s - mu)) / n
     excess_affine = ca.sum1(ca.fabs((lam + reach * affine[0]) * (s + reach * affine[1]) - mu)) / n
-    centring = ca.fmin(1, excess_affine / ca.fmax(excess, 1e-300)) ** 3
+    centring = ca.fmin(_CENTRING, (excess_affine / ca.fmax(excess, 1e-300)) ** 3)
     remaining = (1 - reach) ** 2
     behind = _FEASIBILITY * (1 - reach) * ca.mmax(ca.fabs(defect))
-    target = ca.fmax(mu + centring * excess, behind)
+    near = ca.logic_and(
+        ca.mmax(ca.fabs(lam * s - mu) / mu) < _NEAR,
+        ca.mmax(ca.fabs(defect) / (1 + s)) < 1e-10,
+    )
+    target = ca.if_else(near, mu, ca.fmax(mu + centring * excess, behind))
 
     plain = direction(target, remaining)
     corrected = direction(target - reach**2 * affine[0] * affine[1], remaining)
@@ -100,11 +109,16 @@ def iteration(n: int) -> ca.Function:
     def moved(step: ca.SX, along: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
         return lam + step * along[0], s + step * along[1]
 
+    def off(step: ca.SX) -> ca.SX:
+        at_lam, at_s = moved(step, plain)
+        return ca.mmax(ca.fabs(at_lam * at_s - mu) / mu)
+
+    step_plain = ca.if_else(near, _best([step_plain / 2**k for k in range(6)], off), step_plain)
     at_plain, at_corrected = moved(step_plain, plain), moved(step_corrected, corrected)
     better = ca.sum1(ca.fabs(at_corrected[0] * at_corrected[1] - mu)) < ca.sum1(
         ca.fabs(at_plain[0] * at_plain[1] - mu)
     )
-    use = ca.logic_and(better, step_corrected >= 0.9 * step_plain)
+    use = ca.logic_and(better, ca.logic_and(step_corrected >= 0.9 * step_plain, 1 - near))
     new_lam = ca.if_else(use, at_corrected[0], at_plain[0])
     new_s = ca.if_else(use, at_corrected[1], at_plain[1])
     lift = ca.sqrt(ca.fmax(1, _NEIGHBOURHOOD * target / (new_lam * new_s)))
@@ -123,6 +137,15 @@ def iteration(n: int) -> ca.Function:
         ["lam", "s", "z", "F", "mu"],
         ["lam_next", "s_next"],
     )
+
+
+def _best(steps: list[ca.SX], merit: Callable[[ca.SX], ca.SX]) -> ca.SX:
+    """Return the step of least merit."""
+    best, least = steps[0], merit(steps[0])
+    for step in steps[1:]:
+        value = merit(step)
+        best, least = ca.if_else(value < least, step, best), ca.fmin(value, least)
+    return best
 
 
 @cache
@@ -144,7 +167,6 @@ def lcp_solver(n: int, exact: bool = False) -> ca.Function:
         lam = exact_scalar_solution(z, F) if exact else scalar_solution(z, F, mu)
         s = ca.fmax(0, z) if exact else ca.if_else(z > 0, z + F * lam, mu / ca.fmax(lam, 1e-300))
         return ca.Function("contact_1", [z, F, mu], [lam, s, 0 * z], *names)
-    iterations = iteration_count(n)
     D, c = scaling(z, F, 0 * mu if exact else mu)
     pre = ca.Function(
         "scale",
@@ -160,19 +182,28 @@ def lcp_solver(n: int, exact: bool = False) -> ca.Function:
     post = _finish(n, exact)
     args = ca.MX.sym("z", n), ca.MX.sym("F", n, n), ca.MX.sym("mu", n)
     z_scaled, F_scaled, mu_scaled, D_, c_ = pre(*args)
-    body = iteration(n)
-    pair = ca.SX.sym("pair", 2 * n)
-    data = [ca.SX.sym("z", n), ca.SX.sym("F", n, n), ca.SX.sym("mu", n)]
-    packed = ca.Function("path", [pair, *data], [ca.vertcat(*body(pair[:n], pair[n:], *data))])
-    loop = packed.fold(iterations)
-    end = loop(
-        ca.MX.ones(2 * n),
-        ca.repmat(z_scaled, 1, iterations),
-        ca.repmat(F_scaled, 1, iterations),
-        ca.repmat(mu_scaled, 1, iterations),
-    )
+    end = _path(n, 0)(ca.MX.ones(2 * n), z_scaled, F_scaled, mu_scaled)
     out = post(end[:n], end[n:], z_scaled, F_scaled, mu_scaled, D_, c_)
     return ca.Function(f"contact_{n}", list(args), list(out), *names)
+
+
+def _path(n: int, stage: int) -> ca.Function:
+    """Iterate: ``(pair, z, F, mu) -> pair``, pair = (lam, s); later stages run where it moves.
+
+    CasADi evaluates a branch of a conditional only when it is taken, so that a problem which is
+    solved in ten iterations does not pay for the hundreds that the worst one needs.
+    """
+    body = iteration(n)
+    pair, *data = (ca.MX.sym(name, n * k) for name, k in (("pair", 2), ("z", 1), ("mu", 1)))
+    data.insert(1, ca.MX.sym("F", n, n))
+    before, now = pair, pair
+    for _ in range(_STAGES[stage]):
+        before, now = now, ca.vertcat(*body(now[:n], now[n:], *data))
+    if stage + 1 < len(_STAGES):
+        stay = ca.Function("stay", [pair, *data], [pair])
+        more = ca.Function.if_else("more", _path(n, stage + 1), stay)
+        now = more(ca.mmax(ca.fabs(now - before)) > 0, now, *data)
+    return ca.Function(f"path_{n}_{stage}", [pair, *data], [now])
 
 
 def _finish(n: int, exact: bool) -> ca.Function:

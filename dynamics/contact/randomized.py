@@ -79,7 +79,7 @@ class Randomized(ContactLaw):
 
     def at(self, **values: float) -> Randomized:
         """Return the same law with another sigma."""
-        own = {key: value for key, value in vars(self).items()}
+        own = dict(vars(self))
         return Randomized(**{**own, **values})  # pyright: ignore[reportArgumentType]
 
     def knobs(self, system: ContactSystem) -> ParameterTable:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ocp.solution import StageRecord
+from ocp.solution import StageRecord, Status
 from ocp.solvers.solver import Point, Result, Solver
 from ocp.transcription.nlp import NLP
 
@@ -27,7 +27,10 @@ _STEP_BACKS = 4
 
 @dataclass(frozen=True)
 class Plan:
-    """One stage: the form of the NLP, parameter values, bounds on the contact rows, options."""
+    """One stage: the form of the NLP, parameter values, bounds on the contact rows, options.
+
+    A ``partial`` stage may end at its iteration limit: the next one starts from there.
+    """
 
     knob: str
     value: float
@@ -35,6 +38,7 @@ class Plan:
     parameters: dict[str, float] = field(default_factory=dict)
     contact: tuple[float, float] | None = None
     options: dict[str, Any] = field(default_factory=dict)
+    partial: bool = False
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ class Homotopy:
             nlp = self.nlp_of(plan.form)
             usable = translate(point, form, nlp) if form is not None else point
             result = self.stage(plan, nlp, usable, warm or good is not None)
-            if result.ok:
+            if result.ok or (plan.partial and result.status is Status.ITERATION_LIMIT):
                 point, form, good, tries = result.point, nlp, value, 0
                 best = (result, nlp)
                 if path.complete is not None and path.complete(nlp, result):

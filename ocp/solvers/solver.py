@@ -27,7 +27,10 @@ IPOPT_DEFAULTS: dict[str, Any] = {
     "constr_viol_tol": 1e-9,
     "compl_inf_tol": 1e-9,
     "dual_inf_tol": 1e-4,
-    "acceptable_iter": 0,
+    "acceptable_iter": 10,
+    "acceptable_tol": 1e-5,
+    "acceptable_obj_change_tol": 1e-10,
+    "acceptable_constr_viol_tol": 1e-9,
     "max_iter": 1000,
     "bound_relax_factor": 0.0,
     "honor_original_bounds": "yes",
@@ -96,7 +99,7 @@ class Solver:
         bounds: dict[str, np.ndarray],
         **overrides: Any,
     ) -> Result:
-        """Solve from ``start``; with multipliers there and ``warm_start_init_point`` they are used."""
+        """Solve from ``start``, and from its multipliers where ``warm_start_init_point`` says so."""
         function = self._instance(nlp, overrides)
         arguments: dict[str, Any] = {"x0": start.x, "p": p, **bounds}
         if start.lam_g is not None:

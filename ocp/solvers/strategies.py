@@ -18,8 +18,10 @@ from ocp.solvers.homotopy import Path, Plan, geometric
 from ocp.solvers.solver import Result
 from ocp.transcription.nlp import NLP
 
-T_END = 1e-8
-"""Relaxation at which a path ends; the polish removes what is left."""
+T_SHARP = 1e-8
+"""Relaxation at which the textbook paths end."""
+T_LOOSE = 1e-4
+"""Fraction of impulse times distance at which the active set shows, and polishing can begin."""
 
 
 class Strategy(Protocol):
@@ -33,16 +35,48 @@ class Strategy(Protocol):
         ...
 
 
+def _inexact(t: float) -> dict[str, float]:
+    """IPOPT options for a stage solved no better than it is relaxed."""
+    tolerance = min(1e-4, max(t, 1e-9))
+    return {"tol": tolerance, "mu_target": t / 10, "compl_inf_tol": tolerance,
+            "mu_init": max(t / 10, 1e-11)}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CentralPath:
+    """``lam gap = t``, t falling fast, inexact stages, ended as soon as the active set shows.
+
+    Every stage is a point on the central path, so the first ones feel all contacts; the polish
+    makes the end exact. Where it cannot, :meth:`further` follows the path on.
+    """
+
+    factor: float = 0.03
+    name: ClassVar[str] = "central-path"
+    summary: ClassVar[str] = "lam gap = t, t falling, then the active set (the default)"
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """One path from t = impulse times distance to its ten-thousandth."""
+        start = reference.impulse * reference.gap
+        return [Path(geometric(start, T_LOOSE * start, self.factor), self._plan)]
+
+    def further(self, reference: Reference) -> list[Path]:
+        """The same path on to 1e-8."""
+        start = T_LOOSE * reference.impulse * reference.gap
+        return [Path(geometric(start, T_SHARP, 0.1), self._plan)]
+
+    def _plan(self, t: float) -> Plan:
+        return Plan("t", t, contact=(t, t), options=_inexact(t))
+
+
 @dataclass(frozen=True)
 class Scholtes:
-    """``lam gap <= t`` (or ``= t``), t falling (Scholtes 2001).
+    """``lam gap <= t``, t falling (Scholtes 2001).
 
     Inexact stages stop at a tolerance of t with IPOPT's own barrier held at t/10: nothing is
     gained by solving a relaxation better than it is relaxed.
     """
 
     factor: float = 0.1
-    equality: bool = False
     inexact: bool = True
     name: ClassVar[str] = "scholtes"
     summary: ClassVar[str] = "lam gap <= t, t falling, inexact stages"
@@ -52,15 +86,9 @@ class Scholtes:
         start = reference.impulse * reference.gap
 
         def plan(t: float) -> Plan:
-            options: dict[str, float | str] = {}
-            if self.inexact:
-                tolerance = min(1e-4, max(t, 1e-9))
-                options = {"tol": tolerance, "mu_target": t / 10, "compl_inf_tol": tolerance,
-                           "mu_init": max(t / 10, 1e-11)}  # fmt: skip
-            lower = t if self.equality else -np.inf
-            return Plan("t", t, contact=(lower, t), options=options)
+            return Plan("t", t, contact=(-np.inf, t), options=_inexact(t) if self.inexact else {})
 
-        return [Path(geometric(start, T_END, self.factor), plan)]
+        return [Path(geometric(start, T_SHARP, self.factor), plan)]
 
 
 @dataclass(frozen=True)
@@ -78,7 +106,7 @@ class ScholtesCold:
         def plan(t: float) -> Plan:
             return Plan("t", t, contact=(-np.inf, t), options={"warm_start_init_point": "no"})
 
-        return [Path(geometric(start, T_END, self.factor), plan)]
+        return [Path(geometric(start, T_SHARP, self.factor), plan)]
 
 
 def _complementary(tolerance: float) -> Callable[[NLP, Result], bool]:
@@ -100,14 +128,13 @@ class L1Penalty:
     summary: ClassVar[str] = "penalty rho lam gap, rho growing until it is exact"
 
     def paths(self, reference: Reference) -> list[Path]:
-        """One ladder of penalties, scaled to impulse times distance."""
-        unit = 1.0
+        """One ladder of penalties."""
 
         def plan(rho: float) -> Plan:
-            options = {} if rho == self.first * unit else {"mu_init": 1e-4}
+            options = {} if rho == self.first else {"mu_init": 1e-4}
             return Plan("rho", rho, "none", {"penalty": rho}, options=options)
 
-        values = [self.first * unit * self.growth**i for i in range(self.steps)]
+        values = [self.first * self.growth**i for i in range(self.steps)]
         return [Path(values, plan, strict=False, complete=_complementary(1e-7))]
 
 
@@ -140,7 +167,7 @@ class FischerBurmeister:
         def plan(t: float) -> Plan:
             return Plan("t", t, "fischer-burmeister", {"relaxation": t}, options={"mu_init": 1e-4})
 
-        return [Path(geometric(start, T_END, self.factor), plan)]
+        return [Path(geometric(start, T_SHARP, self.factor), plan)]
 
 
 @dataclass(frozen=True)
@@ -159,12 +186,12 @@ class LinFukushima:
             parameters = {"relaxation": t}
             return Plan("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
 
-        return [Path(geometric(start, float(np.sqrt(T_END)), self.factor), plan)]
+        return [Path(geometric(start, float(np.sqrt(T_SHARP)), self.factor), plan)]
 
 
 STRATEGIES: dict[str, Callable[[], Strategy]] = {
+    "central-path": CentralPath,
     "scholtes": Scholtes,
-    "scholtes-equality": lambda: Scholtes(equality=True),
     "scholtes-exact": lambda: Scholtes(inexact=False),
     "scholtes-cold": ScholtesCold,
     "l1": L1Penalty,
@@ -172,4 +199,4 @@ STRATEGIES: dict[str, Callable[[], Strategy]] = {
     "fischer-burmeister": FischerBurmeister,
     "lin-fukushima": LinFukushima,
 }
-DEFAULT_STRATEGY = "l1-scholtes"
+DEFAULT_STRATEGY = "central-path"

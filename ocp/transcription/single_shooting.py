@@ -18,7 +18,7 @@ from dynamics.contact import Step
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.transcription.common import Graph, constraint_names
-from ocp.transcription.multiple_shooting import contact_solve, next_state
+from ocp.transcription.multiple_shooting import next_state
 from ocp.transcription.nlp import NLP, Layout
 from ocp.transcription.stage import Compile, Stage
 
@@ -105,7 +105,7 @@ class _Condensed:
             np.zeros((self.N * self.S, outputs.numel()), dtype=int), 1 / self.S,
             step.lam, relation, closed(step.relation_jacobian), self._solve(w, u),
         )  # fmt: skip
-        self.gap = ca.Function("gap", [w, graph.p, step.lam], [gap, u, closed(step.mu)])
+        self.gap = ca.Function("gap", [w, graph.p, step.lam], [gap, u])
 
     def _solve(self, w: ca.SX, u: ca.SX) -> ca.Function:
         graph, step = self.graph, self.graph.step
@@ -159,7 +159,7 @@ class _Condensed:
         first = self._first(theta, p, xi[:, ends], w, lam)
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.constraints.size)
         hess = self._hessian(theta, p, xi[:, ends], w, lam, lam_f, lam_g, first)
-        gap, u, mu = self.gap.map(self.N * self.S)(w, ca.repmat(p, 1, self.N * self.S), lam)
+        gap, u = self.gap.map(self.N * self.S)(w, ca.repmat(p, 1, self.N * self.S), lam)
         dense = ca.Sparsity.dense(self.constraints.size, n)
         jac = ca.project(first["jacobian"], dense) if self.constraints.size else ca.MX(0, n)
         return (

@@ -60,7 +60,7 @@ class Stage:
         return self._function("first", self.arguments, outputs), jacobian.sparsity()
 
     def second(self) -> tuple[ca.Function, ca.Sparsity]:
-        """``(w, p, inner, s, m) -> nonzeros`` of the upper Hessian of ``s cost + m' constraints``."""
+        """``(w, p, inner, s, m) -> nonzeros`` of the upper Hessian of ``s cost + m' c``."""
         s, m = ca.SX.sym("s"), ca.SX.sym("m", self.constraints.numel())
         lagrangian = s * self.cost + ca.dot(m, self.constraints)
         hessian = ca.triu(self._total_hessian(lagrangian))
@@ -99,7 +99,7 @@ class Stage:
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:
-    return ca.vertcat(ca.SX(0, 1), *matrix.nonzeros())
+    return matrix[matrix.sparsity()].nz[:] if matrix.nnz() else ca.SX(0, 1)
 
 
 class _Mapped:
@@ -202,7 +202,7 @@ def _scattered_gradient(stages: list[Stage], parts: list[ca.MX], n: int) -> ca.M
 
 
 def _add_up(target: np.ndarray, size: int, values: ca.MX) -> ca.MX:
-    """Sum ``values`` into a dense vector of ``size`` at ``target``; targets beyond it are dropped."""
+    """Sum ``values`` into a dense vector of ``size`` at ``target``, dropping targets beyond."""
     kept = np.flatnonzero(target < size)
     ones = ca.DM.triplet(
         target[kept].tolist(), kept.tolist(), ca.DM.ones(kept.size), size, target.size
