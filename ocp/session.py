@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from dynamics.contact import ContactLaw, Step
+from dynamics.contact import Barrier, ContactLaw, Step
 from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
+from ocp.rollout import Gains, roll_out
 from ocp.solvers.homotopy import Homotopy, Path, Plan, Progress, Trace, geometric, translate
 from ocp.solvers.polish import polish
 from ocp.solvers.solver import Point, Result, Solver
@@ -23,6 +24,8 @@ from ocp.transcription.stage import Compile
 
 _STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""
+_MU_LAST = 1e-8
+"""Where the barrier law is left for the exact one in shooting."""
 
 
 @dataclass(frozen=True)
@@ -95,11 +98,11 @@ class Session:
         return self._smooth(follower, guess)
 
     def _smooth(self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None) -> Outcome:
-        point = self.first_point(self.nlp_of("product"), guess)
-        warm = False
+        nlp = self.nlp_of("product")
+        point = self.first_point(nlp, guess)
         if self.step.exact and self.homotopy:
-            point = self._through_barrier(follower, point)
-        result, nlp, finished = follower.follow(self._law_path(), point, warm)
+            return self._through_barrier(follower, point, nlp)
+        result, nlp, finished = follower.follow(self._law_path(), point)
         return Outcome(result, nlp, finished, follower.trace)
 
     def _law_path(self) -> Path:
@@ -126,19 +129,29 @@ class Session:
 
         return Path(values, plan)
 
-    def _through_barrier(self, follower: Homotopy, point: Point) -> Point:
-        """Exact law in shooting: follow the barrier law down first, in an NLP of its own."""
-        from dynamics.contact import Barrier
+    def _through_barrier(self, follower: Homotopy, point: Point, nlp: NLP) -> Outcome:
+        """Exact law in shooting: follow the barrier law down, then roll its plan out exactly.
 
-        helper = Session(self.problem, Barrier(mu=1e-9), self.method, self.policy, self.solver)
+        At a kink of the exact law no gradient vanishes, so a gradient method cannot end there; the
+        limit of the smoothed optima can, and is taken as the answer.
+        """
+        helper = Session(self.problem, Barrier(mu=_MU_LAST), self.method, self.policy, self.solver)
         inner = Homotopy(helper.nlp_of, self.solver, {**helper.values, **self._shared()},
                          follower.progress)  # fmt: skip
-        result, nlp, _ = inner.follow(helper._law_path(), point)
-        follower.trace.records += inner.trace.records
-        follower.trace.iterations += inner.trace.iterations
-        follower.trace.seconds += inner.trace.seconds
+        inner.trace = follower.trace
+        result, source, finished = inner.follow(helper._law_path(), point)
         self.build_s += helper.build_s
-        return Point(translate(result.point, nlp, self.nlp_of("product")).x)
+        blocks = source.variables.unpack(result.point.x)
+        plan = Gains(blocks["K"], blocks["k"]) if "K" in blocks else blocks["u"]
+        exact = roll_out(self.problem, plan, self.values, self.step)
+        own = {**blocks, "x": exact.x[:, 1:], "u": exact.u}
+        x = nlp.variables.pack({
+            name: own[name][:1] if name == "u" and nlp.variables[name].shape[0] == 1 else own[name]
+            for name in nlp.variables.blocks
+        })  # fmt: skip
+        f, g = nlp.f_g(x, nlp.parameter_vector(self.values))
+        landed = replace(result, point=Point(x), f=float(f), g=np.array(g).ravel())
+        return Outcome(landed, nlp, finished, follower.trace)
 
     def _shared(self) -> dict[str, float]:
         return {name: self.values[name] for name in self.problem.parameters.names}
