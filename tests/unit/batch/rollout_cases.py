@@ -25,20 +25,25 @@ def wall() -> ContactSystem:
     )
 
 
-def four_contacts(nx: int = 6, nu: int = 2, n: int = 4, seed: int = 0) -> ContactSystem:
-    """A stable random linear complementarity system with a P-matrix that is not symmetric."""
+def four_contact_matrices(seed: int = 0) -> dict[str, np.ndarray]:
+    """6 states, 2 inputs, 4 contacts: stable, with a P-matrix F that is not symmetric."""
+    nx, nu, n = 6, 2, 4
     rng = np.random.default_rng(seed)
     G, skew = rng.standard_normal((2, n, n))
-    return lcs(
-        "four contacts",
-        A=0.8 * np.linalg.qr(rng.standard_normal((nx, nx)))[0],
-        B=rng.standard_normal((nx, nu)),
-        C=0.1 * rng.standard_normal((nx, n)),
-        D=rng.standard_normal((n, nx)),
-        E=rng.standard_normal((n, nu)),
-        F=G @ G.T / n + 0.5 * np.eye(n) + 0.3 * (skew - skew.T),
-        d=0.2 * np.ones(n),
-    )
+    return {
+        "A": 0.8 * np.linalg.qr(rng.standard_normal((nx, nx)))[0],
+        "B": rng.standard_normal((nx, nu)),
+        "C": 0.1 * rng.standard_normal((nx, n)),
+        "D": rng.standard_normal((n, nx)),
+        "E": rng.standard_normal((n, nu)),
+        "F": G @ G.T / n + 0.5 * np.eye(n) + 0.3 * (skew - skew.T),
+        "d": 0.2 * np.ones(n),
+    }
+
+
+def four_contacts() -> ContactSystem:
+    """The linear complementarity system of `four_contact_matrices`."""
+    return lcs("four contacts", **four_contact_matrices())
 
 
 def closed(system: ContactSystem, law: ContactLaw) -> tuple[Step, ca.Function, ca.Function]:

@@ -1,0 +1,247 @@
+"""How fast rollouts with gradients are, as ratios to what else one could use."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, compiler, open_loop
+from dynamics.contact import Barrier, Step
+from problems import get
+from tests.benchmarks.batch.peers import casadi_rollout, hand_written, mapped
+from tests.benchmarks.batch.race import race, tell
+from tests.unit.batch.rollout_cases import closed, four_contact_matrices, four_contacts
+
+pytestmark = pytest.mark.bench
+MU = 1e-3
+
+
+@dataclass(frozen=True)
+class Case:
+    """A rollout to time: its step and costs, its start, and how many samples each runner gets."""
+
+    step: Step
+    stage: ca.Function
+    terminal: ca.Function
+    horizon: int
+    x0: np.ndarray
+    u_before: np.ndarray | None
+    n: int
+    n_map: int
+
+    def rollout(self, **options) -> RolloutFunction:
+        """The rollout under test, with inputs as parameters."""
+        system = self.step.system
+        policy = open_loop(system.nx, system.nu)
+        parts = (self.step, self.stage, self.terminal, self.horizon, policy)
+        return RolloutFunction(*parts, **options)
+
+    def inputs(self, n: int) -> np.ndarray:
+        """Inputs (n, N, nu) around the start."""
+        rng = np.random.default_rng(0)
+        around = 0.0 if self.u_before is None else self.u_before
+        return around + 0.3 * rng.standard_normal((n, self.horizon, self.step.system.nu))
+
+    def runner(self, f: RolloutFunction, theta: np.ndarray):
+        """A call that writes over its earlier answer."""
+        out = f(self.x0, theta, u_before=self.u_before)
+        return lambda: f(self.x0, theta, u_before=self.u_before, out=out)
+
+
+def of_problem(name: str, horizon: int, n: int, n_map: int) -> Case:
+    problem = get(name)
+    step = Barrier(mu=MU).close(problem.system)
+    system, p = problem.system, step.p.vector
+    names = [parameter.name for parameter in problem.parameters]
+    physical = ca.vertcat(*[step.p[name] for name in names])
+    du = ca.SX.sym("du", system.nu)
+    stage, terminal = problem.cost_terms(system.x, system.u, du, physical)
+    change = [du] if problem.uses_du else []
+    limits = problem.limits(problem.parameters.values)
+    return Case(
+        step=step,
+        stage=ca.Function("stage", [system.x, system.u, *change, p], [stage]),
+        terminal=ca.Function("terminal", [system.x, p], [terminal]),
+        horizon=horizon,
+        x0=np.array(limits[0])[:, 0],
+        u_before=np.array(limits[1])[:, 0] if problem.uses_du else None,
+        n=n,
+        n_map=n_map,
+    )
+
+
+def wall() -> Case:
+    return of_problem("wall-1d", 40, 1 << 17, 1 << 14)
+
+
+def disc() -> Case:
+    return of_problem("push-disc", 20, 1 << 16, 1 << 12)
+
+
+def four() -> Case:
+    step, stage, terminal = closed(four_contacts(), Barrier(mu=MU))
+    return Case(step, stage, terminal, 20, np.full(6, 0.5), None, 1 << 13, 1 << 8)
+
+
+CASES = {"wall-1d": wall, "four contacts": four, "push-disc": disc}
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_against_casadi(name):
+    case = CASES[name]()
+    theta = case.inputs(case.n)
+    one, two = (case.rollout(backend="c", threads=k) for k in (1, 2))
+    plain = case.rollout(backend="numpy", threads=2)
+    before = np.zeros(case.step.system.nu) if case.u_before is None else case.u_before
+    graph = casadi_rollout(case.step, case.stage, case.terminal, case.horizon)
+    few = case.inputs(case.n_map)
+    runners = {
+        "map": mapped(graph, case.x0, before, few),
+        "one": case.runner(one, theta),
+        "two": case.runner(two, theta),
+        "numpy": case.runner(plain, few),
+    }
+    seconds = race(runners)
+    wanted, got = runners["map"](), two(case.x0, few, u_before=case.u_before)
+    np.testing.assert_allclose(got.cost, np.array(wanted[0])[0], rtol=1e-10)
+    own = np.array(wanted[1]).T.reshape(few.shape)
+    np.testing.assert_allclose(got.gradient, own, rtol=1e-8, atol=1e-10 * np.abs(own).max())
+    rate = case.n / seconds["two"]
+    base = case.n_map / seconds["map"]
+    rows = [
+        ("C, two threads: rollouts with gradient", rate / 1e6, " M/s", None),
+        ("C / CasADi map on two threads", rate / base, "x", 60.0),
+        ("C, two threads / one", seconds["one"] / seconds["two"], "x", 1.8),
+        (
+            "NumPy / CasADi map",
+            case.n_map / seconds["numpy"] / base,
+            "x",
+            4.0 if name == "wall-1d" else None,
+        ),
+    ]
+    tell(f"{name}, {case.horizon} steps", rows)
+
+
+def test_against_hand_written_c(tmp_path):
+    case = wall()
+    theta = case.inputs(case.n)
+    values = {parameter.name: parameter.value for parameter in case.step.p}
+    names = ("m", "h", "x0", "v0", "goal_x", "w_x", "w_v", "w_u", "w_end", "contact.mu")
+    p = np.array([values[name] for name in names])
+    rows = []
+    for threads in (1, 2):
+        runners = {
+            "ours": case.runner(case.rollout(backend="c", threads=threads), theta),
+            "hand": hand_written(tmp_path, p, theta, threads),
+        }
+        cost, gradient = runners["hand"]()
+        np.testing.assert_allclose(runners["ours"]().cost, cost, rtol=1e-10)
+        np.testing.assert_allclose(runners["ours"]().gradient, gradient, rtol=1e-8, atol=1e-9)
+        seconds = race(runners, rounds=15)
+        ratio = seconds["hand"] / seconds["ours"]
+        rows.append((f"C / hand-written C, {threads} thread(s)", ratio, "x", 0.95))
+    tell("wall-1d, 40 steps", rows)
+
+
+@pytest.mark.parametrize("name", ["wall-1d", "four contacts"])
+def test_against_jax(name):
+    pytest.importorskip("jax", reason="JAX is not installed; it is only a peer to measure against")
+    from tests.benchmarks.batch import jax_peer
+
+    case = CASES[name]()
+    theta = case.inputs(case.n)
+    if name == "wall-1d":
+        values = {parameter.name: parameter.value for parameter in case.step.p}
+        names = ("m", "h", "x0", "v0", "goal_x", "w_x", "w_v", "w_u", "w_end", "contact.mu")
+        cost = jax_peer.wall(np.array([values[key] for key in names]))
+    else:
+        cost = jax_peer.four_contacts(four_contact_matrices(), MU, case.x0)
+    runners = {f"jax {b}": jax_peer.blocked(cost, theta, b) for b in jax_peer.BLOCKS}
+    costs = np.asarray(runners["jax 64"]()[0]).ravel()
+    f = case.rollout(backend="c", threads=2)
+    np.testing.assert_allclose(f(case.x0, theta).cost, costs, rtol=1e-7)
+    seconds = race({"ours": case.runner(f, theta), **runners}, rounds=5)
+    best = min(value for key, value in seconds.items() if key != "ours")
+    tell(name, [("C, two threads / best chunked JAX", best / seconds["ours"], "x", 10.0)])
+
+
+def test_fused_noise_and_moments():
+    case = wall()
+    f, noise, n = case.rollout(backend="c", threads=2), Gaussian(0.1, seed=0), 1 << 18
+    theta, generator = case.inputs(1)[0], np.random.default_rng(0)
+    drawn = np.empty(1 << 20)
+    seconds = race(
+        {
+            "fused": lambda: f.moments(case.x0, theta, noise=noise, n_samples=n),
+            "drawing": lambda: generator.standard_normal(out=drawn),
+        }
+    )
+    cap = len(drawn) / seconds["drawing"] / case.horizon
+    rate = n / seconds["fused"]
+    rows = [
+        ("rollouts with noise, gradient and moments", rate / 1e6, " M/s", None),
+        ("the same / what NumPy's generator would cap", rate / cap, "x", 4.0),
+    ]
+    tell("wall-1d, 40 steps, nothing stored", rows)
+
+
+def test_memory_of_a_million_rollouts():
+    program = (
+        "import resource; from tests.benchmarks.batch.test_batch_speed import wall; "
+        "from dynamics.batch import Gaussian; c = wall(); f = c.rollout(backend='c', threads=2); "
+        "peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024; "
+        "before = peak(); "
+        "f.moments(c.x0, c.inputs(1)[0], noise=Gaussian(0.1, 0), n_samples=1_000_000, score=True); "
+        "print(before, peak())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    before, peak = (float(word) for word in done.stdout.split())
+    tell(
+        "wall-1d, a million rollouts with gradient moments",
+        [
+            ("peak of the process", peak, " MB", None),
+            ("of that, the run itself", peak - before, " MB", None),
+        ],
+    )
+    assert peak < 300
+
+
+def test_compile_time(tmp_path, monkeypatch):
+    rows = []
+    for name, make in CASES.items():
+        for horizon in (10, 1000):
+            monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / f"{name}-{horizon}"))
+            monkeypatch.setattr(compiler, "_loaded", {})
+            case = make()
+            object.__setattr__(case, "horizon", horizon)
+            begin = time.perf_counter()
+            case.rollout(backend="c")
+            rows.append((f"{name}, {horizon} steps", time.perf_counter() - begin, " s", None))
+    tell("graphs, source and compiler together (goal: under 1 s, whatever the horizon)", rows)
+
+
+def test_flat_function_of_the_unrolled_graph():
+    case = wall()
+    graph = casadi_rollout(case.step, case.stage, case.terminal, case.horizon)
+    n = 1 << 14
+    theta, before = case.inputs(n), np.zeros(1)
+    f = BatchFunction(graph, backend="c", threads=2)
+    rows = theta.reshape(n, -1)
+    out = f(case.x0, rows, before)
+    runners = {
+        "map": mapped(graph, case.x0, before, theta),
+        "flat": lambda: f(case.x0, rows, before, out=out),
+    }
+    seconds = race(runners)
+    tell(
+        "wall-1d unrolled",
+        [("BatchFunction / CasADi map", seconds["map"] / seconds["flat"], "x", 30.0)],
+    )
