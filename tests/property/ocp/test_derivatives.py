@@ -1,0 +1,128 @@
+"""The assembled derivatives are those of the assembled function, at any point."""
+
+from __future__ import annotations
+
+import functools
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from ocp.session import Session
+from ocp.transcription.direct import FORMS
+from tests.unit.ocp.cases import (
+    CASES,
+    directions,
+    full,
+    numerical,
+    off,
+    point,
+    session,
+    upper_to_full,
+)
+
+SHOOTING = ("multiple-shooting", "single-shooting")
+few = settings(max_examples=5, deadline=None)
+points = given(seed=st.integers(0, 2**32 - 1), spread=st.floats(1e-3, 0.3))
+
+
+@functools.cache
+def automatic(case: str, method: str, form: str = "product") -> ca.Function:
+    """CasADi's own derivatives of ``f_g``: gradient, Jacobian, Hessian of s f + m' g."""
+    nlp = session(case, method).nlp_of(form)
+    x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", len(nlp.names) + nlp.data.size)
+    s, m = ca.MX.sym("s"), ca.MX.sym("m", nlp.m)
+    f, g = nlp.f_g(x, p)
+    hessian = ca.hessian(s * f + ca.dot(m, g), x)[0]
+    return ca.Function("ad", [x, p, s, m], [ca.gradient(f, x), ca.jacobian(g, x), hessian])
+
+
+def parameters(found: Session, form: str = "product") -> np.ndarray:
+    values = {**found.values, "penalty": 3.0, "relaxation": 0.1}
+    return found.nlp_of(form).parameter_vector(values)
+
+
+def multipliers(size: int, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed + 1).standard_normal(size)
+
+
+def check_automatic(case: str, form: str, seed: int, spread: float) -> None:
+    found = session(case, "direct")
+    nlp, p = found.nlp_of(form), parameters(found, form)
+    x, m = point(found, seed, spread, form), multipliers(found.nlp_of(form).m, seed)
+    gradient, jacobian, hessian = automatic(case, "direct", form)(x, p, 0.7, m)
+    assert nlp.m > 0 and np.abs(np.array(hessian)).max() > 0.1
+    assert off(nlp.gradient(x, p)[1], gradient) < 1e-12
+    assert off(nlp.jacobian(x, p)[1], jacobian) < 1e-12
+    assert off(upper_to_full(nlp.hessian(x, p, 0.7, m)), hessian) < 1e-12
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case != "exact"])
+@few
+@points
+def test_direct_equals_automatic_differentiation(case: str, seed: int, spread: float) -> None:
+    check_automatic(case, "product", seed, spread)
+
+
+@pytest.mark.parametrize("form", [form for form in FORMS if form != "product"])
+@few
+@points
+def test_every_form_of_direct_equals_automatic_differentiation(
+    form: str, seed: int, spread: float
+) -> None:
+    check_automatic("exact", form, seed, spread)
+
+
+def switching(found: Session, x: np.ndarray, p: np.ndarray) -> float:
+    """Distance to the nearest change of the active set, at which the exact law has a kink."""
+    nlp = found.nlp_of("product")
+    if nlp.trajectories is not None:
+        _, _, lam, gap = (np.array(v) for v in nlp.trajectories(x, p))
+        return float(np.abs(lam - gap).min())
+    states = nlp.variables.unpack(x)
+    x0 = nlp.data.unpack(p[len(nlp.names) :])["x0"]
+    before = np.concatenate([x0[:, None], states["x"]], axis=1)[:, :-1]
+    inputs = np.broadcast_to(states["u"], (*before.shape[:2], states["u"].shape[2]))
+    knobs = [found.values[name] for name in found.step.p.names]
+    flat = (before.reshape(-1, before.shape[2]).T, inputs.reshape(-1, inputs.shape[2]).T)
+    _, lam, gap, _ = (np.array(v) for v in found.step.solve.map(flat[0].shape[1])(*flat, knobs))
+    return float(np.abs(lam - gap).min())
+
+
+@pytest.mark.parametrize("method", SHOOTING)
+@pytest.mark.parametrize("case", CASES)
+@few
+@points
+def test_shooting_equals_differences(case: str, method: str, seed: int, spread: float) -> None:
+    found = session(case, method)
+    nlp, p = found.nlp_of("product"), parameters(found)
+    x, m = point(found, seed, spread), multipliers(nlp.m, seed)
+    if found.step.exact:
+        assume(switching(found, x, p) > 2e-3)
+
+    def values(x: np.ndarray) -> np.ndarray:
+        return np.concatenate([full(v).ravel() for v in nlp.f_g(x, p)])
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        gradient = full(nlp.gradient(x, p)[1]).ravel()
+        return 0.7 * gradient + full(nlp.jacobian(x, p)[1]).T @ m
+
+    D = directions(nlp.n, seed)
+    first = numerical(values, x, D)
+    assert off(full(nlp.gradient(x, p)[1]).T @ D, first[:1]) < 1e-6
+    assert off(full(nlp.jacobian(x, p)[1]) @ D, first[1:]) < 1e-6
+    hessian = upper_to_full(nlp.hessian(x, p, 0.7, m))
+    assert np.abs(hessian).max() > 0.1
+    assert off(hessian @ D, numerical(slope, x, D)) < 1e-6
+
+
+@pytest.mark.parametrize("method", ("direct", *SHOOTING))
+@pytest.mark.parametrize("case", CASES)
+def test_value_and_derivative_functions_agree_on_values(case: str, method: str) -> None:
+    found = session(case, method)
+    nlp, p, x = found.nlp_of("product"), parameters(found), point(found, 4, 0.1)
+    f, g = nlp.f_g(x, p)
+    assert off(nlp.gradient(x, p)[0], f) < 1e-13
+    assert off(nlp.jacobian(x, p)[0], g) < 1e-13
