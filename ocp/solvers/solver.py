@@ -99,7 +99,7 @@ class Solver:
         bounds: dict[str, np.ndarray],
         **overrides: Any,
     ) -> Result:
-        """Solve from ``start``, and from its multipliers where ``warm_start_init_point`` says so."""
+        """Solve from ``start``, with its multipliers where ``warm_start_init_point`` is set."""
         function = self._instance(nlp, overrides)
         arguments: dict[str, Any] = {"x0": start.x, "p": p, **bounds}
         if start.lam_g is not None:

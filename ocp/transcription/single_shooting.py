@@ -133,7 +133,8 @@ class _Condensed:
         following = values(w, q, lam)[1][: self.xi.numel()]
         xi, local = ca.MX.sym("xi", self.xi.numel()), ca.MX.sym("t", w.numel() - self.xi.numel())
         once = ca.Function("advance", [w, q], [following, lam])
-        advance = ca.Function("advance", [xi, local, q], once(ca.vertcat(xi, local), q))
+        after, solved = once(ca.vertcat(xi, local), q)
+        advance = ca.Function("advance", [xi, local, q], [after, solved])
         chain = advance.mapaccum("rollout", self.N)
         locals_ = ca.reshape(theta[self.theta_index.ravel().tolist()], -1, self.N)
         states, ws, lams = [], [], []
@@ -160,12 +161,13 @@ class _Condensed:
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.constraints.size)
         hess = self._hessian(theta, p, xi[:, ends], w, lam, lam_f, lam_g, first)
         gap, u = self.gap.map(self.N * self.S)(w, ca.repmat(p, 1, self.N * self.S), lam)
+        given, slope = ["x", "p"], first["gradient"]
         dense = ca.Sparsity.dense(self.constraints.size, n)
         jac = ca.project(first["jacobian"], dense) if self.constraints.size else ca.MX(0, n)
         return (
-            ca.Function("nlp", [theta, full], [f, g], ["x", "p"], ["f", "g"]),
-            ca.Function("grad_f", [theta, full], [f, first["gradient"]], ["x", "p"], ["f", "grad:f:x"]),
-            ca.Function("jac_g", [theta, full], [g, jac], ["x", "p"], ["g", "jac:g:x"]),
+            ca.Function("nlp", [theta, full], [f, g], given, ["f", "g"]),
+            ca.Function("grad_f", [theta, full], [f, slope], given, ["f", "grad:f:x"]),
+            ca.Function("jac_g", [theta, full], [g, jac], given, ["g", "jac:g:x"]),
             ca.Function(
                 "hess_lag", [theta, full, lam_f, lam_g], [hess], ["x", "p", "lam:f", "lam:g"],
                 ["triu:hess:gamma:x:x"],
