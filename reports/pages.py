@@ -68,8 +68,9 @@ def comparison_page(views: list[RunView]) -> Page:
         "settings": [_pairs(_settings(view)) for view in views],
         "versions": _pairs(views[0].run.meta.get("versions") or {}),
     }
-    figures: dict[str, Figure | None] = {"costs": comparison.costs(views, names)}
+    figures: dict[str, Figure | None] = {}
     if one_problem:
+        figures["costs"] = comparison.costs(views, names)
         figures["overlay"] = comparison.overlay(views, names)
     figures["strobes"] = comparison.strobes(views, names)
     return content, {name: figure for name, figure in figures.items() if figure is not None}
@@ -77,7 +78,7 @@ def comparison_page(views: list[RunView]) -> Page:
 
 def continuation_page(view: RunView) -> Page:
     """Content and figures of a path over a parameter."""
-    meta, points = view.run.meta, view.run.meta["points"]
+    meta, points, head = view.run.meta, view.run.meta["points"], _head(view)
     rows = [
         [
             f"{point['value']:.6g}", number(point["cost"], 7), number(point["exact_cost"], 7),
@@ -86,7 +87,8 @@ def continuation_page(view: RunView) -> Page:
         for point in points
     ]  # fmt: skip
     content = {
-        **_head(view),
+        **head,
+        "settings": [row for row in head["settings"] if row[0] != meta["over"]],
         "over": meta["over"],
         "verdict": meta["verdict"],
         "success": bool(meta["success"]),
@@ -122,7 +124,7 @@ def _parameters(view: RunView) -> list[list[str]]:
     for entry in describe(view.spec):
         value = getattr(view.params, entry["name"])
         shown = number(value) if isinstance(value, int | float) else str(value)
-        unit = "" if entry["unit"] == "1" else entry["unit"]
+        unit = "" if entry["unit"] == "1" else run.powers(entry["unit"])
         rows.append([entry["name"], shown, unit, entry["description"]])
     return rows
 
@@ -167,12 +169,13 @@ def _place_on_path(mu: np.ndarray | None) -> str:
         return "At the end of the central path: μ = 0, complementarity itself."
     if high - low <= 1e-9 * high:
         return f"On the central path at μ = {high:.3g} in every contact and step."
-    return f"Near the central path: μ from {low:.2g} to {high:.2g} over contacts and steps."
+    start = f"{low:.2g}" if low >= run.FLOOR else f"less than {run.FLOOR:.0e}"
+    return f"Near the central path: μ from {start} to {high:.2g} over contacts and steps."
 
 
 def _settings(view: RunView) -> dict[str, Any]:
     """Return what was asked, but for parameters, which have their own table."""
-    hidden = {"params", "problem", "source", "versions", "citation", "audit_s", "N"}
+    hidden = {"params", "problem", "source", "versions", "citation", "audit_s", "N", "knobs"}
     return {key: value for key, value in view.run.record.items() if key not in hidden}
 
 
@@ -180,7 +183,8 @@ def _pairs(values: dict[str, Any]) -> list[list[str]]:
     rows = []
     for key, value in values.items():
         if isinstance(value, dict):
-            rows += [[f"{key}.{name}", text] for name, text in _pairs(value)]
+            group = key.removesuffix("_settings").removesuffix("_options")
+            rows += [[f"{group}.{name}", text] for name, text in _pairs(value)]
         elif value is not None and value != []:
             text = number(value, 8) if isinstance(value, float) else str(value)
             rows.append([key.replace("_", " "), text])

@@ -19,15 +19,19 @@ from reports.view import RunView
 _COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN}
 _INSTANTS = 7
 _COILS = 6
+_TALLEST = 3.3
 
 
-def strobe(view: RunView, height: float = 3.2) -> Figure | None:
+def strobe(view: RunView) -> Figure | None:
     """Draw scenario 0 at several instants, early ones faint; None for a problem not drawn."""
     x = view.array("x")
     if view.spec is None or view.spec.draw is None or x is None:
         return None
-    figure = Figure(figsize=(WIDTH, height))
-    draw_strobe(figure.subplots(), view)
+    figure = Figure(figsize=(WIDTH, _TALLEST))
+    axis = figure.subplots()
+    draw_strobe(axis, view)
+    ratio = np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim())
+    figure.set_figheight(float(np.clip(0.9 * WIDTH * ratio + 0.7, 1.5, _TALLEST)))
     return figure
 
 
@@ -60,7 +64,7 @@ def _extent(axis: Axes, shapes: list[Shape]) -> None:
     margin = 0.08 * float(max(high - low)) + 1e-9
     axis.set_xlim(low[0] - margin, high[0] + margin)
     axis.set_ylim(low[1] - margin, high[1] + margin)
-    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_aspect("equal")
 
 
 def _corners(shape: Shape) -> list[tuple[float, float]]:
@@ -166,5 +170,6 @@ def _forces(axis: Axes, view: RunView, chosen: np.ndarray) -> None:
                             "shrinkA": 0, "shrinkB": 0, "alpha": 1.0 if shown else 0.35,
                             "mutation_scale": 6},
             )  # fmt: skip
-    unit = signals[0].unit
-    axis.set_title(f"arrows: contact, the longest is {largest:.3g} {unit}", loc="left", color=INK)
+    which = f"scenario 0 of {len(x)}; " if len(x) > 1 else ""
+    text = f"{which}arrows: contact, the longest is {largest:.3g} {signals[0].unit}"
+    axis.set_title(text, loc="left", color=INK)

@@ -65,6 +65,8 @@ def run(
     session = new_session(
         asked.problem, asked.law, asked.method, asked.policy, asked.solver, asked.settings
     )
+    known = dict.fromkeys([*session.problem.parameters.names, *session.step.p.names])
+    choose("parameter", over.removeprefix("problem."), known)
     finished: list[Any] = []
 
     def note(point: Any) -> None:

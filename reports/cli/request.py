@@ -47,6 +47,7 @@ class Request:
     ) -> Request:
         """Check the words of a command line; raises InputError for the first that does not fit."""
         from ocp.solvers.solver import SOLVERS
+        from ocp.solvers.strategies import STRATEGIES
         from ocp.transcription import METHODS
         from problems import parse_parameters, spec
 
@@ -56,6 +57,8 @@ class Request:
         transcription = choose("method", method, METHODS)()
         choose("solver", solver, SOLVERS)
         own, others = split_policy_settings(assignments("-s", settings))
+        if "strategy" in others:
+            choose("strategy", others["strategy"], STRATEGIES)
         chosen_policy = policy(policy_name, own)
         built = found.problem(given)
         try:

@@ -60,9 +60,11 @@ def listing(root: Path) -> list[dict[str, Any]]:
 
 
 def find(text: str, root: Path) -> Path:
-    """Return the run that ``text`` names: a path, or part of exactly one run's name in ``root``.
+    """Return the run that ``text`` names: a path, or part of a run's name in ``root``.
 
-    Raises :class:`~ocp.errors.InputError` for none and for several.
+    Of several runs with identical content the latest is taken.
+
+    Raises :class:`~ocp.errors.InputError` for none and for several that differ.
     """
     from ocp.errors import InputError
     from ocp.studies import store
@@ -70,15 +72,16 @@ def find(text: str, root: Path) -> Path:
 
     if Path(text).exists():
         return Path(text)
-    paths = {f"{e.path.parent.name}/{e.path.name}": e.path for e in store.list_runs(root)}
-    matches = [path for name, path in paths.items() if text in name]
-    if len(matches) == 1:
-        return matches[0]
+    entries = {f"{e.path.parent.name}/{e.path.name}": e for e in store.list_runs(root)}
+    matches = [entry for name, entry in entries.items() if text in name]
+    if (
+        matches
+        and len({entry.meta["hash"] if entry.meta else entry.path for entry in matches}) == 1
+    ):
+        return matches[-1].path
     if matches:
-        names = ", ".join(path.name for path in matches[:3])
-        raise InputError(
-            f"{text!r} names {len(matches)} runs ({names}, ...); give more of the name"
-        )
+        some = ", ".join(entry.path.name for entry in matches[:3])
+        raise InputError(f"{text!r} names {len(matches)} runs ({some}, ...); give more of it")
     raise InputError(
-        f"there is no run {text!r}{did_you_mean(text, paths)}; ocp runs lists what {root} holds"
+        f"there is no run {text!r}{did_you_mean(text, entries)}; ocp runs lists what {root} holds"
     )

@@ -7,12 +7,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from reports.console import number, small
-from reports.figures.run import label
+from reports.figures.run import label, time_panels
 from reports.strobe import draw_strobe
 from reports.style import CYCLE, PLANNED, REPLAYED, WIDTH
 from reports.view import RunView
 
-_MOST_STATES = 6
+_MOST_PANELS = 12
 _MOST_STROBES = 6
 
 
@@ -60,11 +60,9 @@ def overlay(views: list[RunView], names: list[str]) -> Figure:
     """States and inputs of all runs over time, scenario 0; plans solid, replays dashed."""
     panels = [("x", "states", i, s) for i, s in enumerate(views[0].signals("states"))]
     panels += [("u", "inputs", i, s) for i, s in enumerate(views[0].signals("inputs"))]
-    panels = panels[: 2 * _MOST_STATES]
-    count = -(-len(panels) // 2)
-    figure = Figure(figsize=(WIDTH, 1.3 * count + 0.35))
-    axes = figure.subplots(count, 2, sharex=True, squeeze=False).ravel()
-    for axis, (name, _, index, signal) in zip(axes, panels, strict=False):
+    panels = panels[:_MOST_PANELS]
+    figure, axes = time_panels(len(panels))
+    for axis, (name, _, index, signal) in zip(axes, panels, strict=True):
         for number_of_run, view in enumerate(views):
             color = CYCLE[number_of_run % len(CYCLE)]
             for stored, style in ((name, "-"), (f"{name}_replay", "--")):
@@ -73,11 +71,6 @@ def overlay(views: list[RunView], names: list[str]) -> Figure:
                     axis.plot(view.time[: values.shape[1]], values[0, :, index], style,
                               color=color, linewidth=1.3 if style == "-" else 0.8)  # fmt: skip
         axis.set_ylabel(label(signal.name, signal.unit))
-    for axis in axes[len(panels) :]:
-        axis.set_axis_off()
-    for axis in axes[max(0, len(panels) - 2) : len(panels)]:
-        axis.set_xlabel("time [s]")
-        axis.tick_params(labelbottom=True)
     handles = [
         Line2D([], [], color=CYCLE[i % len(CYCLE)], label=name) for i, name in enumerate(names)
     ]

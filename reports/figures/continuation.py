@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from reports.figures.run import FLOOR, label
+from reports.figures.run import FLOOR, label, time_panels
 from reports.style import CYCLE, INK, PLANNED, REPLAYED, WIDTH
 from reports.view import RunView
 
@@ -23,6 +23,9 @@ def path(view: RunView) -> Figure:
     top.plot(value[good], cost[good], "o-", color=PLANNED, label="cost under the law")
     top.plot(value[good], exact[good], "s--", color=REPLAYED, label="cost under exact physics")
     top.set_ylabel("cost")
+    shown = np.concatenate([cost[good], exact[good]])
+    if shown.size and shown.min() > 0 and shown.max() > 20 * shown.min():
+        top.set_yscale("log")
     complementarity = np.maximum(_column(points, "complementarity"), FLOOR)
     middle.semilogy(value[good], complementarity[good], "o-", color=CYCLE[2])
     middle.set_ylabel("max $\\lambda$ gap")
@@ -47,21 +50,14 @@ def states(view: RunView) -> Figure | None:
     if x is None or not len(x):
         return None
     signals = view.signals("states")[:_MOST_STATES]
-    rows = -(-len(signals) // 2)
-    figure = Figure(figsize=(WIDTH, 1.3 * rows + 0.4))
-    axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    figure, axes = time_panels(len(signals))
     values = view.run.data["value"].values
     chosen = np.unique(np.linspace(0, len(x) - 1, min(6, len(x))).round().astype(int))
-    for axis, (index, signal) in zip(axes, enumerate(signals), strict=False):
+    for axis, (index, signal) in zip(axes, enumerate(signals), strict=True):
         for strength, point in zip(np.linspace(0.25, 1, len(chosen)), chosen, strict=True):
             axis.plot(view.time, x[point, 0, :, index], color=PLANNED, alpha=strength,
                       label=f"{values[point]:.3g}" if index == 0 else None)  # fmt: skip
         axis.set_ylabel(label(signal.name, signal.unit))
-    for axis in axes[len(signals) :]:
-        axis.set_axis_off()
-    for axis in axes[max(0, len(signals) - 2) : len(signals)]:
-        axis.set_xlabel("time [s]")
-        axis.tick_params(labelbottom=True)
     figure.legend(loc="outside upper center", ncols=6, title=_parameter_label(view))
     return figure
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,37 +16,54 @@ from reports.view import RunView
 
 FLOOR = 1e-12
 """What lies below, zero included, is drawn here on log axes."""
-_MOST_PANELS = 12
+_MOST_PANELS = 15
+# The plan lies broad and pale under its replay, so that neither hides the other.
+_LOOK: tuple[dict[str, Any], ...] = (
+    {"color": PLANNED, "linewidth": 2.4, "alpha": 0.5},
+    {"color": REPLAYED, "linewidth": 1.0, "linestyle": (0, (4, 2))},
+)
 
 
 def label(name: str, unit: str) -> str:
     """Axis label: a name with its unit in brackets."""
-    return f"{name} [{unit}]" if unit else name
+    return f"{name} [{powers(unit)}]" if unit else name
+
+
+def powers(unit: str) -> str:
+    """Write ``m/s^2`` as ``m/s²``."""
+    return unit.replace("^2", "²").replace("^3", "³")
 
 
 def trajectories(view: RunView) -> Figure:
     """Every state, input and contact over time, planned and replayed under the exact law."""
     panels = _panels(view)
-    rows = -(-len(panels) // 2)
-    figure = Figure(figsize=(WIDTH, 1.3 * rows + 0.35))
-    axes = np.atleast_1d(figure.subplots(rows, 2, sharex=True, squeeze=False).ravel())
-    for axis, (name, unit, planned, replayed) in zip(axes, panels, strict=False):
+    figure, axes = time_panels(len(panels))
+    for axis, (name, unit, planned, replayed) in zip(axes, panels, strict=True):
         steps = planned.shape[1] < view.time.size
-        for values, color, style in ((planned, PLANNED, "-"), (replayed, REPLAYED, "--")):
+        for values, look in zip((planned, replayed), _LOOK, strict=True):
             if values is not None:
-                _lines(axis, view.time, values, color, style, steps)
+                _lines(axis, view.time, values, look, steps)
         axis.set_ylabel(label(name, unit))
-    for axis in axes[len(panels) :]:
-        axis.set_axis_off()
-    for axis in axes[max(0, len(panels) - 2) : len(panels)]:
-        axis.set_xlabel("time [s]")
-        axis.tick_params(labelbottom=True)
     handles = [
-        Line2D([], [], color=PLANNED, label="planned"),
-        Line2D([], [], color=REPLAYED, linestyle="--", label="replayed under the exact law"),
+        Line2D([], [], label="planned", **_LOOK[0]),
+        Line2D([], [], label="replayed under the exact law", **_LOOK[1]),
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=2)
     return figure
+
+
+def time_panels(count: int) -> tuple[Figure, list[Axes]]:
+    """Panels over time in two or three columns, the lowest of each column labelled."""
+    columns = 2 if count <= 4 else 3
+    rows = -(-count // columns)
+    figure = Figure(figsize=(WIDTH, 1.15 * rows + 0.5))
+    axes = list(figure.subplots(rows, columns, sharex=True, squeeze=False).ravel())
+    for axis in axes[count:]:
+        axis.set_axis_off()
+    for axis in axes[max(0, count - columns) : count]:
+        axis.set_xlabel("time [s]")
+        axis.tick_params(labelbottom=True)
+    return figure, axes[:count]
 
 
 def _panels(view: RunView) -> list[tuple[str, str, np.ndarray, np.ndarray | None]]:
@@ -68,11 +87,10 @@ def _branch_mean(view: RunView, name: str, values: np.ndarray, index: int) -> np
 
 
 def _lines(
-    axis: Axes, time: np.ndarray, values: np.ndarray, color: str, style: str, steps: bool
+    axis: Axes, time: np.ndarray, values: np.ndarray, look: dict[str, Any], steps: bool
 ) -> None:
-    many = len(values) > 1
-    look = {"color": color, "linestyle": style, "linewidth": 0.7 if many else 1.3,
-            "alpha": 0.6 if many else 1.0}  # fmt: skip
+    if len(values) > 1:
+        look = {**look, "linewidth": 0.5 * look["linewidth"]}
     for scenario in values:
         if steps:
             axis.step(time, np.append(scenario, scenario[-1]), where="post", **look)
@@ -89,14 +107,14 @@ def contact_plane(view: RunView) -> Figure:
     assert lam is not None and gap is not None
     again = view.array("lam_replay"), view.array("gap_replay")
     if mu is not None:
-        _central_path(axis, mu)
-    if again[0] is not None and again[1] is not None:
-        axis.plot(_floored(again[1]).ravel(), _floored(again[0]).ravel(), "x", color=INK,
-                  markersize=3.5, markeredgewidth=0.7, label="replayed, exact law")  # fmt: skip
+        _central_path(axis, mu, gap)
     for index, signal in enumerate(signals):
         own = np.s_[..., index :: len(signals)]
         axis.plot(_floored(gap[own]).ravel(), _floored(lam[own]).ravel(), "o", alpha=0.8,
                   color=CYCLE[index % len(CYCLE)], label=f"planned, {signal.name}")  # fmt: skip
+    if again[0] is not None and again[1] is not None:
+        axis.plot(_floored(again[1]).ravel(), _floored(again[0]).ravel(), "x", color=INK,
+                  markersize=3.5, markeredgewidth=0.7, label="replayed, exact law")  # fmt: skip
     gap_unit = view.problem.system.gap_unit if view.problem else "m"
     axis.set(xscale="log", yscale="log")
     axis.set_xlabel(label("gap", gap_unit))
@@ -115,18 +133,18 @@ def _floored(values: np.ndarray) -> np.ndarray:
     return np.maximum(np.nan_to_num(values), FLOOR)
 
 
-def _central_path(axis: Axes, mu: np.ndarray) -> None:
-    """Draw ``lam = mu / gap`` at the smallest and the largest mu that occur."""
+def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
+    """Draw ``lam = mu / gap`` around the gaps, at the smallest and the largest mu that occur."""
     present = mu[np.isfinite(mu) & (mu > FLOOR)]
     if not present.size:
         return
-    gaps = np.geomspace(FLOOR, 1e2, 200)
+    floored = _floored(gap)
+    gaps = np.geomspace(floored.min() / 5, floored.max() * 5, 200)
     ends = sorted({float(present.min()), float(present.max())})
     if ends[-1] / ends[0] < 1.001:
         ends = ends[-1:]
     for value, style in zip(ends, ("-", ":"), strict=False):
-        inside = (value / gaps >= FLOOR) & (value / gaps <= 1e4)
-        axis.plot(gaps[inside], value / gaps[inside], style, color=GREY, linewidth=0.9,
+        axis.plot(gaps, value / gaps, style, color=GREY, linewidth=0.9,
                   label=f"$\\lambda$ gap = {value:.2g}")  # fmt: skip
 
 
@@ -141,11 +159,14 @@ def homotopy(view: RunView) -> Figure:
     left.plot(number[kept], cost[kept], "o-")
     left.plot(number[~kept], cost[~kept], "x", color=REPLAYED)
     left.set_ylabel("cost")
-    for name, color, text in (
+    curves = [
         ("complementarity", CYCLE[0], "max $\\lambda$ gap"),
         ("residual", CYCLE[2], "residual"),
-        ("value", GREY, " / ".join(sorted({knob_title(stage.knob) for stage in stages})[:3])),
-    ):
+    ]
+    knobs = {stage.knob for stage in stages}
+    if len(knobs) == 1:
+        curves.append(("value", GREY, knob_title(knobs.pop())))
+    for name, color, text in curves:
         values = np.array([getattr(stage, name) for stage in stages], dtype=float)
         right.semilogy(number, _floored(values), "o-", color=color, label=text)
     right.set_ylabel("size")
