@@ -13,27 +13,26 @@ def solve_without_pivoting(A: ca.SX, b: ca.SX) -> ca.SX:
     Structural zeros are skipped, so block-diagonal A costs the sum of its blocks.
     """
     n = A.shape[0]
-    rows = [[A[i, j] for j in range(n)] for i in range(n)]
+    rows: list[dict[int, ca.SX]] = [{} for _ in range(n)]
+    for i, j, entry in zip(*A.sparsity().get_triplet(), A.nonzeros(), strict=True):
+        if not entry.is_zero():
+            rows[i][j] = ca.SX(entry)
     right = [b[i, :] for i in range(n)]
     for pivot in range(n):
         inverse = 1 / rows[pivot][pivot]
         for i in range(pivot + 1, n):
-            if _is_zero(rows[i][pivot]):
+            if pivot not in rows[i]:
                 continue
-            factor = rows[i][pivot] * inverse
-            for j in range(pivot + 1, n):
-                if not _is_zero(rows[pivot][j]):
-                    rows[i][j] = rows[i][j] - factor * rows[pivot][j]
+            factor = rows[i].pop(pivot) * inverse
+            for j, entry in rows[pivot].items():
+                if j > pivot:
+                    rows[i][j] = rows[i].get(j, 0) - factor * entry
             right[i] = right[i] - factor * right[pivot]
     solution: list[ca.SX] = [right[i] for i in range(n)]
     for i in reversed(range(n)):
         total = right[i]
-        for j in range(i + 1, n):
-            if not _is_zero(rows[i][j]):
-                total = total - rows[i][j] * solution[j]
+        for j, entry in rows[i].items():
+            if j > i:
+                total = total - entry * solution[j]
         solution[i] = total / rows[i][i]
     return ca.vertcat(ca.SX(0, b.shape[1]), *solution)
-
-
-def _is_zero(entry: ca.SX) -> bool:
-    return entry.nnz() == 0 or entry.is_zero()

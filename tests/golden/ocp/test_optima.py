@@ -1,0 +1,100 @@
+"""Optima of the five named problems: methods agree, laws meet, exact answers are exact."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from dynamics.contact import Barrier, Exact
+from ocp import Direct, MultipleShooting, SingleShooting, Solution, Status, solve
+from ocp.solvers.strategies import STRATEGIES
+from problems import get
+
+FIVE = ("wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls")
+# An unstable pole over two seconds makes rolled-out iterates wild: many iterations from rest.
+SLOW = pytest.mark.slow
+
+
+@functools.cache
+def barrier(name: str) -> Solution:
+    return solve(get(name), Barrier(mu=1e-3), Direct())
+
+
+@functools.cache
+def exact(name: str, strategy: str | None = None) -> Solution:
+    settings = {} if strategy is None else {"strategy": strategy}
+    return solve(get(name), Exact(), Direct(), settings=settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [(name, MultipleShooting()) for name in FIVE]
+    + [
+        pytest.param(name, SingleShooting(), marks=SLOW if name == "cart-walls" else ())
+        for name in FIVE
+    ],
+)
+def test_methods_agree_on_the_barrier_optimum(name: str, method) -> None:
+    reference, found = barrier(name), solve(get(name), Barrier(mu=1e-3), method)
+    assert reference.success
+    assert found.success
+    assert found.cost == pytest.approx(reference.cost, rel=1e-6)
+    assert found.audit.exact_cost == pytest.approx(reference.audit.exact_cost, rel=1e-4)
+    np.testing.assert_allclose(found.data["lam"] * found.data["gap"], 1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", FIVE)
+def test_a_thin_barrier_meets_the_exact_optimum(name: str) -> None:
+    thin = solve(get(name), Barrier(mu=1e-9), Direct())
+    assert thin.success
+    assert thin.cost == pytest.approx(exact(name).cost, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", FIVE)
+def test_the_exact_answer_is_exact(name: str) -> None:
+    found = exact(name)
+    assert found.status is Status.SOLVED
+    lam, gap = found.data["lam"].values, found.data["gap"].values
+    assert np.abs(lam * gap).max() <= 1e-8
+    assert np.abs(np.minimum(lam, gap)).max() <= 1e-8
+    assert found.audit.complementarity == np.abs(lam * gap).max()
+    assert found.audit.dynamics_residual <= 1e-8
+    assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-5)
+    assert (lam > 1e-6).sum() == found.audit.active_steps > 0
+    bound = found.values["u_max"] + 1e-8
+    assert np.abs(found.data["u"]).max() <= bound
+
+
+@pytest.mark.parametrize("name", FIVE)
+def test_polish_makes_complementarity_hold_to_rounding(name: str) -> None:
+    found = exact(name)
+    before = [line for line in found.stages if line.knob != "active set"]
+    after = [line for line in found.stages if line.knob == "active set" and line.accepted]
+    assert before and after
+    assert before[-1].complementarity > 1e-12, "there was something left to polish away"
+    assert found.audit.complementarity < 1e-12
+    assert np.minimum(found.data["lam"], found.data["gap"]).max() < 1e-11
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("name", ["push-1d", "cart-walls"])
+def test_every_strategy_ends_complementary_at_the_same_cost(name: str, strategy: str) -> None:
+    found = exact(name, strategy)
+    assert found.success
+    assert found.audit.complementarity <= 1e-8
+    assert found.audit.dynamics_residual <= 1e-8
+    assert found.record["strategy"] == strategy
+    assert found.cost == pytest.approx(exact(name).cost, rel=5e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("name", ["wall-1d", "push-disc", "ball-bounce"])
+def test_every_strategy_ends_complementary(name: str, strategy: str) -> None:
+    found = exact(name, strategy)
+    assert found.status in (Status.SOLVED, Status.NO_PROGRESS)
+    assert found.audit.complementarity <= 1e-8
+    assert found.audit.dynamics_residual <= 1e-8
+    assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-5)
