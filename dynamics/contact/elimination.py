@@ -14,9 +14,9 @@ def solve_without_pivoting(A: ca.SX, b: ca.SX) -> ca.SX:
     """
     n = A.shape[0]
     rows: list[dict[int, ca.SX]] = [{} for _ in range(n)]
-    for i, j, entry in zip(*A.sparsity().get_triplet(), A.nonzeros(), strict=True):
-        if not entry.is_zero():
-            rows[i][j] = ca.SX(entry)
+    for i, j in zip(*A.sparsity().get_triplet(), strict=True):
+        if not A[i, j].is_zero():
+            rows[i][j] = A[i, j]
     right = [b[i, :] for i in range(n)]
     for pivot in range(n):
         inverse = 1 / rows[pivot][pivot]
