@@ -12,8 +12,9 @@ import math
 from dynamics.batch import c_source
 from dynamics.batch.c_prelude import prelude
 from dynamics.batch.compiler import Compiler
+from dynamics.batch.inner import NEWTON_ITERATIONS, InnerLoop
 from dynamics.batch.random import INCREMENTS, MULTIPLIERS, ROUNDS
-from dynamics.batch.rollout_tapes import InnerLoop, RolloutTapes
+from dynamics.batch.rollout_tapes import RolloutTapes
 from dynamics.batch.tape import tape_of
 
 _PHILOX = """\
@@ -85,7 +86,7 @@ static void forward(const job *q, const lane_memory *a, int vectors, i64 next, i
     for (int j = 0; j < vectors; j++) {
       V *x = a[j].x + t * NX, stage;
       const V *theta = a[j].theta + (q->parts > 1 ? t * NT : 0);
-      const V *in[] = {x, theta, a[j].w + t * NU, a[j].p, 0, 0};
+      const V *in[] = {x, theta, a[j].w + t * NU, a[j].p};
       V *out[] = {x + NX, a[j].lam + t * NL, &stage};
       one_step(in, out);
       a[j].cost[0] += stage;
@@ -140,29 +141,48 @@ static void scores(const job *q, const lane_memory *a, int vectors) {
 }
 """
 
+_INNER_GRAPHS = ("opening", "newton", "settled", "path", "followed", "closing")
 _CLOSED_FORM = "#define one_step step\n"
 
+# A lane that has come to rest keeps its value, so that a sample does not depend on its neighbours.
+# NaN never looks open, and so ends the loop.
 _INNER = """\
 INLINE int differ(const V *a, const V *b) {
   M changed = {};
-  for (int k = 0; k < NS; k++) changed |= (M)a[k] != (M)b[k];
+  for (int k = 0; k < 2 * NB; k++) changed |= (M)a[k] != (M)b[k];
   return any(changed);
 }
-INLINE void one_step(const V *const in[], V *const out[]) {
-  V states[%(branches)d * NS], data[%(branches)d * ND], moved[NS];
-  V *opened[] = {states, data};
-  opening(in, opened);
-  for (int b = 0; b < %(branches)d; b++) {
-    V *state = states + b * NS;
-    const V *from[] = {state, data + b * ND};
-    V *to[] = {moved};
-    for (int i = 0; i < %(iterations)d; i++) {
-      body(from, to);
-      if (!differ(state, moved)) break;
-      for (int k = 0; k < NS; k++) state[k] = moved[k];
-    }
+static __attribute__((noinline)) void follow_path(const V *data, M open, V *lam) {
+  V pair[2 * NB], moved[2 * NB], end[NB], *to[] = {moved}, *out[] = {end};
+  const V *from[] = {pair, data};
+  for (int k = 0; k < 2 * NB; k++) pair[k] = SPLAT(1.0);
+  for (int i = 0; i < %(path_iterations)d; i++) {
+    path(from, to);
+    if (!differ(pair, moved)) break;
+    for (int k = 0; k < 2 * NB; k++) pair[k] = moved[k];
   }
-  const V *all[] = {in[0], in[1], in[2], in[3], states, data};
+  followed(from, out);
+  for (int k = 0; k < NB; k++) lam[k] = pick(open, end[k], lam[k]);
+}
+INLINE void solve_branch(V *lam, const V *data) {
+  V moved[NB], unrest, *to[] = {moved, &unrest}, *out[] = {moved};
+  const V *from[] = {lam, data};
+  M open = ~(M){};
+  for (int i = 0; i < %(newton_iterations)d && any(open); i++) {
+    newton(from, to);
+    for (int k = 0; k < NB; k++) lam[k] = pick(open, moved[k], lam[k]);
+    open &= unrest != 0.0;
+  }
+  settled(from, out);
+  for (int k = 0; k < NB; k++) lam[k] = moved[k];
+  if (any(open)) follow_path(data, open, lam);
+}
+INLINE void one_step(const V *const in[], V *const out[]) {
+  V lam[%(branches)d * NB], data[%(branches)d * ND];
+  V *opened[] = {lam, data};
+  opening(in, opened);
+  for (int b = 0; b < %(branches)d; b++) solve_branch(lam + b * NB, data + b * ND);
+  const V *all[] = {in[0], in[1], in[2], in[3], lam};
   closing(all, out);
 }
 """
@@ -296,16 +316,20 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
     """The C text of a rollout on this machine, for blocks of about `block` samples."""
     loop = tapes.forward
     if isinstance(loop, InnerLoop):
-        functions = {"opening": loop.opening, "body": loop.body, "closing": loop.closing}
-        sizes = loop.body.numel_in(0), loop.body.numel_in(1)
-        stepping = _INNER % {"iterations": loop.iterations, "branches": loop.branches}
+        functions = {name: getattr(loop, name) for name in _INNER_GRAPHS}
+        sizes = loop.n, loop.n_data
+        stepping = _INNER % {
+            "newton_iterations": NEWTON_ITERATIONS,
+            "path_iterations": loop.path_iterations,
+            "branches": loop.branches,
+        }
     else:
         functions, sizes, stepping = {"step": loop}, (0, 0), _CLOSED_FORM
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         functions[name] = getattr(tapes, name)
     constants = {
         **{"U": max(1, block // machine.width), "NX": tapes.nx, "NU": tapes.nu, "NP": tapes.np},
-        **{"NL": tapes.nlam, "NT": tapes.n_theta, "NS": sizes[0], "ND": sizes[1]},
+        **{"NL": tapes.nlam, "NT": tapes.n_theta, "NB": sizes[0], "ND": sizes[1]},
     }
     return "".join(
         (

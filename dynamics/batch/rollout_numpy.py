@@ -8,7 +8,8 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.rollout_tapes import InnerLoop, RolloutTapes
+from dynamics.batch.inner import NEWTON_ITERATIONS, InnerLoop
+from dynamics.batch.rollout_tapes import RolloutTapes
 
 Array = np.ndarray
 
@@ -40,9 +41,9 @@ class ChunkRollout:
         loop = tapes.forward
         self.loop = loop if isinstance(loop, InnerLoop) else None
         if isinstance(loop, InnerLoop):
-            self.opening, self.body = make(loop.opening), make(loop.body)
-            self.closing = make(loop.closing)
-            self.sizes = loop.body.numel_in(0), loop.body.numel_in(1)
+            self.opening, self.newton = make(loop.opening), make(loop.newton)
+            self.settled, self.path = make(loop.settled), make(loop.path)
+            self.followed, self.closing = make(loop.followed), make(loop.closing)
         else:
             self.step = make(loop)
 
@@ -62,7 +63,7 @@ class ChunkRollout:
             if self.loop is None:
                 self.step.run(arguments, results)
             else:
-                self.closing.run([*arguments, *self._solve(self.loop, arguments)], results)
+                self.closing.run([*arguments, self._solve(self.loop, arguments)], results)
             cost += stage
         self.terminal.run([x[-1], p], [stage])
         return x, lam, (cost + stage)[0]
@@ -70,22 +71,43 @@ class ChunkRollout:
     def _theta(self, theta: Array, t: int) -> Array:
         return theta[t] if self.per_step else theta[0]
 
-    def _solve(self, loop: InnerLoop, arguments: list[Array]) -> tuple[Array, Array]:
+    def _solve(self, loop: InnerLoop, arguments: list[Array]) -> Array:
+        """Multipliers (branches * n, m) of all samples."""
         m = arguments[0].shape[-1]
-        size, length = self.sizes
-        states, data = np.empty((loop.branches * size, m)), np.empty((loop.branches * length, m))
-        moved = np.empty((size, m))
-        self.opening.run(arguments, [states, data])
+        lam, data = (np.empty((loop.branches * size, m)) for size in (loop.n, loop.n_data))
+        self.opening.run(arguments, [lam, data])
         for branch in range(loop.branches):
-            state = states[branch * size :][:size]
-            given = data[branch * length :][:length]
-            for _ in range(loop.iterations):
-                self.body.run([state, given], [moved])
-                # NaN differs from itself: comparing bits lets a spoiled sample come to rest.
-                if np.array_equal(moved.view(np.int64), state.view(np.int64)):
-                    break
-                state[...] = moved
-        return states, data
+            rows = slice(branch * loop.n, (branch + 1) * loop.n)
+            given = data[branch * loop.n_data :][: loop.n_data]
+            lam[rows] = self._branch(loop, lam[rows], given)
+        return lam
+
+    def _branch(self, loop: InnerLoop, lam: Array, data: Array) -> Array:
+        still = np.arange(lam.shape[-1])
+        for _ in range(NEWTON_ITERATIONS):
+            moved, unrest = np.empty((loop.n, len(still))), np.empty((1, len(still)))
+            self.newton.run([lam[:, still], data[:, still]], [moved, unrest])
+            lam[:, still] = moved
+            still = still[unrest[0] != 0.0]
+            if not len(still):
+                break
+        end = np.empty_like(lam)
+        self.settled.run([lam, data], [end])
+        if len(still):
+            end[:, still] = self._follow_path(loop, np.ascontiguousarray(data[:, still]))
+        return end
+
+    def _follow_path(self, loop: InnerLoop, data: Array) -> Array:
+        pair, moved = np.ones((2, 2 * loop.n, data.shape[-1]))
+        for _ in range(loop.path_iterations):
+            self.path.run([pair, data], [moved])
+            # NaN differs from itself: comparing bits lets a spoiled sample come to rest.
+            if np.array_equal(moved.view(np.int64), pair.view(np.int64)):
+                break
+            pair[...] = moved
+        end = np.empty((loop.n, data.shape[-1]))
+        self.followed.run([pair, data], [end])
+        return end
 
     def backward(
         self, x: Array, lam: Array, theta: Array, p: Array, w: Array, gradient: Array

@@ -19,25 +19,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from dynamics.batch.hoisting import hoisted
+from dynamics.batch.inner import InnerLoop, ScaledProblem, loop_graphs
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.contact import Step, interior_point
 from dynamics.contact.elimination import solve_without_pivoting
-
-
-@dataclass(frozen=True)
-class InnerLoop:
-    """The contact solve of several contacts: iterate until nothing changes, at most `iterations`.
-
-    `opening: (x, theta, w, p) -> (state, data)`, then `body: (state, data) -> state` on each of
-    `branches` equal parts of them, then `closing: (x, theta, w, p, state, data) -> (x_next, lam,
-    cost)`.
-    """
-
-    opening: ca.Function
-    body: ca.Function
-    closing: ca.Function
-    iterations: int
-    branches: int
 
 
 @dataclass(frozen=True)
@@ -204,30 +189,18 @@ class _Closed:
         n, exact = self.step.system.nlam, self.step.exact
         problems = self._contacts()
         pattern = sum((F.sparsity() for _, F, _ in problems), ca.Sparsity(n, n))
-        data = [_scaled(z, F, mu, pattern, exact) for z, F, mu in problems]
-        state, given = ca.SX.sym("state", 2 * n), ca.SX.sym("data", data[0].numel())
-        problem, _, _ = _unpacked(given, pattern)
-        moved = interior_point.iteration(n)(state[:n], state[n:], *problem)
-        states = ca.SX.sym("states", 2 * n * len(data))
-        everything = ca.SX.sym("everything", ca.vertcat(*data).numel())
-        solved = []
-        for pair, part in zip(
-            ca.vertsplit(states, 2 * n), ca.vertsplit(everything, given.numel()), strict=True
-        ):
-            problem, D, c = _unpacked(part, pattern)
-            solved.append(interior_point._finish(n, exact)(pair[:n], pair[n:], *problem, D, c)[0])
+        scaled = [ScaledProblem.scale(*problem, pattern, exact) for problem in problems]
+        guesses = ca.vertcat(*[problem.guess(exact) for problem in scaled])
+        data = ca.vertcat(*[problem.data for problem in scaled])
+        lam = self.step.lam
         return InnerLoop(
-            opening=_function(
-                "opening", self.arguments, [ca.SX.ones(states.numel()), ca.vertcat(*data)]
-            ),
-            body=_function("body", [state, given], [ca.vertcat(*moved)]),
-            closing=_function(
-                "closing",
-                [*self.arguments, states, everything],
-                self._effects(ca.vertcat(*solved)),
-            ),
-            iterations=interior_point.iteration_count(n),
-            branches=len(data),
+            opening=_function("opening", self.arguments, [guesses, data]),
+            closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
+            **loop_graphs(pattern, exact),
+            n=n,
+            n_data=data.numel() // len(problems),
+            branches=len(problems),
+            path_iterations=interior_point.iteration_count(n),
         )
 
     def _adjoint(self) -> ca.Function:
@@ -261,25 +234,6 @@ class _Closed:
         if not (step.exact or step.law.frozen):
             function += ca.dot(held_v, step.mu)
         return frozen, [v, weights], function
-
-
-def _scaled(z: ca.SX, F: ca.SX, mu: ca.SX, pattern: ca.Sparsity, exact: bool) -> ca.SX:
-    """One branch's problem in the solver's scaling, as one column that `_unpacked` reads."""
-    D, c = interior_point.scaling(z, F, 0 * mu if exact else mu)
-    target = ca.fmax(mu / c**2, interior_point.MU_LEAST)
-    if exact:
-        target = ca.SX.ones(z.numel()) * interior_point.MU_EXACT
-    entries = ca.project(ca.diag(D) @ F @ ca.diag(D), pattern).nz[:]
-    return ca.densify(ca.vertcat(z * D / c, entries, target, D, c))
-
-
-def _unpacked(
-    column: ca.SX, pattern: ca.Sparsity
-) -> tuple[tuple[ca.SX, ca.SX, ca.SX], ca.SX, ca.SX]:
-    n, entries = pattern.size1(), pattern.nnz()
-    ends = [0, n, n + entries, 2 * n + entries, 3 * n + entries, column.numel()]
-    z, F, mu, D, c = ca.vertsplit(column, ends)
-    return (z, ca.SX(pattern, F), mu), D, c
 
 
 def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:

@@ -9,7 +9,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import BatchWarning, Gaussian, RolloutFunction, affine, open_loop
+from dynamics.batch import (
+    BatchWarning,
+    Gaussian,
+    RolloutFunction,
+    affine,
+    c_rollout,
+    open_loop,
+    rollout_numpy,
+)
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from tests.unit.batch.rollout_cases import closed, four_contacts, reference, wall
@@ -234,6 +242,22 @@ def test_nan_ends_the_inner_loop_and_spoils_no_neighbour():
     others = np.arange(16) != 5
     np.testing.assert_array_equal(spoiled.cost[others], clean.cost[others])
     assert np.isnan(spoiled.cost[5])
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("law", ["barrier", "exact"])
+def test_path_takes_over_where_newton_does_not_come_to_rest(law, backend, monkeypatch):
+    newton = rollout("four", law, "open", backend)
+    monkeypatch.setattr(c_rollout, "NEWTON_ITERATIONS", 0)
+    monkeypatch.setattr(rollout_numpy, "NEWTON_ITERATIONS", 0)
+    path = RolloutFunction(*case("four", law), HORIZON, newton.policy, backend=backend)
+    given = inputs(newton, 33)
+    got = path(**given)
+    monkeypatch.undo()
+    wanted = newton(**given)
+    np.testing.assert_allclose(got.cost, wanted.cost, rtol=1e-12)
+    scale = np.abs(wanted.gradient).max()
+    np.testing.assert_allclose(got.gradient, wanted.gradient, rtol=1e-8, atol=1e-10 * scale)
 
 
 def test_any_policy_function_serves():
