@@ -70,10 +70,7 @@ class ProblemSpec:
 
         Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
         """
-        try:
-            return self.Params(**values)
-        except ValidationError as error:
-            raise InputError(self._explain(error)) from None
+        return check_parameters(self.name, self.Params, values)
 
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
         """Build the problem at ``values``, the rest at their defaults.
@@ -97,24 +94,37 @@ class ProblemSpec:
             )
         return problem
 
-    def _explain(self, error: ValidationError) -> str:
-        found = error.errors()[0]
-        if not found["loc"]:
-            return f"{self.name}: {found['msg'].removeprefix('Value error, ')}"
-        parameter = str(found["loc"][0])
-        fields = self.Params.model_fields
-        if parameter not in fields:
-            return (
-                f"{self.name}: unknown parameter {parameter!r}"
-                f"{did_you_mean(parameter, fields)}; it takes {', '.join(fields) or 'none'}"
-            )
-        about = fields[parameter]
-        given = found["input"]
-        if found["type"] == "missing":
-            return f"{self.name}: parameter {parameter} has no default; give {range_of(about)}"
-        shown = repr(given) if isinstance(given, str) else given
-        meaning = f" ({about.description})" if about.description else ""
-        return f"{self.name}: parameter {parameter}{meaning} must be {range_of(about)}, got {shown}"
+
+def check_parameters(owner: str, Params: type[BaseModel], values: Mapping[str, Any]) -> Any:
+    """Check ``values`` against ``Params`` and fill in the defaults.
+
+    Raises :class:`~ocp.errors.InputError` that names ``owner``, the parameter, its unit and its
+    range.
+    """
+    try:
+        return Params(**values)
+    except ValidationError as error:
+        raise InputError(f"{owner}: {_explain(Params, error)}") from None
+
+
+def _explain(Params: type[BaseModel], error: ValidationError) -> str:
+    found = error.errors()[0]
+    if not found["loc"]:
+        return found["msg"].removeprefix("Value error, ")
+    parameter = str(found["loc"][0])
+    fields = Params.model_fields
+    if parameter not in fields:
+        return (
+            f"unknown parameter {parameter!r}"
+            f"{did_you_mean(parameter, fields)}; it takes {', '.join(fields) or 'none'}"
+        )
+    about = fields[parameter]
+    given = found["input"]
+    if found["type"] == "missing":
+        return f"parameter {parameter} has no default; give {range_of(about)}"
+    shown = repr(given) if isinstance(given, str) else given
+    meaning = f" ({about.description})" if about.description else ""
+    return f"parameter {parameter}{meaning} must be {range_of(about)}, got {shown}"
 
 
 def parse_parameters(spec: ProblemSpec, assignments: Iterable[str]) -> dict[str, Any]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ocp.solution import Solution, StageRecord
     from ocp.studies.store import StoredRun
     from problems.spec import Golden
+    from problems.studies import Claim
 
 COLUMNS = 80
 
@@ -215,6 +216,18 @@ def run_table(run: StoredRun) -> Table:
     table.add_row("command", " ".join(meta.get("argv") or []))
     table.add_row("versions", _inline(meta.get("versions") or {}))
     table.add_row("arrays", ", ".join(str(name) for name in run.data.data_vars))
+    return table
+
+
+def claim_table(claims: Sequence[Claim]) -> Table:
+    """A study's claims: what the paper says, what was measured, whether it holds."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 1, 0))
+    for name, share in (("claim", 6), ("source", 4), ("expected", 4), ("measured", 5)):
+        table.add_column(name, ratio=share, overflow="fold")
+    table.add_column("holds", no_wrap=True)
+    for claim in claims:
+        cells = (claim.claim, claim.source, claim.expected, claim.measured)
+        table.add_row(*map(Text, cells), "yes" if claim.holds else "NO")
     return table
 
 

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from ocp.errors import InputError
 from ocp.studies.store import StoredRun, plain
+from reports.figures.study import study_page
 from reports.pages import comparison_page, continuation_page, solve_page
 from reports.style import styled, to_svg
 from reports.view import RunView
@@ -54,8 +55,10 @@ def _page(views: list[RunView]) -> tuple[str, dict[str, Any], dict[str, Figure]]
         return ("comparison.typ", *comparison_page(views))
     if kinds == {"continue"} and len(views) == 1:
         return ("continuation.typ", *continuation_page(views[0]))
+    if kinds == {"figure"} and len(views) == 1:
+        return ("study.typ", *study_page(views[0].run))
     raise InputError(
-        "only runs of ocp solve can stand side by side in a report; give continuations one by one"
+        "only runs of ocp solve can stand side by side in a report; give the others one by one"
     )
 
 

@@ -12,6 +12,7 @@ from ocp.errors import DamagedRun, InputError, NotConverged
 from reports.cli import (
     continue_command,
     doctor_command,
+    figure_command,
     list_command,
     replay_command,
     report_command,
@@ -36,6 +37,7 @@ for name, function in {
     "solve": solve_command.run,
     "replay": replay_command.run,
     "continue": continue_command.run,
+    "figure": figure_command.run,
     "report": report_command.run,
     "runs": runs_command.run,
     "doctor": doctor_command.run,

@@ -27,7 +27,7 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
     from ocp.policy import POLICIES
     from ocp.solvers.solver import SOLVERS
     from ocp.transcription import METHODS
-    from problems import names, spec
+    from problems import names, spec, studies
 
     def classes(known: Any) -> list[dict[str, Any]]:
         return [{"name": name, "summary": known[name].summary} for name in known]
@@ -38,5 +38,5 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
         "methods": classes(METHODS),
         "policies": classes(POLICIES),
         "solvers": [{"name": name, "summary": SOLVERS[name]} for name in SOLVERS],
-        "figures": [],
+        "figures": [{"name": i, "summary": studies.get(i).title} for i in studies.ids()],
     }

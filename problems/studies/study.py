@@ -1,0 +1,108 @@
+"""A paper's figure as a study: parameters, a run that gives data with units, claims to check."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+from pydantic import Field
+
+from ocp.errors import InputError
+from problems.parameters import Parameters
+from problems.spec import Citation, check_parameters
+
+PAPER, CODE, CHOICE = "paper", "authors' code", "our choice"
+"""Where a study's value comes from: the paper's text, its authors' public code, or nowhere."""
+
+
+def setting(
+    default: float,
+    unit: str,
+    meaning: str,
+    origin: str = CHOICE,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+) -> Any:
+    """Declare a study's parameter in SI ``unit``, with its range and its :data:`origin <PAPER>`."""
+    extra: dict[str, Any] = {"unit": unit, "origin": origin}
+    return Field(default, gt=above, ge=least, le=most, description=meaning, json_schema_extra=extra)
+
+
+class StudyParams(Parameters):
+    """Base of every study's parameters; a study without noise leaves the seed unused."""
+
+    seed: int = setting(0, "1", "seed of everything random", least=0, most=2**31 - 1)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One sentence of a paper beside what was measured.
+
+    ``source`` is the paper and the place in it; ``expected`` and ``measured`` are short texts with
+    units, ``holds`` whether the sentence is true as it stands.
+    """
+
+    claim: str
+    source: str
+    expected: str
+    measured: str
+    holds: bool
+
+
+@dataclass(frozen=True)
+class Study:
+    """One figure: what to run, and what the paper says about it.
+
+    ``run(params)`` returns pure data: every numeric variable and coordinate has ``units``
+    (:func:`quantity_of`). ``claims(data)`` reads that data, whose attributes hold the parameters.
+    ``notes`` say on the page what a reader must know of choices and corrections.
+    """
+
+    id: str
+    title: str
+    citation: Citation
+    Params: type[StudyParams]
+    run: Callable[[Any], xr.Dataset]
+    claims: Callable[[xr.Dataset], list[Claim]]
+    notes: Sequence[str] = ()
+
+    def params(self, values: Mapping[str, Any]) -> Any:
+        """Check ``values`` and fill in the defaults.
+
+        Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
+        """
+        return check_parameters(self.id, self.Params, values)
+
+    def data(self, values: Mapping[str, Any] | None = None) -> xr.Dataset:
+        """Run at ``values``, the rest at their defaults; the parameters become attributes.
+
+        Raises :class:`~ocp.errors.InputError` for a bad parameter and ``ValueError`` where a
+        variable has no units.
+        """
+        params = self.params(values or {})
+        found = self.run(params)
+        for name, array in found.variables.items():
+            if array.dtype.kind in "fiu" and "units" not in array.attrs:
+                raise ValueError(f"study {self.id}: {name} has no units")
+        return found.assign_attrs({"study": self.id, **params.model_dump()})
+
+
+def quantity_of(
+    dims: str | Sequence[str], values: ArrayLike, unit: str, meaning: str
+) -> tuple[Any, np.ndarray, dict[str, str]]:
+    """Label an array for a dataset: dimensions, values, ``units`` and ``long_name``."""
+    return dims, np.asarray(values), {"units": unit, "long_name": meaning}
+
+
+def did_hold(claims: Sequence[Claim]) -> str:
+    """Say in one sentence how many claims hold."""
+    if not claims:
+        raise InputError("a study without claims checks nothing; give it at least one")
+    good = sum(claim.holds for claim in claims)
+    return f"{good} of {len(claims)} claims hold."
