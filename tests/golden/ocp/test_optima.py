@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,10 @@ from ocp import Direct, MultipleShooting, SingleShooting, Solution, Status, solv
 from ocp.solvers.strategies import STRATEGIES
 from problems import get
 
-FIVE = ("wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls")
+# ball-bounce by solving every liftoff step apart; the others as found by all strategies.
+BEST = {"wall-1d": 17.8301723, "push-1d": 1.38481827, "push-disc": 0.100678475,
+        "ball-bounce": 0.745009295, "cart-walls": 186.588555}  # fmt: skip
+FIVE = tuple(BEST)
 # An unstable pole over two seconds makes rolled-out iterates wild: many iterations from rest.
 SLOW = pytest.mark.slow
 
@@ -45,11 +49,28 @@ def test_methods_agree_on_the_barrier_optimum(name: str, method) -> None:
     np.testing.assert_allclose(found.data["lam"] * found.data["gap"], 1e-3, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", FIVE)
+LIFT_OFF = pytest.mark.xfail(
+    strict=True, reason="the barrier's path lifts off one step late, in a minimum 2 % worse"
+)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=LIFT_OFF if name == "ball-bounce" else ()) for name in FIVE]
+)
 def test_a_thin_barrier_meets_the_exact_optimum(name: str) -> None:
     thin = solve(get(name), Barrier(mu=1e-9), Direct())
     assert thin.success
     assert thin.cost == pytest.approx(exact(name).cost, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", FIVE)
+def test_next_to_the_exact_optimum_lies_a_thin_barriers(name: str) -> None:
+    found = exact(name)
+    plan = found.data["x"].values[0], found.data["u"].values[0]
+    problem = replace(get(name), guess=lambda problem, p: plan)
+    thin = solve(problem, Barrier(mu=1e-9), Direct(), settings={"homotopy": False, "mu_init": 1e-6})
+    assert thin.success
+    assert thin.cost == pytest.approx(found.cost, rel=1e-4)
 
 
 @pytest.mark.parametrize("name", FIVE)
@@ -65,6 +86,11 @@ def test_the_exact_answer_is_exact(name: str) -> None:
     assert (lam > 1e-6).sum() == found.audit.active_steps > 0
     bound = found.values["u_max"] + 1e-8
     assert np.abs(found.data["u"]).max() <= bound
+
+
+@pytest.mark.parametrize("name", FIVE)
+def test_the_exact_answer_is_the_best_known(name: str) -> None:
+    assert exact(name).cost <= BEST[name] * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("name", FIVE)
