@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test test-slow bench lint
+.PHONY: setup demo test test-slow bench lint picture
 
 setup: $(READY)
 
@@ -30,3 +30,8 @@ test-slow: setup
 
 bench: setup
 	$(BIN)/pytest -m bench -s tests/benchmarks
+
+picture: setup
+	for name in push-disc ball-bounce cart-walls; do \
+		$(BIN)/ocp solve $$name --contact exact --out runs/gallery --quiet || exit 1; done
+	$(BIN)/python -m reports.gallery runs/gallery reports/gallery/strobes.png

@@ -30,7 +30,7 @@ class Feedback:
     Raises :class:`~ocp.errors.InputError` for a negative or non-finite penalty or bound.
     """
 
-    penalty: float = 1e-6
+    penalty: float = 1e-4
     bound: float = math.inf
     stationary: bool = False
     name: ClassVar[str] = "feedback"
