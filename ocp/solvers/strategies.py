@@ -8,7 +8,7 @@ smoothing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -55,9 +55,17 @@ class CentralPath:
     summary: ClassVar[str] = "lam gap = t, t falling, then the active set (the default)"
 
     def paths(self, reference: Reference) -> list[Path]:
-        """One path from t = impulse times distance to its ten-thousandth."""
+        """One path from t = impulse times distance to its ten-thousandth.
+
+        The first stage may lie below the path (``lam gap <= t``): from a cold start that halves
+        its iterations on systems with many contacts.
+        """
         start = reference.impulse * reference.gap
-        return [Path(geometric(start, T_LOOSE * start, self.factor), self._plan)]
+
+        def plan(t: float) -> Plan:
+            return self._plan(t) if t < start else replace(self._plan(t), contact=(-np.inf, t))
+
+        return [Path(geometric(start, T_LOOSE * start, self.factor), plan)]
 
     def further(self, reference: Reference) -> list[Path]:
         """The same path on to 1e-8."""

@@ -1,0 +1,197 @@
+"""What gradient estimators sample: a cost of a decision and of Gaussian noise, by the million."""
+
+from __future__ import annotations
+
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import BatchFunction, BatchWarning, Gaussian
+from dynamics.systems import ParameterTable, Signal
+from ocp.errors import InputError
+
+
+@dataclass(frozen=True)
+class Samples:
+    """n evaluations: ``cost`` (n,), and ``direction`` (n, d), the score or the gradient of each."""
+
+    cost: np.ndarray
+    direction: np.ndarray
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """What is known of an objective without sampling, for a decision of d components.
+
+    ``objective`` is F = E f, ``gradient`` (d,) its gradient; ``zobg_variance`` and
+    ``fobg_variance`` (d,) are variances of one sample (ZoBG without baseline), ``fobg_mean`` (d,)
+    is the mean of the first-order estimate, which differs from ``gradient`` where f jumps.
+    """
+
+    objective: float
+    gradient: np.ndarray
+    zobg_variance: np.ndarray
+    fobg_mean: np.ndarray
+    fobg_variance: np.ndarray
+
+
+class SampledObjective(ABC):
+    """A cost ``V(theta, w)`` whose mean over ``w ~ N(0, sigma^2 I)`` is to be differentiated.
+
+    ``decision`` names the d components of ``theta`` (d,); ``parameters`` holds every number that a
+    sweep may turn, by name; ``n_noise`` is the number of components of w.
+    """
+
+    name: str
+    decision: tuple[Signal, ...]
+    theta: np.ndarray
+    n_noise: int
+
+    @property
+    @abstractmethod
+    def parameters(self) -> dict[str, float]:
+        """Values by name of what :meth:`at` may change, the decision apart."""
+
+    @abstractmethod
+    def at(self, values: Mapping[str, float]) -> SampledObjective:
+        """Return the same objective with other parameters or components of the decision.
+
+        Raises :class:`~ocp.errors.InputError` for a name that it does not have.
+        """
+
+    @abstractmethod
+    def costs(self, noise: np.ndarray) -> np.ndarray:
+        """Cost at given noise (n, n_noise); returns (n,)."""
+
+    @abstractmethod
+    def scored(self, noise: Gaussian, n: int, mirrored: bool = False) -> Samples:
+        """Costs and scores of n samples, at -w in place of w where ``mirrored``.
+
+        The score is the gradient by theta of the log-density of the noise,
+        ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (pathologies, def. II.1).
+        """
+
+    @abstractmethod
+    def differentiated(self, noise: Gaussian, n: int) -> Samples:
+        """Costs of n samples and their gradients by theta (pathologies, def. II.2)."""
+
+    @abstractmethod
+    def perturbed(self, noise: Gaussian, n: int, sign: float) -> Samples:
+        """Costs at ``theta + sign sigma e`` without further noise, and ``sign e / sigma``."""
+
+    def nominal(self) -> float:
+        """Cost without noise."""
+        return float(self.costs(np.zeros((1, self.n_noise)))[0])
+
+    def reference(self, sigma: float) -> ClosedForm | None:  # noqa: ARG002
+        """What is known in closed form, None where nothing is."""
+        return None
+
+
+class StaticObjective(SampledObjective):
+    """A cost ``f(theta + w)`` of a decision, given as a CasADi expression.
+
+    ``cost`` is an expression in ``theta`` (d, 1) and the parameters. ``closed_form(values, sigma)``
+    gives what is known of it, ``values`` holding the decision's components and the parameters.
+
+    Raises :class:`~ocp.errors.InputError` where dimensions do not fit.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        decision: tuple[Signal, ...],
+        theta: ca.SX,
+        cost: ca.SX,
+        value: np.ndarray,
+        parameters: ParameterTable,
+        closed_form: Callable[[dict[str, float], float], ClosedForm] | None = None,
+        backend: str = "auto",
+        threads: int | None = None,
+        block: int = 32,
+    ) -> None:
+        given = np.atleast_1d(np.asarray(value, dtype=float))
+        if theta.numel() != len(decision) or given.shape != (len(decision),) or cost.numel() != 1:
+            raise InputError(
+                f"{name}: a decision with {len(decision)} named components needs as many symbols"
+                f" and values and one cost, got {theta.numel()}, {given.size} and {cost.numel()}"
+            )
+        self.name, self.decision, self.theta, self.n_noise = name, decision, given, len(decision)
+        self._table, self._closed_form = parameters, closed_form
+        arguments = [theta, parameters.vector]
+        options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
+        both = [ca.densify(cost), ca.densify(ca.gradient(cost, theta))]
+        self._cost = BatchFunction(ca.Function("cost", arguments, both[:1]), **options)
+        self._both = BatchFunction(ca.Function("cost_and_gradient", arguments, both), **options)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of the cost's parameters."""
+        return {parameter.name: float(parameter.value) for parameter in self._table}
+
+    def at(self, values: Mapping[str, float]) -> StaticObjective:
+        """Return the same graph at other values; nothing is built again."""
+        names = [signal.name for signal in self.decision]
+        check_names(self.name, values, [*names, *self._table.names])
+        other = object.__new__(StaticObjective)
+        other.__dict__ |= self.__dict__
+        pairs = zip(names, self.theta, strict=True)
+        other.theta = np.array([values.get(name, was) for name, was in pairs], dtype=float)
+        other._table = ParameterTable(
+            replace(parameter, value=float(values.get(parameter.name, parameter.value)))
+            for parameter in self._table
+        )
+        return other
+
+    def costs(self, noise: np.ndarray) -> np.ndarray:
+        """Cost at theta plus the given noise."""
+        return self._evaluate(self._cost, self.theta + noise)[:, 0]
+
+    def scored(self, noise: Gaussian, n: int, mirrored: bool = False) -> Samples:
+        """Costs, and w / sigma^2."""
+        w = self._draw(noise, n) * (-1 if mirrored else 1)
+        return Samples(self.costs(w), w / noise.scales(self.n_noise) ** 2)
+
+    def differentiated(self, noise: Gaussian, n: int) -> Samples:
+        """Costs, and gradients at theta + w."""
+        cost, gradient = self._evaluate(self._both, self.theta + self._draw(noise, n))
+        return Samples(cost[:, 0], gradient)
+
+    def perturbed(self, noise: Gaussian, n: int, sign: float) -> Samples:
+        """Equal to a score, because the noise is added to the decision."""
+        return self.scored(noise, n, mirrored=sign < 0)
+
+    def reference(self, sigma: float) -> ClosedForm | None:
+        """The closed form, where the objective was given one."""
+        if self._closed_form is None:
+            return None
+        theta = {s.name: float(v) for s, v in zip(self.decision, self.theta, strict=True)}
+        return self._closed_form({**theta, **self.parameters}, sigma)
+
+    def _evaluate(self, function: BatchFunction, theta: np.ndarray) -> Any:
+        return quietly(function, theta, self._table.values)
+
+    def _draw(self, noise: Gaussian, n: int) -> np.ndarray:
+        return noise.draw(n, 1, self.n_noise)[:, 0]
+
+
+def quietly(function: Callable[..., Any], *args: Any, **named: Any) -> Any:
+    """Call without warnings of non-finite samples: estimators count and name them."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", category=BatchWarning, message=".*non-finite")
+        return function(*args, **named)
+
+
+def check_names(what: str, values: Mapping[str, float], known: list[str]) -> None:
+    """Raise :class:`~ocp.errors.InputError` for a name that is not ``known`` or no finite value."""
+    for name, value in values.items():
+        if name not in known:
+            shown = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
+            raise InputError(f"{what} has nothing called {name!r} to set; there are {shown}")
+        if not np.isfinite(value):
+            raise InputError(f"{what}: {name} must be finite, got {value}")

@@ -1,0 +1,204 @@
+"""Rollouts of a contact problem as an objective to sample: open loop or affine feedback."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import Gaussian, RolloutFunction, RolloutPolicy, affine, open_loop
+from dynamics.contact import ContactLaw, Step
+from dynamics.systems import Signal
+from ocp.policy import Feedback, OpenLoop, Policy
+from ocp.problem import Problem
+from ocp.studies.objective import SampledObjective, Samples, check_names, quietly
+
+
+class RolloutObjective(SampledObjective):
+    """Cost of a problem's rollout under a law, with noise added to the input of every step.
+
+        V(theta, w) = sum_k l(x_k, u_k, du_k) + l_N(x_N),   u_k = pi(x_k, theta) + w_k
+
+    (pathologies, eq. 1). ``theta`` holds the inputs of all steps, or the gains of every step as
+    rows of K and then k (of one step where the feedback is stationary). Without a given ``theta``
+    it is the problem's guess, with K = 0. Bounds on inputs do not clip: the estimators' theory is
+    about the unclipped policy. With several scenarios sample i starts in scenario i modulo their
+    number, so the mean over samples is the mean over scenarios too.
+
+    Raises ``ValueError`` where the law cannot close the system.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        law: ContactLaw,
+        policy: Policy | None = None,
+        theta: np.ndarray | None = None,
+        backend: str = "auto",
+        threads: int | None = None,
+        block: int = 32,
+    ) -> None:
+        policy = OpenLoop() if policy is None else policy
+        closed = law.close(problem.system)
+        self.problem, self.policy = problem, policy
+        self.step = replace(closed, p=problem.parameters + closed.p)
+        self.name, self.n_noise = problem.name, problem.N * problem.system.nu
+        # Shared by all copies that differ in values alone, so that nothing is compiled twice.
+        self._compiled: dict[bool, RolloutFunction] = {}
+        self._options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
+        self._values = {parameter.name: float(parameter.value) for parameter in self.step.p}
+        self._start()
+        shape = self._policy.shape(problem.N)
+        self.theta = (
+            self._guess(shape) if theta is None else np.asarray(theta, float).reshape(shape)
+        ).ravel()
+        self.decision = _decision(problem, policy, shape)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters of the problem and knobs of the law, ``contact.mu`` and the like."""
+        return dict(self._values)
+
+    def at(self, values: Mapping[str, float]) -> RolloutObjective:
+        """Return the same compiled rollout at other values; the decision stays."""
+        names = [signal.name for signal in self.decision]
+        check_names(self.name, values, [*self._values, *names])
+        other = object.__new__(RolloutObjective)
+        other.__dict__ |= self.__dict__
+        other._values = {k: float(values.get(k, was)) for k, was in self._values.items()}
+        pairs = zip(names, self.theta, strict=True)
+        other.theta = np.array([values.get(name, was) for name, was in pairs], dtype=float)
+        other._start()
+        return other
+
+    def costs(self, noise: np.ndarray) -> np.ndarray:
+        """Cost at given noise (n, N nu), in the order of steps."""
+        n, system = len(noise), self.problem.system
+        given = np.ascontiguousarray(noise.reshape(n, self.problem.N, system.nu))
+        call = self._arguments(n, 0)
+        return quietly(self._forward, **call, noise=given, n_samples=n, gradient=False).cost
+
+    def nominal(self) -> float:
+        """Cost without noise, its mean over scenarios."""
+        return float(self.costs(np.zeros((len(self._x0), self.n_noise))).mean())
+
+    def scored(self, noise: Gaussian, n: int, mirrored: bool = False) -> Samples:
+        """Costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
+        rollout = self._mirrored if mirrored else self._forward
+        call = self._arguments(n, noise.first)
+        if mirrored and "u_before" in call:
+            call["u_before"] = -call["u_before"]
+        found = quietly(rollout, **call, noise=noise, n_samples=n, gradient=False, score=True)
+        return Samples(found.cost, found.score.reshape(n, -1))
+
+    def differentiated(self, noise: Gaussian, n: int) -> Samples:
+        """Costs and their exact gradients through contact."""
+        call = self._arguments(n, noise.first)
+        found = quietly(self._forward, **call, noise=noise, n_samples=n)
+        return Samples(found.cost, found.gradient.reshape(n, -1))
+
+    def perturbed(self, noise: Gaussian, n: int, sign: float) -> Samples:
+        """Costs of policies with disturbed parameters, which act without noise."""
+        d = len(self.theta)
+        sigma = noise.scales(d)
+        e = sign * noise.draw(n, 1, d)[:, 0]
+        call = self._arguments(n, noise.first)
+        call["theta"] = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
+        found = quietly(self._forward, **call, n_samples=n, gradient=False)
+        return Samples(found.cost, e / sigma**2)
+
+    def _start(self) -> None:
+        """Initial states and the input before, at the present parameters."""
+        physical = np.array([self._values[name] for name in self.problem.parameters.names])
+        self._x0 = self.problem.initial_states(physical)
+        self._before = np.array(self.problem.limits(physical)[1]).ravel()
+        self._p = np.array(list(self._values.values()))
+
+    def _arguments(self, n: int, first: int) -> dict[str, Any]:
+        rows = (first + np.arange(n)) % len(self._x0)
+        call: dict[str, Any] = {
+            "x0": self._x0[rows] if len(self._x0) > 1 else self._x0[0],
+            "theta": self.theta.reshape(self._policy.shape(self.problem.N)),
+            "p": self._p,
+        }
+        if self.problem.uses_du:
+            call["u_before"] = self._before
+        return call
+
+    def _guess(self, shape: tuple[int, ...]) -> np.ndarray:
+        physical = np.array([self._values[name] for name in self.problem.parameters.names])
+        inputs = self.problem.initial_guess(physical)[1]
+        if isinstance(self.policy, OpenLoop):
+            return inputs
+        theta = np.zeros(shape)
+        theta[..., -self.problem.system.nu :] = inputs if self._policy.per_step else inputs[0]
+        return theta
+
+    @cached_property
+    def _policy(self) -> RolloutPolicy:
+        nx, nu = self.problem.system.nx, self.problem.system.nu
+        if isinstance(self.policy, Feedback):
+            return affine(nx, nu, per_step=not self.policy.stationary)
+        return open_loop(nx, nu)
+
+    @property
+    def _forward(self) -> RolloutFunction:
+        if False not in self._compiled:
+            self._compiled[False] = self._rollout(self.step, self._policy, sign=1)
+        return self._compiled[False]
+
+    @property
+    def _mirrored(self) -> RolloutFunction:
+        """The same rollout in the coordinate -u, where noise w acts as -w does on u."""
+        if True not in self._compiled:
+            self._compiled[True] = self._turned()
+        return self._compiled[True]
+
+    def _turned(self) -> RolloutFunction:
+        u = self.problem.system.u
+        turned = {
+            name: ca.substitute(getattr(self.step, name), u, -u)
+            for name in ("residual", "gap", "a", "B", "z", "F", "mu")
+        }
+        x = ca.SX.sym("x", self.problem.system.nx)
+        theta = ca.SX.sym("theta", self._policy.n_theta)
+        law = ca.Function("mirrored", [x, theta], [-self._policy.law(x, theta)])
+        policy = RolloutPolicy(law, self._policy.per_step)
+        return self._rollout(replace(self.step, **turned), policy, sign=-1)
+
+    def _rollout(self, step: Step, policy: RolloutPolicy, sign: int) -> RolloutFunction:
+        problem, p = self.problem, self.step.p.vector
+        x, u = problem.system.x, problem.system.u
+        changes = [] if problem.du is None else [problem.du]
+        stage: ca.SX = ca.SX(problem.stage_cost)
+        if sign < 0:
+            symbols = [u, *changes]
+            stage = ca.substitute([stage], symbols, [-symbol for symbol in symbols])[0]
+        costs: tuple[Callable[..., Any], ...] = (
+            ca.Function("stage_cost", [x, u, *changes, p], [ca.densify(stage)]),
+            ca.Function("terminal_cost", [x, p], [ca.densify(ca.SX(problem.terminal_cost))]),
+        )
+        return RolloutFunction(step, *costs, problem.N, policy, **self._options)
+
+
+def _decision(problem: Problem, policy: Policy, shape: tuple[int, ...]) -> tuple[Signal, ...]:
+    """Names of theta's components: ``u[3]``, or ``K[3].u.x`` and ``k[3].u``."""
+    system = problem.system
+    if isinstance(policy, OpenLoop):
+        row = [(s.name, s.unit) for s in system.inputs]
+        return tuple(Signal(f"{n}[{t}]", unit) for t in range(shape[0]) for n, unit in row)
+    gains = [
+        (f".{u.name}.{x.name}", f"{u.unit}/({x.unit})") for u in system.inputs for x in system.states
+    ]
+    offsets = [(f".{u.name}", u.unit) for u in system.inputs]
+    steps = [f"[{t}]" for t in range(shape[0])] if len(shape) == 2 else [""]
+    return tuple(
+        Signal(f"{head}{step}{tail}", unit)
+        for step in steps
+        for head, row in (("K", gains), ("k", offsets))
+        for tail, unit in row
+    )
