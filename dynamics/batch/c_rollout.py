@@ -15,14 +15,14 @@ from dynamics.batch.compiler import Compiler
 from dynamics.batch.inner import NEWTON_ITERATIONS, InnerLoop
 from dynamics.batch.random import INCREMENTS, MULTIPLIERS, ROUNDS
 from dynamics.batch.rollout_tapes import RolloutTapes
-from dynamics.batch.tape import tape_of
+from dynamics.batch.tape import tape_of, with_shared_reciprocals
 
 _PHILOX = """\
-INLINE void philox_pair(i64 sample, i64 pair, i64 key0, i64 key1, Q *a, Q *b) {
+INLINE void philox(i64 sample, i64 quadruple, i64 key0, i64 key1, Q *words) {
   const Q low = (Q){} + 0xffffffffull;
   Q index;
   LANES index[l] = (unsigned long long)(sample + l);
-  Q c0 = index & low, c1 = index >> 32, c2 = (Q){} + (unsigned long long)pair, c3 = (Q){};
+  Q c0 = index & low, c1 = index >> 32, c2 = (Q){} + (unsigned long long)quadruple, c3 = (Q){};
   unsigned k0 = (unsigned)key0, k1 = (unsigned)key1;
   for (int r = 0; r < %(rounds)d; r++) {
     Q p0 = c0 * %(m0)dull, p1 = c2 * %(m1)dull;
@@ -33,20 +33,17 @@ INLINE void philox_pair(i64 sample, i64 pair, i64 key0, i64 key1, Q *a, Q *b) {
     k0 += %(i0)du;
     k1 += %(i1)du;
   }
-  *a = c0 | (c1 << 32);
-  *b = c2 | (c3 << 32);
+  words[0] = c0, words[1] = c1, words[2] = c2, words[3] = c3;
 }
 """
 
-# Box and Muller. 52 bits under the exponent of 1 are a number in [1, 2); adding 1.5 * 2^52 rounds
+# Box and Muller. 32 bits under the exponent of 1 are a number in [1, 2); adding 1.5 * 2^52 rounds
 # to the nearest integer and leaves it in the low bits. The angle in quarter turns so splits exactly
 # into a quadrant and a rest within pi/4, where Taylor's series reach double precision.
 _NORMALS = """\
-INLINE V unit(Q bits) { return (V)((bits >> 12) | 0x3ff0000000000000ull) - 1.0; }
-INLINE void normal_pair(i64 sample, i64 pair, i64 key0, i64 key1, V *even, V *odd) {
-  Q a, b;
-  philox_pair(sample, pair, key0, key1, &a, &b);
-  V radius = vsqrt(-2.0 * vlog(unit(a) + 0x1p-53));
+INLINE V unit(Q word) { return (V)((word << 20) | 0x3ff0000000000000ull) - 1.0; }
+INLINE void box_muller(Q a, Q b, V *even, V *odd) {
+  V radius = vsqrt(-2.0 * vlog(unit(a) + 0x1p-33));
   V quarters = unit(b) * 4.0, shifted = quarters + 0x1.8p52;
   M quadrant = (M)shifted;
   V y = (quarters - (shifted - 0x1.8p52)) * %(half_pi)s, y2 = y * y, s, c;
@@ -55,6 +52,12 @@ INLINE void normal_pair(i64 sample, i64 pair, i64 key0, i64 key1, V *even, V *od
   V sine = pick(swap, c, s * y), cosine = pick(swap, s * y, c);
   *odd = (V)((M)(radius * sine) ^ ((quadrant & 2) << 62));
   *even = (V)((M)(radius * cosine) ^ (((quadrant + 1) & 2) << 62));
+}
+INLINE void four_normals(i64 sample, i64 quadruple, i64 key0, i64 key1, V *z) {
+  Q words[4];
+  philox(sample, quadruple, key0, key1, words);
+  box_muller(words[0], words[1], z, z + 1);
+  box_muller(words[2], words[3], z + 2, z + 3);
 }
 """
 
@@ -197,11 +200,10 @@ static void load_block(const job *q, const lane_memory *a, i64 row, i64 end, int
     if (!q->shared_p) load_rows(q->p, NP, row, end, a[j].p, 1);
     if (q->noise == 1) load_rows(q->w, nw, row, end, a[j].w, 1);
     if (q->noise == 2)
-      for (i64 m = 0; m < nw; m += 2) {
-        V even, odd;
-        normal_pair(q->first + row, m / 2, q->key0, q->key1, &even, &odd);
-        a[j].w[m] = even * q->sigma[m %% NU];
-        if (m + 1 < nw) a[j].w[m + 1] = odd * q->sigma[(m + 1) %% NU];
+      for (i64 m = 0; m < nw; m += 4) {
+        V z[4];
+        four_normals(q->first + row, m / 4, q->key0, q->key1, z);
+        for (i64 k = 0; k < 4 && m + k < nw; k++) a[j].w[m + k] = z[k] * q->sigma[(m + k) %% NU];
       }
   }
 }
@@ -210,12 +212,14 @@ static void load_block(const job *q, const lane_memory *a, i64 row, i64 end, int
 # One chunk's moments: sums about the first register of samples, lane by lane, then the lanes merged
 # in order. Samples that are not finite, and the padding, are left out.
 _MOMENTS = """\
+/* A sum is finite only if all its terms are; one that overflows counts as not finite too. */
 typedef struct { V *pivot, *sum, *square; M count; } accumulator;
 INLINE M finite_lanes(V cost, const V *a, const V *b, i64 n, int second) {
-  V spoiled[] = {cost - cost, {}, {}, {}};
-  for (i64 k = 0; k < n; k++) spoiled[k & 3] += a[k] - a[k];
-  if (second) for (i64 k = 0; k < n; k++) spoiled[k & 3] += b[k] - b[k];
-  return (spoiled[0] + spoiled[1]) + (spoiled[2] + spoiled[3]) == 0.0;
+  V spoiled[] = {cost, {}, {}, {}};
+  for (i64 k = 0; k < n; k++) spoiled[k & 3] += a[k];
+  if (second) for (i64 k = 0; k < n; k++) spoiled[k & 3] += b[k];
+  V sum = (spoiled[0] + spoiled[1]) + (spoiled[2] + spoiled[3]);
+  return sum - sum == 0.0;
 }
 static void accumulate(accumulator *c, i64 at, const V *value, i64 n, M ok, int starting) {
   if (starting) for (i64 k = 0; k < n; k++) c->pivot[at + k] = keep(ok, value[k]);
@@ -335,7 +339,10 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
         (
             prelude(machine),
             *(f"#define {name} {value}\n" for name, value in constants.items()),
-            *(c_source.kernel(tape_of(fn), name) for name, fn in functions.items()),
+            *(
+                c_source.kernel(with_shared_reciprocals(tape_of(fn)), name)
+                for name, fn in functions.items()
+            ),
             stepping,
             random_source(),
             _JOB,
@@ -348,7 +355,7 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
 
 
 def random_source() -> str:
-    """C text of `normal_pair`, the counter-based normals of `dynamics.batch.random`."""
+    """C text of `four_normals`, the counter-based normals of `dynamics.batch.random`."""
     return _PHILOX % {
         **{"rounds": ROUNDS, "m0": MULTIPLIERS[0], "m1": MULTIPLIERS[1]},
         **{"i0": INCREMENTS[0], "i1": INCREMENTS[1]},

@@ -1,7 +1,8 @@
 """Taking out of a repeated graph what depends on parameters alone.
 
 Parameters stay the same over a rollout, so an expression in them, h/m say, is computed once and
-handed to the graphs of the step as a value, instead of once a step and sample.
+handed to the graphs of the step as a value, instead of once a step and sample; a division by such
+a value becomes a product with its reciprocal.
 """
 
 from __future__ import annotations
@@ -94,6 +95,9 @@ class _Split:
                 self.values[i] = self.arguments[args[0]][args[1]]
         elif all(arg in self.pooled for arg in args):
             self.pooled[i] = self.pool.add(operation, tuple(self.pooled[arg] for arg in args))
+        elif op == ca.OP_DIV and args[1] in self.pooled:
+            inverse = self.pool.add(Operation(ca.OP_INV, ()), (self.pooled[args[1]],))
+            self.values[i] = self._value(args[0]) * self.pool.value(inverse)
         else:
             self.values[i] = apply(op, [self._value(arg) for arg in args])
 

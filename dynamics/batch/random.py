@@ -4,11 +4,12 @@ Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 
 maps a counter of four 32-bit words under a key of two words to four random words. Here
 
     key     = SeedSequence(seed).generate_state(2)
-    counter = (low word of the sample's index, high word, number of the pair, 0)
+    counter = (low word of the sample's index, high word, number of the quadruple, 0)
 
 so every sample has a stream of its own, whatever else is computed: the first n samples of a larger
-run are the same samples. The four words make two normals by Box and Muller's transform, with
-52 random bits for the radius and 52 for the angle.
+run are the same samples. The four words make four normals, two by two, by Box and Muller's
+transform: 32 random bits for the radius, 32 for the angle. No normal so exceeds 6.76 in size, which
+one of 7e10 would; a run that draws that many should not ask for more of its tail.
 """
 
 from __future__ import annotations
@@ -59,18 +60,17 @@ def key_of(seed: int | np.random.SeedSequence) -> tuple[int, int]:
 def standard_normals(key: tuple[int, int], first: int, n: int, size: int) -> np.ndarray:
     """Independent N(0, 1) numbers `(n, size)` of the samples `first, ..., first + n - 1`.
 
-    Value m of a sample comes from pair m // 2: with a = (i + 1/2) / 2**52 and b = j / 2**52, i and
-    j of 52 bits, sqrt(-2 ln a) cos(2 pi b) for even m and sin for odd m.
+    Value m of a sample comes from quadruple m // 4: with a = (i + 1/2) / 2**32 and b = j / 2**32,
+    (i, j) its first two words or its last two, sqrt(-2 ln a) cos(2 pi b) for even m, sin for odd.
     """
     index = np.arange(first, first + n, dtype=np.uint64)[:, None]
-    pair = np.arange((size + 1) // 2, dtype=np.uint64)
-    words = philox(np.broadcast_arrays(index & _LOW, index >> _HALF, pair, np.uint64(0)), key)
-    radial = (words[0] | (words[1] << _HALF)) >> np.uint64(12)
-    angular = (words[2] | (words[3] << _HALF)) >> np.uint64(12)
-    radius = np.sqrt(-2.0 * np.log((radial.astype(np.float64) + 0.5) * 2.0**-52))
-    angle = (2.0 * np.pi) * (angular.astype(np.float64) * 2.0**-52)
-    both = np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=-1)
-    return np.ascontiguousarray(both.reshape(n, -1)[:, :size])
+    quadruple = np.arange((size + 3) // 4, dtype=np.uint64)
+    zero = np.uint64(0)
+    words = philox(np.broadcast_arrays(index & _LOW, index >> _HALF, quadruple, zero), key)
+    radius = np.sqrt(-2.0 * np.log((words[[0, 2]].astype(np.float64) + 0.5) * 2.0**-32))
+    angle = (2.0 * np.pi) * (words[[1, 3]].astype(np.float64) * 2.0**-32)
+    four = np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=-1)
+    return np.ascontiguousarray(np.moveaxis(four, 0, 2).reshape(n, -1)[:, :size])
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from dynamics.batch.policy import RolloutPolicy
 from dynamics.batch.random import Gaussian
 from dynamics.batch.rollout_engines import ChunkEngine, CRolloutEngine, Request, RolloutEngine
 from dynamics.batch.rollout_tapes import build_tapes
-from dynamics.batch.tape import tape_of
+from dynamics.batch.tape import tape_of, with_shared_reciprocals
 from dynamics.contact import Step
 
 # Moments are kept for each chunk until this many samples, and then merged into the total.
@@ -99,7 +99,7 @@ class RolloutFunction:
 
         return {
             "c": lambda: CRolloutEngine(self.tapes, self.threads, self.block),
-            "numpy": lambda: chunks(lambda fn: NumpyKernel(tape_of(fn))),
+            "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
             "casadi": lambda: chunks(CasadiKernel),
         }
 
@@ -138,6 +138,7 @@ class RolloutFunction:
         nonfinite = NonFinite()
         if bad:
             nonfinite = non_finite_rows([cost, *[a for a in parts if a is not None]])
+        if nonfinite:
             warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=2)
         return Rollouts(cost, parts[0], parts[1], nonfinite)
 

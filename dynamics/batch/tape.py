@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
@@ -99,6 +100,33 @@ def chosen(tape: Tape, operation: Operation) -> tuple[int, int, int] | None:
             if boolean and negation.op == ca.OP_NOT and negation.args[0] == condition:
                 return condition, here.args[1], there.args[1]
     return None
+
+
+def with_shared_reciprocals(tape: Tape) -> Tape:
+    """The tape with several divisions by one value as products with one reciprocal.
+
+    A division takes a processor as long as ten products. The quotient may differ by a rounding, and
+    for a divisor below 1e-308, whose reciprocal is infinite, altogether: this is for graphs in
+    which such a divisor would mean nothing anyway.
+    """
+    divisors = Counter(o.args[1] for o in tape.operations if o.op == ca.OP_DIV)
+    operations: list[Operation] = []
+    place: list[int] = []
+    reciprocal: dict[int, int] = {}
+    for operation in tape.operations:
+        args = operation.args
+        if operation.op != ca.OP_INPUT:
+            args = tuple(place[arg] for arg in args)
+        if operation.op == ca.OP_DIV and divisors[operation.args[1]] > 1:
+            if args[1] not in reciprocal:
+                reciprocal[args[1]] = len(operations)
+                operations.append(Operation(ca.OP_INV, (args[1],)))
+            operations.append(Operation(ca.OP_MUL, (args[0], reciprocal[args[1]])))
+        else:
+            operations.append(replace(operation, args=args))
+        place.append(len(operations) - 1)
+    outputs = tuple(tuple(place[value] for value in row) for row in tape.outputs)
+    return replace(tape, operations=tuple(operations), outputs=outputs)
 
 
 def tape_of(fn: ca.Function) -> Tape:
