@@ -1,0 +1,44 @@
+"""One contact and nothing else: ``lam`` over the gap z, its slope and its curvature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import BatchFunction
+from dynamics.contact import ContactLaw
+from dynamics.systems import Signal, lcs
+
+
+@dataclass(frozen=True)
+class ScalarContact:
+    """A law's answer over z, all (n,): ``lam``, ``mu``, and total derivatives of lam by z."""
+
+    lam: np.ndarray
+    mu: np.ndarray
+    slope: np.ndarray
+    curvature: np.ndarray
+
+
+def scalar_contact(law: ContactLaw, z: np.ndarray, F: float) -> ScalarContact:
+    """Evaluate ``0 <= lam ⟂ z + F lam >= 0`` as ``law`` closes it, at gaps ``z`` (n,) [m].
+
+    lam is an impulse [N s], F [m/(N s)]; the system is ``x+ = lam`` with the gap as its state.
+    """
+    system = lcs(
+        "scalar contact",
+        A=[[0.0]], B=[[0.0]], C=[[1.0]], D=[[1.0]], E=[[0.0]], F=[[F]],
+        states=(Signal("z", "m"),), inputs=(Signal("none", "1"),),
+        contacts=(Signal("contact", "N s"),),
+    )  # fmt: skip
+    step = law.close(system)
+    x, u, p, lam = system.x, system.u, step.p.vector, step.lam
+    slope = step.contact_jacobian(x)
+    curvature = ca.jacobian(slope, x) + ca.jacobian(slope, lam) @ slope
+    derive = ca.Function("scalar_contact", [x, u, p, lam], [step.mu, slope, ca.densify(curvature)])
+    points, none = np.reshape(z, (-1, 1)), np.zeros(1)
+    _, impulse, _, _ = BatchFunction(step.solve)(points, none, step.p.values)
+    values = BatchFunction(derive)(points, none, step.p.values, impulse)
+    return ScalarContact(*(array[:, 0] for array in (impulse, *values)))
