@@ -120,10 +120,10 @@ class Session:
 
         def plan(value: float) -> Plan:
             options: dict[str, Any] = {}
-            if self.solver.name == "ipopt" and value != values[0]:
+            if value != values[0]:
                 options["mu_init"] = 1e-5
             last = value == target
-            if self.solver.name == "ipopt" and not last:
+            if not last:
                 options |= {"tol": 1e-6, "max_iter": _STAGE_ITERATIONS}
             return Plan(label, value, parameters={knob: value}, options=options, partial=not last)
 
@@ -191,8 +191,7 @@ class Session:
         """One warm stage at the present values; for the exact law on a small relaxation first."""
         if not self.complementary:
             nlp = self.nlp_of("product")
-            options = {"mu_init": 1e-7} if self.solver.name == "ipopt" else {}
-            plan = Plan(self.step.law.name, 0.0, options=options)
+            plan = Plan(self.step.law.name, 0.0, options={"mu_init": 1e-7})
             result = follower.stage(plan, nlp, translate(start, source, nlp), True)
             return Outcome(result, nlp, result.ok, follower.trace)
         nlp = self.nlp_of("product")

@@ -137,6 +137,13 @@ class Step:
         )
 
     @cached_property
+    def active_set(self) -> ca.Function:
+        """Map ``(x, u, p)`` to 1 for every contact that acts (lam > gap) and 0 for the others."""
+        x, u, p = self._symbols()
+        _, lam, gap, _ = self.solve(x, u, p)
+        return ca.Function("active_set", [x, u, p], [lam > gap], ["x", "u", "p"], ["active"])
+
+    @cached_property
     def map(self) -> ca.Function:
         """Explicit step ``(x, u, p) -> (x_next, lam)``, differentiable to second order.
 

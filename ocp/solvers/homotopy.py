@@ -29,7 +29,8 @@ _STEP_BACKS = 4
 class Plan:
     """One stage: the form of the NLP, parameter values, bounds on the contact rows, options.
 
-    A ``partial`` stage may end at its iteration limit: the next one starts from there.
+    ``options`` are IPOPT's; another solver runs every stage with its own defaults. A ``partial``
+    stage may end at its iteration limit: the next one starts from there.
     """
 
     knob: str
@@ -110,10 +111,10 @@ class Homotopy:
         if plan.contact is not None and "contact" in nlp.constraints:
             rows = nlp.constraints["contact"].index.ravel()
             bounds["lbg"][rows], bounds["ubg"][rows] = plan.contact
-        options = {**plan.options}
+        options: dict[str, Any] = {}
         usable = start if warm else Point(start.x)
-        if warm and self.solver.name == "ipopt" and start.lam_g is not None:
-            options = {**WARM, **options}
+        if self.solver.name == "ipopt":
+            options = {**WARM, **plan.options} if usable.lam_g is not None else plan.options
         result = self.solver.run(nlp, usable, p, bounds, **options)
         self.record(plan.knob, plan.value, nlp, result, bounds)
         return result

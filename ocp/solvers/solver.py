@@ -36,6 +36,7 @@ IPOPT_DEFAULTS: dict[str, Any] = {
     "honor_original_bounds": "yes",
     "mumps_mem_percent": 200,
 }
+_QUIET: dict[str, dict[str, Any]] = {"fatrop": {"print_level": 0}, "uno": {"logger": "SILENT"}}
 _STATUS = {
     "Solve_Succeeded": Status.SOLVED,
     "Solved_To_Acceptable_Level": Status.SOLVED,
@@ -130,22 +131,16 @@ class Solver:
     def _create(self, nlp: NLP, options: dict[str, Any]) -> ca.Function:
         x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", len(nlp.names) + nlp.data.size)
         f, g = nlp.f_g(x, p)
-        common: dict[str, Any] = {
-            "print_time": False,
-            "calc_lam_p": False,
-            "no_nlp_grad": True,
-            "error_on_fail": False,
-        }
+        common: dict[str, Any] = {"print_time": False, "calc_lam_p": False, "error_on_fail": False}
         if self.name == "ipopt":
             inner = {**IPOPT_DEFAULTS, **options}
             derivatives = {"grad_f": nlp.gradient, "jac_g": nlp.jacobian, "hess_lag": nlp.hessian}
-            common |= {"ipopt": inner, **derivatives}
+            common |= {"ipopt": inner, "no_nlp_grad": True, **derivatives}
         else:
-            common[self.name] = {**({"print_level": 0} if self.name == "fatrop" else {}), **options}
+            common[self.name] = {**_QUIET.get(self.name, {}), **options}
         try:
             return ca.nlpsol("solver", self.name, {"x": x, "p": p, "f": f, "g": g}, common)
         except RuntimeError as error:
             line = next((s for s in str(error).splitlines() if "ption" in s), str(error).strip())
-            raise InputError(
-                f"{self.name} refused its options {options}: {line.strip()}"
-            ) from error
+            reason = line.rpartition(".cpp:")[2].partition(": ")[2].strip() or line.strip()
+            raise InputError(f"{self.name} refused its options: {reason}") from error

@@ -17,9 +17,10 @@ class EmpiricalBias:
 
     On an event of probability ``1 - beta`` the samples lie within ``S`` of their mean there, which
     is ``Delta`` off the mean of z. ``beta_upper`` is the 95 % upper bound on beta when no more
-    than a share beta of n samples was seen outside. ``variance`` is the trace of z's covariance,
-    ``bound`` lemma III.4's, ``max(0, (1 - beta) Delta - beta |E z|)^2 / beta``, and ``sharp`` the
-    tighter ``(1 - beta)/beta Delta^2``.
+    than a share beta of n samples was seen outside. ``variance`` is the trace of the samples'
+    covariance, ``bound`` lemma III.4's, ``max(0, (1 - beta) Delta - beta |E z|)^2 / beta``, and
+    ``sharp`` the tighter ``(1 - beta)/beta Delta^2``, which needs no ``|E z|`` and does not change
+    when z is shifted; both take ``beta_upper`` where no sample was outside.
     """
 
     beta: float
@@ -32,9 +33,12 @@ class EmpiricalBias:
 
     @property
     def lemma_holds(self) -> bool:
-        """Whether the variance is as large as both bounds demand, up to rounding."""
-        allowed = self.variance * (1 + 1e-9) + 1e-300
-        return self.beta == 0 or (self.bound <= allowed and self.sharp <= allowed)
+        """Whether the samples' variance is as large as both bounds demand, up to rounding.
+
+        About the samples' own mean it always is. About a mean known from elsewhere it is not where
+        the samples lack what makes the true variance: the empirical bias itself.
+        """
+        return max(self.bound, self.sharp) <= self.variance * (1 + 1e-9) + 1e-300
 
 
 def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> EmpiricalBias:
@@ -43,8 +47,6 @@ def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> Empir
     Events are balls around the componentwise median. The one whose bound
     ``(1 - beta)/beta Delta^2`` is the largest is taken; it holds the whole sample where that is
     nearest to what is seen. ``mean`` (d,) is E z where known, by default the samples' own mean.
-    Lemma III.4 is a statement about one distribution, so its bounds are compared with the second
-    moment about that mean.
 
     Raises :class:`~ocp.errors.InputError` for fewer than two samples.
     """
@@ -66,15 +68,17 @@ def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> Empir
     weight = np.divide(kept, n - kept, out=np.full(n, float(n)), where=kept < n)
     best = int(np.argmax(np.where(whole, weight * distance**2, -1.0)))
     b, Delta, middle = float(beta[best]), float(distance[best]), inside[best]
-    shift = max(0.0, (1 - b) * Delta - b * float(np.linalg.norm(centre)))
+    upper = _upper(n - int(kept[best]), n)
+    share = b if b > 0 else upper
+    shift = max(0.0, (1 - share) * Delta - share * float(np.linalg.norm(centre)))
     return EmpiricalBias(
         beta=b,
-        beta_upper=_upper(n - int(kept[best]), n),
+        beta_upper=upper,
         Delta=Delta,
         S=float(np.linalg.norm(z[: best + 1] - middle, axis=1).max()),
-        variance=float(np.square(z - centre).sum(axis=1).mean()),
-        bound=shift**2 / b if b > 0 else np.inf * (shift > 0) if shift > 0 else 0.0,
-        sharp=(1 - b) / b * Delta**2 if b > 0 else np.inf if Delta > 0 else 0.0,
+        variance=float(np.square(z - z.mean(axis=0)).sum(axis=1).mean()),
+        bound=shift**2 / share,
+        sharp=(1 - share) / share * Delta**2,
     )
 
 

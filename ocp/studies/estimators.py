@@ -119,7 +119,7 @@ class FirstOrder(Estimator):
     summary: str = "first order, gradients through contact"
     stream: ClassVar[int] = 1
 
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:  # noqa: ARG002
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:
         """Return the gradients."""
         return lambda g, m: objective.differentiated(g, m).direction
 
@@ -138,7 +138,7 @@ class EvolutionStrategies(Estimator):
     stream: ClassVar[int] = 2
     evaluations: int = 2
 
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:  # noqa: ARG002
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:
         """Return the antithetic differences."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:

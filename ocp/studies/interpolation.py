@@ -135,10 +135,12 @@ class FixedWeight:
         if not 0 <= self.alpha <= 1:
             raise InputError(f"alpha-fixed: alpha must lie in [0, 1], got {self.alpha}")
 
-    def choose(self, seen: Evidence) -> Choice:  # noqa: ARG002
+    def choose(self, seen: Evidence) -> Choice:
         """Choose the constant."""
         return Choice(self.alpha, "constant")
 
 
 Rule = ConfidenceTest | InverseVariance | FixedWeight
-RULES: dict[str, type[Rule]] = {rule.name: rule for rule in (ConfidenceTest, InverseVariance, FixedWeight)}
+RULES: dict[str, type[Rule]] = {
+    rule.name: rule for rule in (ConfidenceTest, InverseVariance, FixedWeight)
+}

@@ -88,7 +88,7 @@ class SampledObjective(ABC):
         """Cost without noise."""
         return float(self.costs(np.zeros((1, self.n_noise)))[0])
 
-    def reference(self, sigma: float) -> ClosedForm | None:  # noqa: ARG002
+    def reference(self, sigma: float) -> ClosedForm | None:
         """What is known in closed form, None where nothing is."""
         return None
 

@@ -192,7 +192,9 @@ def _decision(problem: Problem, policy: Policy, shape: tuple[int, ...]) -> tuple
         row = [(s.name, s.unit) for s in system.inputs]
         return tuple(Signal(f"{n}[{t}]", unit) for t in range(shape[0]) for n, unit in row)
     gains = [
-        (f".{u.name}.{x.name}", f"{u.unit}/({x.unit})") for u in system.inputs for x in system.states
+        (f".{u.name}.{x.name}", f"{u.unit}/({x.unit})")
+        for u in system.inputs
+        for x in system.states
     ]
     offsets = [(f".{u.name}", u.unit) for u in system.inputs]
     steps = [f"[{t}]" for t in range(shape[0])] if len(shape) == 2 else [""]
