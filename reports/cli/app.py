@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import typer
 
-from ocp.errors import DamagedRun, InputError, NotConverged
 from reports.cli import (
     continue_command,
     doctor_command,
     figure_command,
+    interrupt,
     list_command,
     replay_command,
     report_command,
@@ -20,9 +20,6 @@ from reports.cli import (
     show_command,
     solve_command,
 )
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
 
 app = typer.Typer(
     help="Optimal control through contact: solve, replay, continue and report named problems.",
@@ -53,10 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     command = typer.main.get_command(app)
     try:
-        code = command.main(args=given, prog_name="ocp", standalone_mode=False)
+        with interrupt.watched():
+            code = command.main(args=given, prog_name="ocp", standalone_mode=False)
+            interrupt.check()
     except KeyboardInterrupt:
-        print("stopped: interrupted; what was finished is kept", file=sys.stderr)
-        return INTERRUPTED
+        print("stopped by the user; what was finished is kept", file=sys.stderr)
+        return interrupt.EXIT_CODE
     except Exception as error:
         if "--debug" in given:
             traceback.print_exc()
@@ -69,13 +68,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _explain(error: Exception) -> tuple[str, int]:
     """Return the sentence and the exit code of anything that was raised."""
-    if isinstance(error, InputError | NotConverged | DamagedRun):
-        return str(error), error.exit_code
-    if hasattr(error, "format_message"):  # typer's own usage errors, whichever click it carries
+    # By what they have, not by type: typer brings click along under a name of its own, and to
+    # import ocp.errors would load CasADi for every ocp --help.
+    if hasattr(error, "format_message"):
         message = error.format_message()  # pyright: ignore[reportAttributeAccessIssue]
         if not message or type(error).__name__ == "NoArgsIsHelpError":
             return "", 2
         return f"{message.rstrip('.')}; ocp --help shows what there is", 2
+    if isinstance(code := getattr(error, "exit_code", None), int):
+        return str(error), code
     if isinstance(error, BrokenPipeError):
         return "", 1
     return (

@@ -51,6 +51,7 @@ def run(
     from ocp.studies import store
     from ocp.studies.continuation import Continuation, continue_over, path_dataset, resolve
     from reports import console
+    from reports.cli import interrupt
     from reports.cli.choices import choose
     from reports.cli.request import Request, check_pdf_place
 
@@ -73,6 +74,7 @@ def run(
         finished.append(point)
         if not quiet:
             print(console.point_line(over, point.row()), file=sys.stderr, flush=True)
+        interrupt.check()
 
     interrupted = False
     try:
@@ -83,7 +85,7 @@ def run(
         interrupted = True
         path = Continuation(
             resolve(session, over), finished, sum(p.solution.iterations for p in finished),
-            session.nlp_builds, f"stopped by the user after {over} = {finished[-1].value:g}",
+            session.nlp_builds, f"after {over} = {finished[-1].value:g}: stopped by the user",
         )  # fmt: skip
     record = {**path.points[0].solution.record, **asked.origin}
     rows = [point.row() for point in path.points]

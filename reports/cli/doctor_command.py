@@ -8,7 +8,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ocp.errors import InputError
 from reports.cli.common import Debug, Json, Output, Quiet
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
@@ -35,6 +34,8 @@ def package_roots() -> dict[str, str]:
 
 def common_root(roots: dict[str, str]) -> str:
     """Return the one root; raises InputError where another distribution shadows a package."""
+    from ocp.errors import InputError
+
     if len(set(roots.values())) > 1:
         places = ", ".join(f"{name} from {root}" for name, root in roots.items())
         raise InputError(

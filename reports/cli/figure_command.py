@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ocp.errors import InputError
 from reports.cli.common import Debug, Json, Output, Quiet, Seed
 
 if TYPE_CHECKING:
@@ -31,6 +30,7 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
+    from ocp.errors import InputError
     from ocp.studies import store
     from problems import studies
     from reports.cli.choices import assignments
@@ -85,6 +85,8 @@ def _reproduce(study: Study, values: dict[str, Any], out: Path, output: Output) 
 
 def _replace(path: Path, content: bytes) -> None:
     """Write whole or not at all."""
+    from ocp.errors import InputError
+
     handle, partial = tempfile.mkstemp(prefix=".partial-", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:

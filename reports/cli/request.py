@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +48,6 @@ class Request:
     ) -> Request:
         """Check the words of a command line; raises InputError for the first that does not fit."""
         from ocp.solvers.solver import SOLVERS
-        from ocp.solvers.strategies import STRATEGIES
         from ocp.transcription import METHODS
         from problems import parse_parameters, spec
 
@@ -57,8 +57,7 @@ class Request:
         transcription = choose("method", method, METHODS)()
         choose("solver", solver, SOLVERS)
         own, others = split_policy_settings(assignments("-s", settings))
-        if "strategy" in others:
-            choose("strategy", others["strategy"], STRATEGIES)
+        _check_settings(others)
         chosen_policy = policy(policy_name, own)
         built = found.problem(given)
         try:
@@ -77,6 +76,22 @@ class Request:
     def described(self, solution: Solution) -> Solution:
         """Return the solution with its problem's origin in the record."""
         return replace(solution, record={**solution.record, **self.origin})
+
+
+def _check_settings(settings: dict[str, str]) -> None:
+    """Catch a misspelt setting of ours before the solver is asked about an option of that name."""
+    from ocp.settings import OWN
+    from ocp.solvers.strategies import STRATEGIES
+
+    if "strategy" in settings:
+        choose("strategy", settings["strategy"], STRATEGIES)
+    for key in set(settings) - set(OWN):
+        close = get_close_matches(key, OWN, n=1, cutoff=0.8)
+        if close:
+            raise InputError(
+                f"unknown setting {key!r} (did you mean {close[0]!r}?); there are"
+                f" {', '.join(OWN)}, policy.<name>, and every option of the solver"
+            )
 
 
 def check_pdf_place(pdf: Path | None) -> None:

@@ -25,7 +25,7 @@ from reports.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ocp.solution import Solution
+    from ocp.solution import Solution, StageRecord
 
 NOT_CONVERGED = 3
 
@@ -51,6 +51,7 @@ def run(
     from ocp.solve import solve
     from ocp.studies import store
     from reports import console
+    from reports.cli import interrupt
     from reports.cli.request import Request, check_pdf_place
 
     asked = Request.read(
@@ -61,9 +62,14 @@ def run(
     check_pdf_place(pdf)
     output = Output(as_json, quiet)
     with console.progress(quiet, f"{asked.spec.name}: building") as report:
+
+        def told(stage: StageRecord) -> None:
+            report(stage)
+            interrupt.check()
+
         solution = solve(
             asked.problem, contact=asked.law, transcription=asked.method, policy=asked.policy,
-            solver=asked.solver, settings=asked.settings, starts=starts, seed=seed, progress=report,
+            solver=asked.solver, settings=asked.settings, starts=starts, seed=seed, progress=told,
         )  # fmt: skip
     solution = asked.described(solution)
     path = store.save(solution, out, ["ocp", *sys.argv[1:]])

@@ -21,6 +21,7 @@ import xarray as xr
 from ocp.errors import DamagedRun, InputError
 from ocp.solution import Audit, Solution, StageRecord, Status, Violation
 from ocp.studies import store
+from problems import get
 
 
 def dataset(shift: float = 0.0) -> xr.Dataset:
@@ -42,9 +43,12 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
         worst=[Violation("dynamics", "q", 0, 2, 1e-12)],
     )  # fmt: skip
     stage = StageRecord("contact.mu", 1e-3, 2.5, 1e-3, 1e-9, 7, seconds, "solved")
-    record = {"problem": "toy", "contact": "exact", "seed": 4, "parameters": {"m": 1.0}}
+    record = {"problem": "toy", "contact": "exact", "seed": 4, "knobs": {"contact.mu": 1e-3}}
+    problem = get("wall-1d")
+    values = dict(zip(problem.parameters.names, problem.parameters.values.tolist(), strict=True))
     return Solution(
         dataset(), cost, Status.SOLVED, audit, [stage], 7, seconds, 2 * seconds, record,
+        problem=problem, values={**values, "contact.mu": 1e-3},
         others=[{"start": 1, "cost": 3.0, "seconds": seconds}],
     )  # fmt: skip
 
@@ -52,11 +56,13 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
 def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
     original = solution()
     run = store.load(store.save(original, tmp_path, ["ocp", "solve", "toy"]))
-    again = run.solution()
+    again = run.solution(original.problem)
     xr.testing.assert_identical(again.data, original.data)
     assert again.stages == original.stages
     assert again.record == original.record
     assert again.others == original.others
+    assert again.values == original.values
+    assert again.verdict == original.verdict == run.meta["verdict"]
     assert (again.cost, again.status, again.iterations) == (2.5, Status.SOLVED, 7)
     assert again.audit.worst == original.audit.worst
     assert math.isnan(again.audit.exact_cost), "what JSON cannot hold comes back as NaN"
@@ -172,7 +178,15 @@ def test_a_missing_run_is_wrong_usage(tmp_path: Path) -> None:
 def test_a_study_is_no_solution(tmp_path: Path) -> None:
     path = store.write(tmp_path, "toy", dataset(), {"kind": "continue"})
     with pytest.raises(InputError, match="continue"):
-        store.load(path).solution()
+        store.load(path).solution(get("wall-1d"))
+
+
+@pytest.mark.parametrize("part", ["audit", "stages", "status", "iterations"])
+def test_a_solution_with_a_part_missing_is_damaged(tmp_path: Path, part: str) -> None:
+    path = store.save(solution(), tmp_path, [])
+    edit(**{part: "gone"})(path / "meta.json")
+    with pytest.raises(DamagedRun, match=r"meta\.json.*incomplete"):
+        store.load(path).solution(get("wall-1d"))
 
 
 @pytest.mark.parametrize("call", [store.check_writable, lambda r: store.save(solution(), r, [])])
@@ -202,6 +216,7 @@ KILLED_WHILE_WRITING = textwrap.dedent(
     import xarray as xr
     from pathlib import Path
     from ocp.studies import store
+from problems import get
     def hang(*_):
         print("writing", flush=True)
         time.sleep(60)

@@ -1,0 +1,254 @@
+"""Bad input: a sentence that names what was wrong, exit code 2, no traceback, nothing stored."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SOLVE = ("solve", "wall-1d")
+CONTINUE = ("continue", "wall-1d", "--over", "contact.mu")
+
+CASES = {
+    "problem": (["solve", "wal-1d"], ["'wal-1d'", "did you mean 'wall-1d'", "push-disc"]),
+    "problem in show": (["show", "ball-bonce"], ["did you mean 'ball-bounce'"]),
+    "command": (["sole"], ["sole", "solve"]),
+    "option": ([*SOLVE, "--bogus"], ["--bogus"]),
+    "no problem": (["solve"], ["problem"]),
+    "law": ([*SOLVE, "--contact", "barier"], ["did you mean 'barrier'", "randomized"]),
+    "law's setting": ([*SOLVE, "-c", "nu=1"], ["'nu'", "did you mean 'mu'", "kappa"]),
+    "setting's type": ([*SOLVE, "-c", "mu=abc"], ["mu must be a number", "'abc'"]),
+    "mu = 0": ([*SOLVE, "-c", "mu=0"], ["mu", "exact law"]),
+    "mu not finite": ([*SOLVE, "-c", "mu=nan"], ["mu", "finite"]),
+    "mu and kappa": ([*SOLVE, "-c", "mu=1", "-c", "kappa=1"], ["mu or kappa"]),
+    "negative sigma": (
+        [*SOLVE, "--contact", "adaptive", "-c", "sigma=-0.1"],
+        ["sigma must be positive", "-0.1"],
+    ),
+    "sigma in quartic": (
+        [*SOLVE, "--contact", "adaptive", "-c", "law=quartic", "-c", "sigma=1"],
+        ["sigma does not belong"],
+    ),
+    "no assignment": ([*SOLVE, "-c", "mu"], ["name=value", "'mu'"]),
+    "given twice": ([*SOLVE, "-c", "mu=1", "-c", "mu=2"], ["twice"]),
+    "base without name": (
+        [*SOLVE, "--contact", "randomized", "-c", "base.mu=1"],
+        ["-c base=barrier"],
+    ),
+    "base of a plain law": ([*SOLVE, "-c", "base.mu=1"], ["no base law"]),
+    "base law": (
+        [*SOLVE, "--contact", "randomized", "-c", "base=barier"],
+        ["did you mean 'barrier'"],
+    ),
+    "whole number": (
+        [*SOLVE, "--contact", "randomized", "-c", "samples=2.5"],
+        ["samples must be a whole number"],
+    ),
+    "kappa without energy": (
+        ["solve", "cart-walls", "-c", "kappa=10"],
+        ["kappa", "give mu instead"],
+    ),
+    "method": ([*SOLVE, "--method", "driect"], ["did you mean 'direct'", "single-shooting"]),
+    "policy": ([*SOLVE, "--policy", "feedbak"], ["did you mean 'feedback'"]),
+    "policy's setting": (
+        [*SOLVE, "--policy", "feedback", "-s", "policy.bounf=1"],
+        ["did you mean 'bound'"],
+    ),
+    "solver": ([*SOLVE, "--solver", "ipop"], ["did you mean 'ipopt'", "fatrop"]),
+    "strategy": (
+        [*SOLVE, "--contact", "exact", "-s", "strategy=scholte"],
+        ["did you mean 'scholtes'"],
+    ),
+    "setting": ([*SOLVE, "-s", "homotpy=true"], ["did you mean 'homotopy'"]),
+    "solver's option": ([*SOLVE, "-s", "no_such_option=1"], ["no_such_option"]),
+    "law that a method cannot take": (
+        [*SOLVE, "--contact", "adaptive", "-c", "gradient=frozen"],
+        ["frozen gradient", "single-shooting"],
+    ),
+    "parameter": ([*SOLVE, "-p", "mass=1"], ["unknown parameter 'mass'", "goal_x"]),
+    "parameter's type": ([*SOLVE, "-p", "m=heavy"], ["m (mass)", "[kg]", "'heavy'"]),
+    "parameter's range": ([*SOLVE, "-p", "m=-1"], ["number > 0 [kg]"]),
+    "parameter not finite": ([*SOLVE, "-p", "h=inf"], ["step size", "'inf'"]),
+    "zero horizon": ([*SOLVE, "-p", "N=0"], ["number of steps", ">= 1"]),
+    "starts": ([*SOLVE, "--starts", "0"], ["--starts"]),
+    "seed": ([*SOLVE, "--seed", "x"], ["--seed"]),
+    "file": (["solve", "no_such_file.py"], ["no_such_file.py", "no such file"]),
+    "run": (["replay", "nothing"], ["no run 'nothing'", "ocp runs"]),
+    "run to report": (["report", "nothing", "-o", "x.pdf"], ["no run 'nothing'"]),
+    "report without a file": (["report", "nothing"], ["--output"]),
+    "PDF in a directory's place": ([*SOLVE, "--pdf", "."], ["is a directory"]),
+    "knob": (
+        ["continue", "wall-1d", "--over", "contact.nu", "--from", "1", "--to", "2"],
+        ["did you mean 'contact.mu'", "goal_x"],
+    ),
+    "scale": ([*CONTINUE, "--from", "1", "--to", "2", "--scale", "lgo"], ["did you mean 'log'"]),
+    "log through zero": (
+        [*CONTINUE, "--from", "1", "--to", "-1", "--scale", "log"],
+        ["log scale", "positive"],
+    ),
+    "no way to go": ([*CONTINUE, "--from", "1", "--to", "1"], ["differ"]),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), CASES.values(), ids=CASES)
+def test_wrong_usage(ocp, tmp_path: Path, arguments: list[str], words: list[str]) -> None:
+    done = ocp(*arguments)
+    assert done.code == 2
+    assert done.out == ""
+    assert done.err.startswith("error: ")
+    assert len(done.err.strip().splitlines()) <= 2
+    assert "Traceback" not in done.err
+    for word in words:
+        assert word in done.err
+    assert not list(tmp_path.rglob("meta.json"))
+
+
+def test_debug_shows_where(ocp) -> None:
+    done = ocp("solve", "wall-1d", "-c", "mu=0", "--debug")
+    assert done.code == 2
+    assert "Traceback" in done.err
+    assert "error: barrier: mu" in done.err
+
+
+USER_FILE = """
+import casadi as ca
+from dynamics.systems import signals, time_stepping
+from ocp.problem import Problem
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+
+name = "mine"
+title = "My problem"
+
+class Params(Parameters):
+    m: float = quantity(1.0, "kg", "mass", above=0)
+    N: int = structure(5, "number of steps", least=1)
+
+def build(params):
+    p = table(params)
+    system = time_stepping(
+        name, states=signals("q [m]; v [m/s]"), inputs=signals("u [N s]"),
+        contacts=signals("wall [N s]"), h=0.1, mass=p["m"], impulse=lambda q, v, u: u,
+        distance=lambda q: q, parameters=p)
+    return Problem(name=name, system=system, N=params.N, stage_cost=ca.sumsqr(system.u),
+                   terminal_cost=ca.sumsqr(system.x), x0=ca.SX([1, 0]), parameters=p)
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("title =", "title ==", ["line 8", "NameError"]),
+        ("def build(params):", "def build(params:", ["SyntaxError"]),
+        ('name = "mine"', "1 / 0", ["ZeroDivisionError", "line 7"]),
+        ("def build", "def construct", ["build is missing"]),
+        ("x0=ca.SX([1, 0])", "x0=ca.SX([1, 0, 0])", ["x0 has 3 entries, expected 2"]),
+        ("stage_cost=ca.sumsqr(system.u)", 'stage_cost=ca.SX.sym("w")', ["uses w"]),
+        ("    return Problem", "    Problem", ["returned", "expected"]),
+        ("h=0.1", 'h=p["hh"]', ["hh"]),
+    ],
+)
+def test_a_users_file_that_does_not_work(
+    ocp, tmp_path: Path, old: str, new: str, words: list[str]
+) -> None:
+    assert old in USER_FILE
+    (tmp_path / "mine.py").write_text(USER_FILE.replace(old, new))
+    done = ocp("solve", "mine.py")
+    assert done.code == 2
+    assert len(done.err.strip().splitlines()) <= 2
+    for word in ["mine", *words]:
+        assert word in done.err
+
+
+def test_a_users_file_that_works_is_found_again_by_its_run(ocp, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(USER_FILE)
+    solved = ocp("solve", "mine.py", "-p", "m=2", "--json")
+    assert solved.code == 0
+    assert solved.json["params"] == {"m": 2.0, "N": 5}
+    replayed = ocp("replay", solved.json["run"], "--json")
+    assert replayed.json["cost"] == pytest.approx(solved.json["exact_cost"], rel=1e-9)
+    (tmp_path / "mine.py").unlink()
+    assert ocp("report", solved.json["run"], "-o", "mine.pdf").code == 0
+    gone = ocp("replay", solved.json["run"])
+    assert gone.code == 2
+    assert "no such file" in gone.err
+
+
+@pytest.mark.parametrize("command", [SOLVE, (*CONTINUE, "--from", "1", "--to", "2")])
+def test_an_unwritable_store_is_told_before_the_work(ocp, tmp_path: Path, command) -> None:
+    (tmp_path / "taken").write_text("")
+    done = ocp(*command, "--out", "taken")
+    assert done.code == 2
+    assert "cannot write" in done.err and "--out" in done.err
+    assert "cost" not in done.err, "the solve must not have begun"
+
+
+def test_an_unwritable_pdf_is_told_before_the_work(ocp, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    done = ocp(*SOLVE, "--pdf", "taken/x.pdf")
+    assert done.code == 2
+    assert "cannot write the PDF" in done.err
+    assert not (tmp_path / "runs").is_dir() or not list((tmp_path / "runs").rglob("meta.json"))
+
+
+def test_a_disk_that_fills_while_writing(ocp, tmp_path: Path, monkeypatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    done = ocp(*SOLVE)
+    assert done.code == 2
+    assert "disk is full" in done.err
+    assert list((tmp_path / "runs" / "wall-1d").iterdir()) == []
+
+
+def test_a_small_disk(ocp, tmp_path: Path) -> None:
+    """The same on a real file system of 64 kB, where this process may mount one."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = shutil.which("mount")
+    made = mount and subprocess.run(
+        [mount, "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)], capture_output=True
+    )
+    if not made or made.returncode != 0:
+        pytest.skip("no file system can be mounted here")
+    try:
+        done = ocp(*SOLVE, "--out", str(disk))
+        assert done.code == 2
+        assert "disk is full" in done.err
+        assert not [path for path in disk.rglob("*") if path.is_file()]
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.parametrize("command", ["replay", "runs", "report"])
+@pytest.mark.parametrize("harm", ["cut", "missing", "not json", "schema", "part"])
+def test_a_damaged_run(ocp, tmp_path: Path, store_of_runs: Path, command: str, harm: str) -> None:
+    run = tmp_path / "damaged"
+    shutil.copytree(next((store_of_runs / "push-1d").iterdir()), run)
+    data, meta = run / "solution.nc", run / "meta.json"
+    file = meta
+    if harm == "cut":
+        file = data
+        data.write_bytes(data.read_bytes()[:-1])
+    elif harm == "missing":
+        file = data
+        data.unlink()
+    elif harm == "not json":
+        meta.write_text("{")
+    elif harm == "schema":
+        meta.write_text(meta.read_text().replace('"schema": 1', '"schema": 7'))
+    else:
+        kept = json.loads(meta.read_text())
+        del kept["audit"], kept["checksum"]
+        meta.write_text(json.dumps(kept))
+    arguments = ["-o", "x.pdf"] if command == "report" else []
+    done = ocp(command, str(run), *arguments)
+    assert done.code == 4
+    assert str(file) in done.err
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "x.pdf").exists()
