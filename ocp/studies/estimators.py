@@ -44,7 +44,8 @@ class ZeroOrder(Estimator):
 
     One sample is ``(V(theta, w) - b) s``, s the score. b is 0 (``none``), the cost without noise
     (``zero-noise``), or the mean cost of the other n - 1 samples (``mean``, which stays unbiased);
-    ``antithetic`` is the mean of the samples at w and -w, without a baseline.
+    ``antithetic`` is the mean of the samples at w and -w, both less the cost without noise, which
+    cancels for open loop and counts under feedback, whose score is not odd in w.
     """
 
     baseline: str = "none"
@@ -72,10 +73,8 @@ class ZeroOrder(Estimator):
 
     def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:
         """Fix the baseline and return ``(V - b) s``; raises for ``mean`` of a single sample."""
-        if self.baseline == "antithetic":
-            return lambda g, m: _pair(objective, g, m)
         baseline, factor = 0.0, 1.0
-        if self.baseline == "zero-noise":
+        if self.baseline in ("zero-noise", "antithetic"):
             baseline = objective.nominal()
         elif self.baseline == "mean":
             if n < 2:
@@ -83,16 +82,13 @@ class ZeroOrder(Estimator):
             # V_i less the mean of the others is n/(n-1) times V_i less the mean of all.
             baseline, factor = mean_cost(objective, noise, n), n / (n - 1)
 
-        def contributions(g: Gaussian, m: int) -> np.ndarray:
-            found = objective.scored(g, m)
+        def half(g: Gaussian, m: int, mirrored: bool) -> np.ndarray:
+            found = objective.scored(g, m, mirrored)
             return (factor * (found.cost - baseline))[:, None] * found.direction
 
-        return contributions
-
-
-def _pair(objective: SampledObjective, noise: Gaussian, m: int) -> np.ndarray:
-    one, other = (objective.scored(noise, m, mirrored) for mirrored in (False, True))
-    return (one.cost[:, None] * one.direction + other.cost[:, None] * other.direction) / 2
+        if self.baseline == "antithetic":
+            return lambda g, m: (half(g, m, False) + half(g, m, True)) / 2
+        return lambda g, m: half(g, m, False)
 
 
 def mean_cost(objective: SampledObjective, noise: Gaussian, n: int) -> float:

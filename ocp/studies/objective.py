@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -138,8 +139,7 @@ class StaticObjective(SampledObjective):
         """Return the same graph at other values; nothing is built again."""
         names = [signal.name for signal in self.decision]
         check_names(self.name, values, [*names, *self._table.names])
-        other = object.__new__(StaticObjective)
-        other.__dict__ |= self.__dict__
+        other = copy(self)
         pairs = zip(names, self.theta, strict=True)
         other.theta = np.array([values.get(name, was) for name, was in pairs], dtype=float)
         other._table = ParameterTable(

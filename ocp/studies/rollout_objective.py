@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -67,8 +68,7 @@ class RolloutObjective(SampledObjective):
         """Return the same compiled rollout at other values; the decision stays."""
         names = [signal.name for signal in self.decision]
         check_names(self.name, values, [*self._values, *names])
-        other = object.__new__(RolloutObjective)
-        other.__dict__ |= self.__dict__
+        other = copy(self)
         other._values = {k: float(values.get(k, was)) for k, was in self._values.items()}
         pairs = zip(names, self.theta, strict=True)
         other.theta = np.array([values.get(name, was) for name, was in pairs], dtype=float)

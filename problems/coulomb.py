@@ -1,0 +1,102 @@
+"""Coulomb friction with a slip tolerance: continuous, and biased for all who sample little."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from scipy.stats import norm
+
+from dynamics.systems import Parameter, ParameterTable, Signal
+from ocp.studies.objective import ClosedForm, StaticObjective
+from problems.parameters import Parameters, quantity
+from problems.spec import Citation
+
+name = "coulomb"
+title = "Coulomb friction, relaxed within a slip tolerance"
+citation = Citation("suh2022pathologies", "Pathologies of differentiable simulators, ex. III.5")
+equations = (
+    "f(theta, w) = H(theta + w),  H(t) = max(-1, min(1, 2 t/nu)),  w ~ N(0, sigma²)",
+    "dF/dtheta = (2/nu) p,  p = Phi((theta + nu/2)/sigma) - Phi((theta - nu/2)/sigma)",
+)
+typst = (
+    'f(theta, w) = macron(H)_nu (theta + w), quad macron(H)_nu (t) = "clip"(2 t \\/ nu, -1, 1),'
+    ' quad w tilde "N"(0, sigma^2)',
+    "(dif F) / (dif theta) = 2 / nu (Phi((theta + nu \\/ 2) / sigma)"
+    " - Phi((theta - nu \\/ 2) / sigma))",
+)
+_NODES, _REACH = np.polynomial.legendre.leggauss(96), 12.0
+
+
+class Params(Parameters):
+    """Parameters of ``coulomb``: theta is a sliding velocity, f friction over normal force."""
+
+    theta: float = quantity(0.0, "m/s", "decision, a sliding velocity")
+    nu: float = quantity(0.01, "m/s", "slip tolerance, the width within which f is linear", above=0)
+    sigma: float = quantity(0.1, "m/s", "standard deviation of the noise on theta", above=0)
+
+
+def build(params: Params) -> StaticObjective:
+    """The objective of pathologies, ex. III.5; the relaxation is one of the sign, 2 H - 1."""
+    nu = Parameter("nu", params.nu, "m/s", "slip tolerance")
+    table = ParameterTable([nu])
+    theta = ca.SX.sym("theta")
+    inside = ca.fabs(theta) <= table["nu"] / 2
+    cost = ca.if_else(inside, 2 * theta / table["nu"], ca.sign(theta))
+    return StaticObjective(
+        name,
+        (Signal("theta", "m/s", "sliding velocity"),),
+        theta,
+        cost,
+        np.array([params.theta]),
+        table,
+        closed_form,
+    )
+
+
+def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
+    """Mean and variances of the estimators.
+
+    With ``G(y) = y Phi(y/sigma) + sigma phi(y/sigma)``: ``F = (2/nu) (G(theta + nu/2) -
+    G(theta - nu/2)) - 1`` and ``F' = (2/nu) p``, p the probability that the derivative, 2/nu, is
+    not zero; so one FoBG sample varies by ``(4/nu^2) p (1 - p)``. The text's closed form of F and
+    its gradient at nu/2 are wrong (they are half of these), and it states 1 - p for p.
+    """
+    theta, nu = values["theta"], values["nu"]
+    above, below = (theta + nu / 2) / sigma, (theta - nu / 2) / sigma
+    p = float(norm.cdf(above) - norm.cdf(below))
+
+    def G(y: float) -> float:
+        return y * float(norm.cdf(y)) + float(norm.pdf(y))
+
+    gradient = 2 / nu * p
+    return ClosedForm(
+        objective=2 * sigma / nu * (G(above) - G(below)) - 1,
+        gradient=np.array([gradient]),
+        zobg_variance=np.array([zobg_variance(theta, nu, sigma, 0.0)]),
+        fobg_mean=np.array([gradient]),
+        fobg_variance=np.array([4 / nu**2 * p * (1 - p)]),
+    )
+
+
+def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> float:
+    """Variance of one ZoBG sample ``(f - b) w/sigma^2`` with a constant baseline b.
+
+    ``E[(f - b)^2 w^2]/sigma^4 - F'^2``: in closed form where ``f = +-1``, and by Gauss's rule over
+    the linear part, which is exact to rounding and does not cancel for small nu.
+    """
+    low, high = (
+        np.clip(v, -_REACH * sigma, _REACH * sigma) for v in (-theta - nu / 2, nu / 2 - theta)
+    )
+    t, weights = _NODES
+    w = low + (high - low) * (t + 1) / 2
+    density = norm.pdf(w / sigma) / sigma * weights * (high - low) / 2
+    f = np.clip(2 * (theta + w) / nu, -1, 1)
+
+    def tail(y: float) -> float:
+        """E[w^2; w > y]."""
+        return sigma**2 * float(norm.sf(y / sigma) + y / sigma * norm.pdf(y / sigma))
+
+    second = (1 - baseline) ** 2 * tail(high) + (1 + baseline) ** 2 * (sigma**2 - tail(low))
+    second += float(np.sum((f - baseline) ** 2 * w**2 * density))
+    p = norm.cdf((theta + nu / 2) / sigma) - norm.cdf((theta - nu / 2) / sigma)
+    return second / sigma**4 - float(2 / nu * p) ** 2

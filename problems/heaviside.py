@@ -1,0 +1,79 @@
+"""A step: the smallest objective whose first-order gradient is biased."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+from scipy.stats import norm
+
+from dynamics.systems import ParameterTable, Signal
+from ocp.studies.objective import ClosedForm, StaticObjective
+from problems.parameters import Parameters, quantity
+from problems.spec import Citation
+
+name = "heaviside"
+title = "A step, whose pathwise gradient is zero almost everywhere"
+citation = Citation("suh2022pathologies", "Pathologies of differentiable simulators, ex. III.2")
+equations = (
+    "f(theta, w) = H(theta + w),  H(t) = 1 for t >= 0, else 0,  w ~ N(0, sigma²)",
+    "F = Phi(theta/sigma),  dF/dtheta = phi(theta/sigma)/sigma",
+)
+typst = (
+    'f(theta, w) = H(theta + w), quad H(t) = 1_(t >= 0), quad w tilde "N"(0, sigma^2)',
+    "F = Phi(theta \\/ sigma), quad (dif F) / (dif theta) = phi(theta \\/ sigma) \\/ sigma",
+)
+
+
+class Params(Parameters):
+    """Parameters of ``heaviside``; theta is the decision, without a unit."""
+
+    theta: float = quantity(0.0, "1", "decision")
+    sigma: float = quantity(0.2, "1", "standard deviation of the noise on theta", above=0)
+
+
+def build(params: Params) -> StaticObjective:
+    """The objective of pathologies, ex. III.2."""
+    theta = ca.SX.sym("theta")
+    return StaticObjective(
+        name,
+        (Signal("theta", "1", "decision"),),
+        theta,
+        theta >= 0,
+        np.array([params.theta]),
+        ParameterTable(()),
+        closed_form,
+    )
+
+
+def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
+    """Mean and variances of the estimators (pathologies, ex. III.2, and by parts).
+
+    With ``t = theta/sigma`` and ``A = Phi(t) - t phi(t)``: ``F = Phi(t)``, ``F' = phi(t)/sigma``,
+    one ZoBG sample varies by ``(A - phi(t)^2)/sigma^2``; FoBG is zero without variance. The text
+    writes ``erf(-theta; sigma^2)`` for the tail Phi(t), and calls the mean of the Dirac impulse
+    zero, which it is not: it is the mean of the derivative almost everywhere that vanishes.
+    """
+    t = values["theta"] / sigma
+    density = float(norm.pdf(t))
+    A = float(norm.cdf(t)) - t * density
+    zero = np.zeros(1)
+    return ClosedForm(
+        objective=float(norm.cdf(t)),
+        gradient=np.array([density / sigma]),
+        zobg_variance=np.array([(A - density**2) / sigma**2]),
+        fobg_mean=zero,
+        fobg_variance=zero,
+    )
+
+
+def zobg_variance(theta: float, sigma: float, baseline: float) -> float:
+    """Variance of one ZoBG sample with a constant baseline b.
+
+    ``((1 - 2 b) A + b^2 - phi(t)^2)/sigma^2``, least at b = A.
+    """
+    t = theta / sigma
+    density = math.exp(-t * t / 2) / math.sqrt(2 * math.pi)
+    A = float(norm.cdf(t)) - t * density
+    return ((1 - 2 * baseline) * A + baseline**2 - density**2) / sigma**2

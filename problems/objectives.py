@@ -1,0 +1,69 @@
+"""Every static objective by name: a decision and a closed form instead of a plan and dynamics."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from pydantic import BaseModel
+
+from ocp.errors import InputError
+from ocp.studies.objective import SampledObjective
+from problems.spec import Citation, check_parameters, did_you_mean
+
+_MODULES = {
+    "heaviside": "problems.heaviside",
+    "coulomb": "problems.coulomb",
+}
+
+
+@dataclass(frozen=True)
+class ObjectiveSpec:
+    """One named objective, at any parameters; ``Params`` holds the decision and ``sigma`` too.
+
+    ``build(params)`` gives the :class:`~ocp.studies.objective.SampledObjective`.
+    """
+
+    name: str
+    title: str
+    Params: type[BaseModel]
+    build: Callable[[Any], SampledObjective]
+    equations: tuple[str, ...]
+    typst: tuple[str, ...]
+    citation: Citation
+
+    def params(self, values: Mapping[str, Any]) -> Any:
+        """Check ``values`` and fill in the defaults.
+
+        Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
+        """
+        return check_parameters(self.name, self.Params, values)
+
+    def objective(self, values: Mapping[str, Any] | None = None) -> SampledObjective:
+        """Build the objective at ``values``; raises as :meth:`params` does."""
+        return self.build(self.params(values or {}))
+
+
+def objective_names() -> list[str]:
+    """Names of the static objectives."""
+    return list(_MODULES)
+
+
+def objective_spec(name: str) -> ObjectiveSpec:
+    """Return the objective called ``name``; raises :class:`~ocp.errors.InputError` for no name."""
+    if name not in _MODULES:
+        raise InputError(
+            f"unknown objective {name!r}{did_you_mean(name, _MODULES)}; there are"
+            f" {', '.join(_MODULES)}"
+        )
+    return _registered(name)
+
+
+@cache
+def _registered(name: str) -> ObjectiveSpec:
+    module = importlib.import_module(_MODULES[name])
+    keys = ("name", "title", "Params", "build", "equations", "typst", "citation")
+    return ObjectiveSpec(**{key: getattr(module, key) for key in keys})
