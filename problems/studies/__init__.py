@@ -9,7 +9,7 @@ from ocp.errors import InputError
 from problems.spec import did_you_mean
 from problems.studies.study import Claim, Study
 
-_IDS = ("P6", "A1")
+_IDS = ("P6", "A1", "A2")
 
 
 def ids() -> list[str]:

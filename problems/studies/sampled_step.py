@@ -58,14 +58,8 @@ class SampledStep:
         (``contact__mu``), and each is a number or (n,).
         """
         system = self._step.system
-        states = np.atleast_2d(np.asarray(x, dtype=float))
-        inputs = np.atleast_2d(np.asarray(u, dtype=float))
-        given = {name.replace("__", "."): np.asarray(v) for name, v in parameters.items()}
-        n = max(len(states), len(inputs), *(value.size for value in given.values()), 1)
-        p = np.tile(self._step.p.values, (n, 1))
-        for name, value in given.items():
-            p[:, self._step.p.index(name)] = value
-        states, inputs = (np.broadcast_to(a, (n, a.shape[1])) for a in (states, inputs))
+        states, inputs, p = self._rows(x, u, parameters)
+        n = len(states)
         x_next, lam, gap, _ = self._solve(states, inputs, p)
         mu, by_x, by_u, lam_by_x = self._derive(states, inputs, p, lam)
 
@@ -78,3 +72,31 @@ class SampledStep:
             matrices(by_u, system.nx, system.nu),
             matrices(lam_by_x, self._step.n, system.nx),
         )  # fmt: skip
+
+    def roll_out(
+        self, x: ArrayLike, u: ArrayLike, steps: int, **parameters: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Repeat the step under a constant input: states (n, steps + 1, nx), lam (n, steps, nlam).
+
+        Arguments as for a call.
+        """
+        states, inputs, p = self._rows(x, u, parameters)
+        n = len(states)
+        path = np.empty((n, steps + 1, self._step.system.nx))
+        impulses = np.empty((n, steps, self._step.n))
+        path[:, 0] = states
+        for k in range(steps):
+            path[:, k + 1], impulses[:, k], _, _ = self._solve(path[:, k], inputs, p)
+        return path, impulses
+
+    def _rows(
+        self, x: ArrayLike, u: ArrayLike, parameters: dict[str, ArrayLike]
+    ) -> list[np.ndarray]:
+        states = np.atleast_2d(np.asarray(x, dtype=float))
+        inputs = np.atleast_2d(np.asarray(u, dtype=float))
+        given = {name.replace("__", "."): np.asarray(v) for name, v in parameters.items()}
+        n = max(len(states), len(inputs), *(value.size for value in given.values()), 1)
+        p = np.tile(self._step.p.values, (n, 1))
+        for name, value in given.items():
+            p[:, self._step.p.index(name)] = value
+        return [np.broadcast_to(a, (n, a.shape[1])) for a in (states, inputs, p)]
