@@ -70,7 +70,8 @@ class Homotopy:
     """Follows paths on the NLPs that ``nlp_of(form)`` gives, with one solver.
 
     A stage that fails is retried at the geometric mean of the last good value and its own, up to
-    four times; what cannot be reached is said by ``finished = False``.
+    four times before a value of the path itself succeeds; what cannot be reached is said by
+    ``finished = False``.
     """
 
     def __init__(self, nlp_of: Callable[[str], NLP], solver: Solver, values: dict[str, float],
@@ -90,7 +91,8 @@ class Homotopy:
             usable = translate(point, form, nlp) if form is not None else point
             result = self.stage(plan, nlp, usable, warm or good is not None)
             if result.ok or (plan.partial and result.status is Status.ITERATION_LIMIT):
-                point, form, good, tries = result.point, nlp, value, 0
+                point, form, good = result.point, nlp, value
+                tries = 0 if value in path.values else tries
                 best = (result, nlp)
                 if path.complete is not None and path.complete(nlp, result):
                     break
@@ -172,5 +174,6 @@ def geometric(start: float, end: float, factor: float) -> list[float]:
     """Values from ``start`` down to ``end`` by ``factor``, the last one exactly ``end``."""
     if start <= end:
         return [end]
-    count = max(1, math.ceil(math.log(end / start) / math.log(factor)))
+    # A hair less, or rounding adds a stage where the factor goes into the way exactly.
+    count = max(1, math.ceil(math.log(end / start) / math.log(factor) - 1e-9))
     return [start * (end / start) ** (i / count) for i in range(count)] + [end]

@@ -102,11 +102,15 @@ class Solver:
     ) -> Result:
         """Solve from ``start``, with its multipliers where ``warm_start_init_point`` is set."""
         function = self._instance(nlp, overrides)
+        _check_bounds(nlp, bounds)
         arguments: dict[str, Any] = {"x0": start.x, "p": p, **bounds}
         if start.lam_g is not None:
             arguments |= {"lam_g0": start.lam_g, "lam_x0": start.lam_x}
         began = time.perf_counter()
-        answer = function(**arguments)
+        try:
+            answer = function(**arguments)
+        except RuntimeError as error:
+            return self._thrown(nlp, start, p, error, time.perf_counter() - began)
         seconds = time.perf_counter() - began
         stats = function.stats()
         word = str(stats.get("return_status", "unknown"))
@@ -120,6 +124,16 @@ class Solver:
         return Result(
             point, cost, values["g"], status, word, int(stats.get("iter_count", 0)), seconds
         )
+
+    def _thrown(
+        self, nlp: NLP, start: Point, p: np.ndarray, error: RuntimeError, seconds: float
+    ) -> Result:
+        """Tell as an outcome that a plugin threw; some refuse their options only when called."""
+        word = str(error).strip().splitlines()[-1]
+        if "option" in word or "logger" in word:
+            raise InputError(f"{self.name} refused its options {self.options}: {word}") from error
+        f, g = nlp.f_g(start.x, p)
+        return Result(start, float(f), np.array(g).ravel(), Status.FAILED, word, 0, seconds)
 
     def _instance(self, nlp: NLP, overrides: dict[str, Any]) -> ca.Function:
         options = {**self.options, **overrides}
@@ -144,3 +158,17 @@ class Solver:
             line = next((s for s in str(error).splitlines() if "ption" in s), str(error).strip())
             reason = line.rpartition(".cpp:")[2].partition(": ")[2].strip() or line.strip()
             raise InputError(f"{self.name} refused its options: {reason}") from error
+
+
+def _check_bounds(nlp: NLP, bounds: dict[str, np.ndarray]) -> None:
+    for letter, layout in (("x", nlp.variables), ("g", nlp.constraints)):
+        lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
+        crossed = np.flatnonzero(lower > upper)
+        if crossed.size:
+            at = int(crossed[0])
+            block, index = layout.locate(at)
+            component = block.components[index[-1]] if block.components else str(index[-1])
+            raise InputError(
+                f"{nlp.problem.name}: the lower bound of {component} in {block.name} is"
+                f" {lower[at]:g}, above its upper bound {upper[at]:g}; exchange or widen them"
+            )
