@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 import casadi as ca
 
 from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen, operands
 
-# gcc's time grows faster than a function's length; past this many statements a tape is cut.
+# gcc's time grows faster than a function's length; past this many operations a tape is cut.
 PART = 1500
+# Values, masks and arrays in a statement, which get the number of their lane behind them.
+_NAMES = re.compile(r"\b([vm]\d+|in|out|w)\b")
 _CALLS = {
     **{ca.OP_EXP: "vexp", ca.OP_LOG: "vlog", ca.OP_LOG1P: "vlog1p", ca.OP_EXPM1: "vexpm1"},
     **{ca.OP_SQRT: "vsqrt", ca.OP_POW: "vpow", ca.OP_ERF: "verf", ca.OP_ERFINV: "verfinv"},
@@ -39,29 +42,36 @@ def number(value: float) -> str:
     return f"({value.hex()})"
 
 
-def kernel(tape: Tape, name: str) -> str:
-    """C text of `static void name(const V *const in[], V *const out[])`.
+def _in_lane(line: str, lane: int) -> str:
+    return _NAMES.sub(rf"\1_{lane}", line)
 
-    `in[k][j]` is nonzero j of input k, `out` likewise; no output may overlap an input. A tape of
-    more than `PART` operations becomes several functions that pass values through memory.
+
+def kernel(tape: Tape, name: str, abreast: int = 1, part: int = PART) -> str:
+    """C text of `static void name(const V *const in_0[], V *const out_0[], ...)`.
+
+    `in_0[k][j]` is nonzero j of input k, `out_0` likewise; no output may overlap an input. With
+    more than one `abreast` there are also in_1 and out_1 and so on, and every operation is written
+    once for each of them in turn: a long chain of dependent operations leaves a processor idle that
+    two such chains keep busy. A tape of more than `part` operations becomes several functions that
+    pass values through memory.
     """
-    return _Emitter(tape, name).text()
+    return _Emitter(tape, name, abreast, part).text()
 
 
 class _Emitter:
-    def __init__(self, tape: Tape, name: str) -> None:
-        self.tape, self.name = tape, name
+    def __init__(self, tape: Tape, name: str, abreast: int, part: int) -> None:
+        self.tape, self.name, self.lanes = tape, name, range(abreast)
         self.counts = tape.use_counts()
-        self.parts = self._cut()
+        self.parts = self._cut(part)
         self.slots, self.n_slots = self._spill()
 
     def _computed(self) -> list[int]:
         leaves = (ca.OP_INPUT, ca.OP_CONST)
         return [i for i, o in enumerate(self.tape.operations) if o.op not in leaves]
 
-    def _cut(self) -> list[list[int]]:
+    def _cut(self, size: int) -> list[list[int]]:
         computed = self._computed()
-        return [computed[k : k + PART] for k in range(0, len(computed), PART)] or [[]]
+        return [computed[k : k + size] for k in range(0, len(computed), size)] or [[]]
 
     def _spill(self) -> tuple[dict[int, int], int]:
         """Memory slots of values that a later part reads, reused once nobody reads them."""
@@ -95,11 +105,11 @@ class _Emitter:
         ends = self._output_parts()
         names = [f"{self.name}_part{p}" for p in range(len(self.parts))]
         body = [self._part(names[p], part, ends[p]) for p, part in enumerate(self.parts)]
-        memory = f"  V w[{max(self.n_slots, 1)}];\n"
-        calls = "".join(f"  {name}(in, out, w);\n" for name in names)
-        return "".join(body) + (
-            f"INLINE void {self.name}(const V *const in[], V *const out[]) {{\n{memory}{calls}}}\n"
-        )
+        parameters = ", ".join(f"const V *const in_{k}[], V *const out_{k}[]" for k in self.lanes)
+        memory = "".join(f"  V w_{k}[{max(self.n_slots, 1)}];\n" for k in self.lanes)
+        arguments = ", ".join(f"in_{k}, out_{k}, w_{k}" for k in self.lanes)
+        calls = "".join(f"  {name}({arguments});\n" for name in names)
+        return "".join(body) + f"INLINE void {self.name}({parameters}) {{\n{memory}{calls}}}\n"
 
     def _output_parts(self) -> list[list[tuple[int, int, int]]]:
         """For each part the outputs (value, output, nonzero) that it writes."""
@@ -121,8 +131,10 @@ class _Emitter:
                 lines.append(f"w[{self.slots[i]}] = v{i};")
         lines += [f"out[{k}][{j}] = v{value};" for value, k, j in ends]
         inline = "INLINE" if len(self.parts) == 1 else "static __attribute__((noinline))"
-        body = "".join(f"  {line}\n" for line in lines)
-        return f"{inline} void {name}(const V *const in[], V *const out[], V *w) {{\n{body}}}\n"
+        each = "const V *const in_{0}[], V *const out_{0}[], V *w_{0}"
+        parameters = ", ".join(each.format(k) for k in self.lanes)
+        body = "".join(f"  {_in_lane(line, k)}\n" for line in lines for k in self.lanes)
+        return f"{inline} void {name}({parameters}) {{\n{body}}}\n"
 
     def _leaf(self, i: int) -> str:
         operation = self.tape.operations[i]
