@@ -154,9 +154,10 @@ def lcp_solver(n: int, exact: bool = False) -> ca.Function:
 
     ``z``, ``mu``, ``lam`` (impulse), ``s`` (gap), ``error`` are (n, 1), F is a (n, n) P-matrix;
     ``error`` is each contact's scaled violation ``max(|lam s - mu|, |z + F lam - s|)``, 1e-10 or
-    less where the path was followed to its end. With ``exact`` mu is ignored: the path is
-    followed to :data:`MU_EXACT`, the contacts with lam > s taken as active, and the linear system
-    on that active set solved, so that the complementarity is exact to rounding.
+    less where the path was followed to its end, infinite where the iterates diverged (F is no
+    P-matrix). With ``exact`` mu is ignored: the path is followed to :data:`MU_EXACT`, the contacts
+    with lam > s taken as active, and the linear system on that active set solved, so that the
+    complementarity is exact to rounding.
 
     One contact is solved in closed form. No derivative of this function is of use: differentiate
     through the implicit function theorem (:mod:`dynamics.contact.step`).
@@ -222,4 +223,6 @@ def _finish(n: int, exact: bool) -> ca.Function:
         new_s = ca.if_else(valid, ca.fmax(0, slack), s)
     goal = 0 if exact else mu
     error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(z + F @ new_lam - new_s) / (1 + s))
+    # Diverged, as where F is no P-matrix: not a number, which would pass for small in a comparison.
+    error = ca.if_else(error < ca.inf, error, ca.inf)
     return ca.Function("unscale", [lam, s, z, F, mu, D, c], [new_lam * c * D, new_s * c / D, error])

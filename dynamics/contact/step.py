@@ -107,8 +107,9 @@ class Step:
 
     @cached_property
     def data(self) -> ca.Function:
-        """Map ``(x, u, p)`` to ``(a, B, z, F, mu)``, dense."""
-        outputs = [ca.densify(value) for value in (self.a, self.B, self.z, self.F, self.mu)]
+        """Map ``(x, u, p)`` to ``(a, B, z, F, mu)``, dense but for F, block diagonal."""
+        outputs = [*(ca.densify(value) for value in (self.a, self.B, self.z)), self.F,
+                   ca.densify(self.mu)]  # fmt: skip
         names = ["a", "B", "z", "F", "mu"]
         return ca.Function("step_data", self._inputs, outputs, ["x", "u", "p"], names)
 

@@ -63,7 +63,9 @@ def test_gaussian_law(z, F, sigma, kappa, mu, total, frozen, dmu):
 
 def test_the_peak_of_gaussian_mu():
     # sigma² / (2 pi F) at z = 0: 0.25 / (2 pi 2)
-    assert float(gaussian_mu(ca.SX(0), ca.SX(2), 0.5)) == pytest.approx(0.019894367886486918, rel=1e-13)
+    assert float(gaussian_mu(ca.SX(0), ca.SX(2), 0.5)) == pytest.approx(
+        0.019894367886486918, rel=1e-13
+    )
 
 
 # F, mu, E|w| = 2 sqrt(F mu), 90 % quantile sqrt(F mu) (2p-1)/sqrt(p (1-p)), density at 0.2:

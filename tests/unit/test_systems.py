@@ -1,0 +1,159 @@
+"""Systems: what their builders refuse, their affine form, and their linearisation."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import problems
+from dynamics.contact import Barrier
+from dynamics.systems import (
+    ContactSystem,
+    Parameter,
+    ParameterTable,
+    Signal,
+    is_p_matrix,
+    lcs,
+    linearise,
+    quasi_dynamic,
+    signals,
+    time_stepping,
+)
+
+
+def stepping(**changes):
+    arguments = {
+        "states": signals("x [m]; v [m/s]"), "inputs": signals("u [N s]"),
+        "contacts": signals("wall [N s]"), "h": 0.1, "mass": ca.SX(1),
+        "impulse": lambda q, v, u: u, "distance": lambda q: q, "parameters": ParameterTable(),
+    }  # fmt: skip
+    return time_stepping("wall", **{**arguments, **changes})
+
+
+def pushing(**changes):
+    arguments = {
+        "states": signals("a [m]; b [m]"), "inputs": signals("u [m]"),
+        "contacts": signals("push [N s]"), "h": 0.1, "mass": ca.SX(1), "stiffness": ca.SX(100),
+        "distance": lambda q: q[0] - q[1], "parameters": ParameterTable(),
+    }  # fmt: skip
+    return quasi_dynamic("push", **{**arguments, **changes})
+
+
+def matrices(**changes):
+    one = np.ones((1, 1))
+    return lcs("lcs", **{**dict.fromkeys("ABCDEF", one), **changes})
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: stepping(states=signals("x [m]")), "1 states; expected positions and as many"),
+        (lambda: stepping(mass=ca.SX.eye(2)), r"mass has shape \(2, 2\), expected \(1, 1\)"),
+        (lambda: stepping(impulse=lambda q, v, u: ca.SX(2, 1)), r"impulse\(q, v, u\) has shape"),
+        (lambda: stepping(distance=lambda q: ca.vertcat(q, q)), r"distance\(q\) has shape"),
+        (lambda: stepping(mass=ca.SX.sym("m")), "uses m, which is no state, input, contact or"),
+        (lambda: pushing(stiffness=ca.SX.eye(2)), r"stiffness has shape \(2, 2\)"),
+        (lambda: pushing(mass=ca.SX.eye(2)), r"mass has shape \(2, 2\), expected \(1, 1\)"),
+        (lambda: matrices(C=np.ones((2, 1))), r"matrix C has shape \(2, 1\), expected \(1, 1\)"),
+        (lambda: matrices(d=[1, 2]), r"vector d has shape \(2, 1\), expected \(1, 1\)"),
+        (lambda: is_p_matrix(np.ones((2, 3))), r"square matrix, got shape \(2, 3\)"),
+        (lambda: is_p_matrix([[np.nan]]), "finite square matrix"),
+    ],
+)
+def test_wrong_dimensions_get_their_sentence(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        make()
+
+
+def test_a_system_counts_its_names():
+    x, x_next, u, lam = (ca.SX.sym(name) for name in ("x", "x_next", "u", "lam"))
+    with pytest.raises(ValueError, match="residual has 2 entries, but there are 1 named states"):
+        ContactSystem(
+            name="odd", x=x, u=u, x_next=x_next, lam=lam, residual=ca.vertcat(x_next, x),
+            gap=lam, states=signals("x [m]"), inputs=signals("u [N]"),
+            contacts=signals("c [N]"), h=0.1,
+        )  # fmt: skip
+
+
+def test_a_step_that_is_not_affine_is_refused_by_name():
+    x, x_next, u, lam = (ca.SX.sym(name) for name in ("x", "x_next", "u", "lam"))
+    system = ContactSystem(
+        name="curved", x=x, u=u, x_next=x_next, lam=lam, residual=x_next**2 - u - lam,
+        gap=x_next, states=signals("x [m]"), inputs=signals("u [N]"), contacts=signals("c [N]"),
+        h=0.1,
+    )  # fmt: skip
+    with pytest.raises(ValueError, match=r"'curved': the step is not affine in \(x_next, lam\)"):
+        _ = system.affine
+
+
+def test_two_parameters_of_one_name_are_refused():
+    first, second = Parameter("m", 1.0), Parameter("m", 1.0)
+    assert (ParameterTable([first]) + ParameterTable([first])).names == ["m"]
+    with pytest.raises(ValueError, match="two different parameters share the name 'm'"):
+        _ = ParameterTable([first]) + ParameterTable([second])
+
+
+def test_signals_read_names_units_and_meanings():
+    assert signals("x [m] place; v [m/s]; n") == (
+        Signal("x", "m", "place"),
+        Signal("v", "m/s", ""),
+        Signal("n", "1", ""),
+    )
+
+
+@pytest.mark.parametrize("name", problems.names()[:5])
+def test_the_affine_form_solves_the_residual(name):
+    problem = problems.get(name)
+    system, p = problem.system, problem.parameters.values
+    rng = np.random.default_rng(0)
+    x, u = problem.initial_states(p)[0], rng.normal(size=system.nu)
+    lam = rng.uniform(0, 1, system.nlam)
+    form = system.affine
+    symbols = [system.x, system.u, system.lam, system.parameters.vector]
+    next_state = form.a + form.B @ system.lam
+    outputs = [next_state, form.z + form.F @ system.lam]
+    x_next, gap = ca.Function("affine", symbols, outputs)(x, u, lam, p)
+    relation = ca.Function(
+        "relation",
+        [system.x, system.u, system.x_next, system.lam, system.parameters.vector],
+        [system.residual, system.gap],
+    )
+    residual, expected = relation(x, u, x_next, lam, p)
+    assert np.max(np.abs(np.array(residual))) <= 1e-11
+    assert np.allclose(np.array(gap), np.array(expected), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", problems.names()[:5])
+def test_linearisation_is_the_step_to_first_order(name):
+    problem = problems.get(name)
+    system, p = problem.system, problem.parameters.values
+    rng = np.random.default_rng(1)
+    x, u = problem.initial_states(p)[0] + 0.01, rng.normal(size=system.nu)
+    model = linearise(system, x, u)
+    truth, approximation = (Barrier(mu=0.05).close(s) for s in (system, model))
+
+    def off(size: float, seed: int) -> float:
+        """Distance of both steps at a disturbed point, the first component of the distance."""
+        shift = np.random.default_rng(seed).normal(size=len(x) + len(u))
+        at = x + size * shift[: len(x)], u + size * shift[len(x) :]
+        exact = truth.data(*at, truth.p.values)
+        linear = approximation.data(*at, approximation.p.values)
+        smooth = [0, 2]  # a and z; B and F are frozen at the point
+        return max(float(ca.norm_inf(exact[k] - linear[k])) for k in smooth)
+
+    assert off(0, 0) <= 1e-12
+    for seed in range(3):
+        # second order: ten times nearer is a hundred times better, or exact where it is linear
+        assert off(1e-4, seed) <= 0.02 * off(1e-3, seed) + 1e-12
+    here = [np.array(s.map(x, u, s.p.values)[0]) for s in (truth, approximation)]
+    assert np.allclose(*here, atol=1e-10)
+    assert model.nlam == system.nlam
+    assert len(model.parameters) == 0
+
+
+def test_cart_walls_is_well_posed():
+    problem = problems.get("cart-walls")
+    F = Barrier().close(problem.system).data([0, 0, 0, 0], 0, [*problem.parameters.values, 1])[3]
+    assert is_p_matrix(np.array(F))
+    assert not is_p_matrix(-np.array(F))
