@@ -10,7 +10,6 @@ from dynamics.batch.compiler import CompilerError
 from dynamics.batch.nonfinite import BatchWarning
 from dynamics.batch.tape import UnsupportedOperation
 
-BACKENDS = ("c", "llvm", "numpy", "casadi")
 EngineT = TypeVar("EngineT")
 
 
@@ -20,7 +19,7 @@ def choose(
     """Build the named backend, or for `auto` the first of `makers` that can be built.
 
     Under `auto`, a backend that cannot be built is passed over; one `BatchWarning` line says why
-    and what is used instead. A missing optional package (`ImportError`) is passed over in silence.
+    and what is used instead.
     Raises `ValueError` for an unknown name, and the backend's own error when it was asked for.
     """
     if backend != "auto":
@@ -32,8 +31,6 @@ def choose(
     for name, make in makers.items():
         try:
             engine = make()
-        except ImportError:
-            continue
         except (CompilerError, UnsupportedOperation) as error:
             reasons.append(str(error))
             continue

@@ -39,8 +39,8 @@ class BatchFunction:
         y = f(x=x, p=p)["y"]   # by name: a dictionary of outputs
 
     Rows hold nonzeros in CasADi's order. Outputs are `(n_samples, nnz_out)`: one array, or a tuple
-    where the function has several. `backend` is `c`, `llvm`, `numpy`, `casadi`, or `auto` for the
-    fastest that can be built here; `threads` is None for every CPU. `block` is how many samples are
+    where the function has several. `backend` is `c`, `numpy`, `casadi`, or `auto` for the fastest
+    that can be built here; `threads` is None for every CPU. `block` is how many samples are
     worked on at once. Results do not depend on `threads` or `block`, to the last bit.
 
     After a call `nonfinite` tells which samples gave NaN or infinity; a `BatchWarning` says so too.

@@ -79,17 +79,17 @@ def test_threads_and_blocks_do_not_change_a_bit(backend, graph):
 def test_long_graphs_are_cut_and_agree():
     x = ca.SX.sym("x", 4)
     y, kept = x, []
-    for k in range(700):
-        y = ca.sin(ca.vertcat(y[1:], y[0])) + 0.3 * y * ca.cos(x) + ca.if_else(x > k / 300, y, -x)
-        if k % 100 == 0:
+    for k in range(240):
+        y = ca.sin(ca.vertcat(y[1:], y[0])) + 0.3 * y * ca.cos(x) + ca.if_else(x > k / 100, y, -x)
+        if k % 40 == 0:
             kept.append(y)
     f = ca.Function("long", [x], [y, ca.vertcat(*kept)])
-    assert f.n_instructions() > 6000
+    assert f.n_instructions() > 2000
     at = np.random.default_rng(3).standard_normal((50, 4))
     wanted, got = BatchFunction(f, backend="numpy")(at), BatchFunction(f, backend="c")(at)
     # The map is chaotic: early values agree to rounding, late ones only with themselves.
     np.testing.assert_allclose(got[1][:, :4], wanted[1][:, :4], rtol=1e-12)
-    np.testing.assert_array_equal(got[0], BatchFunction(f, backend="c", block=8, threads=2)(at)[0])
+    np.testing.assert_array_equal(got[0], BatchFunction(f, backend="c", threads=2)(at)[0])
 
 
 def test_sparse_inputs_and_outputs_are_rows_of_nonzeros():

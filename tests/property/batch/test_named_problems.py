@@ -1,0 +1,70 @@
+"""Every named problem under every law: cost and gradient agree with CasADi's own derivatives."""
+
+from __future__ import annotations
+
+import functools
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynamics.batch import RolloutFunction, open_loop
+from dynamics.contact import Adaptive, Barrier, Exact
+from problems import get, names
+
+HORIZON = 4
+LAWS = {
+    "barrier": lambda: Barrier(mu=1e-3),
+    "adaptive": lambda: Adaptive(sigma=0.2),
+    "exact": Exact,
+}
+
+
+@functools.cache
+def prepared(name: str, law: str):
+    """Rollouts in C and NumPy, the unrolled CasADi graph, start, and the problem's input scale."""
+    problem = get(name)
+    system, step = problem.system, LAWS[law]().close(problem.system)
+    p, du = step.p.vector, ca.SX.sym("du", system.nu)
+    physical = ca.vertcat(*[step.p[parameter.name] for parameter in problem.parameters])
+    stage, terminal = problem.cost_terms(system.x, system.u, du, physical)
+    change = [du] if problem.uses_du else []
+    costs = (
+        ca.Function("stage", [system.x, system.u, *change, p], [stage]),
+        ca.Function("terminal", [system.x, p], [terminal]),
+    )
+    policy = open_loop(system.nx, system.nu)
+    made = [RolloutFunction(step, *costs, HORIZON, policy, backend=b) for b in ("c", "numpy")]
+    x0, before = (np.array(v)[:, 0] for v in problem.limits(problem.parameters.values)[:2])
+    start, inputs = ca.MX.sym("x0", system.nx), ca.MX.sym("inputs", system.nu, HORIZON)
+    x, last, cost = start, ca.MX(ca.DM(before)), ca.MX(0)
+    for t in range(HORIZON):
+        u = inputs[:, t]
+        cost += costs[0](*[x, u, *([u - last] if change else []), step.p.values])
+        x, last = step.map(x, u, step.p.values)[0], u
+    cost += costs[1](x, step.p.values)
+    reference = ca.Function("reference", [start, inputs], [cost, ca.gradient(cost, inputs)])
+    return made, reference, x0, before if change else None, problem.reference
+
+
+@pytest.mark.parametrize("law", list(LAWS))
+@pytest.mark.parametrize("name", names())
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_agrees_with_casadi(name, law, seed):
+    made, reference, x0, before, scale = prepared(name, law)
+    rng = np.random.default_rng(seed)
+    n = 4
+    starts = x0 + 0.2 * scale.x * rng.standard_normal((n, len(x0)))
+    inputs = scale.u * rng.standard_normal((n, HORIZON, reference.size1_in(1)))
+    inputs += 0 if before is None else before
+    wanted = [reference(x, u.T) for x, u in zip(starts, inputs, strict=True)]
+    costs = np.array([float(value[0]) for value in wanted])
+    gradients = np.array([np.array(value[1]).T for value in wanted])
+    size = np.abs(gradients).max()
+    for f in made:
+        got = f(starts, inputs, u_before=before)
+        np.testing.assert_allclose(got.cost, costs, rtol=1e-12)
+        np.testing.assert_allclose(got.gradient, gradients, rtol=1e-10, atol=1e-12 * size)
