@@ -89,6 +89,8 @@ class StoredRun:
     def solution(self, problem: Problem) -> Solution:
         """Return the solution as it was solved, of ``problem`` built again at its parameters.
 
+        Its ``values`` are the problem's alone: a replay takes the knobs of the law it is given.
+
         Raises :class:`~ocp.errors.DamagedRun` where ``meta.json`` lacks a part of it, and
         :class:`~ocp.errors.InputError` for a run that is no solve.
         """
@@ -107,8 +109,7 @@ class StoredRun:
                 solve_s=_number(meta["solve_s"]),
                 record=self.record,
                 problem=problem,
-                values={**dict(zip(problem.parameters.names, problem.parameters.values.tolist(),
-                                   strict=True)), **self.record.get("knobs", {})},
+                values={parameter.name: parameter.value for parameter in problem.parameters},
                 gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
                 others=meta["others"],
             )  # fmt: skip

@@ -11,6 +11,7 @@ import typer
 from reports.cli import (
     continue_command,
     doctor_command,
+    estimate_command,
     figure_command,
     interrupt,
     list_command,
@@ -34,6 +35,7 @@ for name, function in {
     "solve": solve_command.run,
     "replay": replay_command.run,
     "continue": continue_command.run,
+    "estimate": estimate_command.run,
     "figure": figure_command.run,
     "report": report_command.run,
     "runs": runs_command.run,

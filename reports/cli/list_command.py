@@ -26,8 +26,11 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
     from dynamics.contact import LAWS
     from ocp.policy import POLICIES
     from ocp.solvers.solver import SOLVERS
+    from ocp.studies.estimators import SAMPLED
+    from ocp.studies.interpolation import RULES
     from ocp.transcription import METHODS
     from problems import names, spec, studies
+    from problems.objectives import objective_names, objective_spec
 
     def classes(known: Any) -> list[dict[str, Any]]:
         return [{"name": name, "summary": known[name].summary} for name in known]
@@ -38,5 +41,9 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
         "methods": classes(METHODS),
         "policies": classes(POLICIES),
         "solvers": [{"name": name, "summary": SOLVERS[name]} for name in SOLVERS],
+        "objectives": [
+            {"name": name, "summary": objective_spec(name).title} for name in objective_names()
+        ],
+        "estimators": classes({**SAMPLED, **RULES}),
         "figures": [{"name": i, "summary": studies.get(i).title} for i in studies.ids()],
     }

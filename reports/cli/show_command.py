@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from textwrap import fill
 from typing import Annotated
 
 import typer
@@ -17,10 +18,11 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Show a problem: equations, parameters with units and defaults, citation, golden values."""
-    from problems import describe, spec
+    from problems import describe
+    from problems.objectives import named
     from reports.bibliography import full_citation
 
-    found = spec(problem)
+    found = named(problem)
     parameters = describe(found)
     citation = found.citation
     output = Output(as_json, quiet)
@@ -38,7 +40,7 @@ def run(
         return 0
     print(f"{found.name}: {found.title}\n")
     for line in found.equations:
-        print(f"    {line}")
+        print(fill(line, 80, initial_indent="    ", subsequent_indent="        "))
     print()
     from reports.console import golden_table, parameter_table, print_table
 

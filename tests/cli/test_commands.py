@@ -1,0 +1,237 @@
+"""What the commands print: the contract's keys, strict JSON, tables of 80 columns."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dynamics.contact import LAWS
+from problems import names, spec
+
+SOLVE_KEYS = {
+    "problem", "contact", "method", "policy", "solver", "status", "success", "cost", "exact_cost",
+    "iterations", "build_s", "solve_s", "complementarity", "complementarity_min",
+    "dynamics_residual", "penetration", "run", "params", "seed", "versions",
+}  # fmt: skip
+POINT_KEYS = {"value", "status", "success", "cost", "exact_cost", "iterations", "complementarity"}
+TIMES = {"build_s", "solve_s", "audit_s", "seconds", "run", "pdf", "created"}
+
+
+def strict(text: str) -> Any:
+    """Parse as one JSON document that has no NaN and no infinity."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def without_times(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: without_times(item) for key, item in value.items() if key not in TIMES}
+    return [without_times(item) for item in value] if isinstance(value, list) else value
+
+
+def test_solve_json(ocp) -> None:
+    done = ocp("solve", "wall-1d", "-c", "mu=1e-3", "-p", "m=2", "--seed", "3", "--json")
+    assert done.code == 0
+    found = strict(done.out)
+    assert set(found) >= SOLVE_KEYS
+    assert (found["problem"], found["contact"], found["method"]) == ("wall-1d", "barrier", "direct")
+    assert (found["status"], found["success"], found["seed"]) == ("solved", True, 3)
+    assert found["params"] == spec("wall-1d").params({"m": 2.0}).model_dump()
+    assert found["complementarity"] == pytest.approx(1e-3, rel=1e-6), "lam gap = mu"
+    assert found["iterations"] == sum(stage["iterations"] for stage in found["stages"])
+    assert Path(found["run"]).is_dir()
+    assert "Solved" in done.err, "people's lines go to stderr"
+
+
+def test_a_failure_keeps_its_run_and_says_so(ocp) -> None:
+    """From a guess without contact the exact law in shooting sees no gradient."""
+    done = ocp("solve", "push-1d", "--contact", "exact", "--method", "single-shooting",
+               "-s", "homotopy=false", "--json")  # fmt: skip
+    found = strict(done.out)
+    assert done.code == 3
+    assert (found["success"], found["status"]) == (False, "no-progress")
+    assert "no-progress" in done.err.lower() and "homotopy" in done.err
+    assert Path(found["run"]).is_dir()
+
+
+def test_a_failure_names_the_worst_constraints(ocp) -> None:
+    done = ocp("solve", "push-disc", "-s", "max_iter=3", "-s", "homotopy=false", "--json")
+    found = strict(done.out)
+    assert done.code == 3
+    assert found["status"] == "iteration-limit"
+    assert found["worst"]
+    first = found["worst"][0]
+    assert first["name"] in done.err and first["component"] in done.err
+    assert first["amount"] == max(item["amount"] for item in found["worst"])
+
+
+def test_a_rerun_gives_identical_json_but_for_times(ocp) -> None:
+    arguments = ["solve", "cart-walls", "--contact", "exact", "--starts", "3", "--json", "--quiet"]
+    first, second = (strict(ocp(*arguments).out) for _ in range(2))
+    assert without_times(first) == without_times(second)
+    assert first["hash"] == second["hash"]
+    assert len(first["others"]) == 3
+    other = strict(ocp(*arguments, "--seed", "1").out)
+    assert other["hash"] != first["hash"]
+
+
+def test_continue_json(ocp) -> None:
+    done = ocp("continue", "wall-1d", "--over", "contact.mu", "--from", "1e-1", "--to", "1e-4",
+               "--scale", "log", "--steps", "3", "--json")  # fmt: skip
+    assert done.code == 0
+    found = strict(done.out)
+    assert set(found) >= {"points", "iterations", "nlp_builds", "run"}
+    assert all(set(point) >= POINT_KEYS for point in found["points"])
+    assert [point["value"] for point in found["points"]] == pytest.approx([1e-1, 1e-2, 1e-3, 1e-4])
+    for point in found["points"]:
+        assert point["complementarity"] == pytest.approx(point["value"], rel=1e-5)
+    assert found["iterations"] == sum(point["iterations"] for point in found["points"])
+    assert found["nlp_builds"] == 1
+    listed = strict(ocp("runs", "--json").out)["runs"]
+    assert [entry["kind"] for entry in listed] == ["continue"]
+
+
+def test_replay_json(ocp, store_of_runs: Path) -> None:
+    done = ocp("replay", "wall-1d", "--out", str(store_of_runs / "..missing"), "--json")
+    assert done.code == 2
+    run = str(next(p for p in (store_of_runs / "wall-1d").iterdir() if "record" in describe(p)))
+    plan = describe(Path(run))
+    exact = strict(ocp("replay", run, "--json").out)
+    assert exact["cost"] == pytest.approx(plan["audit"]["exact_cost"], rel=1e-12)
+    assert exact["state_gap"] == pytest.approx(plan["audit"]["state_gap"], rel=1e-9)
+    same = strict(ocp("replay", run, "--contact", "barrier", "-c", "mu=1e-3", "--json").out)
+    assert same["cost"] == pytest.approx(plan["cost"], rel=1e-6), "under its own law it is itself"
+    assert same["state_gap"] < 1e-6
+    wide = strict(ocp("replay", run, "--contact", "barrier", "-c", "mu=1", "--json").out)
+    assert wide["state_gap"] > 0.1
+
+
+def describe(run: Path) -> dict[str, Any]:
+    meta = json.loads((run / "meta.json").read_text())
+    return meta if meta["kind"] == "solve" else {}
+
+
+def test_replay_of_a_feedback_policy(ocp, store_of_runs: Path) -> None:
+    found = strict(ocp("replay", "push-disc", "--out", str(store_of_runs), "--json").out)
+    assert found["inputs"] == "feedback"
+    assert len(found["final_state"]) == 3
+    plan = describe(Path(found["run"]))
+    assert found["cost"] == pytest.approx(plan["audit"]["exact_cost"], rel=1e-9)
+
+
+def test_a_run_is_named_by_a_part_of_its_name(ocp, store_of_runs: Path) -> None:
+    several = ocp("runs", "push", "--out", str(store_of_runs))
+    assert several.code == 2 and "give more" in several.err
+    run = next((store_of_runs / "push-1d").iterdir())
+    found = strict(ocp("runs", run.name[-10:], "--out", str(store_of_runs), "--json").out)
+    assert found["run"] == str(run)
+    assert found["problem"] == "push-1d"
+
+
+def test_runs_lists_the_damaged_ones_too(ocp, store_of_runs: Path) -> None:
+    listed = strict(ocp("runs", "--out", str(store_of_runs), "--json").out)["runs"]
+    assert sorted(entry["problem"] for entry in listed) == [
+        "push-1d", "push-1d", "push-disc", "wall-1d", "wall-1d",
+    ]  # fmt: skip
+    assert all(entry["damage"] is None for entry in listed)
+    ocp("solve", "wall-1d", "--quiet")
+    meta = next(Path("runs").rglob("meta.json"))
+    meta.write_text("{")
+    damaged = ocp("runs", "--json")
+    assert damaged.code == 0
+    assert "meta.json" in strict(damaged.out)["runs"][0]["damage"]
+    assert "damaged" in ocp("runs").out
+
+
+def test_list_json(ocp) -> None:
+    found = strict(ocp("list", "--json").out)
+    assert set(found) >= {"problems", "contacts", "methods", "policies", "solvers", "figures"}
+    assert [item["name"] for item in found["problems"]] == names()
+    assert [item["name"] for item in found["contacts"]] == list(LAWS)
+    for kind, wanted in {
+        "methods": {"direct", "multiple-shooting", "single-shooting"},
+        "policies": {"open-loop", "feedback"},
+        "solvers": {"ipopt", "fatrop", "uno", "sleqp"},
+    }.items():
+        assert {item["name"] for item in found[kind]} == wanted
+    assert all(item["summary"] for items in found.values() for item in items)
+
+
+@pytest.mark.parametrize("name", names())
+def test_show(ocp, name: str) -> None:
+    found = strict(ocp("show", name, "--json").out)
+    assert found["equations"]
+    assert {p["name"]: p["value"] for p in found["parameters"]} == spec(name).params(
+        {}
+    ).model_dump()
+    assert all(parameter["unit"] for parameter in found["parameters"])
+    text = ocp("show", name).out
+    unwrapped = " ".join(text.split())
+    assert all(" ".join(line.split()) in unwrapped for line in found["equations"])
+    assert "Source: " in text
+
+
+def test_doctor_json(ocp) -> None:
+    found = strict(ocp("doctor", "--json").out)
+    assert set(found["roots"].values()) == {found["root"]}
+    assert found["solvers"]["ipopt"] is True
+    assert found["linear_solvers"]["mumps"] is True
+    assert {"casadi", "numpy", "python", "centralpath"} <= set(found["versions"])
+    assert found["threads"] >= 1
+
+
+def test_doctor_refuses_two_roots() -> None:
+    from ocp.errors import InputError
+    from reports.cli.doctor_command import common_root
+
+    with pytest.raises(InputError, match="reports from /elsewhere"):
+        common_root({"ocp": "/here", "reports": "/elsewhere"})
+
+
+def test_quiet_and_plain_output(ocp) -> None:
+    loud = ocp("solve", "wall-1d")
+    assert "Solved" in loud.out and "run: " in loud.out
+    assert "lam·gap" in loud.err
+    quiet = ocp("solve", "wall-1d", "--quiet")
+    assert quiet.out.splitlines()[0] == loud.out.splitlines()[0]
+    assert quiet.err == ""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["solve", "push-disc", "--contact", "exact"],
+        ["solve", "wall-1d", "--contact", "randomized", "-c", "base=barrier", "-c", "samples=4"],
+        ["solve", "push-disc", "-s", "max_iter=3", "-s", "homotopy=false"],
+        ["solve", "push-1d", "--starts", "2"],
+        ["continue", "push-1d", "--over", "M", "--from", "1", "--to", "2", "--steps", "2"],
+        ["runs"],
+        ["runs", "wall-1d"],
+        ["show", "cart-walls"],
+        ["--help"],
+    ],
+    ids=lambda arguments: " ".join(arguments[:2]),
+)
+def test_everything_fits_80_columns(ocp, arguments: list[str]) -> None:
+    ocp("solve", "wall-1d", "--contact", "randomized", "-c", "base=barrier", "-c", "samples=4")
+    done = ocp(*arguments)
+    assert done.code in (0, 3)
+    # A sentence may run on; a table's line has columns, two blanks apart.
+    lines = [line.rstrip() for line in (done.out + done.err).splitlines()]
+    tables = [line for line in lines if "  " in line.strip()]
+    assert tables
+    assert max(map(len, tables)) <= 80
+
+
+def test_what_is_not_finite_is_null(ocp, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    from reports.cli.common import Output
+
+    Output(as_json=True, quiet=False).document({"a": math.nan, "b": [math.inf, 1.0]})
+    assert strict(capsys.readouterr().out) == {"a": None, "b": [None, 1.0]}

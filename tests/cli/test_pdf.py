@@ -1,0 +1,240 @@
+"""Reports: the same bytes for the same run, every part in its place, units on every axis."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from ocp.errors import InputError
+from ocp.studies import store
+from problems import names, spec
+from problems.drawing import Box, Disc, HalfPlane, Point, Segment, Spring
+from reports import pages, strobe
+from reports.bibliography import full_citation
+from reports.figures import run as figures
+from reports.pdf import render, write_pdf
+from reports.style import styled, to_svg
+from reports.view import RunView
+
+
+@pytest.fixture(scope="module")
+def views(store_of_runs: Path) -> dict[str, RunView]:
+    found = {}
+    for entry in store.list_runs(store_of_runs):
+        view = RunView.of(store.load(entry.path))
+        record = view.run.record
+        found[f"{view.run.kind} {view.run.meta['problem']} {record['contact']}"] = view
+    return found
+
+
+def test_identical_runs_give_identical_bytes(ocp, tmp_path: Path) -> None:
+    """Two solves, the second in another process with other hashes, at another time and place."""
+    arguments = ["solve", "push-1d", "--contact", "adaptive", "--quiet"]
+    assert ocp(*arguments, "--pdf", "a.pdf").code == 0
+    code = "import sys; from reports.cli.app import main; sys.exit(main())"
+    environment = {
+        **os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo",
+        "PYTHONPATH": str(Path(__file__).parents[2]),
+    }  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments, "--pdf", "b.pdf", "--out", "other"],
+        env=environment, cwd=tmp_path, capture_output=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    first, second = (tmp_path / name for name in ("a.pdf", "b.pdf"))
+    assert first.read_bytes() == second.read_bytes()
+    assert first.read_bytes().startswith(b"%PDF")
+    assert ocp(*arguments, "-c", "sigma=0.03", "--pdf", "c.pdf").code == 0
+    assert (tmp_path / "c.pdf").read_bytes() != first.read_bytes()
+
+
+def test_reports_of_stored_runs(ocp, store_of_runs: Path) -> None:
+    out = ["--out", str(store_of_runs)]
+    runs = [str(path) for path in (store_of_runs / "push-1d").iterdir()]
+    assert len(runs) == 2
+    side_by_side = ocp("report", *runs, "-o", "two.pdf", "--json", *out)
+    assert side_by_side.json == {"pdf": "two.pdf", "runs": runs}
+    assert Path("two.pdf").read_bytes().startswith(b"%PDF")
+    assert Path("two.pdf").stat().st_mode & 0o777 == 0o644
+    path = next(p for p in (store_of_runs / "wall-1d").iterdir() if "points" in
+                (p / "meta.json").read_text())  # fmt: skip
+    assert ocp("report", str(path), "-o", "path.pdf", *out).code == 0
+    mixed = ocp("report", str(path), runs[0], "-o", "mixed.pdf", *out)
+    assert mixed.code == 2 and "side by side" in mixed.err
+    assert not Path("mixed.pdf").exists()
+
+
+def test_equations_that_do_not_compile_are_named(views, monkeypatch) -> None:
+    view = views["solve push-1d exact"]
+    broken = spec("push-1d")
+    monkeypatch.setattr(
+        "reports.view.spec", lambda _: type(broken)(**{**vars(broken), "typst": ("nosuchsymbol",)})
+    )
+    with pytest.raises(InputError, match="typst equations"):
+        render([view.run])
+
+
+def test_a_pdf_that_cannot_be_written_leaves_nothing(views, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(InputError, match="cannot write the PDF"):
+        write_pdf([views["solve push-1d exact"].run], tmp_path / "taken" / "x.pdf")
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_the_page_says_what_the_run_says(views) -> None:
+    view = views["solve wall-1d barrier"]
+    with styled():
+        content, drawn = pages.solve_page(view)
+    assert content["verdict"] == view.run.meta["verdict"]
+    assert content["success"] is True
+    assert len(content["stages"]) == len(view.run.stages)
+    assert "μ = 0.001" in content["law"]["place"]
+    parameters = {row[0]: row[1:] for row in content["parameters"]}
+    assert parameters["h"] == ["0.1", "s", "step size"]
+    assert parameters["w_v"][1] == "s²/m²"
+    assert ["seed", "0"] in content["settings"]
+    assert set(drawn) == {"trajectories", "contact", "strobe", "homotopy"}
+    assert "Suh" in content["citation"]
+    text = str(content)
+    assert "seconds" not in text and "solve_s" not in text, "times differ from run to run"
+
+
+def test_the_exact_law_lies_at_the_end_of_the_path(views) -> None:
+    with styled():
+        content, _ = pages.solve_page(views["solve push-1d exact"])
+    assert "μ = 0" in content["law"]["place"]
+
+
+def test_feedback_has_its_gains_and_all_scenarios(views) -> None:
+    view = views["solve push-disc barrier"]
+    with styled():
+        _, drawn = pages.solve_page(view)
+    (first, *_) = drawn["trajectories"].axes
+    planned_and_replayed = [line for line in first.lines if len(line.get_xdata()) > 2]
+    assert len(planned_and_replayed) == 2 * 3
+    K = view.run.data["K"].values
+    maps = [axis.collections[0] for axis in drawn["gains"].axes[: K.shape[1]]]
+    for control, shown in enumerate(maps):
+        np.testing.assert_allclose(np.asarray(shown.get_array()), K[:, control, :].T)
+
+
+@pytest.mark.parametrize("name", ["solve wall-1d barrier", "solve push-disc barrier"])
+def test_every_axis_has_a_unit(views, name: str) -> None:
+    view = views[name]
+    with styled():
+        _, drawn = pages.solve_page(view)
+    assert view.spec is not None
+    (picture,) = drawn["strobe"].axes
+    assert (picture.get_xlabel(), picture.get_ylabel()) == view.spec.axes
+    for figure in ("trajectories", "contact"):
+        for axis in drawn[figure].axes:
+            if axis.axison:
+                assert re.search(r"\[.+\]", axis.get_ylabel()), (figure, axis.get_ylabel())
+    bottom = [axis for axis in drawn["trajectories"].axes if axis.get_xlabel()]
+    assert bottom and all(axis.get_xlabel() == "time [s]" for axis in bottom)
+
+
+def test_the_contact_plane_draws_the_central_path_and_the_points(views) -> None:
+    view = views["solve wall-1d barrier"]
+    with styled():
+        (axis,) = figures.contact_plane(view).axes
+    path = next(line for line in axis.lines if "gap = " in str(line.get_label()))
+    gap, lam = (np.asarray(values) for values in path.get_data())
+    np.testing.assert_allclose(lam * gap, 1e-3, rtol=1e-12)
+    points = next(line for line in axis.lines if "planned" in str(line.get_label()))
+    gap, lam = (np.asarray(values) for values in points.get_data())
+    assert len(gap) == 30
+    np.testing.assert_allclose(lam * gap, 1e-3, rtol=1e-6)
+    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
+
+
+def test_the_continuation_page(views) -> None:
+    view = views["continue wall-1d barrier"]
+    with styled():
+        content, drawn = pages.continuation_page(view)
+    assert len(content["points"]) == len(view.run.meta["points"])
+    assert content["over"] == "contact.mu"
+    assert not [row for row in content["settings"] if row[0] == "contact.mu"]
+    top, middle, _ = drawn["path"].axes
+    value, complementarity = (np.asarray(v) for v in middle.lines[0].get_data())
+    np.testing.assert_allclose(complementarity, value, rtol=1e-5)
+    assert "[N s m]" in drawn["path"].axes[-1].get_xlabel()
+    assert top.get_xscale() == "log"
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_problem_is_drawn(name: str) -> None:
+    """All shapes of a problem have a way to be drawn, inside finite limits."""
+    found = spec(name)
+    assert found.draw is not None
+    params = found.params({})
+    start = found.problem().initial_states(found.problem().parameters.values)[0]
+    axis = Figure().subplots()
+    shapes = found.draw(params, start)
+    strobe._extent(axis, shapes)
+    for shape in shapes:
+        strobe.draw(shape, axis, 1.0)
+    assert len(axis.lines) + len(axis.patches) == len(shapes)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        Disc(0, 0, 1), Box(0, 0, 2, 1, 0.3), Segment(0, 0, 1, 1), Spring(0, 0, 1, 0), Point(0, 0),
+        HalfPlane(0, 0, 0, 1),
+    ],
+    ids=lambda shape: type(shape).__name__,
+)  # fmt: skip
+def test_every_shape_is_drawn(shape) -> None:
+    axis = Figure().subplots()
+    strobe.draw(shape, axis, 0.5)
+    assert len(axis.lines) + len(axis.patches) == 1
+
+
+def test_a_half_plane_lies_behind_its_normal() -> None:
+    axis = Figure().subplots()
+    axis.set_xlim(-1, 1)
+    axis.set_ylim(-1, 1)
+    strobe.draw(HalfPlane(0, 0, 0, 1), axis, 1.0)
+    (patch,) = axis.patches
+    assert patch.get_path().contains_point((0, -0.5))
+    assert not patch.get_path().contains_point((0, 0.5))
+
+
+def test_a_turned_box_has_its_corner_where_geometry_says() -> None:
+    axis = Figure().subplots()
+    strobe.draw(Box(1, 2, 2, 0, angle=np.pi / 2), axis, 1.0)
+    (box,) = axis.patches
+    corners = box.get_patch_transform().transform(box.get_path().vertices)
+    turned = (box.get_transform() - axis.transData).transform(box.get_path().vertices)
+    assert corners.shape == turned.shape
+    np.testing.assert_allclose(turned[:, 0], 1, atol=1e-9)
+    assert {round(y, 9) for y in turned[:, 1]} == {1.0, 3.0}
+
+
+def test_an_svg_has_no_date_and_no_fonts_to_find() -> None:
+    with styled():
+        figure = Figure()
+        figure.subplots().set_xlabel("x [m]")
+        first, second = to_svg(figure), to_svg(figure)
+    assert first == second
+    assert b"<dc:date>" not in first
+    assert b"<text" not in first
+
+
+def test_citations() -> None:
+    for name in names():
+        citation = spec(name).citation
+        assert citation is not None
+        assert full_citation(citation.key) != citation.key, "the bibliography lacks this key"
+    assert full_citation("suh2023noising").startswith(
+        "H.J. Terry Suh, Max Simchowitz, Tao Pang and"
+    )
+    assert full_citation("somebody2030") == "somebody2030"
