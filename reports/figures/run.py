@@ -44,12 +44,22 @@ def trajectories(view: RunView) -> Figure:
             if values is not None:
                 _lines(axis, view.time, values, look, steps)
         axis.set_ylabel(label(name, unit))
+        _widen(axis)
     handles = [
         Line2D([], [], label="planned", **_LOOK[0]),
         Line2D([], [], label="replayed under the exact law", **_LOOK[1]),
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=2)
     return figure
+
+
+def _widen(axis: Axes) -> None:
+    """Show what hardly moves as a level line, not as noise under an offset."""
+    low, high = axis.get_ylim()
+    middle = (low + high) / 2
+    if high - low < 1e-4 * max(1.0, abs(middle)):
+        half = 0.05 * max(1.0, abs(middle))
+        axis.set_ylim(middle - half, middle + half)
 
 
 def time_panels(count: int) -> tuple[Figure, list[Axes]]:
@@ -119,6 +129,10 @@ def contact_plane(view: RunView) -> Figure:
     axis.set(xscale="log", yscale="log")
     axis.set_xlabel(label("gap", gap_unit))
     axis.set_ylabel(label("$\\lambda$", signals[0].unit if signals else ""))
+    # Narrower than two decades a log axis has no ticks to read.
+    for limits, narrow in ((axis.get_xlim(), axis.set_xlim), (axis.get_ylim(), axis.set_ylim)):
+        if limits[1] < 100 * limits[0]:
+            narrow(limits[0] / 10, limits[1] * 10)
     for part in (axis.xaxis, axis.yaxis):
         part.set_major_locator(LogLocator(numticks=7))
         part.set_minor_formatter(NullFormatter())
