@@ -17,6 +17,7 @@ from ocp.errors import InputError
 from ocp.labelled import label
 from ocp.policy import OpenLoop, Policy
 from ocp.problem import Problem
+from ocp.rollout import trajectory_costs
 from ocp.session import Outcome, Session
 from ocp.settings import Settings
 from ocp.solution import Solution, StageRecord, Status
@@ -140,10 +141,12 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
     plan = trajectories(nlp, result, p)
     found, replay = audit(nlp, result, plan, values, p, bounds)
     status = judge(nlp, result, found, outcome.finished)
+    # Not the solver's f, which may hold a penalty on gains or on products of contact.
+    physical = np.array([values[name] for name in session.problem.parameters.names])
     data = label(nlp, plan, replay, outcome, values)
     return Solution(
         data=data,
-        cost=result.f,
+        cost=float(trajectory_costs(session.problem, plan.x, plan.u, physical).mean()),
         status=status,
         audit=found,
         stages=outcome.trace.records,

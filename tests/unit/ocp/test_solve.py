@@ -161,6 +161,15 @@ def test_the_policy_of_a_feedback_answer_is_what_it_did() -> None:
     np.testing.assert_allclose(again.x, x, atol=1e-6)
 
 
+def test_the_cost_is_the_problems_without_the_penalty_on_gains() -> None:
+    problem = get("push-disc", N=6, scenarios=3)
+    found = solve(problem, Exact(), Direct(), Feedback(penalty=1e-2))
+    assert found.success
+    assert (found.data["K"].values ** 2).sum() > 1e-3, "the penalty has something to weigh"
+    assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-5)
+    assert "unchanged" in found.verdict
+
+
 # --- feedback against open loop --------------------------------------------------------------
 
 FRESH = 100
