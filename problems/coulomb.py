@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 from scipy.stats import norm
@@ -35,7 +37,7 @@ class Params(Parameters):
     sigma: float = quantity(0.1, "m/s", "standard deviation of the noise on theta", above=0)
 
 
-def build(params: Params) -> StaticObjective:
+def build(params: Params, **engine: Any) -> StaticObjective:
     """The objective of pathologies, ex. III.5; the relaxation is one of the sign, 2 H - 1."""
     nu = Parameter("nu", params.nu, "m/s", "slip tolerance")
     table = ParameterTable([nu])
@@ -50,6 +52,7 @@ def build(params: Params) -> StaticObjective:
         np.array([params.theta]),
         table,
         closed_form,
+        **engine,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -33,7 +34,7 @@ class Params(Parameters):
     sigma: float = quantity(0.2, "1", "standard deviation of the noise on theta", above=0)
 
 
-def build(params: Params) -> StaticObjective:
+def build(params: Params, **engine: Any) -> StaticObjective:
     """The objective of pathologies, ex. III.2."""
     theta = ca.SX.sym("theta")
     return StaticObjective(
@@ -44,6 +45,7 @@ def build(params: Params) -> StaticObjective:
         np.array([params.theta]),
         ParameterTable(()),
         closed_form,
+        **engine,
     )
 
 

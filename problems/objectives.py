@@ -12,7 +12,8 @@ from pydantic import BaseModel
 
 from ocp.errors import InputError
 from ocp.studies.objective import SampledObjective
-from problems.spec import Citation, check_parameters, did_you_mean
+from problems.registry import names, spec
+from problems.spec import Citation, ProblemSpec, check_parameters, did_you_mean
 
 _MODULES = {
     "heaviside": "problems.heaviside",
@@ -24,13 +25,14 @@ _MODULES = {
 class ObjectiveSpec:
     """One named objective, at any parameters; ``Params`` holds the decision and ``sigma`` too.
 
-    ``build(params)`` gives the :class:`~ocp.studies.objective.SampledObjective`.
+    ``build(params)`` gives the :class:`~ocp.studies.objective.SampledObjective`; it also takes
+    ``backend``, ``threads`` and ``block`` of :class:`dynamics.batch.BatchFunction`.
     """
 
     name: str
     title: str
     Params: type[BaseModel]
-    build: Callable[[Any], SampledObjective]
+    build: Callable[..., SampledObjective]
     equations: tuple[str, ...]
     typst: tuple[str, ...]
     citation: Citation
@@ -45,6 +47,27 @@ class ObjectiveSpec:
     def objective(self, values: Mapping[str, Any] | None = None) -> SampledObjective:
         """Build the objective at ``values``; raises as :meth:`params` does."""
         return self.build(self.params(values or {}))
+
+    @property
+    def golden(self) -> dict[str, Any]:
+        """Known optima: an objective that is only sampled has none."""
+        return {}
+
+
+def named(name: str) -> ObjectiveSpec | ProblemSpec:
+    """Return the objective or the contact problem called ``name``, or a problem from a file.
+
+    Raises :class:`~ocp.errors.InputError` for a name that is none of them.
+    """
+    if name in _MODULES:
+        return objective_spec(name)
+    known = [*names(), *_MODULES]
+    if name.endswith(".py") or name in known:
+        return spec(name)
+    raise InputError(
+        f"unknown problem {name!r}{did_you_mean(name, known)}; there are {', '.join(known)}, or"
+        " give the path of a file such as my_problem.py"
+    )
 
 
 def objective_names() -> list[str]:

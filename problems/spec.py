@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -145,7 +145,16 @@ def parse_parameters(spec: ProblemSpec, assignments: Iterable[str]) -> dict[str,
     return {name: getattr(checked, name) for name in given}
 
 
-def describe(spec: ProblemSpec) -> list[dict[str, Any]]:
+class HasParams(Protocol):
+    """Anything with parameters to describe: a problem, an objective."""
+
+    @property
+    def Params(self) -> type[BaseModel]:
+        """The pydantic model of the parameters."""
+        ...
+
+
+def describe(spec: HasParams) -> list[dict[str, Any]]:
     """List the parameters in order, each with name, value, unit, range and description."""
     return [
         {

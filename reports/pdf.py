@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from ocp.errors import InputError
 from ocp.studies.store import StoredRun, plain
+from reports.estimates import estimate_page
 from reports.figures.study import study_page
 from reports.pages import comparison_page, continuation_page, solve_page
 from reports.style import styled, to_svg
@@ -55,6 +56,8 @@ def _page(views: list[RunView]) -> tuple[str, dict[str, Any], dict[str, Figure]]
         return ("comparison.typ", *comparison_page(views))
     if kinds == {"continue"} and len(views) == 1:
         return ("continuation.typ", *continuation_page(views[0]))
+    if kinds == {"estimate"} and len(views) == 1:
+        return ("estimate.typ", *estimate_page(views[0].run))
     if kinds == {"figure"} and len(views) == 1:
         return ("study.typ", *study_page(views[0].run))
     raise InputError(

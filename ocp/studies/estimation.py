@@ -11,11 +11,12 @@ import numpy as np
 
 from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError
+from ocp.studies.checkpoint import Checkpoint
 from ocp.studies.empirical_bias import EmpiricalBias, Jump, empirical_bias, sharpest_change
 from ocp.studies.estimators import SAMPLED
 from ocp.studies.interpolation import RULES, Choice, ConfidenceTest, Evidence, Rule
 from ocp.studies.objective import SampledObjective
-from ocp.studies.reference import KnownGradient, known_gradient, stream
+from ocp.studies.reference import KINDS, KnownGradient, known_gradient, stream
 from ocp.studies.sampling import Progress, Sampled, run_estimator
 from ocp.studies.verdict import Verdict, judge
 
@@ -84,6 +85,7 @@ class Estimate:
             "reference_source": None if known is None else known.source,
             "error": self.verdict.error,
             "verdict": self.verdict.word,
+            "wide": self.verdict.wide,
             "explanation": self.verdict.sentence,
             "alpha": None if self.choice is None else self.choice.alpha,
             "alpha_reason": None if self.choice is None else self.choice.reason,
@@ -132,6 +134,11 @@ class Plan:
                 )
         if len(set(self.estimators)) < len(self.estimators):
             raise InputError("an estimator is named twice; name each once")
+        if self.reference not in KINDS:
+            raise InputError(
+                f"unknown reference {self.reference!r}{nearest(self.reference, KINDS)}; there are"
+                f" {', '.join(KINDS)}"
+            )
         check_samples(self.samples)
         if self.reference_samples is not None:
             check_samples(self.reference_samples)
@@ -147,6 +154,11 @@ class Plan:
         alphas = [name for name in self.estimators if name in RULES]
         names = [name for name in self.estimators if name in SAMPLED]
         return list(dict.fromkeys([*names, *(ALPHA_PARTS if alphas else ())]))
+
+    @property
+    def most_reference_samples(self) -> int:
+        """Samples of the reference, where it is sampled."""
+        return self.reference_samples or REFERENCE_FACTOR * self.samples
 
     def rule(self, name: str) -> Rule:
         """Settings of an alpha estimator."""
@@ -198,16 +210,26 @@ def carry_out(
     objective: SampledObjective,
     seed: np.random.SeedSequence,
     progress: Progress | None = None,
+    keep: tuple[Checkpoint, str] | None = None,
 ) -> dict[str, Estimate]:
-    """Estimate one objective by ``plan``, with the random streams of ``seed``."""
+    """Estimate one objective by ``plan``, with the random streams of ``seed``.
+
+    ``keep`` is where sums under way are saved, and the beginning of their keys.
+    """
+
+    def kept(name: str) -> tuple[Checkpoint, str] | None:
+        return None if keep is None else (keep[0], f"{keep[1]}-{name}")
+
     found: dict[str, Sampled] = {}
     for name in plan.sampled:
         estimator = SAMPLED[name]
         noise = Gaussian(plan.sigma, stream(seed, estimator.stream))
-        found[name] = run_estimator(objective, estimator, noise, plan.samples, progress)
+        found[name] = run_estimator(objective, estimator, noise, plan.samples, progress, kept(name))
         _check_finite(objective, name, found[name])
-    many = plan.reference_samples or REFERENCE_FACTOR * plan.samples
-    known = known_gradient(objective, plan.sigma, seed, many, plan.reference)
+    known = known_gradient(
+        objective, plan.sigma, seed, plan.most_reference_samples, plan.reference, progress,
+        kept("reference"),
+    )  # fmt: skip
     judged = _Judge(objective, plan, seed, known)
     answers = {}
     for name in plan.estimators:

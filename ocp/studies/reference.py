@@ -10,7 +10,7 @@ from dynamics.batch import Gaussian
 from ocp.errors import InputError
 from ocp.studies.estimators import ZeroOrder
 from ocp.studies.objective import SampledObjective, StaticObjective
-from ocp.studies.sampling import run_estimator
+from ocp.studies.sampling import Keep, Progress, run_estimator
 
 REFERENCE_STREAM = 3
 KINDS = ("auto", "closed-form", "quadrature", "zobg", "none")
@@ -37,15 +37,15 @@ def known_gradient(
     seed: np.random.SeedSequence,
     n_samples: int,
     kind: str = "auto",
+    progress: Progress | None = None,
+    keep: Keep | None = None,
 ) -> KnownGradient | None:
     """Find the gradient: ``auto`` takes the first that there is of the kinds in their order.
 
     ``zobg`` samples antithetic ZoBG pairs, ``n_samples`` of them, on a stream of its own.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown kind, and where the asked one cannot be.
+    Raises :class:`~ocp.errors.InputError` where the asked one cannot be.
     """
-    if kind not in KINDS:
-        raise InputError(f"unknown reference {kind!r}; there are {', '.join(KINDS)}")
     if kind == "none":
         return None
     closed = objective.reference(sigma) if kind in ("auto", "closed-form") else None
@@ -56,8 +56,15 @@ def known_gradient(
     if kind == "quadrature" or (kind == "auto" and _on_a_line(objective)):
         return quadrature(objective, sigma)
     noise = Gaussian(sigma, stream(seed, REFERENCE_STREAM))
-    found = run_estimator(objective, ZeroOrder("antithetic"), noise, n_samples).moments
+    pairs = ZeroOrder("antithetic")
+    found = run_estimator(objective, pairs, noise, n_samples, progress, keep).moments
     return KnownGradient(found.mean, found.standard_error, "larger zobg run", found.n)
+
+
+def is_sampled(objective: SampledObjective, sigma: float, kind: str) -> bool:
+    """Whether the gradient of this ``kind`` comes from samples."""
+    free = objective.reference(sigma) is not None or _on_a_line(objective)
+    return kind == "zobg" or (kind == "auto" and not free)
 
 
 def stream(seed: np.random.SeedSequence, number: int) -> np.random.SeedSequence:

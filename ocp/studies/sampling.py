@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynamics.batch import Gaussian, Moments
+from ocp.studies.checkpoint import Checkpoint
 from ocp.studies.estimators import CHUNK, Estimator, shifted
 from ocp.studies.objective import SampledObjective
 
 _KEPT_VALUES = 1 << 20
 
+Keep = tuple[Checkpoint, str]
+"""Where sums under way are kept, and under which key."""
 Progress = Callable[[int], None]
 """Called with the number of samples done since the last call."""
 
@@ -37,31 +40,76 @@ def run_estimator(
     noise: Gaussian,
     n: int,
     progress: Progress | None = None,
+    keep: Keep | None = None,
 ) -> Sampled:
     """Sample ``n`` estimates, merging the moments of chunks in their order (Welford, Chan).
 
-    The chunks do not depend on threads or block size, so neither does any bit of the answer.
+    The chunks do not depend on threads or block size, so neither does any bit of the answer. With
+    ``keep`` the sums so far are saved now and then, and a later call goes on from them.
     """
-    contributions = estimator.sampler(objective, noise, n)
-    d = len(objective.theta)
-    total = Moments(0, np.zeros(d), np.zeros(d))
-    largest, kept, bad = 0.0, [], []
-    for begin in range(0, n, CHUNK):
-        size = min(CHUNK, n - begin)
-        values = contributions(shifted(noise, begin), size)
-        finite = np.isfinite(values).all(axis=1)
-        if not finite.all():
-            bad.append(begin + np.flatnonzero(~finite))
-            values = values[finite]
-        total = total.merged(_moments(values))
-        if len(values):
-            largest = max(largest, float(np.square(values).sum(axis=1).max()) ** 0.5)
-        if begin * d < _KEPT_VALUES:
-            kept.append(values)
+    sums = _Sums(len(objective.theta))
+    if keep is not None:
+        sums.restore(keep)
+    if progress is not None and sums.done:
+        progress(sums.done)
+    contributions = estimator.sampler(objective, noise, n) if sums.done < n else _nothing
+    while sums.done < n:
+        size = min(CHUNK, n - sums.done)
+        sums.add(contributions(shifted(noise, sums.done), size))
         if progress is not None:
             progress(size)
-    nonfinite = np.concatenate([*bad, np.empty(0, dtype=np.int64)])
-    return Sampled(total, largest, np.concatenate([*kept, np.empty((0, d))]), nonfinite)
+        if keep is not None and (sums.done == n or keep[0].due()):
+            sums.save(keep)
+    return Sampled(
+        sums.total, sums.largest, np.concatenate(sums.kept), np.concatenate(sums.nonfinite)
+    )
+
+
+def _nothing(noise: Gaussian, m: int) -> np.ndarray:
+    return np.empty((m, 0))
+
+
+class _Sums:
+    """What is kept of the samples done so far; saved and restored without losing a bit."""
+
+    def __init__(self, d: int) -> None:
+        self.done, self.largest = 0, 0.0
+        self.total = Moments(0, np.zeros(d), np.zeros(d))
+        self.kept = [np.empty((0, d))]
+        self.nonfinite = [np.empty(0, dtype=np.int64)]
+
+    def add(self, values: np.ndarray) -> None:
+        """Take the next chunk of single estimates in, (m, d)."""
+        size, d = values.shape
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            self.nonfinite.append(self.done + np.flatnonzero(~finite))
+            values = values[finite]
+        self.total = self.total.merged(_moments(values))
+        if len(values):
+            self.largest = max(self.largest, float(np.square(values).sum(axis=1).max()) ** 0.5)
+        if self.done * d < _KEPT_VALUES:
+            self.kept.append(values)
+        self.done += size
+
+    def save(self, keep: Keep) -> None:
+        """Write the sums."""
+        checkpoint, key = keep
+        checkpoint.save_state(
+            key, done=self.done, largest=self.largest, n=self.total.n, mean=self.total.mean,
+            m2=self.total.m2, kept=np.concatenate(self.kept),
+            nonfinite=np.concatenate(self.nonfinite),
+        )  # fmt: skip
+
+    def restore(self, keep: Keep) -> None:
+        """Go on from sums that were written, where there are any."""
+        checkpoint, key = keep
+        found = checkpoint.state(key)
+        if found is None:
+            return
+        self.done, self.largest = int(found["done"]), float(found["largest"])
+        self.total = Moments(int(found["n"]), found["mean"], found["m2"])
+        self.kept, self.nonfinite = [found["kept"]], [found["nonfinite"]]
 
 
 def _moments(values: np.ndarray) -> Moments:

@@ -23,12 +23,17 @@ CONFIDENCE = 0.999
 
 @dataclass(frozen=True)
 class Verdict:
-    """The word, the sentence that explains it, and the largest error in standard errors."""
+    """The word, the sentence that explains it, and the error's norm.
+
+    ``largest_z`` is the largest error in standard errors, ``wide`` whether the interval is wider
+    than the gradient itself, so that being within it says little.
+    """
 
     word: Word
     sentence: str
     error: float
     largest_z: float
+    wide: bool = False
 
 
 def quantile(d: int) -> float:
@@ -62,12 +67,12 @@ def judge(
     size = float(np.linalg.norm(known.gradient))
     told = f"off the {known.source} by {error:.3g} of {size:.3g}"
     if worst <= limit:
-        wide = limit * float(np.linalg.norm(width)) > size > 0
+        wide = limit * float(np.linalg.norm(width)) > size
         tail = "; the interval is wider than the gradient itself, so more samples are needed"
         return Verdict(
             "unbiased within the interval",
             f"{told}, {worst:.2g} standard errors at most (allowed {limit:.3g}){tail * wide}.",
-            error, worst,
+            error, worst, wide,
         )  # fmt: skip
     far = f"{told}, " + ("with no variance to show for it" if worst > 1e6 else
                          f"{worst:.3g} standard errors (allowed {limit:.3g})")  # fmt: skip

@@ -122,7 +122,7 @@ def _store(asked: EstimateRequest, study: SweepRun, out: Path) -> tuple[dict[str
     from ocp.studies import store
     from ocp.studies.sweep import overall, sweep_dataset
 
-    data = sweep_dataset(asked.objective, study.rows, asked.sweep, asked.unit())
+    data = sweep_dataset(study.widest, study.rows, asked.sweep, asked.unit())
     swept = asked.sweep
     meta = {
         "kind": "estimate",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ocp.errors import InputError
-from reports.cli.choices import assignments, contact_law, policy, split_policy_settings
+from reports.cli.choices import assignments, choose, contact_law, policy, split_policy_settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from problems.objectives import ObjectiveSpec
     from problems.spec import ProblemSpec
 
+BACKENDS = ("auto", "c", "llvm", "numpy", "casadi")
 SIGMA_SHARE = 0.1
 """Noise on a problem's inputs where none is asked for, as a share of their characteristic size."""
 
@@ -62,10 +63,11 @@ class EstimateRequest:
         from problems.objectives import named
 
         spec = named(problem)
+        choose("backend", engine["backend"], dict.fromkeys(BACKENDS))
         given = {k: v for k, v in assignments("-p", params).items() if k != "sigma"}
         of_noise = assignments("-p", params).get("sigma")
         if of_noise is not None and "sigma" in spec.Params.model_fields and sigma is None:
-            sigma = spec.params({"sigma": of_noise}).sigma
+            sigma = spec.params({"sigma": of_noise}).model_dump()["sigma"]
         elif of_noise is not None:
             given["sigma"] = of_noise
         own, others = split_policy_settings(assignments("-s", settings))
@@ -84,20 +86,22 @@ class EstimateRequest:
             None if reference_samples is None else whole("--reference-samples", reference_samples),
         )
         swept = None if sweep is None else Sweep.read(sweep)
+        if swept is not None:
+            _check_values(swept, spec, given, how)
         record = {
             "problem": spec.name, "params": values, "estimators": list(plan.estimators),
             "samples": plan.samples, "sigma": plan.sigma, "seed": seed, "reference": reference,
             "reference_samples": plan.most_reference_samples,
             "rules": {rule.name: vars(rule) for rule in plan.rules},
             "sweep": None if swept is None else {"name": swept.name, "values": swept.values},
-            "source": str(spec.path) if getattr(spec, "path", None) else None,
+            "source": _source(spec),
         }  # fmt: skip
-        if not hasattr(objective, "problem"):
-            return cls(spec.name, objective, plan, swept, record, given, spec, how)
-        record |= {
-            "contact": contact, "law_settings": list(law_settings or ()), "policy": policy_name,
-            "policy_settings": own, "at": None if at is None else str(at),
-        }  # fmt: skip
+        if hasattr(objective, "problem"):
+            record |= {
+                "contact": contact, "law_settings": list(law_settings or ()),
+                "policy": policy_name, "policy_settings": own,
+                "at": None if at is None else str(at),
+            }  # fmt: skip
         return cls(spec.name, objective, plan, swept, record, given, spec, how)
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
@@ -156,6 +160,28 @@ def build(
     except ValueError as error:
         raise InputError(str(error)) from error
     return objective, values, SIGMA_SHARE * problem.reference.u
+
+
+def _check_values(
+    swept: Sweep,
+    spec: ObjectiveSpec | ProblemSpec,
+    given: Mapping[str, Any],
+    how: Mapping[str, Any],
+) -> None:
+    """Raise InputError where a swept value is out of its parameter's range."""
+    law, sign, knob = swept.name.partition(".")
+    for value in swept.values:
+        if swept.name in spec.Params.model_fields:
+            spec.params({**given, swept.name: value})
+        elif (law, sign) == ("contact", "."):
+            own = [item for item in how["law_settings"] if not item.startswith(f"{knob}=")]
+            contact_law(how["contact"], [*own, f"{knob}={value}"])
+
+
+def _source(spec: ObjectiveSpec | ProblemSpec) -> str | None:
+    """The user's file, where the problem comes from one."""
+    path = getattr(spec, "path", None)
+    return None if path is None else str(path)
 
 
 def _stored_decision(at: Path, policy_name: str) -> np.ndarray:
