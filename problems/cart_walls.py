@@ -34,7 +34,24 @@ typst = (
     ' + w_(dot(theta)) dot(theta)^2 + w_u u^2 + w_"end" norm(x_N)^2',
     'abs(u) <= u_"max"',
 )
-golden: dict[str, Golden] = {}
+golden = {
+    "exact": Golden(
+        law="exact",
+        method="direct",
+        cost=186.588555,
+        tolerance=1e-6,
+        source="36 random guesses of a plain CasADi Opti script, cold Scholtes homotopy;"
+        " the best of 549 patterns of contact, 73 of them feasible, each one a convex QP",
+    ),
+    "barrier mu=1e-3": Golden(
+        law="barrier",
+        method="direct",
+        cost=184.919460,
+        tolerance=1e-6,
+        source="from the exact answer and from 18 random guesses of an Opti script; one"
+        " ends at 3285",
+    ),
+}
 
 
 class Params(Parameters):
