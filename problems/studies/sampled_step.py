@@ -37,7 +37,10 @@ class SampledStep:
 
     def __init__(self, step: Step) -> None:
         self._step = step
-        self._solve = BatchFunction(step.solve)
+        # The path solver of several contacts is hundreds of iterations, most of them skipped by
+        # CasADi's conditionals: unrolled and compiled it would take minutes to build.
+        backend = "auto" if step.system.nlam <= 1 else "casadi"
+        self._solve = BatchFunction(step.solve, backend)
         x, u, p, lam = step.system.x, step.system.u, step.p.vector, step.lam
         x_next = step.a + step.B @ lam
         by_x, by_u = step.contact_jacobian(x), step.contact_jacobian(u)
