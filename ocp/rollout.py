@@ -55,15 +55,17 @@ def roll_out(
 ) -> Rollout:
     """Roll out ``inputs`` (S or 1, N, nu), or gains, under ``law`` (the exact one if not said).
 
-    ``values`` are parameter values by name, ``x0`` (S, nx) initial states, by default the
-    problem's scenarios; inputs from gains are clipped to the bounds on u, as an actuator would.
+    ``values`` are parameter values by name; a law brings its own knobs, a closed step takes them
+    from ``values``. ``x0`` (S, nx) are initial states, by default the problem's scenarios; inputs
+    from gains are clipped to the bounds on u, as an actuator would.
 
     Raises :class:`~ocp.errors.NotConverged`, naming contact, step and scenario, where the step's
     path could not be followed to its end.
     """
     step = law if isinstance(law, Step) else (law or Exact()).close(problem.system)
-    defaults = {parameter.name: parameter.value for parameter in step.p}
-    p = np.array([values.get(name, defaults[name]) for name in step.p.names])
+    own = problem.parameters if step is not law else problem.parameters + step.p
+    known = {name: value for name, value in values.items() if name in own}
+    p = np.array([known.get(parameter.name, parameter.value) for parameter in step.p])
     physical = np.array([values[name] for name in problem.parameters.names])
     start = problem.initial_states(physical) if x0 is None else np.atleast_2d(x0)
     lower, upper = (np.array(v).ravel() for v in problem.limits(physical)[2:4])

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.contact import Barrier, ContactLaw, Step
+from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
@@ -26,6 +26,8 @@ _STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""
 _MU_LAST = 1e-8
 """Where the barrier law is left for the exact one in shooting."""
+_GAIN = 1e-7
+"""Relative fall of the cost for which an answer is exchanged for another."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,39 @@ class Session:
         if self.step.exact and self.homotopy:
             return self._through_barrier(follower, point, nlp)
         result, nlp, finished = follower.follow(self._law_path(), point)
+        if self.homotopy is not False and not self.step.exact and self.step.branches == 1:
+            below = self._from_exact(follower, guess)
+            if below is not None and (not finished or below.f < result.f - _GAIN * abs(result.f)):
+                result, finished = below, True
         return Outcome(result, nlp, finished, follower.trace)
+
+    def _from_exact(
+        self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None
+    ) -> Result | None:
+        """Solve at the law's value once more, from the exact law's answer instead of a wide start.
+
+        The path from a wide law may end in a worse minimum, one with another contact schedule, and
+        then the exact optimum is the better neighbour.
+        """
+        helper = Session(self.problem, Exact(), Direct(), self.policy, self.solver)
+        helper.values |= self._shared()
+        exact = helper.solve(guess=guess, progress=follower.progress)
+        follower.trace.absorb(exact.trace)
+        self.build_s += helper.build_s
+        if not exact.finished:
+            return None
+        nlp = self.nlp_of("product")
+        x = translate(exact.result.point, exact.nlp, nlp).x
+        knob = self.step.law.homotopy_knob
+        value = self.values[knob] if knob else 0.0
+        if nlp.pairs.size:
+            mu = max(value, _MU_LAST) if knob == "contact.mu" else _MU_LAST
+            lam, gap = np.maximum(x[nlp.pairs], np.sqrt(mu) * 1e-3)
+            acts = lam > gap
+            x[nlp.pairs] = np.where(acts, lam, mu / gap), np.where(acts, mu / lam, gap)
+        plan = Plan("from exact", value, options={"mu_init": 1e-3})
+        found = follower.stage(plan, nlp, Point(x), False)
+        return found if found.ok else None
 
     def _law_path(self) -> Path:
         """The law's own knob from a wide start to its value, or the one value."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -135,15 +136,24 @@ class Solution:
         """One or two sentences: solved or not, and whether the plan survives exact physics."""
         if not self.success:
             return self.status.value.capitalize() + "."
-        off = self.audit.exact_cost - self.cost
-        relative = abs(off) / max(abs(self.cost), 1e-9)
-        if relative <= 1e-5:
-            survives = "the plan survives exact physics unchanged"
-        elif off <= 0.1 * abs(self.cost):
-            survives = f"the plan survives exact physics at cost {self.audit.exact_cost:.6g}"
-        else:
-            survives = (
-                f"but under exact physics it costs {self.audit.exact_cost:.6g}:"
-                " the plan leans on the smoothing"
-            )
-        return f"Solved: cost {self.cost:.6g}; {survives}."
+        return f"Solved: cost {self.cost:.6g}; {self._survival()}."
+
+    def _survival(self) -> str:
+        exact, off = self.audit.exact_cost, self.audit.exact_cost - self.cost
+        if not math.isfinite(exact):
+            return "but under exact physics the motion runs away"
+        if abs(off) <= 1e-5 * max(abs(self.cost), 1e-9):
+            return "the plan survives exact physics unchanged"
+        if off <= 0.1 * abs(self.cost):
+            return f"the plan survives exact physics at cost {exact:.6g}"
+        if self.record.get("contact") == "exact":
+            return f"but its inputs, replayed, cost {exact:.6g}: the motion is unstable"
+        return f"but under exact physics it costs {exact:.6g}: the plan leans on the smoothing"
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C after some of several starts: ``solution`` is the best one finished."""
+
+    def __init__(self, solution: Solution) -> None:
+        super().__init__("interrupted between starts")
+        self.solution = solution

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -20,8 +18,9 @@ from ocp.problem import Problem
 from ocp.rollout import trajectory_costs
 from ocp.session import Outcome, Session
 from ocp.settings import Settings
-from ocp.solution import Solution, StageRecord, Status
+from ocp.solution import Interrupted, Solution, StageRecord, Status
 from ocp.solvers.solver import Solver
+from ocp.studies.provenance import versions
 from ocp.transcription import Direct, Method
 
 _SPREAD = 0.3
@@ -87,14 +86,26 @@ def solve_session(
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
 ) -> Solution:
-    """Solve a session from one or several guesses."""
-    solutions = [
-        judged(session, session.solve(progress=progress, guess=guess), seed)
-        for guess in guesses(session, starts, seed)
-    ]
+    """Solve a session from one or several guesses.
+
+    Raises :class:`~ocp.solution.Interrupted`, with the best answer so far, where Ctrl-C falls
+    between several starts.
+    """
+    solutions: list[Solution] = []
+    try:
+        for guess in guesses(session, starts, seed):
+            outcome = session.solve(progress=progress, guess=guess)
+            solutions.append(judged(session, outcome, seed))
+    except KeyboardInterrupt as stop:
+        if not solutions:
+            raise
+        raise Interrupted(best_of(solutions)) from stop
+    return solutions[0] if starts == 1 else best_of(solutions)
+
+
+def best_of(solutions: list[Solution]) -> Solution:
+    """Return the best audited answer, with the others listed and the work of all counted."""
     best = min(solutions, key=rank)
-    if starts == 1:
-        return best
     others = [
         {
             "start": index,
@@ -184,10 +195,3 @@ def record(session: Session, seed: int) -> dict[str, Any]:
         "versions": versions(),
         "citation": problem.citation,
     }  # fmt: skip
-
-
-def versions() -> dict[str, str]:
-    """Versions of what an answer's digits depend on."""
-    names = ("centralpath", "numpy", "scipy", "xarray")
-    found = {name: version(name) for name in names}
-    return {**found, "casadi": version("casadi"), "python": platform.python_version()}

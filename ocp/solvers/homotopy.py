@@ -65,6 +65,12 @@ class Trace:
     iterations: int = 0
     seconds: float = 0.0
 
+    def absorb(self, other: Trace) -> None:
+        """Append another trace's table and add up its work."""
+        self.records += other.records
+        self.iterations += other.iterations
+        self.seconds += other.seconds
+
 
 class Homotopy:
     """Follows paths on the NLPs that ``nlp_of(form)`` gives, with one solver.
@@ -118,20 +124,19 @@ class Homotopy:
         if self.solver.name == "ipopt":
             options = {**WARM, **plan.options} if usable.lam_g is not None else plan.options
         result = self.solver.run(nlp, usable, p, bounds, **options)
-        self.record(plan.knob, plan.value, nlp, result, bounds)
+        self.record(plan.knob, plan.value, nlp, result, p, bounds)
         return result
 
-    def record(self, knob: str, value: float, nlp: NLP, result: Result,
+    def record(self, knob: str, value: float, nlp: NLP, result: Result, p: np.ndarray,
                bounds: dict[str, np.ndarray]) -> None:  # fmt: skip
         """Add a line to the table and tell whoever watches."""
         g = result.g
         off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
-        products = result.point.x[nlp.pairs]
         line = StageRecord(
             knob=knob,
             value=value,
             cost=result.f,
-            complementarity=float(np.abs(products[0] * products[1]).max(initial=0.0)),
+            complementarity=float(np.abs(nlp.products(result.point.x, p)).max(initial=0.0)),
             residual=float(np.maximum(off, 0).max(initial=0.0)),
             iterations=result.iterations,
             seconds=result.seconds,

@@ -37,7 +37,7 @@ def polish(
         start = Point(np.clip(point.x, bounds["lbx"], bounds["ubx"]), point.lam_x, point.lam_g)
         options = {**WARM, "mu_init": 1e-6} if homotopy.solver.name == "ipopt" else {}
         found = homotopy.solver.run(nlp, start, p, bounds, **options)
-        homotopy.record("active set", float(active.sum()), nlp, found, bounds)
+        homotopy.record("active set", float(active.sum()), nlp, found, p, bounds)
         if not found.ok or (best is not None and found.f > best.f - 1e-9 * (1 + abs(best.f))):
             break
         best, point = found, found.point

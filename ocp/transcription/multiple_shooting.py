@@ -72,7 +72,22 @@ class MultipleShooting:
         return NLP(
             problem, step, policy, self.name, variables, constraints, graph.names, data,
             made.f_g, made.gradient, made.jacobian, made.hessian,
+            contacts=_contacts(graph, stage, variables.size, data.size),
         )  # fmt: skip
+
+
+def _contacts(graph: Graph, stage: Stage, n: int, n_data: int) -> ca.Function:
+    """Map ``(x, p)`` of the NLP to lam and gap of all steps, each (n, S N)."""
+    step, n_p = graph.step, graph.p.numel()
+    picked = ca.Function(
+        "pick", [stage.w, graph.p], [graph.problem.system.x, graph.problem.system.u, step.p.vector]
+    )
+    x, full = ca.MX.sym("x", n), ca.MX.sym("p", n_p + n_data)
+    source = ca.vertcat(x, full[n_p:])
+    w = ca.reshape(source[stage.index.ravel().tolist()], -1, stage.copies)
+    arguments = picked.map(stage.copies)(w, ca.repmat(full[:n_p], 1, stage.copies))
+    _, lam, gap, _ = step.solve.map(stage.copies)(*arguments)
+    return ca.Function("contacts", [x, full], [lam, gap])
 
 
 def next_state(step: Step) -> ca.SX:

@@ -86,7 +86,8 @@ class NLP:
     ``f_g`` maps (x, p) to (f, g); ``gradient`` to (f, df/dx); ``jacobian`` to (g, dg/dx);
     ``hessian`` maps (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian.
     ``pairs`` holds the positions of complementary multipliers and gaps in x, shape (2, m);
-    ``rollout`` marks shooting methods, whose states follow from x and p.
+    ``trajectories`` maps (x, p) to states, inputs, lam and gap where states are no variables,
+    ``contacts`` to lam and gap where those are none.
     """
 
     problem: Problem
@@ -104,6 +105,7 @@ class NLP:
     form: str = "product"
     pairs: np.ndarray = field(default_factory=lambda: np.zeros((2, 0), dtype=int))
     trajectories: ca.Function | None = None
+    contacts: ca.Function | None = None
     solvers: dict[str, ca.Function] = field(default_factory=dict)
 
     @property
@@ -124,6 +126,16 @@ class NLP:
         u_before = np.array(self.problem.limits(physical)[1]).ravel()
         head = np.array([values[name] for name in self.names])
         return np.concatenate([head, self.data.pack({"x0": x0, "u_before": u_before})])
+
+    def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """``lam gap`` of every contact and step, flat; shooting methods solve the contacts."""
+        if self.pairs.size:
+            lam, gap = x[self.pairs]
+            return lam * gap
+        if self.contacts is None:
+            return np.zeros(0)
+        lam, gap = (np.array(v).ravel() for v in self.contacts(x, p))
+        return lam * gap
 
     def default_values(self) -> dict[str, float]:
         """Default value of every parameter by name."""

@@ -47,9 +47,11 @@ class SingleShooting:
             variables.add("u", (1, problem.N, graph.nu), graph.component_names("u"))
         condensed = _Condensed(graph, variables, constraints, compiled)
         f_g, gradient, jacobian, hessian, trajectories = condensed.functions()
+        inputs = [ca.MX.sym(name, *trajectories.size_in(name)) for name in ("theta", "p")]
+        contacts = ca.Function("contacts", inputs, trajectories(*inputs)[2:])
         return NLP(
             problem, step, policy, self.name, variables, constraints, graph.names, graph.data(),
-            f_g, gradient, jacobian, hessian, trajectories=trajectories,
+            f_g, gradient, jacobian, hessian, trajectories=trajectories, contacts=contacts,
         )  # fmt: skip
 
 

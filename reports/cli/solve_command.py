@@ -48,6 +48,7 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Solve a problem under a contact law, audit the answer, and store the run."""
+    from ocp.solution import Interrupted
     from ocp.solve import solve
     from ocp.studies import store
     from reports import console
@@ -67,10 +68,16 @@ def run(
             report(stage)
             interrupt.check()
 
-        solution = solve(
-            asked.problem, contact=asked.law, transcription=asked.method, policy=asked.policy,
-            solver=asked.solver, settings=asked.settings, starts=starts, seed=seed, progress=told,
-        )  # fmt: skip
+        try:
+            solution = solve(
+                asked.problem, contact=asked.law, transcription=asked.method,
+                policy=asked.policy, solver=asked.solver, settings=asked.settings, starts=starts,
+                seed=seed, progress=told,
+            )  # fmt: skip
+        except Interrupted as stop:
+            kept = store.save(asked.described(stop.solution), out, ["ocp", *sys.argv[1:]])
+            output.say(f"run: {kept} (the best of {len(stop.solution.others)} finished starts)")
+            raise
     solution = asked.described(solution)
     path = store.save(solution, out, ["ocp", *sys.argv[1:]])
     show(output, solution)
