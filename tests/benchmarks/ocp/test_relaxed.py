@@ -1,0 +1,61 @@
+"""Set-up plus solve of one relaxed NLP, ``lam gap = mu``, against a plain Opti script."""
+
+from __future__ import annotations
+
+import pytest
+
+from dynamics.contact import Barrier
+from ocp.session import Outcome
+from tests.benchmarks.ocp.cases import FIVE, LCS, same_guess, session
+from tests.benchmarks.ocp.models import MODELS
+from tests.benchmarks.ocp.opti_peer import PeerAnswer, relaxed
+from tests.benchmarks.ocp.race import alternate, ms, tell
+
+MU = 1e-3
+CASES = [
+    *((name, None, 1.0, 5) for name in FIVE),
+    *((name, N, 2.0, 3) for name in ("push-disc", LCS) for N in (100, 400)),
+]
+
+
+def ours(name: str, N: int | None) -> tuple[Outcome, float]:
+    """Everything from the problem's parameters to the answer."""
+    made = session(name, Barrier(mu=MU), N, homotopy=False)
+    return made.solve(), made.build_s
+
+
+@pytest.mark.bench
+def test_relaxed_nlp_against_a_plain_script() -> None:
+    """Same NLP, mu, guess and IPOPT options; N is the problem's own where none is given.
+
+    Ratios are the script's time over ours; ``expand`` is the script with SX-expanded functions,
+    which not every user thinks of.
+    """
+    rows, slow, worse = [], [], []
+    for name, N, floor, rounds in CASES:
+        model = MODELS[name]() if N is None else MODELS[name](N)
+        guess = same_guess(session(name, Barrier(mu=MU), N))
+        runs = {
+            "ours": lambda n=name, k=N: ours(n, k),
+            "script": lambda m=model, g=guess: relaxed(m, g, MU),
+        }
+        if model.N <= 100:
+            runs["expand"] = lambda m=model, g=guess: relaxed(m, g, MU, expand=True)
+        seconds, found = alternate(runs, rounds)
+        (outcome, _), script = found["ours"], found["script"]
+        assert isinstance(script, PeerAnswer)
+        assert outcome.result.ok and script.ok
+        ratio = seconds["script"] / seconds["ours"]
+        expand = f"{seconds['expand'] / seconds['ours']:.1f}" if "expand" in seconds else ""
+        rows.append([
+            name, model.N, f"{outcome.result.f:.6g} / {script.cost:.6g}",
+            f"{outcome.trace.iterations} / {script.iterations}",
+            f"{ms(seconds['ours'])} / {ms(seconds['script'])}",
+            f"{ratio:.1f}", f"{floor:g}", expand,
+        ])  # fmt: skip
+        slow += [(name, model.N, ratio)] if ratio < floor else []
+        worse += [name] if outcome.result.f > script.cost * 1.005 else []
+    columns = ["ours / script", "N", "cost", "iterations", "ms", "ratio", "floor", "expand"]
+    tell(f"Relaxed NLP, mu = {MU:g}: set-up plus solve", columns, rows)
+    assert not worse
+    assert not slow
