@@ -116,8 +116,13 @@ class FirstOrder(Estimator):
     stream: ClassVar[int] = 1
 
     def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:
-        """Return the gradients."""
-        return lambda g, m: objective.differentiated(g, m).direction
+        """Return the gradients; where the cost is not finite no gradient means anything."""
+
+        def contributions(g: Gaussian, m: int) -> np.ndarray:
+            found = objective.differentiated(g, m)
+            return np.where(np.isfinite(found.cost)[:, None], found.direction, np.nan)
+
+        return contributions
 
 
 @dataclass(frozen=True)
