@@ -97,8 +97,9 @@ class Solution:
     ``x_replay``, ``u_replay``, ``lam_replay``, ``gap_replay`` (contact_exact: without branches),
     ``phi``, ``phi_replay`` (scenario, node, distance) where the system knows its signed distance,
     for feedback ``K`` (interval, control, state) and ``k`` (interval, control), and the homotopy's
-    stages ``stage_x`` (stage, scenario, node, state), ``stage_u``, ``stage_value``, ``stage_cost``,
-    ``stage_complementarity``, ``stage_residual``, ``stage_iterations``. Coordinate ``time`` [s].
+    stages: ``stage_value``, ``stage_cost``, ``stage_complementarity``, ``stage_residual``,
+    ``stage_iterations`` (stage), and ``stage_x``, ``stage_u`` (accepted_stage, scenario or shared,
+    interval, state or control) of those that succeeded. Coordinate ``time`` [s].
 
     ``record`` is everything else, ready for JSON (:mod:`ocp.studies.store`): problem, contact,
     method, policy, solver, parameters, settings, seed.

@@ -78,9 +78,13 @@ class Randomized(ContactLaw):
         return {**own, "base": self.base.name, **inner}
 
     def at(self, **values: float) -> Randomized:
-        """Return the same law with another sigma."""
+        """Return the same law with another sigma, or with other knobs of the base law."""
         own = dict(vars(self))
-        return Randomized(**{**own, **values})  # pyright: ignore[reportArgumentType]
+        for_base = {name: value for name, value in values.items() if name not in own}
+        if for_base:
+            own["base"] = self.base.at(**for_base)
+        ours = {name: value for name, value in values.items() if name in own}
+        return Randomized(**{**own, **ours})  # pyright: ignore[reportArgumentType]
 
     def knobs(self, system: ContactSystem) -> ParameterTable:
         """``contact.sigma`` and the base law's knobs."""

@@ -192,6 +192,16 @@ class Step:
         return self.lam * gap - (self.mu if mu is None else mu)
 
     @cached_property
+    def held(self) -> tuple[ca.SX, ca.SX] | None:
+        """A symbol for mu and its value, where the law wants mu held in derivatives."""
+        return (ca.SX.sym("mu_held", self.n), self.mu) if self.law.frozen else None
+
+    @cached_property
+    def differentiable_relation(self) -> ca.SX:
+        """The contact relation as derivatives see it: with mu held where the law says so."""
+        return self.contact_relation(self.held[0] if self.held else None)
+
+    @cached_property
     def relation_jacobian(self) -> ca.SX:
         """``dR/dlam``: ``diag(gap) + diag(lam) F``, or ``I - D + D F`` for the exact law."""
         gap = self.z + self.F @ self.lam
@@ -207,11 +217,9 @@ class Step:
         printed abs, eq. A.26 drops the coupling between contacts. Where the law freezes mu,
         ``dmu/dw`` of the state and input is left out; its own knobs keep theirs.
         """
-        relation = self.contact_relation()
+        own_knobs = variable is self._inputs[2]
+        relation = self.contact_relation() if own_knobs else self.differentiable_relation
         partial = ca.jacobian(relation, variable)
-        if self.law.frozen and variable is not self._inputs[2]:
-            held = ca.SX.sym("mu", self.n)
-            partial = ca.jacobian(self.contact_relation(held), variable)
         return -solve_without_pivoting(self.relation_jacobian, partial)
 
     @cached_property

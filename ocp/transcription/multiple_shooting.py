@@ -61,8 +61,8 @@ class MultipleShooting:
         stage = Stage(
             "interval", w, graph.p, graph.stage_cost(), expression,
             np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1), where, 1 / S,
-            step.lam, step.contact_relation(), step.relation_jacobian,
-            contact_solve(graph, w, step),
+            step.lam, step.differentiable_relation, step.relation_jacobian,
+            contact_solve(graph, w, step), step.held,
         )  # fmt: skip
         stages = [stage, terminal_stage(graph, variables, constraints)]
         stages += gain_penalty(graph, variables)

@@ -48,7 +48,8 @@ class SingleShooting:
         condensed = _Condensed(graph, variables, constraints, compiled)
         f_g, gradient, jacobian, hessian, trajectories = condensed.functions()
         inputs = [ca.MX.sym(name, *trajectories.size_in(name)) for name in ("theta", "p")]
-        contacts = ca.Function("contacts", inputs, trajectories(*inputs)[2:])
+        _, _, lam, gap = trajectories(*inputs)
+        contacts = ca.Function("contacts", inputs, [lam, gap])
         return NLP(
             problem, step, policy, self.name, variables, constraints, graph.names, graph.data(),
             f_g, gradient, jacobian, hessian, trajectories=trajectories, contacts=contacts,
@@ -99,13 +100,14 @@ class _Condensed:
         self.nc = sum(expression.numel() for _, expression in extra)
         outputs = ca.vertcat(xi_next, *(expression for _, expression in extra))
         w = ca.vertcat(self.xi, theta)
-        relation = closed(step.contact_relation())
+        relation = closed(step.differentiable_relation)
+        held = (step.held[0], closed(step.held[1])) if step.held else None
         gap = closed(step.z + step.F @ step.lam)
         self.stage = Stage(
             "shooting", w, graph.p, closed(graph.stage_cost()), outputs,
             np.zeros((self.N * self.S, w.numel()), dtype=int),
             np.zeros((self.N * self.S, outputs.numel()), dtype=int), 1 / self.S,
-            step.lam, relation, closed(step.relation_jacobian), self._solve(w, u),
+            step.lam, relation, closed(step.relation_jacobian), self._solve(w, u), held,
         )  # fmt: skip
         self.gap = ca.Function("gap", [w, graph.p, step.lam], [gap, u])
 

@@ -25,7 +25,8 @@ class Stage:
     ``index`` (copies, nw) tells where each copy's locals sit in ``[x; data]``; ``weight`` scales
     the cost. ``inner`` (n,) are unknowns that solve ``relation(inner, w, p) = 0`` with the map
     ``solve(w, p) -> inner``, or nothing; all derivatives go through them by the implicit function
-    theorem. ``rows`` (copies, nc) tells where the constraints go in g.
+    theorem. ``held`` names a symbol in the relation that derivatives treat as a constant, and its
+    value. ``rows`` (copies, nc) tells where the constraints go in g.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Stage:
     relation: ca.SX | None = None
     relation_jacobian: ca.SX | None = None
     solve: ca.Function | None = None
+    held: tuple[ca.SX, ca.SX] | None = None
 
     def __post_init__(self) -> None:
         self.copies = self.index.shape[0]
@@ -68,6 +70,8 @@ class Stage:
         return function, hessian.sparsity()
 
     def _function(self, what: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+        if self.held is not None:
+            outputs = ca.substitute(outputs, [self.held[0]], [self.held[1]])
         return ca.Function(f"{self.name}_{what}", inputs, outputs, {"cse": True})
 
     @property

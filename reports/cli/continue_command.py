@@ -68,6 +68,8 @@ def run(
     )
     known = dict.fromkeys([*session.problem.parameters.names, *session.step.p.names])
     choose("parameter", over.removeprefix("problem."), known)
+    for end_value in (start, end):
+        asked.check_value(over, end_value)
     finished: list[Any] = []
 
     def note(point: Any) -> None:

@@ -67,6 +67,16 @@ class Request:
         values = found.params(given).model_dump()
         return cls(found, values, built, law, transcription, chosen_policy, solver, others)
 
+    def check_value(self, name: str, value: float) -> None:
+        """Raise InputError where parameter ``name``, the law's or the problem's, cannot be so."""
+        if not name.startswith("contact."):
+            self.spec.params({**self.params, name.removeprefix("problem."): value})
+            return
+        try:
+            self.law.at(**{name.removeprefix("contact."): value})
+        except ValueError as error:
+            raise InputError(str(error)) from error
+
     @property
     def origin(self) -> dict[str, Any]:
         """What a run needs to find its problem again: parameters, and a user's file."""

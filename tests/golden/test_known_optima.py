@@ -10,22 +10,13 @@ from ocp import Direct, solve
 
 LAWS = {"exact": Exact(), "barrier mu=1e-3": Barrier(mu=1e-3)}
 STATED = [(name, key) for name in problems.names()[:5] for key in problems.spec(name).golden]
-LATE = pytest.mark.xfail(
-    strict=True, reason="the path from wide mu lifts off one step late; from the exact answer not"
-)
 
 
 def test_every_problem_states_its_exact_and_its_barrier_optimum():
     assert len(STATED) == 5 * len(LAWS)
 
 
-@pytest.mark.parametrize(
-    ("name", "key"),
-    [
-        pytest.param(*stated, marks=LATE if stated == ("ball-bounce", "barrier mu=1e-3") else ())
-        for stated in STATED
-    ],
-)
+@pytest.mark.parametrize(("name", "key"), STATED)
 def test_the_stated_optimum_is_found(name: str, key: str):
     golden = problems.spec(name).golden[key]
     found = solve(problems.get(name), LAWS[key], Direct(), starts=golden.starts)

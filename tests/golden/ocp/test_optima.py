@@ -49,14 +49,7 @@ def test_methods_agree_on_the_barrier_optimum(name: str, method) -> None:
     np.testing.assert_allclose(found.data["lam"] * found.data["gap"], 1e-3, atol=1e-9)
 
 
-LIFT_OFF = pytest.mark.xfail(
-    strict=True, reason="the barrier's path lifts off one step late, in a minimum 2 % worse"
-)
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=LIFT_OFF if name == "ball-bounce" else ()) for name in FIVE]
-)
+@pytest.mark.parametrize("name", FIVE)
 def test_a_thin_barrier_meets_the_exact_optimum(name: str) -> None:
     thin = solve(get(name), Barrier(mu=1e-9), Direct())
     assert thin.success
