@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 from scipy.integrate import quad
-from scipy.optimize import minimize
 from scipy.stats import norm, t
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from problems.spec import Citation
+from problems.studies.noise import averaged_exact, linearisations, printed_kappa
 from problems.studies.scalar_contact import scalar_contact
 from problems.studies.study import CHOICE, Claim, Study, StudyParams, quantity_of, setting
 
@@ -26,39 +26,6 @@ class Params(StudyParams):
     z_max: float = setting(4.0, "m", "largest gap drawn", CHOICE, above=0)
     points: int = setting(400, "1", "gaps drawn, an even number", CHOICE, least=6)
     far: float = setting(3.0, "1", "contact-free is a gap of this many sigma", CHOICE, above=0)
-
-
-def printed_kappa(z: np.ndarray, sigma: float) -> np.ndarray:
-    """Abs, eq. 5.1 literally, c1 = c2 = 0; it has no F, and its erf lacks a half in the exponent.
-
-    ``z erf(z) + exp(-z²/(2 sigma))/sqrt(pi)``, erf(y) = int_y^inf exp(-s²/sigma²)/(sqrt(2 pi)
-    sigma) ds.
-    """
-    erf = norm.sf(z * np.sqrt(2) / sigma) / np.sqrt(2)
-    return z * erf + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
-
-
-def averaged_exact(z: float, F: float, density: norm | t) -> float:
-    """E[max(0, -(z + w))/F] by quadrature over the distribution of w."""
-    return quad(lambda w: -(z + w) / F * density.pdf(w), -np.inf, -z, epsabs=1e-13)[0]
-
-
-def linearisations(z: float, F: float, sigma: float) -> np.ndarray:
-    """Best (K, W) of S_0(z + w) ~ W w + K for w ~ N(0, sigma²): rows for |.| and for (.)²."""
-    w, weight = np.polynomial.hermite_e.hermegauss(200)
-    kept = weight > 1e-16
-    w, weight = sigma * w[kept], weight[kept] / weight.sum()
-    target = np.maximum(0, -(z + w)) / F
-    rows = np.stack((np.ones_like(w), w), 1) * np.sqrt(weight)[:, None]
-    square = np.linalg.lstsq(rows, target * np.sqrt(weight), rcond=None)[0]
-    fine = np.linspace(-8, 8, 8001) * sigma
-    density, exact = norm(0, sigma).pdf(fine), np.maximum(0, -(z + fine)) / F
-
-    def residual(kw: np.ndarray) -> float:
-        return float(np.sum(density * np.abs(exact - kw[1] * fine - kw[0])) * (fine[1] - fine[0]))
-
-    options = {"xatol": 1e-9, "fatol": 1e-14, "maxiter": 4000}
-    return np.stack((minimize(residual, square, method="Nelder-Mead", options=options).x, square))
 
 
 def run(params: Params) -> xr.Dataset:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dynamics.batch import BatchFunction
 from dynamics.contact import ContactLaw
-from dynamics.systems import Signal, lcs
+from dynamics.systems import Parameter, ParameterTable, Signal, lcs
 
 
 @dataclass(frozen=True)
@@ -22,23 +23,31 @@ class ScalarContact:
     curvature: np.ndarray
 
 
-def scalar_contact(law: ContactLaw, z: np.ndarray, F: float) -> ScalarContact:
+def scalar_contact(
+    law: ContactLaw, z: ArrayLike, F: ArrayLike, **knobs: ArrayLike
+) -> ScalarContact:
     """Evaluate ``0 <= lam ⟂ z + F lam >= 0`` as ``law`` closes it, at gaps ``z`` (n,) [m].
 
-    lam is an impulse [N s], F [m/(N s)]; the system is ``x+ = lam`` with the gap as its state.
+    lam is an impulse [N s]; F [m/(N s)] and ``knobs`` of the law (``mu``, ``sigma``) are numbers
+    or (n,). The system is ``x+ = lam`` with the gap as its state.
     """
+    table = ParameterTable([Parameter("F", 1.0, "m/(N s)")])
+    compliance = table["F"]
     system = lcs(
         "scalar contact",
-        A=[[0.0]], B=[[0.0]], C=[[1.0]], D=[[1.0]], E=[[0.0]], F=[[F]],
+        A=[[0.0]], B=[[0.0]], C=[[1.0]], D=[[1.0]], E=[[0.0]], F=compliance,
         states=(Signal("z", "m"),), inputs=(Signal("none", "1"),),
-        contacts=(Signal("contact", "N s"),),
+        contacts=(Signal("contact", "N s"),), parameters=table,
     )  # fmt: skip
     step = law.close(system)
     x, u, p, lam = system.x, system.u, step.p.vector, step.lam
     slope = step.contact_jacobian(x)
     curvature = ca.jacobian(slope, x) + ca.jacobian(slope, lam) @ slope
     derive = ca.Function("scalar_contact", [x, u, p, lam], [step.mu, slope, ca.densify(curvature)])
-    points, none = np.reshape(z, (-1, 1)), np.zeros(1)
-    _, impulse, _, _ = BatchFunction(step.solve)(points, none, step.p.values)
-    values = BatchFunction(derive)(points, none, step.p.values, impulse)
-    return ScalarContact(*(array[:, 0] for array in (impulse, *values)))
+    points, none = np.reshape(np.asarray(z, dtype=float), (-1, 1)), np.zeros(1)
+    values = np.tile(step.p.values, (len(points), 1))
+    for name, given in {"F": F, **{f"contact.{k}": v for k, v in knobs.items()}}.items():
+        values[:, step.p.index(name)] = given
+    _, impulse, _, _ = BatchFunction(step.solve)(points, none, values)
+    found = BatchFunction(derive)(points, none, values, impulse)
+    return ScalarContact(*(array[:, 0] for array in (impulse, *found)))

@@ -6,6 +6,7 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from reports.style import INK, WIDTH
 
@@ -45,8 +46,8 @@ def draw(data: xr.Dataset) -> Figure:
     axes[1, 2].set_ylim(top=spike.max() * 6)
     for axis in axes[1]:
         axis.set_xlabel("$q_x$ [m]")
-    handles = [mpl.lines.Line2D([], [], color=shade) for shade in shades]
+    handles = [Line2D([], [], color=shade) for shade in shades]
     labels = [f"$\\mu$ = {mu:g} J/kg" for mu in mus]
-    handles.append(mpl.lines.Line2D([], [], color=INK, linestyle="--"))
+    handles.append(Line2D([], [], color=INK, linestyle="--"))
     figure.legend(handles, [*labels, "exact law"], loc="outside upper center", ncols=5)
     return figure
