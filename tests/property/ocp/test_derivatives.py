@@ -12,9 +12,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive
+from ocp.policy import OpenLoop
 from ocp.session import Session
 from ocp.transcription.direct import FORMS
-from ocp.policy import OpenLoop
 from problems import get
 from tests.unit.ocp.cases import (
     CASES,
