@@ -39,10 +39,12 @@ class Script:
     """One variable per block, a Python loop over the steps, ``subject_to`` for every line.
 
     ``equality`` writes ``lam gap = t``, the relaxed law; otherwise ``lam gap <= t`` (Scholtes).
-    IPOPT gets the options that ours has.
+    IPOPT gets the options that ours has. ``simple_bounds`` asks CasADi to find bounds on single
+    variables among the constraints, which few scripts do: the NLP is then the same as ours to the
+    last iteration.
     """
 
-    def __init__(self, model: Model, equality: bool, expand: bool = False) -> None:
+    def __init__(self, model: Model, equality: bool, simple_bounds: bool = False) -> None:
         began = time.process_time()
         opti, N = ca.Opti(), model.N
         X, U = opti.variable(model.nx, N + 1), opti.variable(model.nu, N)
@@ -62,7 +64,8 @@ class Script:
             cost += model.stage(x, u, u - u_before)
             u_before = u
         opti.minimize(cost + model.terminal(X[:, N]))
-        opti.solver("ipopt", {"print_time": False, "expand": expand}, IPOPT_DEFAULTS)
+        plugin = {"print_time": False, "detect_simple_bounds": simple_bounds}
+        opti.solver("ipopt", plugin, IPOPT_DEFAULTS)
         self.opti, self.blocks, self.t = opti, (X, U, LAM, GAP), t
         self.setup_s = time.process_time() - began
 
@@ -90,9 +93,9 @@ class Script:
         return PeerAnswer(float(cost), iterations, self.setup_s, ok, worst)
 
 
-def relaxed(model: Model, guess: Guess, mu: float, expand: bool = False) -> PeerAnswer:
+def relaxed(model: Model, guess: Guess, mu: float, simple_bounds: bool = False) -> PeerAnswer:
     """Set up and solve ``lam gap = mu``."""
-    return Script(model, True, expand).solve(guess, [mu])
+    return Script(model, True, simple_bounds).solve(guess, [mu])
 
 
 def scholtes(model: Model, guess: Guess) -> PeerAnswer:
