@@ -76,13 +76,9 @@ class ScaledProblem:
         cls, z: ca.SX, F: ca.SX, mu: ca.SX, pattern: ca.Sparsity, exact: bool
     ) -> ScaledProblem:
         """The problem `lam (z + F lam) = mu` scaled; the exact law's path ends at a small mu."""
-        D, c = interior_point.scaling(z, F, 0 * mu if exact else mu)
-        target = ca.fmax(mu / c**2, interior_point.MU_LEAST)
-        if exact:
-            target = ca.SX.ones(z.numel()) * interior_point.MU_EXACT
-        scaled = ca.project(ca.diag(D) @ F @ ca.diag(D), pattern)
-        data = ca.densify(ca.vertcat(z * D / c, scaled.nz[:], target, D, c))
-        return cls(data, z * D / c, scaled, target, D, c)
+        z, F, mu, D, c = interior_point.scale(z, F, mu, exact)
+        F = ca.project(F, pattern)
+        return cls(ca.densify(ca.vertcat(z, F.nz[:], mu, D, c)), z, F, mu, D, c)
 
     def guess(self, exact: bool) -> ca.SX:
         """What each contact would have alone, with F_ii = 1."""
@@ -98,7 +94,7 @@ def loop_graphs(pattern: ca.Sparsity, exact: bool) -> dict[str, ca.Function]:
     lam, pair = ca.SX.sym("lam", n), ca.SX.sym("pair", 2 * n)
     scaled = (problem.z, problem.F, problem.mu)
     moved = interior_point.iteration(n)(pair[:n], pair[n:], *scaled)
-    ends = interior_point._finish(n, exact)(pair[:n], pair[n:], *scaled, problem.D, problem.c)
+    ends = interior_point.unscale(n, exact)(pair[:n], pair[n:], *scaled, problem.D, problem.c)
     if exact:
         stepped, at_rest = _active_set(lam, problem), ca.fmax(0, lam)
     else:

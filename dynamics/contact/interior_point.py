@@ -53,6 +53,20 @@ def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     return D, ca.fmax(size, 1e-150)
 
 
+def scale(
+    z: ca.SX, F: ca.SX, mu: ca.SX, exact: bool = False
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return ``(z D / c, D F D, mu / c², D, c)``, the problem that the path solver works on.
+
+    ``z`` and ``mu`` are (n, 1), F is (n, n), D and c those of :func:`scaling`. A mu / c² below
+    :data:`MU_LEAST` is raised to it; with ``exact`` mu is ignored and :data:`MU_EXACT` stands in
+    its place.
+    """
+    D, c = scaling(z, F, 0 * mu if exact else mu)
+    target = mu * 0 + MU_EXACT if exact else ca.fmax(mu / c**2, MU_LEAST)
+    return z * D / c, ca.diag(D) @ F @ ca.diag(D), target, D, c
+
+
 def iteration_count(n: int) -> int:
     """Iterations the path solver is given for n contacts; ten suffice mostly, none for one."""
     return sum(_STAGES) if n > 1 else 0
@@ -168,19 +182,8 @@ def lcp_solver(n: int, exact: bool = False) -> ca.Function:
         lam = exact_scalar_solution(z, F) if exact else scalar_solution(z, F, mu)
         s = ca.fmax(0, z) if exact else ca.if_else(z > 0, z + F * lam, mu / ca.fmax(lam, 1e-300))
         return ca.Function("contact_1", [z, F, mu], [lam, s, 0 * z], *names)
-    D, c = scaling(z, F, 0 * mu if exact else mu)
-    pre = ca.Function(
-        "scale",
-        [z, F, mu],
-        [
-            z * D / c,
-            ca.diag(D) @ F @ ca.diag(D),
-            mu * 0 + MU_EXACT if exact else ca.fmax(mu / c**2, MU_LEAST),
-            D,
-            c,
-        ],
-    )
-    post = _finish(n, exact)
+    pre = ca.Function("scale", [z, F, mu], list(scale(z, F, mu, exact)))
+    post = unscale(n, exact)
     args = ca.MX.sym("z", n), ca.MX.sym("F", n, n), ca.MX.sym("mu", n)
     z_scaled, F_scaled, mu_scaled, D_, c_ = pre(*args)
     end = _path(n, 0)(ca.MX.ones(2 * n), z_scaled, F_scaled, mu_scaled)
@@ -207,8 +210,15 @@ def _path(n: int, stage: int) -> ca.Function:
     return ca.Function(f"path_{n}_{stage}", [pair, *data], [now])
 
 
-def _finish(n: int, exact: bool) -> ca.Function:
-    """Scale back; for the exact law replace the end of the path by its active set's solution."""
+def unscale(n: int, exact: bool) -> ca.Function:
+    """Scale the end of the path back: ``(lam, s, z, F, mu, D, c) -> (lam, s, error)``.
+
+    Arguments are in the numbers of :func:`scale`, all (n, 1) but F (n, n) and the scalar c;
+    ``lam`` = lam' c D (impulse) and ``s`` = s' c / D (gap) are the caller's, ``error`` (n, 1) is
+    the scaled violation that :func:`lcp_solver` describes. With ``exact`` the end of the path is
+    replaced by the solution of the linear system on its active set {lam > s}, where that solution
+    is feasible.
+    """
     lam, s, z, mu, D = (ca.SX.sym(name, n) for name in ("lam", "s", "z", "mu", "D"))
     F, c = ca.SX.sym("F", n, n), ca.SX.sym("c")
     new_lam, new_s = lam, s

@@ -6,25 +6,45 @@ import os
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from reports.cli.common import Debug, Json, Output, Quiet
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 LINEAR_SOLVERS = ("mumps", "spral")
+ClearCache = Annotated[
+    bool, typer.Option("--clear-cache", help="Empty the cache of compiled kernels first.")
+]
 
 
-def run(as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> int:
+def run(
+    clear_cache: ClearCache = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> int:
     """Show CasADi's plugins, the compiler, threads, versions, and where the packages lie."""
-    roots = package_roots()
-    found = {"root": common_root(roots), "roots": roots, **machine()}
     output = Output(as_json, quiet)
+    cleared = {"cleared": _clear(output)} if clear_cache else {}
+    roots = package_roots()
+    found = {"root": common_root(roots), "roots": roots, **machine(), **cleared}
     output.document(found)
     if not as_json:
         for key, value in found.items():
-            if key != "roots":
+            if key not in ("roots", "cleared"):
                 print(f"{key:<16} {_words(value)}")
     return 0
+
+
+def _clear(output: Output) -> int:
+    """Empty the cache of kernels, say how many compiled objects went, and return that number."""
+    from dynamics.batch import compiler
+
+    count = compiler.clear()
+    output.say(f"{count} compiled object{'' if count == 1 else 's'} removed from the kernel cache")
+    return count
 
 
 def package_roots() -> dict[str, str]:

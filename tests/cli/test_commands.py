@@ -187,6 +187,21 @@ def test_doctor_json(ocp) -> None:
     assert found["threads"] >= 1
 
 
+def test_doctor_clears_the_cache_and_counts(ocp, tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    objects = tmp_path / "cache" / "centralpath" / "objects"
+    objects.mkdir(parents=True, mode=0o700)
+    for name in ("one", "two"):
+        (objects / f"{name}.so").write_bytes(b"kernel")
+    assert strict(ocp("doctor", "--json").out)["kernels"]["objects"] == 2
+    done = ocp("doctor", "--clear-cache", "--json")
+    assert strict(done.out)["cleared"] == 2
+    assert strict(done.out)["kernels"]["objects"] == 0
+    assert list(objects.iterdir()) == []
+    again = ocp("doctor", "--clear-cache")
+    assert "0 compiled objects removed from the kernel cache" in again.out
+
+
 def test_doctor_refuses_two_roots() -> None:
     from ocp.errors import InputError
     from reports.cli.doctor_command import common_root
