@@ -24,7 +24,7 @@ from ocp.transcription.stage import Compile
 
 _STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""
-_MU_LAST = 1e-8
+_MU_LAST = 1e-9
 """Where the barrier law is left for the exact one in shooting."""
 _GAIN = 1e-7
 """Relative fall of the cost for which an answer is exchanged for another."""
@@ -101,9 +101,9 @@ class Session:
 
     def _smooth(self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None) -> Outcome:
         nlp = self.nlp_of("product")
-        point = self.first_point(nlp, guess)
         if self.step.exact and self.homotopy:
-            return self._through_barrier(follower, point, nlp)
+            return self._through_barrier(follower, guess, nlp)
+        point = self.first_point(nlp, guess)
         result, nlp, finished = follower.follow(self._law_path(), point)
         if self.homotopy is not False and not self.step.exact and self.step.branches == 1:
             below = self._from_exact(follower, guess)
@@ -163,17 +163,19 @@ class Session:
 
         return Path(values, plan)
 
-    def _through_barrier(self, follower: Homotopy, point: Point, nlp: NLP) -> Outcome:
+    def _through_barrier(
+        self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None, nlp: NLP
+    ) -> Outcome:
         """Exact law in shooting: follow the barrier law down, then roll its plan out exactly.
 
         At a kink of the exact law no gradient vanishes, so a gradient method cannot end there; the
         limit of the smoothed optima can, and is taken as the answer.
         """
         helper = Session(self.problem, Barrier(mu=_MU_LAST), self.method, self.policy, self.solver)
-        inner = Homotopy(helper.nlp_of, self.solver, {**helper.values, **self._shared()},
-                         follower.progress)  # fmt: skip
-        inner.trace = follower.trace
-        result, source, finished = inner.follow(helper._law_path(), point)
+        helper.values |= self._shared()
+        smooth = helper.solve(guess=guess, progress=follower.progress)
+        result, source, finished = smooth.result, smooth.nlp, smooth.finished
+        follower.trace.absorb(smooth.trace)
         self.build_s += helper.build_s
         blocks = source.variables.unpack(result.point.x)
         plan = Gains(blocks["K"], blocks["k"]) if "K" in blocks else blocks["u"]

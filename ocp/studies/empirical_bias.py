@@ -106,18 +106,20 @@ class Jump:
         return self.size / self.width if self.width > 0 else np.inf
 
 
-_LINES, _PARTS, _HALVINGS = 64, 64, 42
+_LINES, _PARTS, _HALVINGS, _TRIED = 64, 64, 42, 1 << 14
 
 
 def sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
     """Look for a discontinuity of the cost along lines between samples.
 
-    On 64 lines from a sample w to another, the part of 64 in which the cost changes most is
-    halved again and again, keeping the half that changes more. A continuous cost, however steep,
-    loses its change on the way; one that jumps keeps it.
+    On lines from no noise to 64 samples, the part of 64 in which the cost changes most is halved
+    again and again, keeping the half that changes more. A continuous cost, however steep, loses
+    its change on the way; one that jumps keeps it. The samples are those of 16384 whose cost is
+    the farthest from the best linear fit, so that a jump that few samples cross is found as well.
     """
-    ends = noise.draw(2 * _LINES, 1, objective.n_noise)[:, 0]
-    start, end = ends[:_LINES], ends[_LINES:]
+    drawn = noise.draw(_TRIED, 1, objective.n_noise)[:, 0]
+    end = drawn[_least_linear(drawn, objective.costs(drawn))]
+    start = np.zeros_like(end)
     share = np.linspace(0, 1, _PARTS + 1)[None, :, None]
     grid = start[:, None] * (1 - share) + end[:, None] * share
     cost = objective.costs(grid.reshape(-1, objective.n_noise)).reshape(_LINES, -1)
@@ -140,3 +142,12 @@ def sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
         return Jump(float(last[best]), width, discontinuous=True)
     width = float(np.linalg.norm((end - start)[best])) / _PARTS
     return Jump(float(first[best]), width, discontinuous=False)
+
+
+def _least_linear(noise: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Indices of the samples whose cost a linear function of the noise explains the least."""
+    finite = np.isfinite(cost)
+    columns = np.column_stack([np.ones(len(noise)), noise])
+    fit = np.linalg.lstsq(columns[finite], cost[finite], rcond=None)[0]
+    residual = np.where(finite, np.abs(cost - columns @ fit), -1.0)
+    return np.argsort(-residual, kind="stable")[:_LINES]

@@ -16,7 +16,7 @@ from ocp.studies.empirical_bias import EmpiricalBias, Jump, empirical_bias, shar
 from ocp.studies.estimators import SAMPLED
 from ocp.studies.interpolation import RULES, Choice, ConfidenceTest, Evidence, Rule
 from ocp.studies.objective import SampledObjective
-from ocp.studies.reference import KINDS, KnownGradient, known_gradient, stream
+from ocp.studies.reference import KINDS, KnownGradient, check_kind, known_gradient, stream
 from ocp.studies.sampling import Progress, Sampled, run_estimator
 from ocp.studies.verdict import Verdict, judge
 
@@ -220,6 +220,7 @@ def carry_out(
     def kept(name: str) -> tuple[Checkpoint, str] | None:
         return None if keep is None else (keep[0], f"{keep[1]}-{name}")
 
+    check_kind(objective, plan.sigma, plan.reference)
     found: dict[str, Sampled] = {}
     for name in plan.sampled:
         estimator = SAMPLED[name]

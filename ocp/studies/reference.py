@@ -46,19 +46,29 @@ def known_gradient(
 
     Raises :class:`~ocp.errors.InputError` where the asked one cannot be.
     """
+    check_kind(objective, sigma, kind)
     if kind == "none":
         return None
     closed = objective.reference(sigma) if kind in ("auto", "closed-form") else None
     if closed is not None:
         return KnownGradient(closed.gradient, np.zeros_like(closed.gradient), "closed form")
-    if kind == "closed-form":
-        raise InputError(f"{objective.name} has no closed form; say --reference zobg")
     if kind == "quadrature" or (kind == "auto" and _on_a_line(objective)):
         return quadrature(objective, sigma)
     noise = Gaussian(sigma, stream(seed, REFERENCE_STREAM))
     pairs = ZeroOrder("antithetic")
     found = run_estimator(objective, pairs, noise, n_samples, progress, keep).moments
     return KnownGradient(found.mean, found.standard_error, "larger zobg run", found.n)
+
+
+def check_kind(objective: SampledObjective, sigma: float, kind: str) -> None:
+    """Raise :class:`~ocp.errors.InputError` where the objective has no such reference."""
+    if kind == "closed-form" and objective.reference(sigma) is None:
+        raise InputError(f"{objective.name} has no closed form; say --reference zobg")
+    if kind == "quadrature" and not _on_a_line(objective):
+        raise InputError(
+            f"{objective.name} has {objective.n_noise} noise components; quadrature needs one,"
+            " added to the decision; say --reference zobg"
+        )
 
 
 def is_sampled(objective: SampledObjective, sigma: float, kind: str) -> bool:
@@ -80,11 +90,7 @@ def quadrature(objective: SampledObjective, sigma: float) -> KnownGradient:
 
     Raises :class:`~ocp.errors.InputError` unless the decision is one number with noise added to it.
     """
-    if not _on_a_line(objective):
-        raise InputError(
-            f"{objective.name} has {objective.n_noise} noise components; quadrature needs one,"
-            " added to the decision; say --reference zobg"
-        )
+    check_kind(objective, sigma, "quadrature")
 
     def rule(points: int) -> tuple[float, float]:
         t = _REACH * (2 * (np.arange(points) + 0.5) / points - 1)

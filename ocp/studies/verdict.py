@@ -17,6 +17,8 @@ Word = Literal[
     "empirically biased at this sample size",
     "no reference",
 ]
+NEGLIGIBLE = 1e-4
+"""Errors below this share of the gradient's largest component are no bias worth the name."""
 CONFIDENCE = 0.999
 """Probability with which an unbiased estimate is called so, all components together."""
 
@@ -60,8 +62,7 @@ def judge(
         return Verdict("no reference", "There is no gradient to hold it against.", np.nan, np.nan)
     off = moments.mean - known.gradient
     width = np.hypot(moments.standard_error, known.standard_error)
-    # What rounding leaves is no bias.
-    slack = 1e-9 * np.abs(known.gradient).max(initial=0) + 1e-15
+    slack = NEGLIGIBLE * np.abs(known.gradient).max(initial=0) + 1e-15
     z = np.where(np.abs(off) <= slack, 0.0, np.abs(off) / np.maximum(width, 1e-300))
     error, worst, limit = float(np.linalg.norm(off)), float(z.max()), quantile(len(off))
     size = float(np.linalg.norm(known.gradient))

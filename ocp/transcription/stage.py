@@ -61,6 +61,25 @@ class Stage:
         outputs = [self.cost, self.constraints, ca.densify(gradient), _nonzeros(jacobian)]
         return self._function("first", self.arguments, outputs), jacobian.sparsity()
 
+    def cost_value(self) -> ca.Function:
+        """``(w, p, inner) -> cost``."""
+        return self._function("cost", self.arguments, [self.cost])
+
+    def constraint_values(self) -> ca.Function:
+        """``(w, p, inner) -> constraints``."""
+        return self._function("constraints", self.arguments, [self.constraints])
+
+    def cost_slope(self) -> ca.Function:
+        """``(w, p, inner) -> (cost, gradient)``."""
+        gradient = ca.densify(self._total(self.cost).T)
+        return self._function("slope", self.arguments, [self.cost, gradient])
+
+    def constraint_slopes(self) -> tuple[ca.Function, ca.Sparsity]:
+        """``(w, p, inner) -> (constraints, Jacobian nonzeros)`` and the Jacobian's pattern."""
+        jacobian = self._total(self.constraints)
+        outputs = [self.constraints, _nonzeros(jacobian)]
+        return self._function("slopes", self.arguments, outputs), jacobian.sparsity()
+
     def second(self) -> tuple[ca.Function, ca.Sparsity]:
         """``(w, p, inner, s, m) -> nonzeros`` of the upper Hessian of ``s cost + m' c``."""
         s, m = ca.SX.sym("s"), ca.SX.sym("m", self.constraints.numel())
@@ -155,18 +174,22 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int,
     x, full = ca.MX.sym("x", n), ca.MX.sym("p", n_p + n_data)
     p, source = full[:n_p], ca.vertcat(x, full[n_p:])
 
-    values = [_Mapped(stage, make(stage.values()))(source, p) for stage in stages]
-    f, g = _sum_costs(values), _collect(stages, [v[1] for v in values], m)
+    # Cost and constraints apart: solvers ask for them one at a time.
+    costs = [_Mapped(stage, make(stage.cost_value()))(source, p) for stage in stages]
+    values = [_Mapped(stage, make(stage.constraint_values()))(source, p) for stage in stages]
+    f, g = _sum_costs(costs), _collect(stages, [v[0] for v in values], m)
     f_g = ca.Function("nlp", [x, full], [f, g], ["x", "p"], ["f", "g"])
 
-    made = [(stage, *stage.first()) for stage in stages]
+    slope = [_Mapped(stage, make(stage.cost_slope()))(source, p) for stage in stages]
+    grad = _scattered_gradient(stages, [v[1] for v in slope], n)
+    made = [(stage, *stage.constraint_slopes()) for stage in stages]
     first = [_Mapped(stage, make(function))(source, p) for stage, function, _ in made]
-    f1, g1 = _sum_costs(first), _collect(stages, [v[1] for v in first], m)
-    grad = _scattered_gradient(stages, [v[2] for v in first], n)
+    g1 = _collect(stages, [v[0] for v in first], m)
     jac = _scattered_jacobian(
-        [(stage, pattern) for stage, _, pattern in made], [v[3] for v in first], n, m
+        [(stage, pattern) for stage, _, pattern in made], [v[1] for v in first], n, m
     )
-    gradient = ca.Function("grad_f", [x, full], [f1, grad], ["x", "p"], ["f", "grad:f:x"])
+    outputs = [_sum_costs(slope), grad]
+    gradient = ca.Function("grad_f", [x, full], outputs, ["x", "p"], ["f", "grad:f:x"])
     jacobian = ca.Function("jac_g", [x, full], [g1, jac], ["x", "p"], ["g", "jac:g:x"])
 
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", m)
@@ -208,10 +231,14 @@ def _scattered_gradient(stages: list[Stage], parts: list[ca.MX], n: int) -> ca.M
 def _add_up(target: np.ndarray, size: int, values: ca.MX) -> ca.MX:
     """Sum ``values`` into a dense vector of ``size`` at ``target``, dropping targets beyond."""
     kept = np.flatnonzero(target < size)
-    ones = ca.DM.triplet(
-        target[kept].tolist(), kept.tolist(), ca.DM.ones(kept.size), size, target.size
-    )
+    ones = ca.DM(_by_columns(size, target.size, target[kept], kept), 1.0)
     return ca.densify(ones @ values)
+
+
+def _by_columns(m: int, n: int, row: np.ndarray, column: np.ndarray) -> ca.Sparsity:
+    """Pattern (m, n) of entries that come sorted by column, then row, each once."""
+    start = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=n))])
+    return ca.Sparsity(m, n, start.tolist(), row.tolist())
 
 
 def _scattered_jacobian(
@@ -224,8 +251,8 @@ def _scattered_jacobian(
         columns.append(stage.index[:, column].ravel())
     row, column = np.concatenate(rows), np.concatenate(columns)
     kept = np.flatnonzero(column < n)
-    order = kept[np.lexsort((row[kept], column[kept]))]
-    sparsity = ca.Sparsity.triplet(m, n, row[order].tolist(), column[order].tolist())
+    order = kept[np.argsort(column[kept] * m + row[kept], kind="stable")]
+    sparsity = _by_columns(m, n, row[order], column[order])
     flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(part) for part in parts))
     return ca.MX(sparsity, flat[order.tolist()])
 
@@ -244,6 +271,6 @@ def _scattered_hessian(
     key = np.where(kept, column * n + row, n * n)
     unique, target = np.unique(key, return_inverse=True)
     cells = unique[unique < n * n]
-    sparsity = ca.Sparsity.triplet(n, n, (cells % n).tolist(), (cells // n).tolist())
+    sparsity = _by_columns(n, n, cells % n, cells // n)
     flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(part) for part in parts))
     return ca.MX(sparsity, _add_up(target, cells.size, flat))
