@@ -8,7 +8,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen, operands
+from dynamics.batch.parts import Parts
+from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen
 
 # gcc's time grows faster than a function's length; past this many operations a tape is cut.
 PART = 1500
@@ -27,10 +28,6 @@ _CALLS = {
 }
 _INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
-# Integer powers up to this one are products, which the vector pow would only approximate.
-_LARGEST_PRODUCT = 4
-# Divisors whose reciprocal is an ordinary double too; a division costs ten products.
-_MODERATE = (1e-300, 1e300)
 
 
 def number(value: float) -> str:
@@ -61,76 +58,29 @@ def kernel(tape: Tape, name: str, abreast: int = 1, part: int = PART) -> str:
 class _Emitter:
     def __init__(self, tape: Tape, name: str, abreast: int, part: int) -> None:
         self.tape, self.name, self.lanes = tape, name, range(abreast)
-        self.counts = tape.use_counts()
-        self.parts = self._cut(part)
-        self.slots, self.n_slots = self._spill()
-
-    def _computed(self) -> list[int]:
-        leaves = (ca.OP_INPUT, ca.OP_CONST)
-        return [i for i, o in enumerate(self.tape.operations) if o.op not in leaves]
-
-    def _cut(self, size: int) -> list[list[int]]:
-        computed = self._computed()
-        return [computed[k : k + size] for k in range(0, len(computed), size)] or [[]]
-
-    def _spill(self) -> tuple[dict[int, int], int]:
-        """Memory slots of values that a later part reads, reused once nobody reads them."""
-        part_of = {i: p for p, part in enumerate(self.parts) for i in part}
-        last = self._last_parts(part_of)
-        slots: dict[int, int] = {}
-        free: list[int] = []
-        n_slots = 0
-        for p, part in enumerate(self.parts):
-            for i in part:
-                if last.get(i, p) > p:
-                    if not free:
-                        free.append(n_slots)
-                        n_slots += 1
-                    slots[i] = free.pop()
-            free += [slots[i] for i, end in last.items() if end == p and i in slots]
-        return slots, n_slots
-
-    def _last_parts(self, part_of: dict[int, int]) -> dict[int, int]:
-        last: dict[int, int] = {}
-        for i in part_of:
-            for arg in self._reads(self.tape.operations[i]):
-                if arg in part_of:
-                    last[arg] = max(last.get(arg, -1), part_of[i])
-        return last
-
-    def _reads(self, operation: Operation) -> tuple[int, ...]:
-        return operands(operation) + (chosen(self.tape, operation) or ())
+        self.cut = Parts(tape, part)
 
     def text(self) -> str:
-        ends = self._output_parts()
-        names = [f"{self.name}_part{p}" for p in range(len(self.parts))]
-        body = [self._part(names[p], part, ends[p]) for p, part in enumerate(self.parts)]
+        cut = self.cut
+        names = [f"{self.name}_part{p}" for p in range(len(cut.parts))]
+        body = [self._part(names[p], part, cut.ends[p]) for p, part in enumerate(cut.parts)]
         parameters = ", ".join(f"const V *const in_{k}[], V *const out_{k}[]" for k in self.lanes)
-        memory = "".join(f"  V w_{k}[{max(self.n_slots, 1)}];\n" for k in self.lanes)
+        memory = "".join(f"  V w_{k}[{max(cut.n_slots, 1)}];\n" for k in self.lanes)
         arguments = ", ".join(f"in_{k}, out_{k}, w_{k}" for k in self.lanes)
         calls = "".join(f"  {name}({arguments});\n" for name in names)
         return "".join(body) + f"INLINE void {self.name}({parameters}) {{\n{memory}{calls}}}\n"
 
-    def _output_parts(self) -> list[list[tuple[int, int, int]]]:
-        """For each part the outputs (value, output, nonzero) that it writes."""
-        part_of = {i: p for p, part in enumerate(self.parts) for i in part}
-        ends: list[list[tuple[int, int, int]]] = [[] for _ in self.parts]
-        for k, row in enumerate(self.tape.outputs):
-            for j, value in enumerate(row):
-                ends[part_of.get(value, 0)].append((value, k, j))
-        return ends
-
     def _part(self, name: str, part: list[int], ends: Sequence[tuple[int, int, int]]) -> str:
         here = set(part)
-        foreign = {a for i in part for a in self._reads(self.tape.operations[i])} - here
+        foreign = {a for i in part for a in self.cut.reads(self.tape.operations[i])} - here
         foreign |= {value for value, _, _ in ends} - here
         lines = [self._leaf(i) for i in sorted(foreign)]
         for i in part:
             lines.append(self._statement(i, here))
-            if i in self.slots:
-                lines.append(f"w[{self.slots[i]}] = v{i};")
+            if i in self.cut.slots:
+                lines.append(f"w[{self.cut.slots[i]}] = v{i};")
         lines += [f"out[{k}][{j}] = v{value};" for value, k, j in ends]
-        inline = "INLINE" if len(self.parts) == 1 else "static __attribute__((noinline))"
+        inline = "INLINE" if len(self.cut.parts) == 1 else "static __attribute__((noinline))"
         each = "const V *const in_{0}[], V *const out_{0}[], V *w_{0}"
         parameters = ", ".join(each.format(k) for k in self.lanes)
         body = "".join(f"  {_in_lane(line, k)}\n" for line in lines for k in self.lanes)
@@ -142,7 +92,7 @@ class _Emitter:
             return f"const V v{i} = in[{operation.args[0]}][{operation.args[1]}];"
         if operation.op == ca.OP_CONST:
             return f"const V v{i} = SPLAT({number(operation.value)});"
-        return f"const V v{i} = w[{self.slots[i]}];" + (
+        return f"const V v{i} = w[{self.cut.slots[i]}];" + (
             f" const M m{i} = v{i} != 0.0;" if operation.op in BOOLEAN else ""
         )
 
@@ -189,18 +139,14 @@ class _Emitter:
 
     def _power(self, operation: Operation) -> str:
         base, exponent = operation.args
-        value = self.tape.operations[exponent]
-        if value.op == ca.OP_CONST and value.value in range(1, _LARGEST_PRODUCT + 1):
-            return " * ".join([f"v{base}"] * int(value.value))
-        return f"vpow(v{base}, v{exponent})"
+        count = self.cut.power(operation)
+        return " * ".join([f"v{base}"] * count) if count else f"vpow(v{base}, v{exponent})"
 
     def _quotient(self, operation: Operation) -> str:
         """A division, or for a constant divisor the product with its reciprocal."""
         a, b = operation.args
-        divisor = self.tape.operations[b]
-        if divisor.op == ca.OP_CONST and _MODERATE[0] < abs(divisor.value) < _MODERATE[1]:
-            return f"v{a} * {number(1.0 / divisor.value)}"
-        return f"v{a} / v{b}"
+        reciprocal = self.cut.reciprocal(operation)
+        return f"v{a} / v{b}" if reciprocal is None else f"v{a} * {number(reciprocal)}"
 
     def _chosen(self, operation: Operation) -> str:
         """CasADi's if_else as one selection; else an empty string."""
@@ -211,20 +157,10 @@ class _Emitter:
         """a*b + c as one rounding where the product has no other reader; else an empty string."""
         left, right = operation.args
         minus = "-" if operation.op == ca.OP_SUB else ""
-        factors = self._product(right, here)
+        factors = self.cut.factors(right, here)
         if factors:
-            return f"fused({minus}{factors[0]}, {factors[1]}, v{left})"
-        factors = self._product(left, here)
+            return f"fused({minus}v{factors[0]}, v{factors[1]}, v{left})"
+        factors = self.cut.factors(left, here)
         if factors:
-            return f"fused({factors[0]}, {factors[1]}, {minus}v{right})"
+            return f"fused(v{factors[0]}, v{factors[1]}, {minus}v{right})"
         return ""
-
-    def _product(self, i: int, here: set[int]) -> tuple[str, str] | None:
-        operation = self.tape.operations[i]
-        if i not in here or self.counts[i] != 1:
-            return None
-        if operation.op == ca.OP_MUL:
-            return f"v{operation.args[0]}", f"v{operation.args[1]}"
-        if operation.op == ca.OP_SQ:
-            return f"v{operation.args[0]}", f"v{operation.args[0]}"
-        return None
