@@ -18,6 +18,8 @@ from problems.spec import Citation, ProblemSpec, check_parameters, did_you_mean
 _MODULES = {
     "heaviside": "problems.heaviside",
     "coulomb": "problems.coulomb",
+    "belt-block": "problems.belt_block",
+    "ball-wall": "problems.ball_wall",
 }
 
 

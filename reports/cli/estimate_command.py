@@ -69,7 +69,7 @@ def run(
     """
     from ocp.studies import store
     from ocp.studies.checkpoint import Checkpoint
-    from ocp.studies.provenance import git_revision, versions
+    from ocp.studies.provenance import versions
     from ocp.studies.sweep import SweepRun
     from reports import estimates
     from reports.cli.estimate_request import EstimateRequest
@@ -85,7 +85,7 @@ def run(
     store.check_writable(out)
     check_pdf_place(pdf)
     output = Output(as_json, quiet)
-    identity = {**asked.record, "backend": backend, "by": [versions(), git_revision()]}
+    identity = {**asked.record, "backend": backend, "by": versions()}
     checkpoint = Checkpoint(out, asked.name, identity)
     study = SweepRun(asked.objective, asked.plan, asked.sweep, checkpoint, asked.rebuilt)
     interrupted = False
