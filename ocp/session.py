@@ -104,8 +104,9 @@ class Session:
         if self.step.exact and self.homotopy:
             return self._through_barrier(follower, guess, nlp)
         point = self.first_point(nlp, guess)
-        result, nlp, finished = follower.follow(self._law_path(), point)
-        if self.homotopy is not False and not self.step.exact and self.step.branches == 1:
+        path = self._law_path()
+        result, nlp, finished = follower.follow(path, point)
+        if len(path.values) > 1 and self.step.branches == 1:
             below = self._from_exact(follower, guess)
             if below is not None and (not finished or below.f < result.f - _GAIN * abs(result.f)):
                 result, finished = below, True
