@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from typing import Any
 
 import numpy as np
 
@@ -55,20 +56,17 @@ i64 run(i64 begin, i64 end, const double *const *a, const i64 *shared, double *c
 """
 
 
-class CFlatEngine:
-    """Evaluates a tape over samples in compiled C.
+class CompiledEngine:
+    """Evaluates a tape over samples by a driver `run(begin, end, a, shared, b)` in machine code.
 
     `evaluate(inputs, outputs)` takes arrays `(n_samples, nnz)` or `(1, nnz)`, fills `outputs`, and
-    returns how many samples have a value that is not finite. Raises `CompilerError`.
+    returns how many samples have a value that is not finite.
     """
 
-    name = "c"
-
-    def __init__(self, tape: Tape, threads: int, block: int) -> None:
-        self.tape, self.threads = tape, threads
-        self._run = compiler.load(source(tape, block)).run
-        self._run.restype = ctypes.c_int64
-        self._run.argtypes = [ctypes.c_int64, ctypes.c_int64] + 3 * [ctypes.c_void_p]
+    def __init__(self, name: str, tape: Tape, threads: int, run: Any) -> None:
+        self.name, self.tape, self.threads, self._run = name, tape, threads, run
+        run.restype = ctypes.c_int64
+        run.argtypes = [ctypes.c_int64, ctypes.c_int64] + 3 * [ctypes.c_void_p]
 
     def evaluate(self, inputs: list[np.ndarray], outputs: list[np.ndarray], n: int) -> int:
         """Fill `outputs` for all n samples; returns how many of them are not finite."""
@@ -84,6 +82,11 @@ class CFlatEngine:
         if min(bad, default=0) < 0:
             raise MemoryError(f"no memory for the work arrays of '{self.tape.name}'")
         return sum(bad)
+
+
+def c_engine(tape: Tape, threads: int, block: int) -> CompiledEngine:
+    """The engine of backend `c`. Raises `CompilerError`."""
+    return CompiledEngine("c", tape, threads, compiler.load(source(tape, block)).run)
 
 
 def addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:

@@ -87,7 +87,7 @@ def _probe(path: str, _changed: int) -> Compiler:
         instruction_set=instruction_set,
         width=width,
         has_fma=bool(defined & {"__FMA__", "__ARM_FEATURE_FMA"}),
-        vector_math=_vector_math(mangling) if mangling else {},
+        vector_math=vector_math(mangling) if mangling else {},
         identity=hashlib.sha256(f"{version}\n{macros}".encode()).hexdigest(),
     )
 
@@ -107,7 +107,12 @@ def _simd(defined: set[str]) -> tuple[str, int, str]:
     return "scalar", 2, ""
 
 
-def _vector_math(mangling: str) -> dict[str, str]:
+def vector_math(mangling: str) -> dict[str, str]:
+    """C's name of each function that glibc's vector library has, and its name there.
+
+    `mangling` begins a vector function's name and tells the instruction set; see "Vector Function
+    Application Binary Interface Specification for OpenMP", x86 and AArch64.
+    """
     try:
         library = ctypes.CDLL("libmvec.so.1")
     except OSError:

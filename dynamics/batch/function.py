@@ -11,8 +11,9 @@ import numpy as np
 
 from dynamics.batch.arguments import as_output, as_rows, bind, common_length
 from dynamics.batch.backends import choose
-from dynamics.batch.c_flat import CFlatEngine
+from dynamics.batch.c_flat import c_engine
 from dynamics.batch.casadi_backend import CasadiEngine
+from dynamics.batch.llvm_backend import llvm_engine
 from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
 from dynamics.batch.numpy_backend import NumpyEngine
 from dynamics.batch.parallel import checked_threads
@@ -39,14 +40,15 @@ class BatchFunction:
         y = f(x=x, p=p)["y"]   # by name: a dictionary of outputs
 
     Rows hold nonzeros in CasADi's order. Outputs are `(n_samples, nnz_out)`: one array, or a tuple
-    where the function has several. `backend` is `c`, `numpy`, `casadi`, or `auto` for the fastest
-    that can be built here; `threads` is None for every CPU. `block` is how many samples are
-    worked on at once. Results do not depend on `threads` or `block`, to the last bit.
+    where the function has several. `backend` is `c`, `llvm`, `numpy`, `casadi`, or `auto` for the
+    fastest that can be built here; `llvm` needs no compiler, but the extra `centralpath[llvm]`.
+    `threads` is None for every CPU. `block` is how many samples are worked on at once. Results do
+    not depend on `threads` or `block`, to the last bit.
 
     After a call `nonfinite` tells which samples gave NaN or infinity; a `BatchWarning` says so too.
 
     Raises `ValueError` for an unknown backend, wrong shapes or counts; `UnsupportedOperation` where
-    the named backend lacks an operation; `CompilerError` where backend `c` was asked for in vain.
+    the named backend lacks an operation; `CompilerError` where `c` or `llvm` was asked for in vain.
     """
 
     def __init__(
@@ -68,7 +70,8 @@ class BatchFunction:
 
     def _makers(self, fn: ca.Function) -> dict[str, Any]:
         return {
-            "c": lambda: CFlatEngine(tape_of(fn), self.threads, self.block),
+            "c": lambda: c_engine(tape_of(fn), self.threads, self.block),
+            "llvm": lambda: llvm_engine(tape_of(fn), self.threads),
             "numpy": lambda: NumpyEngine(tape_of(fn), self.threads, self.block),
             "casadi": lambda: CasadiEngine(fn, self.threads),
         }

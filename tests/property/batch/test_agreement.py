@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, affine, open_loop
 from dynamics.contact import Barrier
+from tests.unit.batch.backends import FAST, LLVM
 from tests.unit.batch.rollout_cases import closed, four_contacts, reference, wall
 
 VALUES = st.floats(-3.0, 3.0, allow_subnormal=False)
@@ -38,12 +39,13 @@ def function(backend: str, threads: int = 1, block: int = 32) -> BatchFunction:
 )
 def test_backends_agree_on_value_and_gradient(x, y):
     wanted = function("casadi")(x, y)
-    for backend in ("c", "numpy"):
+    for backend in FAST:
         for one, other in zip(function(backend)(x, y), wanted, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-13)
-    for threads, block in ((1, 8), (2, 8), (2, 64)):
-        again = function("c", threads, block)(x, y)
-        np.testing.assert_array_equal(again[1], function("c")(x, y)[1])
+    for backend in ("c", *LLVM):
+        for threads, block in ((1, 8), (2, 8), (2, 64)):
+            again = function(backend, threads, block)(x, y)
+            np.testing.assert_array_equal(again[1], function(backend)(x, y)[1])
 
 
 @functools.cache

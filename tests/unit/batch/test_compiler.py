@@ -30,6 +30,12 @@ def graph() -> ca.Function:
     return ca.Function("graph", [x], [ca.sin(x) + x * x])
 
 
+@pytest.fixture
+def no_llvm(monkeypatch) -> None:
+    """As if the extra were not installed."""
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+
+
 def fake_compiler(folder: Path, script: str, monkeypatch) -> None:
     folder.mkdir()
     path = folder / "cc"
@@ -94,7 +100,7 @@ def test_full_disk_is_done_without(own_cache, monkeypatch):
     assert refused
 
 
-def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatch):
+def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatch, no_llvm):
     monkeypatch.setenv("PATH", str(tmp_path))
     message = r"no C compiler found \(looked for cc, gcc, clang\); 'graph' runs on the numpy"
     with pytest.warns(BatchWarning, match=message):
@@ -106,7 +112,9 @@ def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatc
     assert compiler.info()["compiler"] is None
 
 
-def test_failing_compiler_shows_its_last_line_and_is_passed_over(graph, tmp_path, monkeypatch):
+def test_failing_compiler_shows_its_last_line_and_is_passed_over(
+    graph, tmp_path, monkeypatch, no_llvm
+):
     script = """case "$*" in
       *--version*) echo "cc 0.1" ;;
       *-dM*) echo "#define __SSE2__ 1" ;;

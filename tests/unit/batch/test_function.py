@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from dynamics.batch import BatchFunction, BatchWarning
-
-BACKENDS = ["c", "numpy", "casadi"]
+from tests.unit.batch.backends import BACKENDS, FAST, LLVM
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +61,7 @@ def test_names_and_positions_give_the_same(graph, samples):
     np.testing.assert_array_equal(named["y"], f(*samples)[0])
 
 
-@pytest.mark.parametrize("backend", ["c", "numpy"])
+@pytest.mark.parametrize("backend", FAST)
 def test_threads_and_blocks_do_not_change_a_bit(backend, graph):
     rng = np.random.default_rng(2)
     x, p = rng.standard_normal((5001, 11)), rng.standard_normal((5001, 2))
@@ -76,7 +75,8 @@ def test_threads_and_blocks_do_not_change_a_bit(backend, graph):
             np.testing.assert_array_equal(one, other)
 
 
-def test_long_graphs_are_cut_and_agree():
+@pytest.mark.parametrize("backend", ["c", *LLVM])
+def test_long_graphs_are_cut_and_agree(backend):
     x = ca.SX.sym("x", 4)
     y, kept = x, []
     for k in range(240):
@@ -86,10 +86,10 @@ def test_long_graphs_are_cut_and_agree():
     f = ca.Function("long", [x], [y, ca.vertcat(*kept)])
     assert f.n_instructions() > 2000
     at = np.random.default_rng(3).standard_normal((50, 4))
-    wanted, got = BatchFunction(f, backend="numpy")(at), BatchFunction(f, backend="c")(at)
+    wanted, got = BatchFunction(f, backend="numpy")(at), BatchFunction(f, backend=backend)(at)
     # The map is chaotic: early values agree to rounding, late ones only with themselves.
     np.testing.assert_allclose(got[1][:, :4], wanted[1][:, :4], rtol=1e-12)
-    np.testing.assert_array_equal(got[0], BatchFunction(f, backend="c", threads=2)(at)[0])
+    np.testing.assert_array_equal(got[0], BatchFunction(f, backend=backend, threads=2)(at)[0])
 
 
 def test_sparse_inputs_and_outputs_are_rows_of_nonzeros():

@@ -11,6 +11,7 @@ from scipy import special
 
 from dynamics.batch import BatchFunction, BatchWarning, UnsupportedOperation
 from dynamics.batch.tape import BINARY, OP_NAMES, RENAMES, UNARY, tape_of
+from tests.unit.batch.backends import FAST
 
 SPECIAL = np.array(
     [
@@ -56,7 +57,7 @@ def together() -> ca.Function:
     return ca.Function("together", [x, y], values, ["x", "y"], list(FUNCTIONS))
 
 
-@pytest.fixture(scope="module", params=["c", "numpy"])
+@pytest.fixture(scope="module", params=FAST)
 def evaluated(request, together):
     """Samples of (x, y), and every operation of them by the backend and by CasADi."""
     rng = np.random.default_rng(0)
@@ -93,7 +94,7 @@ def test_every_scalar_operation_of_casadi_is_known():
     assert known == set(OP_NAMES.values()) - {f"OP_{name}" for name in graph_only}
 
 
-@pytest.mark.parametrize("backend", ["c", "numpy"])
+@pytest.mark.parametrize("backend", FAST)
 def test_erfinv_is_accurate_where_casadi_is_not(backend):
     # CasADi 3.8's erfinv is off by up to 2e-6 near |x| = 0.7, so SciPy is the reference.
     x = ca.SX.sym("x")

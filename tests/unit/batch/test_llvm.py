@@ -1,0 +1,51 @@
+"""The LLVM backend's place among the others, and what it does without its extra or a library."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.batch import BatchFunction, BatchWarning, CompilerError, llvm_backend
+from tests.unit.batch.backends import LLVM
+
+needs_llvm = pytest.mark.skipif(not LLVM, reason="llvmlite is not installed")
+
+
+@pytest.fixture
+def graph() -> ca.Function:
+    x = ca.SX.sym("x", 2)
+    y = ca.vertcat(ca.exp(x), ca.atan2(x[0], x[1]), ca.erf(x), ca.if_else(x[0] < x[1], x[0], 1))
+    return ca.Function("graph", [x], [y])
+
+
+def test_without_the_extra_it_says_how_to_get_it_and_auto_says_nothing(graph, monkeypatch):
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    with pytest.raises(CompilerError, match=r"pip install 'centralpath\[llvm\]'$"):
+        BatchFunction(graph, backend="llvm")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert BatchFunction(graph).backend == "c"
+
+
+@needs_llvm
+def test_it_takes_over_where_there_is_no_compiler(graph, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.warns(BatchWarning, match="no C compiler found.*runs on the llvm backend"):
+        f = BatchFunction(graph)
+    at = np.array([[0.3, -2.0], [1.0, 0.5]])
+    np.testing.assert_allclose(f(at), BatchFunction(graph, backend="casadi")(at), rtol=1e-14)
+
+
+@needs_llvm
+@pytest.mark.parametrize("change", [{}, {"width": 2}, {"has_fma": False}])
+def test_lesser_machines_compute_the_same(graph, change, monkeypatch):
+    machine = replace(llvm_backend.machine(), **{"vector_math": {}, **change})
+    monkeypatch.setattr(llvm_backend, "machine", lambda: machine)
+    at = np.random.default_rng(0).standard_normal((37, 2))
+    got = BatchFunction(graph, backend="llvm")(at)
+    np.testing.assert_allclose(got, BatchFunction(graph, backend="casadi")(at), rtol=1e-14)
