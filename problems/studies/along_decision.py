@@ -38,7 +38,7 @@ def along(objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, 
     F and F' by quadrature over +-6 sigma: ``F' = E[f w]/sigma²``, which needs no derivative.
     """
     w = np.linspace(-6, 6, _NODES) * sigma
-    weight = norm(0, sigma).pdf(w)
+    weight = norm.pdf(w, 0, sigma)
     weight /= weight.sum()
     rows = []
     for index, at in enumerate(theta):

@@ -37,9 +37,10 @@ def softened_velocity(
     bound, rate = friction * m * g, h / m
 
     def root(push: float) -> float:
-        f = brentq(
-            lambda f: rate * (push + f) * (bound**2 - f**2) + 2 * mu * f, -bound, bound, xtol=1e-14
-        )
+        def relation(f: float) -> float:
+            return rate * (push + f) * (bound**2 - f**2) + 2 * mu * f
+
+        f = float(brentq(relation, -bound, bound, xtol=1e-14))  # pyright: ignore[reportArgumentType]
         return rate * (push + f)
 
     return np.array([root(push) for push in u])

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import minimize
-from scipy.stats import norm
+from scipy.stats import norm, t
+
+Density = Callable[[Any], Any]
+"""Probability density of the noise on the gap, over arrays of w [m]."""
+
+
+def student(F: float, mu: float) -> Density:
+    """Return the noise that constant mu stands for: Student's t_2 of scale sqrt(2 F mu)."""
+    return lambda w: t.pdf(w, 2, 0, np.sqrt(2 * F * mu))
+
+
+def gaussian(sigma: float) -> Density:
+    """Return the density of N(0, sigma²)."""
+    return lambda w: norm.pdf(w, 0, sigma)
 
 
 def printed_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
@@ -20,9 +34,9 @@ def printed_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
     return z * erf + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
 
 
-def averaged_exact(z: float, F: float, density: Any) -> float:
+def averaged_exact(z: float, F: float, density: Density) -> float:
     """E[max(0, -(z + w))/F] by quadrature over the distribution of w."""
-    return quad(lambda w: -(z + w) / F * density.pdf(w), -np.inf, -z, epsabs=1e-13)[0]
+    return quad(lambda w: -(z + w) / F * density(w), -np.inf, -z, epsabs=1e-13)[0]
 
 
 def linearisations(z: float, F: float, sigma: float) -> np.ndarray:
@@ -34,7 +48,7 @@ def linearisations(z: float, F: float, sigma: float) -> np.ndarray:
     rows = np.stack((np.ones_like(w), w), 1) * np.sqrt(weight)[:, None]
     square = np.linalg.lstsq(rows, target * np.sqrt(weight), rcond=None)[0]
     fine = np.linspace(-8, 8, 8001) * sigma
-    density, exact = norm(0, sigma).pdf(fine), np.maximum(0, -(z + fine)) / F
+    density, exact = norm.pdf(fine, 0, sigma), np.maximum(0, -(z + fine)) / F
 
     def residual(kw: np.ndarray) -> float:
         return float(np.sum(density * np.abs(exact - kw[1] * fine - kw[0])) * (fine[1] - fine[0]))

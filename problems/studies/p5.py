@@ -101,7 +101,7 @@ def run(params: Params) -> xr.Dataset:
 
 def crossing(data: xr.Dataset) -> float:
     """Stiffness at which FoBG's variance passes ZoBG's, on log axes; NaN where it does not."""
-    k, excess = data["k"].values, np.log(data["first_order"] / data["zeroth_order"]).values
+    k, excess = data["k"].values, np.log(data["first_order"].values / data["zeroth_order"].values)
     above = np.flatnonzero(excess > 0)
     if not above.size or above[0] == 0:
         return float("nan")

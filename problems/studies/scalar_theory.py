@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
-from scipy.stats import norm, t
 
 from dynamics.batch import Gaussian, RolloutFunction, RolloutPolicy, open_loop
 from dynamics.contact import Adaptive, Barrier, Exact, Step
 from dynamics.systems import lcs
 from problems.registry import get
-from problems.studies.noise import averaged_exact, printed_kappa
+from problems.studies.noise import averaged_exact, gaussian, printed_kappa, student
 from problems.studies.scalar_contact import scalar_contact
 
 Q23 = 0.430727299295
@@ -31,15 +30,12 @@ def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
     mu = scale**2 / (2 * F)
     soft = scalar_contact(Barrier(mu=1.0), z, F, mu=mu).lam
     gauss = scalar_contact(Adaptive(sigma=1.0), z, F, sigma=scale)
-    student = [
-        averaged_exact(*case, t(2, scale=np.sqrt(2 * case[1] * m)))
-        for *case, m in zip(z, F, mu, strict=True)
-    ]
+    heavy = [averaged_exact(at, f, student(f, m)) for at, f, m in zip(z, F, mu, strict=True)]
     true = np.array(
-        [averaged_exact(*case, norm(0, s)) for *case, s in zip(z, F, scale, strict=True)]
+        [averaged_exact(at, f, gaussian(s)) for at, f, s in zip(z, F, scale, strict=True)]
     )
     return {
-        "barrier": soft - student,
+        "barrier": soft - heavy,
         "gaussian": gauss.lam - true,
         "mass": _printed_mass(F, mu),
         "printed": printed_kappa(z, scale),

@@ -53,7 +53,8 @@ def _audit(params: Params, rng: np.random.Generator) -> dict:
                 wrong / np.maximum(slope, 1e-300),
             ]
             undefined = ~np.isfinite(rl.definite_bound(F))
-            ratio[row, column][np.ix_([3, 5], undefined)] = np.nan
+            for bound in (3, 5):
+                ratio[row, column, bound, undefined] = np.nan
             step[row, column] = np.mean(np.any(away.lam > mu[:, None] / apart, axis=1))
     return {
         "ratio": quantity_of(("kind", "size", "bound", "draw"), ratio, "1",
