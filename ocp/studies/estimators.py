@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynamics.batch import Gaussian
+from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError
 from ocp.studies.objective import SampledObjective
 
@@ -18,6 +18,20 @@ CHUNK = 1 << 13
 
 Contributions = Callable[[Gaussian, int], np.ndarray]
 """Maps (noise from its first sample on, m) to the estimates (m, d) of m single samples."""
+Bulk = Callable[[Gaussian, int], "tuple[Moments, np.ndarray] | None"]
+"""Maps the same to the moments of m samples and the indices of those left out, where it can."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Gives single estimates when called, and moments of many at once by ``bulk``."""
+
+    single: Contributions
+    bulk: Bulk = lambda noise, m: None
+
+    def __call__(self, noise: Gaussian, m: int) -> np.ndarray:
+        """Single estimates (m, d) of the m samples from the noise's first on."""
+        return self.single(noise, m)
 
 
 class Estimator(ABC):
@@ -34,7 +48,7 @@ class Estimator(ABC):
     evaluations: int = 1
 
     @abstractmethod
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Return what gives the single estimates; ``n`` is how many there will be."""
 
 
@@ -71,7 +85,7 @@ class ZeroOrder(Estimator):
         """Two rollouts for a pair, and two passes where the baseline is the mean."""
         return 2 if self.baseline in ("mean", "antithetic") else 1
 
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Fix the baseline and return ``(V - b) s``; raises for ``mean`` of a single sample."""
         baseline, factor = 0.0, 1.0
         if self.baseline in ("zero-noise", "antithetic"):
@@ -86,13 +100,23 @@ class ZeroOrder(Estimator):
             found = objective.scored(g, m, mirrored)
             return (factor * (found.cost - baseline))[:, None] * found.direction
 
+        def bulk(g: Gaussian, m: int) -> tuple[Moments, np.ndarray] | None:
+            found = objective.moments(g, m, "zeroth", baseline)
+            if found is None:
+                return None
+            told, bad = found
+            return Moments(told.n, factor * told.mean, factor**2 * told.m2), bad
+
         if self.baseline == "antithetic":
-            return lambda g, m: (half(g, m, False) + half(g, m, True)) / 2
-        return lambda g, m: half(g, m, False)
+            return Sampler(lambda g, m: (half(g, m, False) + half(g, m, True)) / 2)
+        return Sampler(lambda g, m: half(g, m, False), bulk)
 
 
 def mean_cost(objective: SampledObjective, noise: Gaussian, n: int) -> float:
-    """Mean of the finite costs among n samples, summed chunk by chunk."""
+    """Mean of the finite costs among n samples."""
+    fused = objective.moments(noise, n, "cost")
+    if fused is not None:
+        return float(fused[0].mean[0])
     total, count = 0.0, 0
     for begin in range(0, n, CHUNK):
         part = shifted(noise, begin)
@@ -115,14 +139,14 @@ class FirstOrder(Estimator):
     summary: str = "first order, gradients through contact"
     stream: ClassVar[int] = 1
 
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Return the gradients; where the cost is not finite no gradient means anything."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:
             found = objective.differentiated(g, m)
             return np.where(np.isfinite(found.cost)[:, None], found.direction, np.nan)
 
-        return contributions
+        return Sampler(contributions, lambda g, m: objective.moments(g, m, "first"))
 
 
 @dataclass(frozen=True)
@@ -139,14 +163,14 @@ class EvolutionStrategies(Estimator):
     stream: ClassVar[int] = 2
     evaluations: int = 2
 
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Contributions:
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Return the antithetic differences."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:
             one, other = (objective.perturbed(g, m, sign) for sign in (1.0, -1.0))
             return ((one.cost - other.cost) / 2)[:, None] * one.direction
 
-        return contributions
+        return Sampler(contributions)
 
 
 BASELINES = ("none", "zero-noise", "mean", "antithetic")

@@ -7,12 +7,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import BatchFunction, BatchWarning, Gaussian
+from dynamics.batch import BatchFunction, BatchWarning, Gaussian, Moments
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 
@@ -84,6 +84,20 @@ class SampledObjective(ABC):
     @abstractmethod
     def perturbed(self, noise: Gaussian, n: int, sign: float) -> Samples:
         """Costs at ``theta + sign sigma e`` without further noise, and ``sign e / sigma``."""
+
+    def moments(
+        self,
+        noise: Gaussian,
+        n: int,
+        order: Literal["cost", "zeroth", "first"],
+        baseline: float = 0.0,
+    ) -> tuple[Moments, np.ndarray] | None:
+        """Moments over n samples of cost, of (cost - baseline) score, or of the gradient.
+
+        With the indices of samples that were left out as not finite. None where an objective can
+        do it no faster than sample by sample.
+        """
+        return None
 
     def nominal(self) -> float:
         """Cost without noise."""

@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import Gaussian, RolloutFunction, RolloutPolicy, affine, open_loop
+from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine, open_loop
 from dynamics.contact import ContactLaw, Step
 from dynamics.systems import Signal
 from ocp.policy import Feedback, OpenLoop, Policy
@@ -110,6 +110,22 @@ class RolloutObjective(SampledObjective):
         call["theta"] = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
         found = quietly(self._forward, **call, n_samples=n, gradient=False)
         return Samples(found.cost, e / sigma**2)
+
+    def moments(
+        self,
+        noise: Gaussian,
+        n: int,
+        order: Literal["cost", "zeroth", "first"],
+        baseline: float = 0.0,
+    ) -> tuple[Moments, np.ndarray] | None:
+        """Moments computed inside the kernel that rolls out and draws the noise."""
+        found = quietly(
+            self._forward.moments, **self._arguments(n, noise.first), noise=noise, n_samples=n,
+            gradient=order == "first", score=order == "zeroth", baseline=baseline,
+        )  # fmt: skip
+        part = {"cost": found.cost, "zeroth": found.zeroth, "first": found.gradient}[order]
+        flat = Moments(part.n, np.ravel(part.mean), np.ravel(part.m2))
+        return flat, found.nonfinite.indices
 
     def _start(self) -> None:
         """Initial states and the input before, at the present parameters."""

@@ -9,10 +9,12 @@ import numpy as np
 
 from dynamics.batch import Gaussian, Moments
 from ocp.studies.checkpoint import Checkpoint
-from ocp.studies.estimators import CHUNK, Estimator, shifted
+from ocp.studies.estimators import CHUNK, Estimator, Sampler, shifted
 from ocp.studies.objective import SampledObjective
 
 _KEPT_VALUES = 1 << 20
+BULK = 1 << 18
+"""Samples whose moments are asked for at once; fixed for the same reason as `CHUNK`."""
 
 Keep = tuple[Checkpoint, str]
 """Where sums under way are kept, and under which key."""
@@ -24,7 +26,7 @@ Progress = Callable[[int], None]
 class Sampled:
     """Moments of one estimator's samples, (d,) each.
 
-    ``largest`` is the largest norm of a single sample, ``kept`` (k, d) the first samples, and
+    ``kept`` (k, d) are the first samples, ``largest`` is the largest norm of those seen singly, and
     ``nonfinite`` the indices of samples that were left out for a NaN or an infinity.
     """
 
@@ -52,10 +54,9 @@ def run_estimator(
         sums.restore(keep)
     if progress is not None and sums.done:
         progress(sums.done)
-    contributions = estimator.sampler(objective, noise, n) if sums.done < n else _nothing
+    sampler = estimator.sampler(objective, noise, n) if sums.done < n else Sampler(_nothing)
     while sums.done < n:
-        size = min(CHUNK, n - sums.done)
-        sums.add(contributions(shifted(noise, sums.done), size))
+        size = _advance(sums, sampler, noise, n)
         if progress is not None:
             progress(size)
         if keep is not None and (sums.done == n or keep[0].due()):
@@ -63,6 +64,20 @@ def run_estimator(
     return Sampled(
         sums.total, sums.largest, np.concatenate(sums.kept), np.concatenate(sums.nonfinite)
     )
+
+
+def _advance(sums: _Sums, sampler: Sampler, noise: Gaussian, n: int) -> int:
+    """Take the next samples in: one by one while they are kept, then in bulk where that exists."""
+    here, left = shifted(noise, sums.done), n - sums.done
+    if not sums.keeps:
+        size = min(BULK, left)
+        found = sampler.bulk(here, size)
+        if found is not None:
+            sums.add_moments(*found, size)
+            return size
+    size = min(CHUNK, left)
+    sums.add(sampler(here, size))
+    return size
 
 
 def _nothing(noise: Gaussian, m: int) -> np.ndarray:
@@ -80,7 +95,7 @@ class _Sums:
 
     def add(self, values: np.ndarray) -> None:
         """Take the next chunk of single estimates in, (m, d)."""
-        size, d = values.shape
+        size = len(values)
         finite = np.isfinite(values).all(axis=1)
         if not finite.all():
             self.nonfinite.append(self.done + np.flatnonzero(~finite))
@@ -88,8 +103,20 @@ class _Sums:
         self.total = self.total.merged(_moments(values))
         if len(values):
             self.largest = max(self.largest, float(np.square(values).sum(axis=1).max()) ** 0.5)
-        if self.done * d < _KEPT_VALUES:
+        if self.keeps:
             self.kept.append(values)
+        self.done += size
+
+    @property
+    def keeps(self) -> bool:
+        """Whether samples are still kept one by one."""
+        return self.done * len(self.total.mean) < _KEPT_VALUES
+
+    def add_moments(self, found: Moments, nonfinite: np.ndarray, size: int) -> None:
+        """Take the moments of the next ``size`` samples in."""
+        if len(nonfinite):
+            self.nonfinite.append(self.done + nonfinite)
+        self.total = self.total.merged(found)
         self.done += size
 
     def save(self, keep: Keep) -> None:

@@ -13,7 +13,7 @@ from dynamics.contact import Barrier, Exact
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 from ocp.policy import Feedback, OpenLoop
-from ocp.studies import RolloutObjective, StaticObjective, estimate_gradient
+from ocp.studies import RolloutObjective, StaticObjective, estimate_gradient, sampling
 from ocp.studies.empirical_bias import empirical_bias, sharpest_change
 from ocp.studies.estimators import SAMPLED
 from ocp.studies.interpolation import ConfidenceTest, FixedWeight
@@ -309,3 +309,16 @@ def test_scenarios_are_averaged_over():
         alone = RolloutObjective(get("push-disc", N=4, ox0=x0[0], oy0=x0[1]), Barrier(mu=1e-2))
         singles.append(alone.nominal())
     np.testing.assert_allclose(objective.nominal(), np.mean(singles), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["zobg", "zobg-zero-noise", "zobg-mean", "fobg"])
+def test_moments_in_bulk_are_those_of_single_samples(name, monkeypatch):
+    monkeypatch.setattr(sampling, "_KEPT_VALUES", 1)
+    objective, n = rollout(), 20_000
+    noise = Gaussian(0.1, 3)
+    bulk = sampling.run_estimator(objective, SAMPLED[name], noise, n)
+    assert len(bulk.kept) < n
+    values = SAMPLED[name].sampler(objective, noise, n)(noise, n)
+    np.testing.assert_allclose(bulk.moments.mean, values.mean(axis=0), rtol=1e-9)
+    np.testing.assert_allclose(bulk.moments.variance, values.var(axis=0, ddof=1), rtol=1e-9)
+    assert bulk.moments.n == n
