@@ -152,7 +152,9 @@ def test_evolution_strategies_equal_pairs_in_open_loop_and_smooth_gains_under_fe
     assert gains["es"].row()["reference"] is None
 
 
-def test_bits_depend_on_neither_threads_nor_blocks_and_follow_the_seed():
+@pytest.mark.parametrize("kept", [1, 1 << 20])
+def test_bits_depend_on_neither_threads_nor_blocks_and_follow_the_seed(kept, monkeypatch):
+    monkeypatch.setattr(sampling, "_KEPT_VALUES", kept)
     answers = []
     for threads, block in ((1, 8), (2, 8), (1, 64), (2, 64)):
         for objective in (
