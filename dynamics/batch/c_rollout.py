@@ -13,7 +13,7 @@ from dynamics.batch import c_source
 from dynamics.batch.c_prelude import prelude
 from dynamics.batch.compiler import Compiler
 from dynamics.batch.inner import NEWTON_ITERATIONS, InnerLoop
-from dynamics.batch.random import INCREMENTS, MULTIPLIERS, ROUNDS
+from dynamics.batch.random import INCREMENTS, MULTIPLIERS, ROUNDS, taylor
 from dynamics.batch.rollout_tapes import RolloutTapes
 from dynamics.batch.tape import tape_of, with_shared_reciprocals
 
@@ -366,8 +366,7 @@ def _series() -> str:
     """Taylor series in y2 = y^2, by Horner: s = sin(y) / y and c = cos(y)."""
     lines = []
     for name, first in (("s", 1), ("c", 0)):
-        orders = range(first + 16, first - 1, -2)
-        coefficients = [(-1) ** (n // 2) / math.factorial(n) for n in orders]
+        coefficients = taylor(first)
         lines.append(f"  {name} = SPLAT({c_source.number(coefficients[0])});")
         lines += [
             f"  {name} = fused({name}, y2, SPLAT({c_source.number(value)}));"

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 from dynamics.batch.backends import MissingExtra
 from dynamics.batch.c_flat import CompiledEngine
 from dynamics.batch.compiler import CompilerError, vector_math
+from dynamics.batch.rollout_engines import CompiledRolloutEngine
+from dynamics.batch.rollout_tapes import RolloutTapes
 from dynamics.batch.tape import Tape
 
 if TYPE_CHECKING:
@@ -38,6 +40,15 @@ def llvm_engine(tape: Tape, threads: int) -> CompiledEngine:
     from dynamics.batch import llvm_flat
 
     return CompiledEngine("llvm", tape, threads, load(llvm_flat.module(tape, machine())))
+
+
+def llvm_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> CompiledRolloutEngine:
+    """The engine of rollouts. Raises `MissingExtra` where llvmlite is not installed."""
+    _need_llvmlite()
+    from dynamics.batch import llvm_rollout
+
+    made = llvm_rollout.module(tapes, block, machine())
+    return CompiledRolloutEngine(tapes.nu, threads, load(made))
 
 
 def _need_llvmlite() -> None:

@@ -13,13 +13,14 @@ from dynamics.batch.arguments import as_doubles, as_output, as_rows, common_leng
 from dynamics.batch.backends import choose
 from dynamics.batch.casadi_backend import CasadiKernel
 from dynamics.batch.function import BLOCK, checked_block
+from dynamics.batch.llvm_backend import llvm_rollout_engine
 from dynamics.batch.moments import Moments, merge_chunks
 from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
 from dynamics.batch.numpy_backend import NumpyKernel
 from dynamics.batch.parallel import checked_threads
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.batch.random import Gaussian
-from dynamics.batch.rollout_engines import ChunkEngine, CRolloutEngine, Request, RolloutEngine
+from dynamics.batch.rollout_engines import ChunkEngine, Request, RolloutEngine, c_rollout_engine
 from dynamics.batch.rollout_tapes import build_tapes
 from dynamics.batch.tape import tape_of, with_shared_reciprocals
 from dynamics.contact import Step
@@ -98,7 +99,8 @@ class RolloutFunction:
             return ChunkEngine(self.tapes, self.horizon, self.policy.per_step, self.threads, make)
 
         return {
-            "c": lambda: CRolloutEngine(self.tapes, self.threads, self.block),
+            "c": lambda: c_rollout_engine(self.tapes, self.threads, self.block),
+            "llvm": lambda: llvm_rollout_engine(self.tapes, self.threads, self.block),
             "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
             "casadi": lambda: chunks(CasadiKernel),
         }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -77,8 +77,8 @@ class RolloutEngine(Protocol):
         ...
 
 
-class _Job(ctypes.Structure):
-    """The C structure `job` of `dynamics.batch.c_rollout`."""
+class Job(ctypes.Structure):
+    """The C structure `job` of `dynamics.batch.c_rollout`; every field has eight bytes."""
 
     _fields_ = [
         *(
@@ -99,17 +99,15 @@ class _Job(ctypes.Structure):
     ]
 
 
-class CRolloutEngine:
-    """Rollouts in compiled C. Raises `CompilerError` where they cannot be compiled."""
+class CompiledRolloutEngine:
+    """Rollouts by a driver `run(begin, end, chunk, job)` in machine code."""
 
     chunk = 1024
 
-    def __init__(self, tapes: RolloutTapes, threads: int, block: int) -> None:
-        self._nu, self._threads = tapes.nu, threads
-        text = c_rollout.source(tapes, block, compiler.find_compiler())
-        self._run = compiler.load(text).run
-        self._run.restype = ctypes.c_int64
-        self._run.argtypes = [*3 * [ctypes.c_int64], ctypes.c_void_p]
+    def __init__(self, nu: int, threads: int, run: Any) -> None:
+        self._nu, self._threads, self._run = nu, threads, run
+        run.restype = ctypes.c_int64
+        run.argtypes = [*3 * [ctypes.c_int64], ctypes.c_void_p]
 
     def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
         """Fill the arrays sample by sample."""
@@ -132,7 +130,7 @@ class CRolloutEngine:
             raise MemoryError(f"no memory for the work arrays of {q.horizon} steps")
         return sum(bad)
 
-    def _job(self, q: Request, want: int, results: dict[str, Array | None]) -> tuple[_Job, object]:
+    def _job(self, q: Request, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
         """The structure to pass, and the arrays that must live as long as it is in use."""
         noise, key, sigma = 0, (0, 0), np.ones(self._nu)
         if q.w is not None:
@@ -143,7 +141,7 @@ class CRolloutEngine:
             **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w},
             **{"sigma": sigma, "precision": 1.0 / sigma**2, **results},
         }
-        job = _Job(
+        job = Job(
             horizon=q.horizon,
             parts=q.parts,
             want=want,
@@ -158,6 +156,12 @@ class CRolloutEngine:
             **{name: a.ctypes.data for name, a in arrays.items() if a is not None},
         )
         return job, arrays
+
+
+def c_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> CompiledRolloutEngine:
+    """The engine of backend `c`. Raises `CompilerError` where the rollout cannot be compiled."""
+    text = c_rollout.source(tapes, block, compiler.find_compiler())
+    return CompiledRolloutEngine(tapes.nu, threads, compiler.load(text).run)
 
 
 class ChunkEngine:

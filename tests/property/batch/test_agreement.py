@@ -52,7 +52,7 @@ def test_backends_agree_on_value_and_gradient(x, y):
 def rollouts(system: str, policy: str):
     step, *costs = closed({"wall": wall, "four": four_contacts}[system](), Barrier(mu=1e-3))
     law = {"open": open_loop, "affine": affine}[policy](step.system.nx, step.system.nu)
-    made = {b: RolloutFunction(step, *costs, N, law, backend=b) for b in ("c", "numpy")}
+    made = {b: RolloutFunction(step, *costs, N, law, backend=b) for b in FAST}
     return step, law, made, reference(step, *costs, N, law)
 
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import Adaptive, Barrier, Exact
 from problems import get, names
+from tests.unit.batch.backends import FAST
 
 HORIZON = 4
 LAWS = {
@@ -36,7 +37,7 @@ def prepared(name: str, law: str):
         ca.Function("terminal", [system.x, p], [terminal]),
     )
     policy = open_loop(system.nx, system.nu)
-    made = [RolloutFunction(step, *costs, HORIZON, policy, backend=b) for b in ("c", "numpy")]
+    made = [RolloutFunction(step, *costs, HORIZON, policy, backend=b) for b in FAST]
     x0, before = (np.array(v)[:, 0] for v in problem.limits(problem.parameters.values)[:2])
     start, inputs = ca.MX.sym("x0", system.nx), ca.MX.sym("inputs", system.nu, HORIZON)
     x, last, cost = start, ca.MX(ca.DM(before)), ca.MX(0)

@@ -20,6 +20,7 @@ from dynamics.batch import (
 )
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
+from tests.unit.batch.backends import BACKENDS, FAST, LLVM
 from tests.unit.batch.rollout_cases import closed, four_contacts, reference, wall
 
 SYSTEMS = {"wall": wall, "four": four_contacts}
@@ -34,7 +35,6 @@ POLICIES = {
     "affine": affine,
     "affine-per-step": functools.partial(affine, per_step=True),
 }
-BACKENDS = ["c", "numpy", "casadi"]
 HORIZON = 6
 
 
@@ -68,7 +68,7 @@ def inputs_of(f: RolloutFunction, nx: int, n: int) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("law", list(LAWS))
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_cost_and_gradient_are_those_of_the_unrolled_graph(system, law, policy, backend):
-    if law == "randomized" and system == "four" and backend != "c":
+    if law == "randomized" and system == "four" and backend not in ("c", "llvm"):
         pytest.skip("many branches of an inner loop: the compiled one stands for all")
     f = rollout(system, law, policy, backend)
     step, *costs = case(system, law)
@@ -119,7 +119,7 @@ def test_frozen_gradient_leaves_out_the_change_of_mu():
     assert np.abs(answers["total"].gradient - answers["frozen"].gradient).max() > 1e-3
 
 
-@pytest.mark.parametrize("backend", ["c", "numpy"])
+@pytest.mark.parametrize("backend", FAST)
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_threads_and_blocks_do_not_change_a_bit(system, backend):
     answers = []
@@ -127,7 +127,7 @@ def test_threads_and_blocks_do_not_change_a_bit(system, backend):
         for block in (8, 64):
             f = rollout(system, "barrier", "affine", backend, threads=threads, block=block)
             noise = Gaussian(0.1, seed=5)
-            n = 5000 if system == "wall" or backend == "c" else 500
+            n = 5000 if system == "wall" or backend != "numpy" else 500
             given = inputs(f, n) | {"noise": noise}
             values = f(**given, score=True)
             moments = f.moments(**given, score=True, baseline=0.3)
@@ -140,7 +140,7 @@ def test_threads_and_blocks_do_not_change_a_bit(system, backend):
             np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("backend", ["c", "numpy"])
+@pytest.mark.parametrize("backend", FAST)
 def test_first_samples_of_a_larger_run_are_the_same(backend):
     f = rollout("wall", "barrier", "open", backend)
     x0, theta = np.zeros(2), np.zeros((HORIZON, 1))
@@ -249,6 +249,8 @@ def test_nan_ends_the_inner_loop_and_spoils_no_neighbour():
 def test_path_takes_over_where_newton_does_not_come_to_rest(law, backend, monkeypatch):
     newton = rollout("four", law, "open", backend)
     monkeypatch.setattr(c_rollout, "NEWTON_ITERATIONS", 0)
+    if LLVM:
+        monkeypatch.setattr("dynamics.batch.llvm_step.NEWTON_ITERATIONS", 0)
     monkeypatch.setattr(rollout_numpy, "NEWTON_ITERATIONS", 0)
     path = RolloutFunction(*case("four", law), HORIZON, newton.policy, backend=backend)
     given = inputs(newton, 33)
