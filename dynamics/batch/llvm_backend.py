@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib.util
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from dynamics.batch.backends import MissingExtra
@@ -51,8 +52,19 @@ def llvm_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> Compil
     return CompiledRolloutEngine(tapes.nu, threads, load(made))
 
 
+def info() -> dict[str, object] | None:
+    """What `ocp doctor` shows: llvmlite's version and doubles a register, None without llvmlite."""
+    if not _has_llvmlite():
+        return None
+    return {"llvmlite": version("llvmlite"), "width": machine().width}
+
+
+def _has_llvmlite() -> bool:
+    return importlib.util.find_spec("llvmlite") is not None
+
+
 def _need_llvmlite() -> None:
-    if importlib.util.find_spec("llvmlite") is None:
+    if not _has_llvmlite():
         raise MissingExtra(
             "backend 'llvm' needs llvmlite, which is not installed: pip install 'centralpath[llvm]'"
         )

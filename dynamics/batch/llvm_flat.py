@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from llvmlite import ir
 
-from dynamics.batch import llvm_source
+from dynamics.batch import llvm_rows, llvm_source
 from dynamics.batch.llvm_vectors import I64, POINTER, Machine, Value, Writer, index
 from dynamics.batch.tape import Tape
 
@@ -14,7 +14,7 @@ _VOID = ir.VoidType()
 def module(tape: Tape, machine: Machine) -> ir.Module:
     """A module whose `run(begin, end, a, shared, b)` is the driver of `c_flat`."""
     made = ir.Module(tape.name)
-    llvm_source.rows(made, machine)
+    llvm_rows.functions(made, machine)
     llvm_source.kernel(made, machine, tape, "kernel")
     w = Writer(made, machine, "run", [I64, I64, POINTER, POINTER, POINTER], I64)
     begin, end, a, shared, b = w.arguments

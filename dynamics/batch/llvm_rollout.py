@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 from llvmlite import ir
 
-from dynamics.batch import llvm_moments, llvm_random, llvm_source, llvm_step
+from dynamics.batch import llvm_moments, llvm_random, llvm_rows, llvm_step
 from dynamics.batch.llvm_moments import Moments
 from dynamics.batch.llvm_source import run_kernel
 from dynamics.batch.llvm_vectors import F64, I64, POINTER, Machine, Value, Writer, index
@@ -25,7 +25,7 @@ _GIVEN, _DRAWN = 1, 2
 def module(tapes: RolloutTapes, block: int, machine: Machine) -> ir.Module:
     """A module whose `run(begin, end, chunk, job)` rolls out samples `begin <= i < end`."""
     made = ir.Module("rollout")
-    llvm_source.rows(made, machine)
+    llvm_rows.functions(made, machine)
     llvm_random.four_normals(made, machine)
     llvm_moments.functions(made, machine)
     llvm_step.one_step(made, machine, tapes.forward)

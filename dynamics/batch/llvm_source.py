@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 from llvmlite import ir
 
-from dynamics.batch.llvm_vectors import F64, I64, POINTER, Machine, Value, Writer, index
+from dynamics.batch.llvm_vectors import POINTER, Machine, Value, Writer
 from dynamics.batch.parts import Parts
 from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen
 
@@ -181,42 +181,3 @@ class _Emitter:
             last = self._value(right)
             return w.fused(a, c, w.negative(last) if minus else last)
         return (w.b.fsub if minus else w.b.fadd)(self._value(left), self._value(right))
-
-
-def rows(module: ir.Module, machine: Machine) -> None:
-    """Write `load_rows` and `store_rows`, the caller's rows to vectors and back.
-
-    `load_rows(a, size, stride, row, end, out)`: lane l of vector k is entry k of row `row + l`, or
-    of row `end - 1` past the last one; rows are `stride` apart, 0 for one row that all share.
-    `store_rows(a, size, row, end, in)` leaves out what lies past the last row.
-    """
-    w = Writer(module, machine, "load_rows", [POINTER, I64, I64, I64, I64, POINTER])
-    a, size, stride, row, end, out = w.arguments
-    starts = [w.at(a, w.b.mul(_clamped(w, row, end, lane), stride), F64) for lane in range(w.lanes)]
-    with w.loop(0, size) as k:
-        value: Value = ir.Constant(w.V, ir.Undefined)
-        for lane, start in enumerate(starts):
-            value = w.b.insert_element(value, w.load(start, k.i, F64), index(lane))
-        w.store(value, out, k.i)
-    w.b.ret_void()
-    w = Writer(module, machine, "store_rows", [POINTER, I64, I64, I64, POINTER])
-    a, size, row, end, values = w.arguments
-    whole = w.b.icmp_signed("<=", w.b.add(row, index(w.lanes)), end)
-    with w.b.if_else(whole) as (then, otherwise):
-        with then:
-            starts = [
-                w.at(a, w.b.mul(w.b.add(row, index(lane)), size), F64) for lane in range(w.lanes)
-            ]
-            with w.loop(0, size) as k:
-                value = w.load(values, k.i)
-                for lane, start in enumerate(starts):
-                    w.store(w.b.extract_element(value, index(lane)), start, k.i)
-        with otherwise, w.loop(row, end) as r, w.loop(0, size) as k:
-            one = w.b.extract_element(w.load(values, k.i), w.b.sub(r.i, row))
-            w.store(one, a, w.b.add(w.b.mul(r.i, size), k.i))
-    w.b.ret_void()
-
-
-def _clamped(w: Writer, row: Value, end: Value, lane: int) -> Value:
-    here, last = w.b.add(row, index(lane)), w.b.sub(end, index(1))
-    return w.b.select(w.b.icmp_signed("<", here, last), here, last)

@@ -146,10 +146,10 @@ class Writer:
         width = self.machine.width
         half = ir.VectorType(F64, width)
         halves = [
-            self.call(symbol, *(self._lanes(a, k, width) for a in arguments), result=half)
+            self.call(symbol, *(self.register(a, k) for a in arguments), result=half)
             for k in range(0, self.lanes, width)
         ]
-        return self.b.shuffle_vector(*halves, _lane_numbers(0, self.lanes))
+        return self.joined(*halves)
 
     def each_lane(self, name: str, *arguments: Value) -> Value:
         """A C function of doubles called for one lane after the other."""
@@ -160,8 +160,13 @@ class Writer:
             value = self.b.insert_element(value, one, index(lane))
         return value
 
-    def _lanes(self, value: Value, first: int, count: int) -> Value:
-        return self.b.shuffle_vector(value, value, _lane_numbers(first, count))
+    def register(self, vector: Value, first: int) -> Value:
+        """The SIMD register of a vector that begins at lane `first`."""
+        return self.b.shuffle_vector(vector, vector, _lane_numbers(first, self.machine.width))
+
+    def joined(self, first: Value, second: Value) -> Value:
+        """A vector of its two registers."""
+        return self.b.shuffle_vector(first, second, _lane_numbers(0, self.lanes))
 
     def fused(self, a: Value, b: Value, c: Value) -> Value:
         """a*b + c in one rounding; two where the CPU has no such instruction."""

@@ -10,8 +10,18 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import BatchFunction, BatchWarning, CompilerError, llvm_backend
+from dynamics.batch import (
+    BatchFunction,
+    BatchWarning,
+    CompilerError,
+    Gaussian,
+    RolloutFunction,
+    affine,
+    llvm_backend,
+)
+from dynamics.contact import Barrier
 from tests.unit.batch.backends import LLVM
+from tests.unit.batch.rollout_cases import closed, four_contacts
 
 needs_llvm = pytest.mark.skipif(not LLVM, reason="llvmlite is not installed")
 
@@ -49,3 +59,20 @@ def test_lesser_machines_compute_the_same(graph, change, monkeypatch):
     at = np.random.default_rng(0).standard_normal((37, 2))
     got = BatchFunction(graph, backend="llvm")(at)
     np.testing.assert_allclose(got, BatchFunction(graph, backend="casadi")(at), rtol=1e-14)
+
+
+@needs_llvm
+def test_rollouts_on_lesser_machines_are_the_same(monkeypatch):
+    step, *costs = closed(four_contacts(), Barrier(mu=1e-3))
+    wanted = RolloutFunction(step, *costs, 5, affine(6, 2), backend="numpy")
+    machine = replace(llvm_backend.machine(), width=2, has_fma=False, vector_math={})
+    monkeypatch.setattr(llvm_backend, "machine", lambda: machine)
+    f = RolloutFunction(step, *costs, 5, affine(6, 2), backend="llvm")
+    rng = np.random.default_rng(1)
+    x0, theta = rng.standard_normal((21, 6)), 0.3 * rng.standard_normal(wanted.policy.shape(5))
+    noise = Gaussian(0.1, seed=2)
+    one, other = (g(x0, theta, noise=noise, score=True) for g in (f, wanted))
+    np.testing.assert_allclose(one.cost, other.cost, rtol=1e-12)
+    size = np.abs(other.gradient).max()
+    np.testing.assert_allclose(one.gradient, other.gradient, rtol=1e-10, atol=1e-12 * size)
+    np.testing.assert_allclose(one.score, other.score, rtol=1e-12)
