@@ -18,8 +18,11 @@ def module(tape: Tape, machine: Machine) -> ir.Module:
     llvm_source.kernel(made, machine, tape, "kernel")
     w = Writer(made, machine, "run", [I64, I64, POINTER, POINTER, POINTER], I64)
     begin, end, a, shared, b = w.arguments
-    x = [w.array(n) for n in tape.input_sizes]
-    y = [w.array(n) for n in tape.output_sizes]
+    sizes = *tape.input_sizes, *tape.output_sizes
+    # Not on the stack, which long inputs would burst.
+    memory = w.allocate(index(sum(sizes) + 1))
+    starts = [w.at(memory, sum(sizes[:k])) for k in range(len(sizes))]
+    x, y = starts[: len(tape.input_sizes)], starts[len(tape.input_sizes) :]
     rows = [w.load(a, k, POINTER) for k in range(len(x))]
     answers = [w.load(b, k, POINTER) for k in range(len(y))]
     is_shared = [w.b.icmp_signed("!=", w.load(shared, k, I64), index(0)) for k in range(len(x))]
@@ -38,6 +41,7 @@ def module(tape: Tape, machine: Machine) -> ir.Module:
             w.call("store_rows", answers[k], index(size), row.i, end, y[k], result=_VOID)
         lost = w.how_many(w.b.and_(spoiled, w.below(row.i, end)))
         w.store(w.b.add(w.load(bad, 0, I64), lost), bad)
+    w.free(memory)
     w.b.ret(w.load(bad, 0, I64))
     return made
 

@@ -99,11 +99,7 @@ class _Driver:
         w, b = self.w, self.w.b
         lanes = b.mul(index(self.abreast), self.lane)
         room = b.add(lanes, b.mul(index(3), self.n_values))
-        each = index(8 * w.lanes)
-        self.memory = w.call("aligned_alloc", each, b.mul(room, each), result=POINTER)
-        lacking = b.icmp_unsigned("==", b.ptrtoint(self.memory, I64), index(0))
-        with b.if_then(lacking, likely=False):
-            b.ret(index(-1))
+        self.memory = w.allocate(room)
         self.moments = Moments(w, w.at(self.memory, lanes), self.n_values)
         self.moments.clear()
         self._load_shared()
@@ -116,7 +112,7 @@ class _Driver:
                 b.sdiv(self.begin, self.chunk), b.add(index(1), b.shl(self.n_values, index(1)))
             )
             self.moments.finish(w.at(self._field("moments", POINTER), row, F64))
-        w.call("free", self.memory, result=_VOID)
+        w.free(self.memory)
         b.ret(w.load(self.bad, 0, I64))
 
     def _rows(self, name: str, size: Value, row: Value, to: Value, shared: Value | None) -> None:

@@ -110,6 +110,19 @@ class Writer:
         with self.b.goto_entry_block():
             return self.b.alloca(kind or self.V, index(max(size, 1)))
 
+    def allocate(self, size: Value) -> Value:
+        """Room for `size` vectors, to be freed; the function returns -1 where there is none."""
+        each = index(8 * self.lanes)
+        memory = self.call("aligned_alloc", each, self.b.mul(size, each), result=POINTER)
+        lacking = self.b.icmp_unsigned("==", self.b.ptrtoint(memory, I64), index(0))
+        with self.b.if_then(lacking, likely=False):
+            self.b.ret(index(-1))
+        return memory
+
+    def free(self, memory: Value) -> None:
+        """Give back what `allocate` gave."""
+        self.call("free", memory, result=ir.VoidType())
+
     @contextmanager
     def loop(self, start: Value | int, stop: Value | int, by: int = 1) -> Iterator[Loop]:
         """What is written inside is done for start, start + by, ... below stop."""

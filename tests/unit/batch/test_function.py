@@ -92,6 +92,14 @@ def test_long_graphs_are_cut_and_agree(backend):
     np.testing.assert_array_equal(got[0], BatchFunction(f, backend=backend, threads=2)(at)[0])
 
 
+@pytest.mark.parametrize("backend", FAST)
+def test_inputs_larger_than_a_stack(backend):
+    x = ca.SX.sym("x", 100_000)
+    f = BatchFunction(ca.Function("wide", [x], [x[0] + 2 * x[99_999]]), backend=backend)
+    at = np.random.default_rng(5).standard_normal((17, 100_000))
+    np.testing.assert_allclose(f(at)[:, 0], at[:, 0] + 2 * at[:, -1], rtol=1e-15)
+
+
 def test_sparse_inputs_and_outputs_are_rows_of_nonzeros():
     A = ca.SX.sym("A", ca.Sparsity.lower(3))
     f = ca.Function("f", [A], [A @ A, ca.SX(2, 2)])
