@@ -43,9 +43,10 @@ def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
     ``mu = kappa (z + F kappa) > 0``: even in z, at most sigma²/(2 pi F). This is the right form
     of abs, eq. 5.1, whose printed tail, sign and scale are wrong.
     """
-    t = ca.fabs(z) / sigma
-    small = sigma * _expected_excess(t) / F
-    return small * (ca.fabs(z) + F * small)
+    # Not fabs: its derivative at 0 is 0 in CasADi, and the second derivative of mu would be wrong.
+    size = ca.if_else(z < 0, -z, z)
+    small = sigma * _expected_excess(size / sigma) / F
+    return small * (size + F * small)
 
 
 def _expected_excess(t: ca.SX) -> ca.SX:

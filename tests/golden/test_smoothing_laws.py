@@ -13,6 +13,7 @@ from scipy.integrate import quad
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from dynamics.contact.adaptive import gaussian_mu
+from dynamics.contact.interior_point import scalar_solution
 from dynamics.systems import lcs
 
 
@@ -88,3 +89,11 @@ def test_the_noise_that_a_barrier_stands_for(F, mu, mean_size, quantile, density
     assert -F * float(law(-quantile)[1]) == pytest.approx(0.9, rel=1e-12)
     assert quad(rho, -np.inf, np.inf)[0] == pytest.approx(1, rel=1e-7)
     assert 2 * quad(lambda w: w * rho(w), 0, np.inf)[0] == pytest.approx(mean_size, rel=1e-7)
+
+
+def test_the_gaussian_law_has_its_curvature_at_the_kink_too():
+    """E S_0(z + w) has second derivative pdf(0) / (F sigma) at z = 0, F = sigma = 1."""
+    z = ca.SX.sym("z")
+    lam = scalar_solution(z, ca.SX(1), gaussian_mu(z, ca.SX(1), 1.0))
+    second = ca.Function("second", [z], [ca.hessian(lam, z)[0]])
+    assert float(second(0.0)) == pytest.approx(0.3989422804014327, rel=1e-12)
