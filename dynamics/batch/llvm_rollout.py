@@ -136,9 +136,9 @@ class _Driver:
         self.vectors = b.select(full, index(self.abreast), vectors)
         with w.loop(0, self.vectors) as j:
             self._load(j.i, b.add(first, b.mul(j.i, index(w.lanes))))
-        self._forward()
+        self._forward(first)
         with b.if_then(self.gradient):
-            self._backward()
+            self._backward(first)
         with b.if_then(self.score):
             self._scores()
         with w.loop(0, self.vectors) as j:
@@ -170,15 +170,43 @@ class _Driver:
                 w.store(b.fmul(w.load(z, k.i), w.spread(scale)), self._at("w", j, at))
 
     @contextmanager
-    def _time(self, backward: bool = False) -> Iterator[tuple[Value, Value]]:
-        """A loop over steps t and, within, over vectors j of the block."""
+    def _time(
+        self, first: Value | None = None, backward: bool = False
+    ) -> Iterator[tuple[Value, Value]]:
+        """A loop over steps t and, within, over vectors j of the block.
+
+        With the block's first row, it meanwhile fetches what the next block reads or, backward,
+        where this one's gradient goes.
+        """
         w = self.w
         with w.loop(0, self.horizon) as t:
+            if first is not None:
+                self._fetch_meanwhile(first, t.i, backward)
             step = t.i
             if backward:
                 step = w.b.sub(w.b.sub(self.horizon, index(1)), t.i)
             with w.loop(0, self.vectors) as j:
                 yield step, j.i
+
+    def _fetch_meanwhile(self, first: Value, t: Value, backward: bool) -> None:
+        b = self.w.b
+        if backward:
+            self._fetch("gradient", self.nt, first, t, b.not_(self.in_moments), True)
+            return
+        ahead = b.add(first, index(self.abreast * self.w.lanes))
+        self._fetch("theta", self.nt, ahead, t, b.not_(self.shared["theta"]), False)
+        self._fetch("w", self.nw, ahead, t, self.given, False)
+
+    def _fetch(
+        self, name: str, size: Value, first: Value, t: Value, wanted: Value, write: bool
+    ) -> None:
+        b = self.w.b
+        rows = b.sub(self.end, first)
+        most = index(self.abreast * self.w.lanes)
+        rows = b.select(b.icmp_signed("<", rows, most), rows, most)
+        with b.if_then(b.and_(wanted, b.icmp_signed(">", rows, index(0)))):
+            a = self.w.at(self._field(name, POINTER), b.mul(first, size), F64)
+            llvm_rows.fetch(self.w, a, b.mul(rows, size), (t, self.horizon), write)
 
     def _step_arguments(self, t: Value, j: Value) -> list[Value]:
         """Addresses of x, theta and w of step t."""
@@ -195,11 +223,11 @@ class _Driver:
     def _lam(self, t: Value, j: Value) -> Value:
         return self._at("lam", j, self.w.b.mul(t, index(self.tapes.nlam)))
 
-    def _forward(self) -> None:
+    def _forward(self, first: Value) -> None:
         w, stage = self.w, self.w.array(1)
         with w.loop(0, self.vectors) as j:
             w.store(w.splat(0.0), self._at("cost", j.i))
-        with self._time() as (t, j):
+        with self._time(first) as (t, j):
             arguments = self._step_arguments(t, j)
             x_next = w.at(arguments[0], self.tapes.nx)
             run_kernel(w, "one_step", *arguments, self._at("p", j), x_next, self._lam(t, j), stage)
@@ -216,7 +244,7 @@ class _Driver:
         with self.w.loop(0, self.nt) as k:
             self.w.store(self.w.splat(0.0), self._at(name, j, k.i))
 
-    def _backward(self) -> None:
+    def _backward(self, first: Value) -> None:
         w, b, tapes = self.w, self.w.b, self.tapes
         bars, before = w.array(self.abreast * tapes.nx), w.array(tapes.nx)
         part = w.array(tapes.n_theta)
@@ -224,7 +252,7 @@ class _Driver:
             bar = w.at(bars, b.mul(j.i, index(tapes.nx)))
             run_kernel(w, "terminal_adjoint", *self._end_arguments(j.i), bar)
             self._clear("gradient", j.i)
-        with self._time(backward=True) as (t, j):
+        with self._time(first, backward=True) as (t, j):
             bar = w.at(bars, b.mul(j, index(tapes.nx)))
             arguments = [*self._step_arguments(t, j), self._at("p", j), self._lam(t, j), bar]
             run_kernel(w, "adjoint", *arguments, before, part)

@@ -22,6 +22,22 @@ def functions(module: ir.Module, machine: Machine) -> None:
     _store_rows(Writer(module, machine, "store_rows", [POINTER, *3 * [I64], POINTER]))
 
 
+def fetch(w: Writer, a: Value, entries: Value, share: tuple[Value, Value], write: bool) -> None:
+    """Ask the cache for part t of n of the next `entries` entries at `a`, where `share` is (t, n).
+
+    Spread over a loop of n turns it hides the memory's delay; it changes no result.
+    """
+    b, (t, n) = w.b, share
+    lines = b.add(b.sdiv(entries, index(8)), index(1))
+    each = b.add(b.sdiv(lines, n), index(1))
+    begin = b.mul(t, each)
+    end = b.add(begin, each)
+    flags = [ir.Constant(ir.IntType(32), flag) for flag in (int(write), 3, 1)]
+    with w.loop(begin, b.select(b.icmp_signed("<", end, lines), end, lines)) as k:
+        place = w.at(a, b.mul(k.i, index(8)), F64)
+        w.call("llvm.prefetch.p0", place, *flags, result=ir.VoidType())
+
+
 def _load_rows(w: Writer) -> None:
     b, (a, size, stride, row, end, out) = w.b, w.arguments
     width, register = w.machine.width, ir.VectorType(F64, w.machine.width)
