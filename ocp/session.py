@@ -24,6 +24,8 @@ from ocp.transcription.stage import Compile
 
 _STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""
+_EXACT_ITERATIONS = 200
+"""What a gradient method is given under the exact law in shooting, before the barrier path is."""
 _MU_LAST = 1e-9
 """Where the barrier law is left for the exact one in shooting."""
 _GAIN = 1e-7
@@ -106,6 +108,8 @@ class Session:
         point = self.first_point(nlp, guess)
         path = self._law_path()
         result, nlp, finished = follower.follow(path, point)
+        if self.step.exact and self.homotopy is None and not finished:
+            return self._through_barrier(follower, guess, nlp)
         if len(path.values) > 1 and self.step.branches == 1:
             below = self._from_exact(follower, guess)
             if below is not None and (not finished or below.f < result.f - _GAIN * abs(result.f)):
@@ -144,7 +148,9 @@ class Session:
         """The law's own knob from a wide start to its value, or the one value."""
         knob = self.step.law.homotopy_knob
         if knob is None or self.homotopy is False or self.step.exact:
-            return Path([0.0], lambda _: Plan(self.step.law.name, 0.0))
+            tries = self.step.exact and self.homotopy is None
+            limit = {"max_iter": _EXACT_ITERATIONS, **self.solver.options} if tries else {}
+            return Path([0.0], lambda _: Plan(self.step.law.name, 0.0, options=limit))
         target = self.values[knob]
         reference = self.problem.reference
         spatial = knob.endswith("sigma")

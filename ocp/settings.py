@@ -11,7 +11,7 @@ from ocp.solvers.strategies import DEFAULT_STRATEGY, STRATEGIES
 
 OWN = {
     "homotopy": "true or false: follow the law's knob down from a wide start (default: true where"
-    " a law smooths, false for the exact law in shooting)",
+    " a law smooths; for the exact law in shooting only where it does not converge by itself)",
     "strategy": "how exact complementarity is met in a direct transcription",
     "factor": "factor by which the homotopy's knob shrinks, between 0 and 1",
     "start": "first value of the homotopy's knob",

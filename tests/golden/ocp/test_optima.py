@@ -117,3 +117,13 @@ def test_every_strategy_ends_complementary(name: str, strategy: str) -> None:
     assert found.audit.complementarity <= 1e-8
     assert found.audit.dynamics_residual <= 1e-8
     assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-5)
+
+
+@pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
+def test_at_a_kink_shooting_lands_from_the_barrier_path(method) -> None:
+    """wall-1d rests on the wall, where the exact law has no gradient to vanish."""
+    found = solve(get("wall-1d"), Exact(), method)
+    assert found.success
+    assert "from exact" in {line.knob for line in found.stages}
+    assert found.cost == pytest.approx(exact("wall-1d").cost, rel=1e-5)
+    assert found.audit.state_gap == 0.0
