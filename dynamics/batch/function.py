@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import casadi as ca
@@ -17,9 +18,11 @@ from dynamics.batch.llvm_backend import llvm_engine
 from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
 from dynamics.batch.numpy_backend import NumpyEngine
 from dynamics.batch.parallel import checked_threads
-from dynamics.batch.tape import tape_of
+from dynamics.batch.tape import Tape, UnsupportedOperation, tape_of
 
 BLOCK = 32
+LONGEST = 40_000
+"""Operations beyond which `auto` interprets: compilers take minutes over longer programs."""
 
 
 class Engine(Protocol):
@@ -66,15 +69,19 @@ class BatchFunction:
         self.threads = checked_threads(threads)
         self.block = checked_block(block)
         self.nonfinite = NonFinite()
-        self.backend, self._engine = choose(backend, self._makers(fn), f"'{self.name}'")
+        self.backend, self._engine = choose(backend, self._makers(fn, backend), f"'{self.name}'")
 
-    def _makers(self, fn: ca.Function) -> dict[str, Any]:
-        return {
-            "c": lambda: c_engine(tape_of(fn), self.threads, self.block),
-            "llvm": lambda: llvm_engine(tape_of(fn), self.threads),
-            "numpy": lambda: NumpyEngine(tape_of(fn), self.threads, self.block),
+    def _makers(self, fn: ca.Function, backend: str) -> dict[str, Any]:
+        tape = functools.cache(lambda: tape_of(fn))
+        compiled = {
+            "c": lambda: c_engine(tape(), self.threads, self.block),
+            "llvm": lambda: llvm_engine(tape(), self.threads),
+        }
+        interpreted = {
+            "numpy": lambda: NumpyEngine(tape(), self.threads, self.block),
             "casadi": lambda: CasadiEngine(fn, self.threads),
         }
+        return interpreted if backend == "auto" and _too_long(tape) else compiled | interpreted
 
     def __call__(self, *args: Any, out: Sequence[np.ndarray] | None = None, **named: Any) -> Any:
         """Evaluate; `out` gives arrays `(n_samples, nnz_out)` to write to, one for each output."""
@@ -111,3 +118,10 @@ def checked_block(block: int) -> int:
     if isinstance(block, bool) or not isinstance(block, int) or block < 1:
         raise ValueError(f"block must be a whole number of samples, at least 1, not {block!r}")
     return block
+
+
+def _too_long(tape: Callable[[], Tape]) -> bool:
+    try:
+        return len(tape().operations) > LONGEST
+    except UnsupportedOperation:
+        return False

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dynamics.batch import BatchFunction, BatchWarning
+from dynamics.contact.interior_point import lcp_solver
 from tests.unit.batch.backends import BACKENDS, FAST, LLVM
 
 
@@ -185,3 +186,16 @@ def test_wrong_names_and_counts_are_listed(graph, samples):
 def test_wrong_options_are_explained(options, message, graph):
     with pytest.raises(ValueError, match=message):
         BatchFunction(graph, **options)
+
+
+def test_auto_interprets_what_compilers_choke_on():
+    """A path solver of two contacts unrolls to over 1e5 operations, minutes of compiling."""
+    F, mu = np.array([[2.0, 0.5], [0.3, 1.0]]), np.array([1e-3, 1e-3])
+    solver = lcp_solver(2)
+    batch = BatchFunction(solver)
+    assert batch.backend == "numpy"
+    z = np.random.default_rng(0).normal(size=(8, 2))
+    lam, gap, error = batch(z, F.T.ravel(), mu)
+    np.testing.assert_allclose(lam * gap, 1e-3, rtol=1e-8)
+    np.testing.assert_allclose(z + lam @ F.T, gap, atol=1e-10)
+    assert error.max() <= 1e-10
