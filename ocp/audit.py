@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from dynamics.contact import Exact, Step
+from dynamics.contact import Step
 from ocp.errors import NotConverged
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
@@ -76,18 +76,12 @@ def relation_values(
     step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residual (S, N, nx), gap (S, N, n) and mu (S, N, n) of the implicit step."""
-    system = step.system
-    relation = ca.Function(
-        "relation",
-        [system.x, system.u, system.x_next, step.lam, step.p.vector],
-        [step.residual, step.gap, step.mu],
-    )
     S, N = u.shape[:2]
 
     def columns(array: np.ndarray) -> np.ndarray:
         return np.asarray(array).reshape(S * N, -1).T
 
-    found = relation.map(S * N)(
+    found = step.relation.map(S * N)(
         columns(x[:, :-1]), columns(u), columns(x[:, 1:]), columns(lam), values
     )
     residual, gap, mu = (np.array(ca.densify(v)).T.reshape(S, N, -1) for v in found)
@@ -96,11 +90,11 @@ def relation_values(
 
 def signed_distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray | None:
     """True signed distance phi of every contact, (S, N+1, n_phi), or None if unknown."""
-    phi = problem.system.phi
-    if phi is None:
+    if problem.signed_distance is None:
         return None
-    function = ca.Function("phi", [problem.system.x, problem.parameters.vector], [ca.densify(phi)])
-    values = function.map(x.shape[0] * x.shape[1])(x.reshape(-1, x.shape[2]).T, physical)
+    values = problem.signed_distance.map(x.shape[0] * x.shape[1])(
+        x.reshape(-1, x.shape[2]).T, physical
+    )
     return np.array(values).T.reshape(*x.shape[:2], -1)
 
 
@@ -141,7 +135,7 @@ def audit(
 def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Rollout:
     inputs = plan.u if plan.gains is None else plan.gains
     try:
-        return roll_out(problem, inputs, values, Exact())
+        return roll_out(problem, inputs, values)
     except NotConverged:
         empty = np.full_like(plan.x, np.nan), np.full_like(plan.u, np.nan)
         shape = (*plan.u.shape[:2], problem.system.nlam)
@@ -175,7 +169,7 @@ def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -
     """
     if not np.all(np.isfinite(replay.x)):
         return float("nan")
-    step = Exact().close(problem.system)
+    step = problem.exact_step
     physical = np.array([values[name] for name in problem.parameters.names])
     p = np.array([values[name] for name in step.p.names])
     du = problem.du if problem.du is not None else ca.SX.sym("du", problem.system.nu)

@@ -9,6 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError
 
@@ -134,6 +135,19 @@ class Problem:
     def uses_du(self) -> bool:
         """Whether the cost depends on input increments."""
         return self.du is not None
+
+    @cached_property
+    def exact_step(self) -> Step:
+        """The system closed by the exact law, for audits and replays."""
+        return Exact().close(self.system)
+
+    @cached_property
+    def signed_distance(self) -> ca.Function | None:
+        """Map ``(x, p)`` to the true signed distance phi of every contact, or None if unknown."""
+        if self.system.phi is None:
+            return None
+        inputs = [self.system.x, self.parameters.vector]
+        return ca.Function("phi", inputs, [ca.densify(self.system.phi)], ["x", "p"], ["phi"])
 
     @cached_property
     def limits(self) -> ca.Function:

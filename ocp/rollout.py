@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from dynamics.contact import ContactLaw, Exact, Step
+from dynamics.contact import ContactLaw, Step
 from ocp.errors import NotConverged
 from ocp.problem import Problem
 
@@ -62,7 +62,10 @@ def roll_out(
     Raises :class:`~ocp.errors.NotConverged`, naming contact, step and scenario, where the step's
     path could not be followed to its end.
     """
-    step = law if isinstance(law, Step) else (law or Exact()).close(problem.system)
+    if law is None:
+        step = problem.exact_step
+    else:
+        step = law if isinstance(law, Step) else law.close(problem.system)
     own = problem.parameters if step is not law else problem.parameters + step.p
     known = {name: value for name, value in values.items() if name in own}
     p = np.array([known.get(parameter.name, parameter.value) for parameter in step.p])

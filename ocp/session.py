@@ -6,7 +6,6 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
@@ -64,6 +63,7 @@ class Session:
         began = time.perf_counter()
         self.step: Step = self.law.close(self.problem.system)
         self.nlps: dict[str, NLP] = {}
+        self.helpers: dict[str, Session] = {}
         table = self.problem.parameters + self.step.p
         self.values = {parameter.name: float(parameter.value) for parameter in table}
         self.values |= {"penalty": 0.0, "relaxation": 0.0}
@@ -71,7 +71,7 @@ class Session:
 
     @property
     def nlp_builds(self) -> int:
-        """Number of NLPs that were built."""
+        """Number of NLPs built under the session's own law; ``helpers`` count their own."""
         return len(self.nlps)
 
     def nlp_of(self, form: str) -> NLP:
@@ -124,11 +124,9 @@ class Session:
         The path from a wide law may end in a worse minimum, one with another contact schedule, and
         then the exact optimum is the better neighbour.
         """
-        helper = Session(self.problem, Exact(), Direct(), self.policy, self.solver)
-        helper.values |= self._shared()
+        helper = self._helper(Exact(), Direct())
         exact = helper.solve(guess=guess, progress=follower.progress)
         follower.trace.absorb(exact.trace)
-        self.build_s += helper.build_s
         if not exact.finished:
             return None
         nlp = self.nlp_of("product")
@@ -178,12 +176,10 @@ class Session:
         At a kink of the exact law no gradient vanishes, so a gradient method cannot end there; the
         limit of the smoothed optima can, and is taken as the answer.
         """
-        helper = Session(self.problem, Barrier(mu=_MU_LAST), self.method, self.policy, self.solver)
-        helper.values |= self._shared()
+        helper = self._helper(Barrier(mu=_MU_LAST), self.method)
         smooth = helper.solve(guess=guess, progress=follower.progress)
         result, source, finished = smooth.result, smooth.nlp, smooth.finished
         follower.trace.absorb(smooth.trace)
-        self.build_s += helper.build_s
         blocks = source.variables.unpack(result.point.x)
         plan = Gains(blocks["K"], blocks["k"]) if "K" in blocks else blocks["u"]
         exact = roll_out(self.problem, plan, self.values, self.step)
@@ -196,8 +192,20 @@ class Session:
         landed = replace(result, point=Point(x), f=float(f), g=np.array(g).ravel())
         return Outcome(landed, nlp, finished, follower.trace)
 
-    def _shared(self) -> dict[str, float]:
-        return {name: self.values[name] for name in self.problem.parameters.names}
+    def _helper(self, law: ContactLaw, method: Method) -> Session:
+        """Return the session of the same problem under another law, at the same values."""
+        if law.name not in self.helpers:
+            self.helpers[law.name] = Session(
+                self.problem, law, method, self.policy, self.solver, compiled=self.compiled
+            )
+        helper = self.helpers[law.name]
+        helper.values |= {name: self.values[name] for name in self.problem.parameters.names}
+        return helper
+
+    @property
+    def total_build_s(self) -> float:
+        """Seconds of set-up, of helping sessions too."""
+        return self.build_s + sum(helper.total_build_s for helper in self.helpers.values())
 
     def _exact(self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None) -> Outcome:
         if self.strategy not in STRATEGIES:
@@ -264,10 +272,8 @@ class Session:
         return Point(nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables}))
 
     def _free_gaps(self, X: np.ndarray, U: np.ndarray) -> np.ndarray:
-        system, step = self.problem.system, self.step
-        inputs = [system.x, system.u, system.x_next, step.lam, step.p.vector]
-        gap = ca.Function("free_gap", inputs, [step.gap])
+        step = self.step
         values = np.array([self.values[name] for name in step.p.names])
         zeros = np.zeros((step.n, len(U)))
-        found = gap.map(len(U))(X[:-1].T, U.T, X[1:].T, zeros, values)
-        return np.array(found).T
+        _, gap, _ = step.relation.map(len(U))(X[:-1].T, U.T, X[1:].T, zeros, values)
+        return np.array(gap).T

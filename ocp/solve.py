@@ -162,7 +162,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         audit=found,
         stages=outcome.trace.records,
         iterations=outcome.trace.iterations,
-        build_s=session.build_s,
+        build_s=session.total_build_s,
         solve_s=outcome.trace.seconds,
         record={**record(session, seed), "audit_s": time.perf_counter() - began},
         problem=session.problem,

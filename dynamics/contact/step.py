@@ -114,6 +114,18 @@ class Step:
         return ca.Function("step_data", self._inputs, outputs, ["x", "u", "p"], names)
 
     @cached_property
+    def relation(self) -> ca.Function:
+        """Map ``(x, u, x_next, lam, p)`` to ``(residual, gap, mu)``, the implicit form, dense."""
+        system = self.system
+        return ca.Function(
+            "relation",
+            [system.x, system.u, system.x_next, self.lam, self.p.vector],
+            [ca.densify(value) for value in (self.residual, self.gap, self.mu)],
+            ["x", "u", "x_next", "lam", "p"],
+            ["residual", "gap", "mu"],
+        )
+
+    @cached_property
     def solve(self) -> ca.Function:
         """Map ``(x, u, p)`` to ``(x_next, lam, gap, error)`` without derivatives.
 

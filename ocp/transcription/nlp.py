@@ -137,12 +137,6 @@ class NLP:
         lam, gap = (np.array(v).ravel() for v in self.contacts(x, p))
         return lam * gap
 
-    def default_values(self) -> dict[str, float]:
-        """Default value of every parameter by name."""
-        table = self.problem.parameters + self.step.p
-        values = {parameter.name: float(parameter.value) for parameter in table}
-        return {**values, "penalty": 0.0, "relaxation": 0.0}
-
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
         """Bounds ``lbx ubx lbg ubg`` at the given parameter values."""
         problem = self.problem

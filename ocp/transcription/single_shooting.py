@@ -97,7 +97,6 @@ class _Condensed:
         for name, expression in extra:
             self.constraints.add(name, (self.S, self.N, expression.numel()), names[name])
         self.extra = [name for name, _ in extra]
-        self.nc = sum(expression.numel() for _, expression in extra)
         outputs = ca.vertcat(xi_next, *(expression for _, expression in extra))
         w = ca.vertcat(self.xi, theta)
         relation = closed(step.differentiable_relation)

@@ -132,7 +132,6 @@ class _Mapped:
         self.stage = stage
         common = [1]
         self.map = function.map(f"{function.name()}_map", "serial", stage.copies, common, [])
-        self.gather = ca.DM(stage.index.ravel()).T
 
     def locals(self, source: ca.MX) -> ca.MX:
         return ca.reshape(source[self.stage.index.ravel().tolist()], -1, self.stage.copies)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import problems
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized, Step
 from dynamics.systems import ContactSystem, lcs
+from problems import get
 from tests.property.p_matrices import p_matrix
 
 
@@ -179,3 +180,15 @@ def test_every_problems_step(name, law):
     at = np.concatenate([start, np.full(nu, 0.1), step.p.values])
     expected = difference(lambda v: np.array(evaluate(v)[0]).ravel(), at)
     assert np.allclose(np.array(evaluate(at)[1]), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_the_active_set_is_that_of_the_exact_solution():
+    """Two soft walls 0.35 m either side: the tip beyond one acts on that one alone."""
+    step = Exact().close(get("cart-walls").system)
+    p = step.p.values
+    for theta, expected in ((0.8, [1, 0]), (-0.8, [0, 1]), (0.0, [0, 0])):
+        x = [0.0, theta, 0.0, 0.0]
+        _, lam, gap, _ = (np.array(v).ravel() for v in step.solve(x, [0.0], p))
+        active = np.array(step.active_set(x, [0.0], p)).ravel()
+        assert active.tolist() == expected
+        assert np.all(lam[active == 0] == 0) and np.allclose(gap[active == 1], 0, atol=1e-12)
