@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.studies.store import plain
+from ocp.studies.plain import plain
 
 EVERY_S = 2.0
 """Seconds between two savings of a run that is under way."""

@@ -17,28 +17,24 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
 
-import numpy as np
 import xarray as xr
 
 from ocp.errors import DamagedRun, InputError
 from ocp.problem import Problem
 from ocp.rollout import Gains
 from ocp.solution import Audit, Solution, StageRecord, Status, Violation
+from ocp.studies.plain import content_hash, number, plain, read
 from ocp.studies.provenance import git_revision, versions
 
 SCHEMA = 1
 DATA_FILE, META_FILE = "solution.nc", "meta.json"
 _PARTIAL = ".partial-"
-# Where, when and how fast a run was made: runs that differ only in these are the same answer.
-_PROVENANCE = {"argv", "created", "revision", "versions", "source"}
-_TIMES = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds"}
-_CIRCUMSTANCES = _PROVENANCE | _TIMES
 
 
 @dataclass(frozen=True)
@@ -78,13 +74,13 @@ class StoredRun:
         """
         with self._described():
             worst = [Violation(**item) for item in self.meta["audit"]["worst"]]
-            return _read(Audit, {**self.meta["audit"], "worst": worst})
+            return read(Audit, {**self.meta["audit"], "worst": worst})
 
     @cached_property
     def stages(self) -> list[StageRecord]:
         """Homotopy table of the solve; raises as :attr:`audit` does."""
         with self._described():
-            return [_read(StageRecord, stage) for stage in self.meta["stages"]]
+            return [read(StageRecord, stage) for stage in self.meta["stages"]]
 
     def solution(self, problem: Problem) -> Solution:
         """Return the solution as it was solved, of ``problem`` built again at its parameters.
@@ -100,13 +96,13 @@ class StoredRun:
         with self._described():
             return Solution(
                 data=data,
-                cost=_number(meta["cost"]),
+                cost=number(meta["cost"]),
                 status=self.status,
                 audit=self.audit,
                 stages=self.stages,
                 iterations=meta["iterations"],
-                build_s=_number(meta["build_s"]),
-                solve_s=_number(meta["solve_s"]),
+                build_s=number(meta["build_s"]),
+                solve_s=number(meta["solve_s"]),
                 record=self.record,
                 problem=problem,
                 values={parameter.name: parameter.value for parameter in problem.parameters},
@@ -259,57 +255,6 @@ def list_runs(root: Path | str) -> list[RunEntry]:
         except DamagedRun as error:
             entries.append(RunEntry(directory, None, str(error)))
     return entries
-
-
-def content_hash(data: xr.Dataset, meta: dict[str, Any]) -> str:
-    """Ten hex digits over arrays and description without times and circumstances."""
-    digest = hashlib.sha256()
-    for name in sorted(set(map(str, data.variables)) - _CIRCUMSTANCES):
-        variable = data.variables[name]
-        values = np.asarray(variable.values)
-        head = [name, list(variable.dims), list(values.shape), plain(dict(variable.attrs))]
-        digest.update(json.dumps(head, sort_keys=True).encode())
-        numeric = values.dtype.kind in "biuf"
-        digest.update(values.tobytes() if numeric else json.dumps(plain(values)).encode())
-    digest.update(json.dumps(_without_circumstances(plain(meta)), sort_keys=True).encode())
-    return digest.hexdigest()[:10]
-
-
-def plain(value: Any) -> Any:
-    """Turn nested values into what JSON has; a number that is not finite becomes null."""
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if np.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    return str(value)
-
-
-def _without_circumstances(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {
-            key: _without_circumstances(item)
-            for key, item in value.items()
-            if key not in _CIRCUMSTANCES
-        }
-    return [_without_circumstances(item) for item in value] if isinstance(value, list) else value
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
-
-
-def _read(kind: type, values: dict[str, Any]) -> Any:
-    """Build a record, where JSON's null stands for a float that was not finite."""
-    floats = {field.name for field in fields(kind) if field.type == "float"}
-    return kind(**{k: _number(v) if k in floats else v for k, v in values.items()})
 
 
 @contextmanager

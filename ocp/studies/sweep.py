@@ -14,8 +14,8 @@ from ocp.errors import InputError
 from ocp.studies.checkpoint import Checkpoint
 from ocp.studies.estimation import Plan, carry_out, check_samples
 from ocp.studies.objective import SampledObjective
+from ocp.studies.plain import plain
 from ocp.studies.reference import is_sampled
-from ocp.studies.store import plain
 
 Build = Callable[[dict[str, float]], SampledObjective]
 """Makes the objective at changed values of what shapes it, such as its horizon."""

@@ -62,6 +62,6 @@ class Output:
         """Print the one JSON document, where it was asked for."""
         if not self.as_json:
             return
-        from ocp.studies.store import plain
+        from ocp.studies.plain import plain
 
         print(json.dumps(plain(content), indent=1, allow_nan=False))
