@@ -37,7 +37,10 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class StageRecord:
-    """One stage of a homotopy: where on the path, and what the solver needed and reached."""
+    """One stage of a homotopy: where on the path, and what the solver needed and reached.
+
+    ``evaluation_s`` of its ``seconds`` went into evaluating the NLP and its derivatives.
+    """
 
     knob: str
     value: float
@@ -48,6 +51,7 @@ class StageRecord:
     seconds: float
     status: str
     accepted: bool = True
+    evaluation_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,10 @@ class Solution:
     ``stage_iterations`` (stage), and ``stage_x``, ``stage_u`` (accepted_stage, scenario or shared,
     interval, state or control) of those that succeeded. Coordinate ``time`` [s].
 
+    Of ``solve_s`` [s], ``evaluation_s`` went into evaluating cost, constraints and derivatives;
+    ``solver_s``, the rest, into the solver: linear algebra, line search, its own affairs. It is
+    NaN where that was not measured.
+
     ``record`` is everything else, ready for JSON (:mod:`ocp.studies.store`): problem, contact,
     method, policy, solver, parameters, settings, seed.
     """
@@ -118,6 +126,18 @@ class Solution:
     values: dict[str, float]
     gains: Gains | None = None
     others: list[dict[str, Any]] = field(default_factory=list)
+    evaluation_s: float = math.nan
+
+    @property
+    def solver_s(self) -> float:
+        """Seconds of the solve that were no evaluation of functions."""
+        return self.solve_s - self.evaluation_s
+
+    @property
+    def iteration_s(self) -> dict[str, float]:
+        """Mean seconds an iteration, ``evaluation`` and ``solver``; NaN where there was none."""
+        count = self.iterations or math.nan
+        return {"evaluation": self.evaluation_s / count, "solver": self.solver_s / count}
 
     def replay(self, law: ContactLaw | None = None) -> Rollout:
         """Roll the plan out under another law (the exact one if not said).

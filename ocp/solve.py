@@ -118,8 +118,10 @@ def best_of(solutions: list[Solution]) -> Solution:
         for index, found in enumerate(solutions)
     ]
     iterations = sum(found.iterations for found in solutions)
-    seconds = sum(found.solve_s for found in solutions)
-    return replace(best, others=others, iterations=iterations, solve_s=seconds)
+    spent = {
+        key: sum(getattr(found, key) for found in solutions) for key in ("solve_s", "evaluation_s")
+    }
+    return replace(best, others=others, iterations=iterations, **spent)
 
 
 def rank(found: Solution) -> tuple[int, float]:
@@ -168,6 +170,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         problem=session.problem,
         values=dict(values),
         gains=plan.gains,
+        evaluation_s=outcome.trace.evaluation_s,
     )
 
 

@@ -133,10 +133,19 @@ def result_table(solution: Solution) -> Table:
         ("state gap to the replay", small(audit.state_gap), "max |x - x_replay|"),
         ("iterations", str(solution.iterations), ""),
         ("build, solve", f"{solution.build_s:.2f}, {solution.solve_s:.2f}", "s"),
+        ("of which functions, solver", *split(solution)),
     ]
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def split(solution: Solution) -> tuple[str, str]:
+    """How the time of a solve divides: seconds in functions and in the solver, and an iteration."""
+    each = solution.iteration_s
+    seconds = f"{number(solution.evaluation_s, 3)}, {number(solution.solver_s, 3)}"
+    per = ", ".join(number(1e3 * each[key], 3) for key in ("evaluation", "solver"))
+    return seconds, f"s; {per} ms an iteration"
 
 
 def violation_table(solution: Solution) -> Table:

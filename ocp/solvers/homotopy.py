@@ -64,12 +64,14 @@ class Trace:
     points: list[tuple[str, np.ndarray]] = field(default_factory=list)
     iterations: int = 0
     seconds: float = 0.0
+    evaluation_s: float = 0.0
 
     def absorb(self, other: Trace) -> None:
         """Append another trace's table and add up its work."""
         self.records += other.records
         self.iterations += other.iterations
         self.seconds += other.seconds
+        self.evaluation_s += other.evaluation_s
 
 
 class Homotopy:
@@ -142,10 +144,12 @@ class Homotopy:
             seconds=result.seconds,
             status=result.word,
             accepted=result.ok,
+            evaluation_s=result.evaluation_s,
         )
         self.trace.records.append(line)
         self.trace.iterations += result.iterations
         self.trace.seconds += result.seconds
+        self.trace.evaluation_s += result.evaluation_s
         if result.ok:
             self.trace.points.append((nlp.form, result.point.x))
         if self.progress is not None:

@@ -108,6 +108,7 @@ class StoredRun:
                 values={parameter.name: parameter.value for parameter in problem.parameters},
                 gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
                 others=meta["others"],
+                evaluation_s=number(meta.get("evaluation_s")),
             )  # fmt: skip
 
     @contextmanager
@@ -145,6 +146,8 @@ def save(solution: Solution, root: Path | str, argv: Sequence[str]) -> Path:
         "iterations": solution.iterations,
         "build_s": solution.build_s,
         "solve_s": solution.solve_s,
+        "evaluation_s": solution.evaluation_s,
+        "solver_s": solution.solver_s,
         "others": solution.others,
     }
     return write(root, str(record.get("problem", "problem")), solution.data, meta)

@@ -14,11 +14,15 @@ from problems import names, spec
 
 SOLVE_KEYS = {
     "problem", "contact", "method", "policy", "solver", "status", "success", "cost", "exact_cost",
-    "iterations", "build_s", "solve_s", "complementarity", "complementarity_min",
+    "iterations", "build_s", "solve_s", "evaluation_s", "solver_s", "iteration_s",
+    "complementarity", "complementarity_min",
     "dynamics_residual", "penetration", "run", "params", "seed", "versions",
 }  # fmt: skip
 POINT_KEYS = {"value", "status", "success", "cost", "exact_cost", "iterations", "complementarity"}
-TIMES = {"build_s", "solve_s", "audit_s", "seconds", "run", "pdf", "created"}
+TIMES = {
+    "build_s", "solve_s", "audit_s", "seconds", "evaluation_s", "solver_s", "iteration_s", "run",
+    "pdf", "created",
+}  # fmt: skip
 
 
 def strict(text: str) -> Any:
@@ -48,6 +52,21 @@ def test_solve_json(ocp) -> None:
     assert found["iterations"] == sum(stage["iterations"] for stage in found["stages"])
     assert Path(found["run"]).is_dir()
     assert "Solved" in done.err, "people's lines go to stderr"
+
+
+def test_the_split_of_the_time_adds_up(ocp) -> None:
+    done = ocp("solve", "wall-1d", "--json")
+    found = strict(done.out)
+    assert found["evaluation_s"] + found["solver_s"] == pytest.approx(found["solve_s"], rel=1e-12)
+    spent = [stage["evaluation_s"] for stage in found["stages"]]
+    assert all(0 < s < stage["seconds"] for s, stage in zip(spent, found["stages"], strict=True))
+    assert found["evaluation_s"] == pytest.approx(sum(spent), rel=1e-12)
+    each = found["iteration_s"]
+    assert each["evaluation"] * found["iterations"] == pytest.approx(found["evaluation_s"])
+    assert each["solver"] * found["iterations"] == pytest.approx(found["solver_s"])
+    assert "ms an iteration" in done.err
+    stored = strict(ocp("runs", found["run"], "--json").out)
+    assert stored["evaluation_s"] == found["evaluation_s"]
 
 
 def test_a_failure_keeps_its_run_and_says_so(ocp) -> None:
