@@ -22,13 +22,30 @@ class Disc:
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle centred at (x, y), turned counter-clockwise by ``angle``."""
+    """A rectangle centred at (x, y), turned counter-clockwise by ``angle``.
+
+    ``width`` and ``height`` are outer measures; ``rounding`` is the radius of the corners, which
+    lies within them.
+    """
 
     x: float
     y: float
     width: float
     height: float
     angle: float = 0.0
+    role: str = "object"
+    rounding: float = 0.0
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A link with round ends: all within ``radius`` of the segment (x1, y1) to (x2, y2)."""
+
+    x1: float
+    y1: float
+    x2: float
+    y2: float
+    radius: float
     role: str = "object"
 
 
@@ -77,14 +94,28 @@ class HalfPlane:
     role: str = "environment"
 
 
-Shape = Disc | Box | Segment | Spring | Point | HalfPlane
+Shape = Disc | Box | Capsule | Segment | Spring | Point | HalfPlane
 
 
 @dataclass(frozen=True)
 class ContactFrame:
-    """Where contact i acts: ``lam_i`` pushes the object at (x, y) along the unit (nx, ny)."""
+    """Where a contact acts, and along which unit directions.
+
+    The object is pushed at (x, y) by ``normal_impulse * normal + friction_impulse * tangent``;
+    normal = (nx, ny) points into the object and tangent = (ny, -nx) is the normal turned by -90
+    degrees: over a floor, whose normal points up, the tangent points to positive x. A contact
+    without friction pushes by ``lam * normal``.
+
+    ``friction`` is Coulomb's coefficient; the force lies within atan(friction) of the normal.
+    """
 
     x: float
     y: float
     nx: float
     ny: float
+    friction: float = 0.0
+
+    @property
+    def tangent(self) -> tuple[float, float]:
+        """Unit tangent, the normal turned by -90 degrees."""
+        return self.ny, -self.nx

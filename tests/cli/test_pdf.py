@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.studies import store
 from problems import names, spec
-from problems.drawing import Box, Disc, HalfPlane, Point, Segment, Spring
-from reports import pages, strobe
+from reports import pages
 from reports.bibliography import full_citation
 from reports.figures import run as figures
 from reports.pdf import render, write_pdf
@@ -167,56 +166,6 @@ def test_the_continuation_page(views) -> None:
     np.testing.assert_allclose(complementarity, value, rtol=1e-5)
     assert "[N s m]" in drawn["path"].axes[-1].get_xlabel()
     assert top.get_xscale() == "log"
-
-
-@pytest.mark.parametrize("name", names())
-def test_every_problem_is_drawn(name: str) -> None:
-    """All shapes of a problem have a way to be drawn, inside finite limits."""
-    found = spec(name)
-    assert found.draw is not None
-    params = found.params({})
-    start = found.problem().initial_states(found.problem().parameters.values)[0]
-    axis = Figure().subplots()
-    shapes = found.draw(params, start)
-    strobe._extent(axis, shapes)
-    for shape in shapes:
-        strobe.draw(shape, axis, 1.0)
-    assert len(axis.lines) + len(axis.patches) == len(shapes)
-
-
-@pytest.mark.parametrize(
-    "shape",
-    [
-        Disc(0, 0, 1), Box(0, 0, 2, 1, 0.3), Segment(0, 0, 1, 1), Spring(0, 0, 1, 0), Point(0, 0),
-        HalfPlane(0, 0, 0, 1),
-    ],
-    ids=lambda shape: type(shape).__name__,
-)  # fmt: skip
-def test_every_shape_is_drawn(shape) -> None:
-    axis = Figure().subplots()
-    strobe.draw(shape, axis, 0.5)
-    assert len(axis.lines) + len(axis.patches) == 1
-
-
-def test_a_half_plane_lies_behind_its_normal() -> None:
-    axis = Figure().subplots()
-    axis.set_xlim(-1, 1)
-    axis.set_ylim(-1, 1)
-    strobe.draw(HalfPlane(0, 0, 0, 1), axis, 1.0)
-    (patch,) = axis.patches
-    assert patch.get_path().contains_point((0, -0.5))
-    assert not patch.get_path().contains_point((0, 0.5))
-
-
-def test_a_turned_box_has_its_corner_where_geometry_says() -> None:
-    axis = Figure().subplots()
-    strobe.draw(Box(1, 2, 2, 0, angle=np.pi / 2), axis, 1.0)
-    (box,) = axis.patches
-    corners = box.get_patch_transform().transform(box.get_path().vertices)
-    turned = (box.get_transform() - axis.transData).transform(box.get_path().vertices)
-    assert corners.shape == turned.shape
-    np.testing.assert_allclose(turned[:, 0], 1, atol=1e-9)
-    assert {round(y, 9) for y in turned[:, 1]} == {1.0, 3.0}
 
 
 def test_an_svg_has_no_date_and_no_fonts_to_find() -> None:

@@ -1,0 +1,100 @@
+"""Contact forces of a run as arrows, and the friction cones that they must stay in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.patches import Wedge
+
+from dynamics.systems.pairs import ContactForces
+from ocp.problem import Problem
+from problems.drawing import ContactFrame
+from reports.style import PURPLE, VERMILLION
+from reports.view import RunView
+
+ARROW = 0.18
+"""Length of the longest arrow as a fraction of the picture's longer side."""
+LEAST = 0.02
+"""Forces below this fraction of the largest are not drawn."""
+_CONE = 0.7
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Forces of every contact over a trajectory, in scenario 0.
+
+    ``normal`` and ``friction`` (N, points) are along the normal and the tangent of the contact's
+    :class:`~problems.drawing.ContactFrame`, both in ``unit``: impulses of one step [N s], or
+    forces [N] where the system's multipliers are forces.
+    """
+
+    normal: np.ndarray
+    friction: np.ndarray
+    unit: str
+
+    @property
+    def largest(self) -> float:
+        """Size of the largest finite force, 0 where there is none."""
+        size = np.hypot(self.normal, self.friction)
+        return float(np.max(size[np.isfinite(size)], initial=0.0))
+
+
+def forces_of(view: RunView, suffix: str = "") -> Forces | None:
+    """Forces of the plan, or with suffix ``"_replay"`` of its replay; None for a run without.
+
+    What the run stores as ``normal_impulse`` and ``friction_impulse`` comes first, then what the
+    system makes of the multipliers; else every multiplier is a normal impulse.
+    """
+    lam = view.array(f"lam{suffix}")
+    if lam is None:
+        return None
+    normal, friction = (view.array(f"{kind}_impulse{suffix}") for kind in ("normal", "friction"))
+    if normal is not None and friction is not None:
+        return Forces(normal[0], friction[0], "N s")
+    signals = view.signals("contacts")
+    # lam of a law averaged over noise has one block a node; the mean is what moves the system.
+    mean = [lam[0, :, i :: len(signals)].mean(axis=-1) for i in range(len(signals))]
+    pushed = np.stack(mean, axis=1) if mean else np.zeros((lam.shape[1], 0))
+    if view.problem is not None and (sums := view.problem.system.forces) is not None:
+        return Forces(*_added_up(view.problem, sums, pushed), "N s")
+    return Forces(pushed, np.zeros_like(pushed), signals[0].unit if signals else "")
+
+
+def _added_up(
+    problem: Problem, sums: ContactForces, lam: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Normal and tangential impulses (N, points) of multipliers (N, nlam)."""
+    given = [problem.system.lam, problem.parameters.vector]
+    add_up = ca.Function("forces", given, [sums.normal, sums.tangential])
+    normal, tangential = add_up(lam.T, problem.parameters.values)
+    return np.asarray(normal).T, np.asarray(tangential).T
+
+
+def draw_force(
+    axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float, alpha: float = 1
+) -> Artist:
+    """Draw the force as an arrow from the contact, ``scale`` [m per unit] times its size long."""
+    tx, ty = frame.tangent
+    tip = (
+        frame.x + scale * (normal * frame.nx + friction * tx),
+        frame.y + scale * (normal * frame.ny + friction * ty),
+    )
+    return axis.annotate(
+        "", xytext=(frame.x, frame.y), xy=tip, zorder=5, annotation_clip=False,
+        arrowprops={"arrowstyle": "-|>", "color": VERMILLION, "linewidth": 1.0, "shrinkA": 0,
+                    "shrinkB": 0, "alpha": alpha, "mutation_scale": 6},
+    )  # fmt: skip
+
+
+def draw_cone(axis: Axes, frame: ContactFrame, length: float) -> Artist:
+    """Draw the friction cone, half as wide as atan(friction) on either side of the normal."""
+    middle = math.degrees(math.atan2(frame.ny, frame.nx))
+    half = math.degrees(math.atan(frame.friction))
+    cone = Wedge((frame.x, frame.y), _CONE * length, middle - half, middle + half, zorder=3,
+                 facecolor=(PURPLE, 0.22), edgecolor=(PURPLE, 0.8), linewidth=0.6)  # fmt: skip
+    return axis.add_patch(cone)
