@@ -44,7 +44,7 @@ def check(spec: ProblemSpec) -> None:
     p = problem.parameters.values
     system = problem.system
     parts = {
-        "the system": lambda: system.affine,
+        "the system": lambda: system.reduced,
         "x0, u_before or a bound": lambda: _check_limits(problem),
         "the cost": lambda: problem.cost_terms,
         "the guess": lambda: _check_guess(problem, p),

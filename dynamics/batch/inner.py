@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynamics.contact import interior_point
-from dynamics.contact.elimination import solve_without_pivoting
+from dynamics.systems.elimination import solve_without_pivoting
 
 NEWTON_ITERATIONS = 12
 # Newton's error after a step is of the order of its square over sqrt(mu); mu is 1e-14 or more.

@@ -22,7 +22,7 @@ from dynamics.batch.hoisting import hoisted
 from dynamics.batch.inner import InnerLoop, ScaledProblem, loop_graphs
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.contact import Step, interior_point
-from dynamics.contact.elimination import solve_without_pivoting
+from dynamics.systems.elimination import solve_without_pivoting
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from functools import cache
 
 import casadi as ca
 
-from dynamics.contact.elimination import solve_without_pivoting
+from dynamics.systems.elimination import Factors, solve_without_pivoting
 
 _STAGES = (8, 8, 16, 32, 64, 128)
 MU_EXACT = 1e-12
@@ -89,12 +89,24 @@ def iteration(n: int) -> ca.Function:
     """
     lam, s, z, mu = (ca.SX.sym(name, n) for name in ("lam", "s", "z", "mu"))
     F = ca.SX.sym("F", n, n)
+    new_lam, new_s = advance(lam, s, z, F, mu)
+    return ca.Function(
+        f"path_iteration_{n}",
+        [lam, s, z, F, mu],
+        [new_lam, new_s],
+        ["lam", "s", "z", "F", "mu"],
+        ["lam_next", "s_next"],
+    )
+
+
+def advance(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """The pair after one :func:`iteration`, as an expression; structural zeros of F are skipped."""
+    n = lam.numel()
     defect = z + F @ lam - s
-    matrix = ca.diag(s) + ca.diag(lam) @ F
-    inverse = solve_without_pivoting(matrix, ca.SX.eye(n))
+    factors = Factors(ca.diag(s) + ca.diag(lam) @ F)
 
     def direction(target: ca.SX, keep: ca.SX | float) -> tuple[ca.SX, ca.SX]:
-        step = inverse @ (target - lam * s - lam * (1 - keep) * defect)
+        step = factors.solve(target - lam * s - lam * (1 - keep) * defect)
         return step, F @ step + (1 - keep) * defect
 
     def length(step_lam: ca.SX, step_s: ca.SX, fraction: ca.SX | float) -> ca.SX:
@@ -144,13 +156,7 @@ def iteration(n: int) -> ca.Function:
 
     now = relative(lam, s)
     settled = ca.logic_and(now < _SETTLED, ca.logic_not(relative(new_lam, new_s) < now))
-    return ca.Function(
-        f"path_iteration_{n}",
-        [lam, s, z, F, mu],
-        [ca.if_else(settled, lam, new_lam), ca.if_else(settled, s, new_s)],
-        ["lam", "s", "z", "F", "mu"],
-        ["lam_next", "s_next"],
-    )
+    return ca.if_else(settled, lam, new_lam), ca.if_else(settled, s, new_s)
 
 
 def _best(steps: list[ca.SX], merit: Callable[[ca.SX], ca.SX]) -> ca.SX:
@@ -186,28 +192,31 @@ def lcp_solver(n: int, exact: bool = False) -> ca.Function:
     post = unscale(n, exact)
     args = ca.MX.sym("z", n), ca.MX.sym("F", n, n), ca.MX.sym("mu", n)
     z_scaled, F_scaled, mu_scaled, D_, c_ = pre(*args)
-    end = _path(n, 0)(ca.MX.ones(2 * n), z_scaled, F_scaled, mu_scaled)
+    iterate = iteration(n)
+    pair, *data = (ca.SX.sym(name, *iterate.size_in(name)) for name in ("lam", "z", "F", "mu"))
+    pair = ca.vertcat(pair, ca.SX.sym("s", n))
+    moved = ca.vertcat(*iterate(pair[:n], pair[n:], *data))
+    body = ca.Function(f"path_{n}", [pair, *data], [moved])
+    end = follow(body)(ca.MX.ones(2 * n), z_scaled, F_scaled, mu_scaled)
     out = post(end[:n], end[n:], z_scaled, F_scaled, mu_scaled, D_, c_)
     return ca.Function(f"contact_{n}", list(args), list(out), *names)
 
 
-def _path(n: int, stage: int) -> ca.Function:
-    """Iterate: ``(pair, z, F, mu) -> pair``, pair = (lam, s); later stages run where it moves.
+def follow(body: ca.Function, stage: int = 0) -> ca.Function:
+    """Repeat ``body: (pair, *data) -> pair`` until it moves no more, at most 256 times.
 
     CasADi evaluates a branch of a conditional only when it is taken, so that a problem which is
     solved in ten iterations does not pay for the hundreds that the worst one needs.
     """
-    body = iteration(n)
-    pair, *data = (ca.MX.sym(name, n * k) for name, k in (("pair", 2), ("z", 1), ("mu", 1)))
-    data.insert(1, ca.MX.sym("F", n, n))
+    pair, *data = (ca.MX.sym(body.name_in(k), *body.size_in(k)) for k in range(body.n_in()))
     before, now = pair, pair
     for _ in range(_STAGES[stage]):
-        before, now = now, ca.vertcat(*body(now[:n], now[n:], *data))
+        before, now = now, body(now, *data)
     if stage + 1 < len(_STAGES):
         stay = ca.Function("stay", [pair, *data], [pair])
-        more = ca.Function.if_else("more", _path(n, stage + 1), stay)
+        more = ca.Function.if_else("more", follow(body, stage + 1), stay)
         now = more(ca.mmax(ca.fabs(now - before)) > 0, now, *data)
-    return ca.Function(f"path_{n}_{stage}", [pair, *data], [now])
+    return ca.Function(f"{body.name()}_{stage}", [pair, *data], [now])
 
 
 def unscale(n: int, exact: bool) -> ca.Function:
@@ -228,7 +237,9 @@ def unscale(n: int, exact: bool) -> ca.Function:
         matrix = projector @ F + ca.SX.eye(n) - projector
         on_set = solve_without_pivoting(matrix, -active * z)
         slack = (1 - active) * (z + F @ on_set)
-        valid = ca.mmin(ca.vertcat(on_set, slack)) >= -1e-9
+        # Redundant contacts leave the forces on the active set open: then the path's end stands.
+        off = ca.mmax(ca.fabs(active * (z + F @ on_set)))
+        valid = ca.logic_and(ca.mmin(ca.vertcat(on_set, slack)) >= -1e-9, off <= 1e-9)
         new_lam = ca.if_else(valid, ca.fmax(0, on_set), lam)
         new_s = ca.if_else(valid, ca.fmax(0, slack), s)
     goal = 0 if exact else mu

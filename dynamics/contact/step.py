@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from dynamics.contact.elimination import solve_without_pivoting
 from dynamics.contact.interior_point import lcp_solver
+from dynamics.contact.nonlinear import ncp_solver
 from dynamics.systems import ContactSystem, ParameterTable, Signal
+from dynamics.systems.elimination import solve_without_pivoting
 
 if TYPE_CHECKING:
     from dynamics.contact.law import ContactLaw
@@ -27,18 +28,24 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A system whose contact is closed by a law, as expressions in (x, u, lam, p).
+    """A system whose contact is closed by a law, as expressions in (x, u, inner, p).
 
     With B branches (one but for averaged laws) ``lam`` has ``n = B nlam`` entries, branch after
     branch:
 
-    ``x_next = a + B lam``, ``gap = z + F lam``, ``lam_i gap_i = mu_i``, lam, gap >= 0,
+    ``x_next = a + B lam``, ``lam_i slack_i = mu_i``, lam, slack >= 0,
 
-    a (nx, 1), B (nx, n), z (n, 1), F (n, n) block diagonal with blocks (nlam, nlam), mu (n, 1),
-    zero for the exact law. ``p`` holds the system's parameters and then the law's knobs.
+    a (nx, 1), B (nx, n), slack (n, 1) the gaps, mu (n, 1), zero for the exact law. Near ``lam = 0``
+    ``slack = z + F lam``, z (n, 1), F (n, n) block diagonal with blocks (nlam, nlam); everywhere
+    where the gaps are affine. ``p`` holds the system's parameters and then the law's knobs.
+
+    ``inner`` are the unknowns that derivatives go through: ``lam``, or every branch's next state
+    and then ``lam`` where the system is implicit; ``following`` (nx, 1) is x_next in terms of them.
 
     ``residual`` (nx, 1) and ``gap`` (n, 1) are the same relation in implicit form, in
-    ``(x, u, x_next, lam, p)``, for transcriptions that keep x_next and lam as unknowns.
+    ``(x, u, x_next, lam, p)``, for transcriptions that keep x_next and lam as unknowns. ``motion``
+    is the residual of every branch in terms of ``inner``, and ``landing`` the branches' next states
+    in terms of ``lam``.
     """
 
     system: ContactSystem
@@ -52,36 +59,65 @@ class Step:
     z: ca.SX
     F: ca.SX
     mu: ca.SX
-    branches: int
+    nodes: tuple[Branch, ...]
+    inner: ca.SX
+    following: ca.SX
+    slack: ca.SX
+    motion: ca.SX
+    landing: ca.SX
 
     @classmethod
     def build(cls, system: ContactSystem, law: ContactLaw, knobs: ParameterTable) -> Step:
         """Close ``system`` with ``law``; raises ``ValueError`` where the law cannot take it."""
-        affine = system.affine
-        nodes = law.nodes(system, knobs)
-        lam = ca.SX.sym("lam", len(nodes) * system.nlam)
-        a, parts, zs, Fs, mus = ca.SX.zeros(system.nx), [], [], [], []
-        variables = [system.x, system.u]
-        for node in nodes:
+        nodes = tuple(law.nodes(system, knobs))
+        count, nx, nlam = len(nodes), system.nx, system.nlam
+        reduced, lam = system.reduced, ca.SX.sym("lam", len(nodes) * nlam)
+        states = ca.SX.sym("x_branch", nx, count)
+        variables, unknown = [system.x, system.u], [system.x_next, system.lam]
+        a, following = ca.SX.zeros(nx), ca.SX.zeros(nx)
+        parts, zs, Fs, mus, slacks, motions, landings = [], [], [], [], [], [], []
+        explicits = []
+        for k, node in enumerate(nodes):
             moved = [system.x + node.noise_x, system.u + node.noise_u]
-            a_i, B_i, z_i, F_i = ca.substitute(
-                [affine.a, affine.B, affine.z, affine.F], variables, moved
-            )
-            a += node.weight * a_i
-            parts.append(node.weight * B_i)
-            zs.append(z_i)
-            Fs.append(F_i)
-            mus.append(ca.densify(law.target(system, z_i, F_i, knobs)))
+            a_k, B_k, z_k, F_k, gap, residual = ca.substitute(
+                [reduced.a, reduced.B, reduced.z, reduced.F, system.gap, system.residual],
+                variables, moved,
+            )  # fmt: skip
+            own = lam[k * nlam : (k + 1) * nlam]
+            landing = a_k + B_k @ own
+            x_k = states[:, k] if system.implicit else landing
+            explicit = z_k + F_k @ own
+            if not reduced.affine:
+                explicit = ca.substitute(gap, ca.vertcat(*unknown), ca.vertcat(landing, own))
+            landings.append(landing)
+            explicits.append(explicit)
+            gap, residual = ca.substitute([gap, residual], unknown, [x_k, own])
+            a, following = a + node.weight * a_k, following + node.weight * x_k
+            parts.append(node.weight * B_k)
+            zs.append(z_k)
+            Fs.append(F_k)
+            mus.append(_targets(system, law, z_k, F_k, knobs))
+            slacks.append(gap if system.implicit else explicit)
+            motions.append(residual)
         B, z, F = ca.horzcat(*parts), ca.vertcat(*zs), ca.diagcat(*Fs)
-        if len(nodes) == 1:
+        slack = ca.vertcat(ca.SX(0, 1), *slacks)
+        if count == 1:
             residual = ca.substitute(system.residual, system.lam, lam)
             gap = ca.substitute(system.gap, system.lam, lam)
         else:
-            residual, gap = system.x_next - (a + B @ lam), z + F @ lam
+            residual, gap = system.x_next - (a + B @ lam), ca.vertcat(*explicits)
+        inner = ca.vertcat(ca.vec(states), lam) if system.implicit else lam
+        motion = ca.vertcat(*motions) if system.implicit else ca.SX(0, 1)
         return cls(
-            system, law, system.parameters + knobs, lam, residual, gap,
-            ca.densify(a), B, ca.densify(z), F, ca.vertcat(*mus), len(nodes),
+            system, law, system.parameters + knobs, lam, residual, gap, ca.densify(a), B,
+            ca.densify(z), F, ca.vertcat(*mus), nodes, inner, ca.densify(following),
+            ca.densify(slack), motion, ca.vertcat(ca.SX(0, 1), *landings),
         )  # fmt: skip
+
+    @property
+    def branches(self) -> int:
+        """Number of disturbances at which the contact is solved."""
+        return len(self.nodes)
 
     @property
     def n(self) -> int:
@@ -132,22 +168,50 @@ class Step:
         ``error`` (n, 1) is each contact's scaled violation of ``lam gap = mu``; above 1e-10 the
         path was not followed to its end.
         """
-        x, u, p = self._symbols()
+        arguments = self._symbols()
+        _, *outputs = self._solution(*arguments)
+        names = ["x", "u", "p"], ["x_next", "lam", "gap", "error"]
+        return ca.Function("step_solve", list(arguments), outputs, *names)
+
+    @cached_property
+    def solve_inner(self) -> ca.Function:
+        """Map ``(x, u, p)`` to the solved ``inner`` unknowns, without derivatives."""
+        arguments = self._symbols()
+        return ca.Function("inner_solve", list(arguments), [self._solution(*arguments)[0]])
+
+    def _solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
+        """Solve every branch: ``inner, x_next, lam, gap, error``."""
+        if not self.linear:
+            return self._solution_by_path(x, u, p)
         a, B, z, F, mu = self.data(x, u, p)
-        block = self.system.nlam
-        solver = lcp_solver(block, self.exact)
-        solved = []
-        for branch in range(self.branches):
-            rows = slice(branch * block, (branch + 1) * block)
-            solved.append(solver(z[rows], F[rows, rows], mu[rows]))
+        solver = lcp_solver(self.system.nlam, self.exact)
+        solved = [solver(z[row], F[row, row], mu[row]) for row in self._rows()]
         lam, gap, error = (ca.vertcat(*values) for values in zip(*solved, strict=True))
-        return ca.Function(
-            "step_solve",
-            [x, u, p],
-            [a + B @ lam, lam, gap, error],
-            ["x", "u", "p"],
-            ["x_next", "lam", "gap", "error"],
-        )
+        return lam, a + B @ lam, lam, gap, error
+
+    def _solution_by_path(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
+        noise = ca.Function("noise", [self.p.vector], [
+            ca.horzcat(*(ca.densify(part) for part in parts))
+            for parts in zip(*((node.noise_x, node.noise_u) for node in self.nodes), strict=True)
+        ])  # fmt: skip
+        by_x, by_u = noise(p)
+        mu = ca.Function("targets", self._inputs, [ca.densify(self.mu)])(x, u, p)
+        solver, physical = ncp_solver(self.system, self.exact), p[: len(self.system.parameters)]
+        solved = [
+            solver(x + by_x[:, k], u + by_u[:, k], physical, mu[row])
+            for k, row in enumerate(self._rows())
+        ]
+        states = [branch[0] for branch in solved]
+        lam, gap, error = (ca.vertcat(*(branch[i] for branch in solved)) for i in (1, 2, 3))
+        x_next = ca.MX.zeros(self.system.nx)
+        for node, state in zip(self.nodes, states, strict=True):
+            x_next += node.weight * state
+        return (ca.vertcat(*states, lam) if self.system.implicit else lam), x_next, lam, gap, error
+
+    def _rows(self) -> list[slice]:
+        """Rows of ``lam`` of every branch."""
+        block = self.system.nlam
+        return [slice(k * block, (k + 1) * block) for k in range(self.branches)]
 
     @cached_property
     def active_set(self) -> ca.Function:
@@ -166,22 +230,23 @@ class Step:
         """
         x, u, p = self._symbols()
         x_next, lam, _, _ = self.solve(x, u, p)
-        outputs = [ca.vertcat(self.a + self.B @ self.lam), self.lam]
-        inputs = self._inputs
+        names, out = ["x", "u", "p"], ca.SX.sym("out_x_next", self.system.nx)
         total = []
-        for output in outputs:
-            through = ca.jacobian(output, self.lam)
-            for index, variable in enumerate(inputs):
+        for output in (self.following, self.lam):
+            through = ca.jacobian(output, self.inner)
+            for index, variable in enumerate(self._inputs):
                 direct = ca.jacobian(output, variable)
-                total.append(ca.densify(direct + through @ self._lam_jacobians[index]))
-        names = ["x", "u", "p"]
-        x_out = ca.SX.sym("out_x_next", self.system.nx)
+                total.append(ca.densify(direct + through @ self._inner_jacobians[index]))
+        if self.system.implicit:
+            states = self.inner[: self.branches * self.system.nx]
+            total = ca.substitute(total, [states], [out if self.branches == 1 else self.landing])
         jacobian = ca.Function(
             "jac_step",
-            [*inputs, x_out, self.lam],
+            [*self._inputs, out, self.lam],
             total,
             [*names, "out_x_next", "out_lam"],
             [f"jac_{o}_{i}" for o in ("x_next", "lam") for i in names],
+            {"cse": True},
         )
         options = {
             "custom_jacobian": jacobian,
@@ -191,17 +256,24 @@ class Step:
         }
         return ca.Function("step", [x, u, p], [x_next, lam], names, ["x_next", "lam"], options)
 
+    @property
+    def linear(self) -> bool:
+        """Whether the contact is a linear complementarity problem with a P-matrix."""
+        system = self.system
+        return system.reduced.affine and not (system.implicit or system.redundant)
+
     def contact_relation(self, mu: ca.SX | None = None) -> ca.SX:
         """Return R(lam, x, u, p), (n, 1), zero at the solved contact.
 
-        ``lam (z + F lam) - mu`` on the path; for the exact law ``D gap + (1 - D) lam`` on the
-        active set ``D = lam > gap`` found at the solution.
+        ``lam slack - mu`` on the path; for the exact law of a linear problem
+        ``D slack + (1 - D) lam`` on the active set ``D = lam > slack`` found at the solution. Where
+        forces may be open (redundant contacts, friction) the exact law is the path's end, whose
+        derivative exists.
         """
-        gap = self.z + self.F @ self.lam
-        if self.exact:
-            active = self.lam > gap
-            return active * gap + (1 - active) * self.lam
-        return self.lam * gap - (self.mu if mu is None else mu)
+        if self.exact and self.linear:
+            active = self.lam > self.slack
+            return active * self.slack + (1 - active) * self.lam
+        return self.lam * self.slack - (self.mu if mu is None else mu)
 
     @cached_property
     def held(self) -> tuple[ca.SX, ca.SX] | None:
@@ -210,33 +282,46 @@ class Step:
 
     @cached_property
     def differentiable_relation(self) -> ca.SX:
-        """The contact relation as derivatives see it: with mu held where the law says so."""
-        return self.contact_relation(self.held[0] if self.held else None)
+        """What ``inner`` solves, as derivatives see it: with mu held where the law says so."""
+        return ca.vertcat(self.motion, self.contact_relation(self.held[0] if self.held else None))
 
     @cached_property
     def relation_jacobian(self) -> ca.SX:
-        """``dR/dlam``: ``diag(gap) + diag(lam) F``, or ``I - D + D F`` for the exact law."""
-        gap = self.z + self.F @ self.lam
-        if self.exact:
-            active = ca.diag(self.lam > gap)
+        """Derivative of the relation by ``inner``; no elimination in it needs pivoting.
+
+        For ``inner = lam``: ``diag(slack) + diag(lam) F``, or ``I - D + D F`` for the exact law.
+        """
+        if self.exact and self.linear:
+            active = ca.diag(self.lam > self.slack)
             return ca.SX.eye(self.n) - active + active @ self.F
-        return ca.diag(gap) + ca.diag(self.lam) @ self.F
+        by_inner = ca.jacobian(self.slack, self.inner)
+        diagonal = ca.diag(self.slack) @ ca.jacobian(self.lam, self.inner)
+        return ca.vertcat(
+            ca.jacobian(self.motion, self.inner), diagonal + ca.diag(self.lam) @ by_inner
+        )
 
-    def contact_jacobian(self, variable: ca.SX) -> ca.SX:
-        """``dlam/dw = -(dR/dlam)^-1 dR/dw`` at the solved lam, shape (n, w).
+    def inner_jacobian(self, variable: ca.SX) -> ca.SX:
+        """``d inner/dw = -(dR/d inner)^-1 dR/dw`` at the solution, shape (n_inner, w).
 
-        On the path this is ``-(diag(gap) + diag(lam) F)^-1 (diag(lam) dgap/dw - dmu/dw)``; the
-        printed abs, eq. A.26 drops the coupling between contacts. Where the law freezes mu,
-        ``dmu/dw`` of the state and input is left out; its own knobs keep theirs.
+        On the path with ``inner = lam`` this is ``-(diag(slack) + diag(lam) F)^-1 (diag(lam)
+        dgap/dw - dmu/dw)``; the printed abs, eq. A.26 drops the coupling between contacts. Where
+        the law freezes mu, ``dmu/dw`` of the state and input is left out; its own knobs keep
+        theirs.
         """
         own_knobs = variable is self._inputs[2]
-        relation = self.contact_relation() if own_knobs else self.differentiable_relation
+        relation = self.differentiable_relation
+        if own_knobs:
+            relation = ca.vertcat(self.motion, self.contact_relation())
         partial = ca.jacobian(relation, variable)
         return -solve_without_pivoting(self.relation_jacobian, partial)
 
+    def contact_jacobian(self, variable: ca.SX) -> ca.SX:
+        """``dlam/dw`` at the solution, shape (n, w), see :meth:`inner_jacobian`."""
+        return self.inner_jacobian(variable)[-self.n :, :]
+
     @cached_property
-    def _lam_jacobians(self) -> list[ca.SX]:
-        return [self.contact_jacobian(variable) for variable in self._inputs]
+    def _inner_jacobians(self) -> list[ca.SX]:
+        return [self.inner_jacobian(variable) for variable in self._inputs]
 
     @cached_property
     def _inputs(self) -> list[ca.SX]:
@@ -245,3 +330,14 @@ class Step:
     def _symbols(self) -> tuple[ca.MX, ca.MX, ca.MX]:
         x, u = ca.MX.sym("x", self.system.nx), ca.MX.sym("u", self.system.nu)
         return x, u, ca.MX.sym("p", len(self.p))
+
+
+def _targets(
+    system: ContactSystem, law: ContactLaw, z: ca.SX, F: ca.SX, knobs: ParameterTable
+) -> ca.SX:
+    """mu of every pair: the law's for those that decide, and the same for those that go along."""
+    chosen = sorted(set(system.deciding))
+    if len(chosen) == system.nlam:
+        return ca.densify(law.target(system, z, F, knobs))
+    mu = ca.densify(law.target(system, z[chosen], F[chosen, chosen], knobs))
+    return mu[[chosen.index(pair) for pair in system.deciding]]

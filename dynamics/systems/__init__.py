@@ -1,17 +1,43 @@
 """What moves: systems as one implicit step with contact multipliers and gaps."""
 
+from dynamics.systems.chain import Chain
+from dynamics.systems.friction import Mechanism, Touching, frictional_time_stepping
+from dynamics.systems.geometry import (
+    ContactGeometry,
+    Pose,
+    disc_box,
+    disc_capsule,
+    disc_disc,
+    disc_half_plane,
+)
 from dynamics.systems.lcs import is_p_matrix, lcs, linearise
+from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
 from dynamics.systems.parameters import Parameter, ParameterTable, Signal, signals
+from dynamics.systems.planar import Link
 from dynamics.systems.quasidynamic import quasi_dynamic
-from dynamics.systems.system import AffineContact, ContactSystem
+from dynamics.systems.system import ContactSystem, ReducedContact
 from dynamics.systems.timestepping import time_stepping
 
 __all__ = [
-    "AffineContact",
+    "Chain",
+    "ContactForces",
+    "ContactGeometry",
     "ContactSystem",
+    "EnergyBook",
+    "Link",
+    "Mechanism",
+    "Pair",
     "Parameter",
     "ParameterTable",
+    "Pose",
+    "ReducedContact",
     "Signal",
+    "Touching",
+    "disc_box",
+    "disc_capsule",
+    "disc_disc",
+    "disc_half_plane",
+    "frictional_time_stepping",
     "is_p_matrix",
     "lcs",
     "linearise",

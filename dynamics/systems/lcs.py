@@ -104,7 +104,7 @@ def linearise(
     expanded to first order, B and F frozen at the point; exact there to first order in (x, u) and
     in lam.
     """
-    affine = system.affine
+    affine = system.reduced
     variables = [system.x, system.u, system.parameters.vector]
     jacobians = ca.Function(
         "linearisation",

@@ -7,21 +7,25 @@ from functools import cached_property
 
 import casadi as ca
 
+from dynamics.systems.elimination import solve_without_pivoting
+from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, deciding_pairs
 from dynamics.systems.parameters import ParameterTable, Signal
 
 
 @dataclass(frozen=True, eq=False)
-class AffineContact:
-    """The system solved for the next state: ``x_next = a + B lam`` and ``gap = z + F lam``.
+class ReducedContact:
+    """The system solved for the next state: ``x_next = a + B lam``.
 
-    ``a`` (nx, 1), ``B`` (nx, nlam), ``z`` (nlam, 1) the gap at ``lam = 0``, ``F`` (nlam, nlam);
-    all are expressions in the state, the input and the parameters alone.
+    ``a`` (nx, 1), ``B`` (nx, nlam), ``z`` (nlam, 1) the gap at ``lam = 0`` and ``F``
+    (nlam, nlam) its derivative by lam there are expressions in the state, the input and the
+    parameters alone. Where ``affine``, ``gap = z + F lam`` for every lam.
     """
 
     a: ca.SX
     B: ca.SX
     z: ca.SX
     F: ca.SX
+    affine: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +36,18 @@ class ContactSystem:
     (nu, 1), ``x_next`` (nx, 1), ``lam`` (nlam, 1) and the parameters. The law of contact, which
     closes ``0 <= lam ⟂ gap >= 0``, is chosen later (:mod:`dynamics.contact`).
 
-    ``phi`` is the true signed distance [m] of each contact as an expression in ``x`` alone, for
-    the audit: a gap may be a linearisation of it. ``mu_per_kappa`` converts the log-barrier
-    weight kappa [1/J] to the central-path parameter, ``mu = mu_per_kappa / kappa``.
+    ``phi`` are the true signed distances [m] as an expression in ``x`` alone, for the audit: a gap
+    may be a linearisation of one. ``mu_per_kappa`` converts the log-barrier weight kappa [1/J] to
+    the central-path parameter, ``mu = mu_per_kappa / kappa``.
+
+    ``pairs`` say what each entry of ``lam`` stands for, by default the normal impulse of a contact
+    of its own; ``forces`` add them up where there is friction, ``book`` has energy and momentum.
+
+    With ``implicit`` the closed step keeps ``x_next`` as an unknown beside ``lam`` and is
+    differentiated through ``residual`` and ``gap`` as they stand, which pays where a mass matrix
+    depends on the state; the Jacobian of ``residual`` by ``x_next`` must then have positive leading
+    minors, as a mass matrix has. ``redundant`` says that contacts may leave single multipliers open
+    (friction, more contacts than freedoms): the matrix F is then no P-matrix.
 
     Raises ``ValueError`` when a dimension does not fit or a symbol is not declared.
     """
@@ -55,8 +68,16 @@ class ContactSystem:
     mu_per_kappa: ca.SX | float | None = None
     gap_unit: str = "m"
     citation: str = ""
+    pairs: tuple[Pair, ...] = ()
+    forces: ContactForces | None = None
+    book: EnergyBook | None = None
+    implicit: bool = False
+    redundant: bool = False
 
     def __post_init__(self) -> None:
+        if not self.pairs:
+            own = tuple(Pair("normal", i) for i in range(len(self.contacts)))
+            object.__setattr__(self, "pairs", own)
         expected = {
             "x": (self.x, len(self.states), "states"),
             "x_next": (self.x_next, len(self.states), "states"),
@@ -71,6 +92,11 @@ class ContactSystem:
                     f"system {self.name!r}: {what} has {expression.numel()} entries, but there are"
                     f" {size} named {of}; give {what} one entry for each"
                 )
+        if len(self.pairs) != len(self.contacts):
+            raise ValueError(
+                f"system {self.name!r}: {len(self.pairs)} pairs for {len(self.contacts)} named"
+                " contacts; give one for each entry of lam"
+            )
         known = ca.vertcat(self.x, self.u, self.x_next, self.lam, self.parameters.vector)
         undeclared = _free_symbols(ca.vertcat(self.residual, self.gap), known)
         if undeclared:
@@ -95,23 +121,31 @@ class ContactSystem:
         return len(self.contacts)
 
     @cached_property
-    def affine(self) -> AffineContact:
-        """The step solved for the next state, see :class:`AffineContact`.
+    def deciding(self) -> list[int]:
+        """For every pair the number of the pair whose gap decides its mu."""
+        return deciding_pairs(self.pairs)
 
-        Raises ``ValueError`` where residual or gap is not affine in ``(x_next, lam)``.
+    @cached_property
+    def reduced(self) -> ReducedContact:
+        """The step solved for the next state, see :class:`ReducedContact`.
+
+        Raises ``ValueError`` where the residual is not affine in ``(x_next, lam)``.
         """
+        nx, nothing = self.nx, ca.SX.zeros(self.nlam)
         unknown = ca.vertcat(self.x_next, self.lam)
-        relations = ca.vertcat(self.residual, self.gap)
-        jacobian = ca.jacobian(relations, unknown)
+        jacobian = ca.jacobian(self.residual, unknown)
         if ca.depends_on(jacobian, unknown):
             raise ValueError(f"system {self.name!r}: the step is not affine in (x_next, lam)")
-        constant = ca.substitute(relations, unknown, ca.SX.zeros(unknown.numel()))
-        nx = self.nx
-        solved = -ca.solve(jacobian[:nx, :nx], ca.horzcat(constant[:nx], jacobian[:nx, nx:]))
+        constant = ca.substitute(self.residual, unknown, ca.SX.zeros(unknown.numel()))
+        solve = solve_without_pivoting if self.implicit else ca.solve
+        solved = -solve(jacobian[:, :nx], ca.horzcat(constant, jacobian[:, nx:]))
         a, B = solved[:, 0], solved[:, 1:]
-        z = constant[nx:] + jacobian[nx:, :nx] @ a
-        F = jacobian[nx:, nx:] + jacobian[nx:, :nx] @ B
-        return AffineContact(a, B, z, F)
+        by_state, by_lam = (ca.jacobian(self.gap, part) for part in (self.x_next, self.lam))
+        z, by_state_0, by_lam_0 = ca.substitute(
+            [self.gap, by_state, by_lam], [self.x_next, self.lam], [a, nothing]
+        )
+        affine = not ca.depends_on(ca.vertcat(ca.vec(by_state), ca.vec(by_lam)), unknown)
+        return ReducedContact(a, B, z, by_lam_0 + by_state_0 @ B, affine)
 
 
 def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int]) -> None:

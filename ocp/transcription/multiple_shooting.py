@@ -52,7 +52,7 @@ class MultipleShooting:
         graph.add_gains(variables)
         symbols, positions = interval_locals(graph, variables)
         parts = [
-            ("dynamics", problem.system.x_next - next_state(step), graph.component_names("x")),
+            ("dynamics", problem.system.x_next - step.following, graph.component_names("x")),
             ("policy", policy_constraint(graph), graph.component_names("u")),
             ("path", graph.path_constraints(), constraint_names(problem.path)),
         ]
@@ -61,7 +61,7 @@ class MultipleShooting:
         stage = Stage(
             "interval", w, graph.p, graph.stage_cost(), expression,
             np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1), where, 1 / S,
-            step.lam, step.differentiable_relation, step.relation_jacobian,
+            step.inner, step.differentiable_relation, step.relation_jacobian,
             contact_solve(graph, w, step), step.held,
         )  # fmt: skip
         stages = [stage, terminal_stage(graph, variables, constraints)]
@@ -90,16 +90,11 @@ def _contacts(graph: Graph, stage: Stage, n: int, n_data: int) -> ca.Function:
     return ca.Function("contacts", [x, full], [lam, gap])
 
 
-def next_state(step: Step) -> ca.SX:
-    """``a + B lam``: the next state once the contact is solved."""
-    return step.a + step.B @ step.lam
-
-
 def contact_solve(graph: Graph, w: ca.SX, step: Step) -> ca.Function:
-    """Map a stage's locals and all parameters to the contact's solution lam."""
+    """Map a stage's locals and all parameters to the step's solved inner unknowns."""
     picked = ca.Function(
         "pick", [w, graph.p], [graph.problem.system.x, graph.problem.system.u, step.p.vector]
     )
     local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", graph.p.numel())
-    lam = step.solve(*picked(local, p))[1]
-    return ca.Function("contact_solve", [local, p], [lam], ["w", "p"], ["lam"])
+    solved = step.solve_inner(*picked(local, p))
+    return ca.Function("contact_solve", [local, p], [solved], ["w", "p"], ["inner"])

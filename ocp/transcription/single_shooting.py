@@ -18,7 +18,6 @@ from dynamics.contact import Step
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.transcription.common import Graph, constraint_names
-from ocp.transcription.multiple_shooting import next_state
 from ocp.transcription.nlp import NLP, Layout
 from ocp.transcription.stage import Compile, Stage
 
@@ -83,7 +82,7 @@ class _Condensed:
         def closed(expression: ca.SX) -> ca.SX:
             return ca.substitute(expression, system.u, u) if graph.feedback else expression
 
-        following = closed(next_state(step))
+        following = closed(step.following)
         xi_next = ca.vertcat(following, *([u] if problem.uses_du else []))
         bounded_u = [("u_bound", u)] if graph.feedback and limits["u"] else []
         bounded_x = [("x_bound", following)] if limits["x"] else []
@@ -101,20 +100,20 @@ class _Condensed:
         w = ca.vertcat(self.xi, theta)
         relation = closed(step.differentiable_relation)
         held = (step.held[0], closed(step.held[1])) if step.held else None
-        gap = closed(step.z + step.F @ step.lam)
+        gap = closed(step.slack)
         self.stage = Stage(
             "shooting", w, graph.p, closed(graph.stage_cost()), outputs,
             np.zeros((self.N * self.S, w.numel()), dtype=int),
             np.zeros((self.N * self.S, outputs.numel()), dtype=int), 1 / self.S,
-            step.lam, relation, closed(step.relation_jacobian), self._solve(w, u), held,
+            step.inner, relation, closed(step.relation_jacobian), self._solve(w, u), held,
         )  # fmt: skip
-        self.gap = ca.Function("gap", [w, graph.p, step.lam], [gap, u])
+        self.gap = ca.Function("gap", [w, graph.p, step.inner], [gap, u])
 
     def _solve(self, w: ca.SX, u: ca.SX) -> ca.Function:
         graph, step = self.graph, self.graph.step
         picked = ca.Function("pick", [w, graph.p], [graph.problem.system.x, u, step.p.vector])
         local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", graph.p.numel())
-        return ca.Function("contact_solve", [local, p], [step.solve(*picked(local, p))[1]])
+        return ca.Function("contact_solve", [local, p], [step.solve_inner(*picked(local, p))])
 
     def _terminal_expressions(self) -> None:
         graph, problem = self.graph, self.graph.problem
@@ -128,7 +127,7 @@ class _Condensed:
                               index, rows, 1 / self.S)  # fmt: skip
 
     def _rollout(self, theta: ca.MX, p: ca.MX, data: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
-        """States xi of all scenarios (nxi, S (N+1)), locals w (nw, S N) and lam (n, S N)."""
+        """States xi of all scenarios (nxi, S (N+1)), locals w (nw, S N), solved inner unknowns."""
         stage, graph = self.stage, self.graph
         w, q = ca.MX.sym("w", stage.w.numel()), ca.MX.sym("p", graph.p.numel())
         values = self.make(stage.values())
@@ -165,6 +164,7 @@ class _Condensed:
         hess = self._hessian(theta, p, xi[:, ends], w, lam, lam_f, lam_g, first)
         gap, u = self.gap.map(self.N * self.S)(w, ca.repmat(p, 1, self.N * self.S), lam)
         given, slope = ["x", "p"], first["gradient"]
+        impulses = lam[lam.shape[0] - graph.step.n :, :]
         dense = ca.Sparsity.dense(self.constraints.size, n)
         jac = ca.project(first["jacobian"], dense) if self.constraints.size else ca.MX(0, n)
         return (
@@ -176,7 +176,7 @@ class _Condensed:
                 ["triu:hess:gamma:x:x"],
             ),
             ca.Function(
-                "trajectories", [theta, full], [xi[: graph.nx, :], u, lam, gap],
+                "trajectories", [theta, full], [xi[: graph.nx, :], u, impulses, gap],
                 ["theta", "p"], ["x", "u", "lam", "gap"],
             ),
         )  # fmt: skip

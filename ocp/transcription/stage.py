@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from dynamics.contact.elimination import solve_without_pivoting
+from dynamics.systems.elimination import solve_without_pivoting
 
 Compile = Callable[[ca.Function], ca.Function]
 

@@ -84,7 +84,7 @@ def test_a_step_that_is_not_affine_is_refused_by_name():
         h=0.1,
     )  # fmt: skip
     with pytest.raises(ValueError, match=r"'curved': the step is not affine in \(x_next, lam\)"):
-        _ = system.affine
+        _ = system.reduced
 
 
 def test_two_parameters_of_one_name_are_refused():
@@ -109,7 +109,7 @@ def test_the_affine_form_solves_the_residual(name):
     rng = np.random.default_rng(0)
     x, u = problem.initial_states(p)[0], rng.normal(size=system.nu)
     lam = rng.uniform(0, 1, system.nlam)
-    form = system.affine
+    form = system.reduced
     symbols = [system.x, system.u, system.lam, system.parameters.vector]
     next_state = form.a + form.B @ system.lam
     outputs = [next_state, form.z + form.F @ system.lam]

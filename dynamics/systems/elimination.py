@@ -1,0 +1,53 @@
+"""Gaussian elimination on symbolic matrices whose pivots are known to be positive."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+
+class Factors:
+    """``A = L U`` as an SX graph, for A (n, n) with positive leading minors.
+
+    Every P-matrix, and ``diag(s) + diag(lam) F`` with F a P-matrix and s, lam > 0, has only
+    positive pivots, so no row exchange is needed and the graph is the same for every value.
+    Structural zeros are skipped, so block-diagonal A costs the sum of its blocks.
+    """
+
+    def __init__(self, A: ca.SX) -> None:
+        n = A.shape[0]
+        rows: list[dict[int, ca.SX]] = [{} for _ in range(n)]
+        for i, j in zip(*A.sparsity().get_triplet(), strict=True):
+            if not A[i, j].is_zero():
+                rows[i][j] = A[i, j]
+        self._lower: list[dict[int, ca.SX]] = [{} for _ in range(n)]
+        self._inverse_pivots: list[ca.SX] = []
+        for pivot in range(n):
+            inverse = 1 / rows[pivot][pivot]
+            self._inverse_pivots.append(inverse)
+            for i in range(pivot + 1, n):
+                if pivot not in rows[i]:
+                    continue
+                factor = rows[i].pop(pivot) * inverse
+                self._lower[i][pivot] = factor
+                for j, entry in rows[pivot].items():
+                    if j > pivot:
+                        rows[i][j] = rows[i].get(j, 0) - factor * entry
+        self._upper = rows
+
+    def solve(self, b: ca.SX) -> ca.SX:
+        """Return y (n, m) with ``A y = b``, b (n, m)."""
+        solution = [b[i, :] for i in range(len(self._upper))]
+        for i, row in enumerate(self._lower):
+            for j, factor in row.items():
+                solution[i] = solution[i] - factor * solution[j]
+        for i in reversed(range(len(solution))):
+            for j, entry in self._upper[i].items():
+                if j > i:
+                    solution[i] = solution[i] - entry * solution[j]
+            solution[i] = solution[i] * self._inverse_pivots[i]
+        return ca.vertcat(ca.SX(0, b.shape[1]), *solution)
+
+
+def solve_without_pivoting(A: ca.SX, b: ca.SX) -> ca.SX:
+    """Solve ``A y = b`` for A (n, n) with positive leading minors, see :class:`Factors`."""
+    return Factors(A).solve(b)

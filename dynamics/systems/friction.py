@@ -1,0 +1,197 @@
+"""Time stepping of mechanical systems with Coulomb friction and joint limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
+from dynamics.systems.parameters import ParameterTable, Signal
+from dynamics.systems.system import ContactSystem, check_shape
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A mechanical system before contact, in coordinates q (nq, 1), all CasADi expressions.
+
+    ``mass(q)`` (nq, nq); ``impulse(q, v, u)`` (nq, 1) [N s] the smooth impulse of one step but for
+    ``damping`` (nq, nq) [N s/m], which acts implicitly, ``-h damping v+``; ``energy(q, v)`` [J] and
+    ``work(q, v, u, v_next)`` [J] of one step, ``momentum(q, v)`` (2, 1) and ``external(q, v, u)``
+    (2, 1) [N s] where they are known.
+    """
+
+    mass: Callable[[ca.SX], ca.SX]
+    impulse: Callable[[ca.SX, ca.SX, ca.SX], ca.SX]
+    damping: ca.SX | None = None
+    energy: Callable[[ca.SX, ca.SX], ca.SX] | None = None
+    work: Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX] | None = None
+    momentum: Callable[[ca.SX, ca.SX], ca.SX] | None = None
+    external: Callable[[ca.SX, ca.SX, ca.SX], ca.SX] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """Contacts of a mechanism, nc of them, and the limits of its joints, nl.
+
+    ``distance(q)`` (nc, 1) [m]; ``sliding(q)`` (nc, nq) the rows J_t with slip velocity J_t v
+    [m/s]; ``friction`` Coulomb's coefficient (a scalar, or (nc, 1)), or None for frictionless;
+    ``limits(q)`` (nl, 1) the way left to every joint limit; ``names`` those of the contacts,
+    ``limit_names`` those of the limits. ``restitution`` e asks for ``v_n+ >= -e v_n`` where a
+    contact is closed.
+    """
+
+    names: tuple[str, ...]
+    distance: Callable[[ca.SX], ca.SX]
+    sliding: Callable[[ca.SX], ca.SX] | None = None
+    friction: ca.SX | float | None = None
+    limits: Callable[[ca.SX], ca.SX] | None = None
+    limit_names: tuple[str, ...] = ()
+    restitution: ca.SX | float = 0.0
+
+
+@dataclass(eq=False)
+class _Rows:
+    """Pairs of one step as they are collected: gaps, the impulse's directions, their names."""
+
+    gaps: list[ca.SX] = field(default_factory=list)
+    directions: list[ca.SX] = field(default_factory=list)
+    signals: list[Signal] = field(default_factory=list)
+    pairs: list[Pair] = field(default_factory=list)
+
+    def add(self, kind: str, gap: ca.SX, J: ca.SX, names: list[str], unit: str,
+            about: str, first: int = 0) -> None:  # fmt: skip
+        self.gaps.append(gap)
+        self.directions.append(J)
+        self.signals += [Signal(name, unit, about) for name in names]
+        self.pairs += [Pair(kind, first + i) for i in range(len(names))]  # pyright: ignore
+
+
+def frictional_time_stepping(
+    name: str,
+    *,
+    states: tuple[Signal, ...],
+    inputs: tuple[Signal, ...],
+    mechanism: Mechanism,
+    touching: Touching,
+    h: ca.SX | float,
+    parameters: ParameterTable,
+    linearised: bool = False,
+    citation: str = "",
+) -> ContactSystem:
+    """Implicit time stepping of Stewart and Trinkle with Coulomb friction in the plane.
+
+    ``M(q) (v+ - v) = impulse(q, v, u) - h D v+ + J_n' gamma + J_t' (beta+ - beta-) + J_l' nu`` and
+    ``q+ = q + h v+``, with gamma, beta±, nu impulses [N s] and the pairs
+
+    - normal ``0 <= gamma ⟂ phi(q + h (v+ + e v)) >= 0``: no penetration at the next position,
+    - friction ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and slip ``0 <= psi ⟂ f gamma - beta+ - beta- >=
+      0``: maximum dissipation over the linearised cone, psi [m] the way slid in a step,
+    - limit ``0 <= nu ⟂ limits(q+) >= 0``.
+
+    All products are in N s m, so one mu suits all. With ``linearised`` the gaps are expanded at the
+    current q, the usual model, whose true distance may be violated by rotating bodies. ``lam``
+    holds gamma, nu, beta+, beta-, psi in this order. The state is ``(q, v)``, each (nq, 1).
+
+    Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I.
+    Raises ``ValueError`` where a dimension does not fit.
+    """
+    if len(states) % 2:
+        raise ValueError(
+            f"system {name!r}: {len(states)} states; expected positions and as many velocities"
+        )
+    nq = len(states) // 2
+    x, x_next = ca.SX.sym("x", 2 * nq), ca.SX.sym("x_next", 2 * nq)
+    u = ca.SX.sym("u", len(inputs))
+    q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
+    M, smooth = mechanism.mass(q), mechanism.impulse(q, v, u)
+    check_shape(name, "mass(q)", M, (nq, nq))
+    check_shape(name, "impulse(q, v, u)", smooth, (nq, 1))
+    rows, forces, lam = _contact_rows(name, touching, x, x_next, h, linearised)
+    D = ca.SX(nq, nq) if mechanism.damping is None else mechanism.damping
+    push = ca.vertcat(ca.SX(0, nq), *rows.directions).T @ lam
+    residual = ca.vertcat(
+        q_next - q - h * v_next,
+        M @ (v_next - v) - smooth + h * (D @ v_next) - push,
+    )
+    return ContactSystem(
+        name=name,
+        x=x,
+        u=u,
+        x_next=x_next,
+        lam=lam,
+        residual=residual,
+        gap=ca.vertcat(ca.SX(0, 1), *rows.gaps),
+        states=states,
+        inputs=inputs,
+        contacts=tuple(rows.signals),
+        h=h,
+        parameters=parameters,
+        phi=_distances(touching, q),
+        mu_per_kappa=h,
+        citation=citation,
+        pairs=tuple(rows.pairs),
+        forces=forces,
+        book=_book(mechanism, x, u, x_next),
+        implicit=True,
+        redundant=True,
+    )
+
+
+def _contact_rows(
+    name: str, touching: Touching, x: ca.SX, x_next: ca.SX, h: ca.SX | float, linearised: bool
+) -> tuple[_Rows, ContactForces | None, ca.SX]:
+    nq = x.numel() // 2
+    q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
+    nc, nl = len(touching.names), len(touching.limit_names)
+    phi = touching.distance(q)
+    check_shape(name, "distance(q)", phi, (nc, 1))
+    J = ca.jacobian(phi, q)
+
+    def ahead(distance: Callable[[ca.SX], ca.SX], there: ca.SX) -> ca.SX:
+        here = distance(q)
+        return here + ca.jacobian(here, q) @ (there - q) if linearised else distance(there)
+
+    rows = _Rows()
+    bounced = q_next + h * touching.restitution * v
+    rows.add("normal", ahead(touching.distance, bounced), J, list(touching.names), "N s",
+             "normal impulse")  # fmt: skip
+    if touching.limits is not None:
+        way = touching.limits(q)
+        check_shape(name, "limits(q)", way, (nl, 1))
+        rows.add("limit", ahead(touching.limits, q_next), ca.jacobian(way, q),
+                 list(touching.limit_names), "N m s", "impulse of a joint limit", nc)  # fmt: skip
+    has_friction = touching.friction is not None and touching.sliding is not None
+    size = nc + nl + (3 * nc if has_friction else 0)
+    lam = ca.SX.sym("lam", size)
+    if not has_friction:
+        return rows, None, lam
+    assert touching.sliding is not None
+    J_t, f = touching.sliding(q), ca.SX.ones(nc) * touching.friction
+    check_shape(name, "sliding(q)", J_t, (nc, nq))
+    gamma, (plus, minus, psi) = lam[:nc], ca.vertsplit(lam[nc + nl :], nc)
+    slid = h * (J_t @ v_next)
+    for sign, row, gap in (("+", J_t, psi + slid), ("-", -J_t, psi - slid)):
+        rows.add("friction", gap, row, [f"{n} friction{sign}" for n in touching.names], "N s",
+                 "friction impulse")  # fmt: skip
+    rows.add("slip", f * gamma - plus - minus, ca.SX(nc, nq), [f"{n} slip" for n in touching.names],
+             "m", "way slid in a step")  # fmt: skip
+    forces = ContactForces(touching.names, gamma, plus - minus, J_t @ v_next, f)
+    return rows, forces, lam
+
+
+def _distances(touching: Touching, q: ca.SX) -> ca.SX:
+    parts = [touching.distance(q), *([] if touching.limits is None else [touching.limits(q)])]
+    return ca.vertcat(*parts)
+
+
+def _book(mechanism: Mechanism, x: ca.SX, u: ca.SX, x_next: ca.SX) -> EnergyBook | None:
+    nq = x.numel() // 2
+    q, v, v_next = x[:nq], x[nq:], x_next[nq:]
+    m = mechanism
+    if m.energy is None or m.work is None or m.momentum is None or m.external is None:
+        return None
+    return EnergyBook(
+        m.energy(q, v), m.work(q, v, u, v_next), m.momentum(q, v), m.external(q, v, u)
+    )
