@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import xarray as xr
 
@@ -12,6 +11,7 @@ from ocp.problem import Problem
 from ocp.rollout import Rollout
 from ocp.session import Outcome
 from ocp.transcription.nlp import NLP
+from ocp.warm_start import multipliers, node_times
 
 
 def label(
@@ -40,6 +40,7 @@ def label(
         k = np.broadcast_to(plan.gains.k, (N, *plan.gains.k.shape[1:]))
         data["K"] = (("interval", "control", "state"), K)
         data["k"] = (("interval", "control"), k)
+    data = data.assign(multipliers(nlp, outcome.result.point))
     _add_stages(data, nlp, outcome)
     _add_units(data, problem)
     return data
@@ -51,8 +52,7 @@ def _names(signals: tuple[Signal, ...]) -> list[str]:
 
 def _coordinates(nlp: NLP, physical: np.ndarray) -> dict[str, object]:
     problem, system = nlp.problem, nlp.problem.system
-    h = float(ca.Function("h", [problem.parameters.vector], [ca.SX(system.h)])(physical))
-    time = h * np.arange(problem.N + 1)
+    time = node_times(problem, physical)
     return {
         "state": _names(system.states),
         "control": _names(system.inputs),

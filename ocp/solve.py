@@ -22,6 +22,7 @@ from ocp.solution import Interrupted, Solution, StageRecord, Status
 from ocp.solvers.solver import Solver
 from ocp.studies.provenance import versions
 from ocp.transcription import Direct, Method
+from ocp.warm_start import carried_guess, carry
 
 _SPREAD = 0.3
 
@@ -36,6 +37,7 @@ def solve(
     starts: int = 1,
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
+    start: Solution | None = None,
 ) -> Solution:
     """Solve ``problem`` and audit the answer.
 
@@ -43,12 +45,35 @@ def solve(
     by seeded noise of 0.3 characteristic units; the best audited answer wins and the others are
     listed in ``Solution.others``.
 
+    ``start`` is a solution of the same problem, at other parameters, on another mesh or horizon,
+    under another law or by another method: its trajectories and multipliers are what the solver
+    starts at (:func:`~ocp.warm_start.carry`). Where it does not converge from there, the usual
+    path is followed with those trajectories as the guess.
+
     Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
     """
     if not 1 <= starts <= 10_000:
         raise InputError(f"starts must be from 1 to 10000, got {starts}")
     session = new_session(problem, contact, transcription, policy, solver, settings)
+    if start is not None:
+        if starts != 1:
+            raise InputError("a start and several starts exclude each other; leave starts at 1")
+        return judged(session, from_solution(session, start, progress), seed)
     return solve_session(session, starts, seed, progress)
+
+
+def from_solution(
+    session: Session, start: Solution, progress: Callable[[StageRecord], None] | None = None
+) -> Outcome:
+    """Solve a session from a solution; raises as :func:`~ocp.warm_start.carry` does."""
+    nlp = session.nlp_of("product")
+    outcome = session.solve(carry(start, nlp, session.values), progress, warm_from=nlp)
+    if outcome.finished:
+        return outcome
+    guess = carried_guess(start, session.problem, session.values)
+    again = session.solve(progress=progress, guess=guess)
+    again.trace.absorb(outcome.trace)
+    return again
 
 
 def new_session(

@@ -67,6 +67,23 @@ class Request:
         values = found.params(given).model_dump()
         return cls(found, values, built, law, transcription, chosen_policy, solver, others)
 
+    def start(self, run: str, root: Path) -> Solution:
+        """Return the stored solution that ``run`` names, of this problem at its own parameters.
+
+        Raises InputError where there is none, or it is of another problem.
+        """
+        from ocp.studies import store
+        from reports.cli.runs_command import find
+        from reports.view import problem_of
+
+        stored = store.load(find(run, root))
+        if stored.meta["problem"] != self.problem.name:
+            raise InputError(
+                f"--from {run}: that run is of {stored.meta['problem']}, not of"
+                f" {self.problem.name}; start from a run of {self.problem.name}"
+            )
+        return stored.solution(problem_of(stored)[2])
+
     def check_value(self, name: str, value: float) -> None:
         """Raise InputError where parameter ``name``, the law's or the problem's, cannot be so."""
         if not name.startswith("contact."):

@@ -39,6 +39,10 @@ def run(
     policy: PolicyName = "open-loop",
     solver: SolverName = "ipopt",
     settings: Settings = None,
+    start: Annotated[
+        str | None,
+        typer.Option("--from", metavar="RUN", help="Start at a stored run of the same problem."),
+    ] = None,
     starts: Annotated[int, typer.Option("--starts", min=1, help="Perturbed guesses.")] = 1,
     seed: Seed = 0,
     out: Out = Path("runs"),
@@ -61,6 +65,7 @@ def run(
     )  # fmt: skip
     store.check_writable(out)
     check_pdf_place(pdf)
+    origin = asked.start(start, out) if start is not None else None
     output = Output(as_json, quiet)
     with console.progress(quiet, f"{asked.spec.name}: building") as report:
 
@@ -72,7 +77,7 @@ def run(
             solution = solve(
                 asked.problem, contact=asked.law, transcription=asked.method,
                 policy=asked.policy, solver=asked.solver, settings=asked.settings, starts=starts,
-                seed=seed, progress=told,
+                seed=seed, progress=told, start=origin,
             )  # fmt: skip
         except Interrupted as stop:
             kept = store.save(asked.described(stop.solution), out, ["ocp", *sys.argv[1:]])

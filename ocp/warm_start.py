@@ -1,0 +1,278 @@
+"""Carry a solution to another NLP of its problem: other parameters, mesh, horizon, law, method.
+
+A solution is the trajectories and, block by block, the multipliers that :func:`multipliers` adds
+to its arrays. Quantities of an interval belong to its end, as the implicit steps here have it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from dynamics.systems import Signal
+from ocp.errors import InputError
+from ocp.problem import Problem
+from ocp.solution import Solution
+from ocp.solvers.solver import Point
+from ocp.transcription.nlp import NLP, Layout
+
+_KINDS = {
+    "state": ("x", "dynamics", "x_bound"),
+    "control": ("u", "policy", "u_bound"),
+    "contact": ("lam", "gap", "gap_definition", "contact", "separation"),
+}
+_AXES = {name: kind for kind, names in _KINDS.items() for name in names}
+_WHOLE = {"dynamics", "terminal", "contact", "separation", "K", "k"}
+"""Multipliers that a finer mesh leaves as they are; all others are shared out among the steps."""
+_IMPULSE = "N s"
+"""Unit of what scales with the step: half the step, half the impulse."""
+_LEAST = 1e-12
+"""Smallest mu, in characteristic units, whose path a pair is put on."""
+
+
+def node_times(problem: Problem, physical: np.ndarray) -> np.ndarray:
+    """Times [s] of the nodes at parameter values ``physical``, shape (N+1,)."""
+    h = ca.Function("h", [problem.parameters.vector], [ca.SX(problem.system.h)])
+    return float(h(physical)) * np.arange(problem.N + 1)
+
+
+def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
+    """Name a point's multipliers by block, as variables of the dataset of a solution.
+
+    ``lam_g_<block>`` belong to constraints, ``lam_x_<block>`` to bounds; both are zero where
+    nothing holds, positive at upper bounds. In cost per unit of the row or variable. None without
+    multipliers.
+    """
+    found: dict[str, Any] = {}
+    for prefix, vector, layout in (
+        ("lam_g", point.lam_g, nlp.constraints),
+        ("lam_x", point.lam_x, nlp.variables),
+    ):
+        if vector is None:
+            continue
+        for name, values in layout.unpack(vector).items():
+            if values.size:
+                dims = _dimensions(name, values.shape, nlp)
+                found[f"{prefix}_{name}"] = (dims, values, {"units": "1/unit of the row"})
+    return found
+
+
+def _dimensions(name: str, shape: tuple[int, ...], nlp: NLP) -> tuple[str, ...]:
+    if name in ("K", "k"):
+        steps = "interval" if shape[0] == nlp.problem.N else "once"
+        return (steps, "control", "state")[: len(shape)]
+    steps = "interval" if shape[1] == nlp.problem.N else "once"
+    rows = "scenario" if shape[0] == nlp.problem.scenarios.n else "shared"
+    return rows, steps, _AXES.get(name, f"{name}_row")
+
+
+@dataclass(frozen=True)
+class _Mesh:
+    """Ends [s] of old and new intervals; ``ratio`` of the steps' sizes.
+
+    With as many steps the meshes match step by step, otherwise by time.
+    """
+
+    old: np.ndarray
+    new: np.ndarray
+
+    @property
+    def same(self) -> bool:
+        return len(self.old) == len(self.new)
+
+    @property
+    def ratio(self) -> float:
+        return float(self.new[0] / self.old[0])
+
+    @property
+    def beyond(self) -> np.ndarray:
+        """Which new intervals begin where the old trajectory has ended, shape (N,)."""
+        starts = self.new - self.new[0]
+        return np.full(len(self.new), False) if self.same else starts > self.old[-1] * (1 - 1e-9)
+
+    def along(self, values: np.ndarray, axis: int, first: np.ndarray | None = None) -> np.ndarray:
+        """Interpolate along an axis of intervals, ``first`` at time 0; hold beyond the ends."""
+        if self.same or values.shape[axis] == 1:
+            return values
+        moved, times = np.moveaxis(values, axis, 0), self.old
+        if first is not None:
+            times = np.concatenate([[0.0], times])
+            moved = np.concatenate([np.broadcast_to(first, moved.shape[1:])[None], moved])
+        columns = moved.reshape(len(times), -1).T
+        found = np.stack([np.interp(self.new, times, column) for column in columns], axis=-1)
+        return np.moveaxis(found.reshape(-1, *moved.shape[1:]), 0, axis)
+
+
+def carry(solution: Solution, nlp: NLP, values: dict[str, float]) -> Point:
+    """Write a solution into the variables and multipliers of ``nlp`` at parameter ``values``.
+
+    As many steps are taken over one by one. With another number trajectories are interpolated in
+    time, impulses scaled with the step; beyond the old end the last state and input are held with
+    the contact that they have, and a shorter horizon cuts. Contacts of another law are solved
+    anew. Where the law smooths, each pair is put on its central path, the larger member kept.
+
+    Raises :class:`~ocp.errors.InputError` for a solution of another problem, or of one with other
+    states or inputs.
+    """
+    _check(solution, nlp)
+    carrier = _Carrier(solution, nlp.problem, values)
+    x = nlp.variables.pack(carrier.variables(nlp))
+    lam_g = carrier.duals("lam_g", nlp.constraints, nlp.method)
+    if "dynamics" in nlp.constraints and "dynamics" not in lam_g:
+        # Without those of the dynamics the rest says little: the solver had better estimate all.
+        return Point(x)
+    lam_x = carrier.duals("lam_x", nlp.variables, nlp.method)
+    return Point(x, nlp.variables.pack(lam_x), nlp.constraints.pack(lam_g))
+
+
+def carried_guess(
+    solution: Solution, problem: Problem, values: dict[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (N+1, nx) and inputs (N, nu) of a solution, on the problem's mesh, as a guess."""
+    carrier = _Carrier(solution, problem, values)
+    x, u = carrier.trajectories()
+    x0 = problem.initial_states(carrier.physical)[:, None]
+    return np.concatenate([x0, x], axis=1).mean(axis=0), u.mean(axis=0)
+
+
+def _check(solution: Solution, nlp: NLP) -> None:
+    name, system = nlp.problem.name, nlp.problem.system
+    origin = str(solution.record.get("problem"))
+    if origin != name:
+        raise InputError(
+            f"the run to start from is of {origin}, not of {name}; start from a run of {name}"
+        )
+    for what, dimension, signals in (
+        ("states", "state", system.states),
+        ("inputs", "control", system.inputs),
+    ):
+        there = [str(value) for value in solution.data[dimension].values]
+        here = [signal.name for signal in signals]
+        if there != here:
+            raise InputError(
+                f"the run to start from has {what} {', '.join(there)}, but {name} has"
+                f" {', '.join(here)} here; solve without --from, or with the run's parameters"
+            )
+
+
+class _Carrier:
+    """One solution on its way to another mesh of its problem."""
+
+    def __init__(self, solution: Solution, problem: Problem, values: dict[str, float]) -> None:
+        self.solution, self.data = solution, solution.data
+        self.values, self.problem = values, problem
+        self.physical = np.array([values[name] for name in problem.parameters.names])
+        times = node_times(problem, self.physical)
+        self.mesh = _Mesh(np.asarray(self.data["time"].values)[1:], times[1:])
+
+    def _scenarios(self, array: np.ndarray) -> np.ndarray:
+        """As many rows as there are scenarios; where that changed, each the mean of the old."""
+        S = self.problem.scenarios.n
+        if len(array) == S:
+            return array
+        return np.broadcast_to(array.mean(axis=0, keepdims=True), (S, *array.shape[1:]))
+
+    def trajectories(self) -> tuple[np.ndarray, np.ndarray]:
+        """States at the ends of intervals (S, N, nx) and inputs (S, N, nu)."""
+        mesh, problem, old = self.mesh, self.problem, self.data["x"].values
+        before = np.array(problem.limits(self.physical)[1]).ravel() if problem.uses_du else None
+        x = mesh.along(old[:, 1:], 1, old[:, 0].mean(axis=0))
+        u = mesh.along(self.data["u"].values, 1, before) * self._sizes(problem.system.inputs)
+        return self._scenarios(x), self._scenarios(u)
+
+    def variables(self, nlp: NLP) -> dict[str, np.ndarray]:
+        """Values of the blocks of variables."""
+        x, u = self.trajectories()
+        blocks = {"x": x, "u": u, **self._gains(u, nlp)}
+        if "u" in nlp.variables and nlp.variables["u"].shape[0] == 1:
+            blocks["u"] = u.mean(axis=0, keepdims=True)
+        if "lam" in nlp.variables:
+            blocks["lam"], blocks["gap"] = self._contacts(x, u, nlp.step)
+        return {name: value for name, value in blocks.items() if name in nlp.variables}
+
+    def _sizes(self, signals: tuple[Signal, ...]) -> np.ndarray:
+        """What a signal is multiplied with: impulses scale with the step, the rest stays."""
+        return np.array([self.mesh.ratio if s.unit == _IMPULSE else 1.0 for s in signals])
+
+    def _gains(self, u: np.ndarray, nlp: NLP) -> dict[str, np.ndarray]:
+        if "K" not in nlp.variables:
+            return {}
+        steps = nlp.variables["K"].shape[0]
+        if "K" not in self.data:
+            return {"k": u.mean(axis=0)[:steps]}
+        found = {name: self.mesh.along(self.data[name].values, 0) for name in ("K", "k")}
+        return found if steps > 1 else {n: v.mean(axis=0, keepdims=True) for n, v in found.items()}
+
+    def _contacts(self, x: np.ndarray, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
+        """Multipliers and gaps of all intervals (S, N, n)."""
+        p = np.array([self.values[name] for name in step.p.names])
+        x0 = np.broadcast_to(self.problem.initial_states(self.physical)[:, None], x[:, :1].shape)
+        ahead, (S, N, _) = np.concatenate([x0, x[:, :-1]], axis=1), x.shape
+
+        def columns(array: np.ndarray) -> np.ndarray:
+            return array.reshape(S * N, -1).T
+
+        _, lam, gap, _ = (
+            np.array(v).T.reshape(S, N, -1)
+            for v in step.solve.map(S * N)(columns(ahead), columns(u), p)
+        )
+        names = [contact.name for contact in step.contacts]
+        if [str(value) for value in self.data["contact"].values] == names:
+            carried = [
+                self._scenarios(self.mesh.along(self.data[key].values, 1)) for key in ("lam", "gap")
+            ]
+            known = ~self.mesh.beyond[None, :, None]
+            lam = np.where(known, carried[0] * self._sizes(step.contacts), lam)
+            gap = np.where(known, carried[1], gap)
+        if step.exact:
+            return lam, gap
+        found = step.relation.map(S * N)(columns(ahead), columns(u), columns(x), columns(lam), p)
+        return self._on_path(lam, gap, np.array(ca.densify(found[2])).T.reshape(S, N, -1))
+
+    def _on_path(
+        self, lam: np.ndarray, gap: np.ndarray, mu: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Keep the larger of each pair, in characteristic sizes; the other follows from mu."""
+        size = self.problem.reference
+        mu = np.maximum(mu, _LEAST * size.impulse * size.gap)
+        acts = lam / size.impulse > gap / size.gap
+        share = np.sqrt(mu / (size.impulse * size.gap))
+        large = np.maximum(np.maximum(lam / size.impulse, gap / size.gap), share)
+        small = share**2 / large
+        return (
+            np.where(acts, large, small) * size.impulse,
+            np.where(acts, small, large) * size.gap,
+        )
+
+    def duals(self, prefix: str, layout: Layout, method: str) -> dict[str, np.ndarray]:
+        """Multipliers of the blocks that both sides have."""
+        found: dict[str, np.ndarray] = {}
+        same_method = self.solution.record.get("method") == method
+        for name, block in layout.blocks.items():
+            key = f"{prefix}_{name}"
+            if key not in self.data or (name == "dynamics" and not same_method):
+                continue
+            old = self.data[key].values
+            if old.shape[2:] != block.shape[2:] or old.ndim != len(block.shape):
+                continue
+            moved = self._moved(name, old, block.shape[0])
+            if moved.shape == block.shape:
+                found[name] = moved
+        return found
+
+    def _moved(self, name: str, old: np.ndarray, rows: int) -> np.ndarray:
+        gains = name in ("K", "k")
+        moved = old if name == "terminal" else self.mesh.along(old, 0 if gains else 1)
+        if not gains and len(old) != rows:
+            # The cost is a mean over scenarios, so each multiplier is its scenario's share.
+            share = moved.sum(axis=0, keepdims=True) / rows
+            moved = np.broadcast_to(share, (rows, *moved.shape[1:]))
+        if name not in _WHOLE and not self.mesh.same:
+            moved = moved * self.mesh.ratio
+        if name not in ("dynamics", "terminal") and not gains:
+            moved = np.where(self.mesh.beyond[None, :, None], 0.0, moved)
+        return moved
