@@ -1,0 +1,338 @@
+"""Equations of motion of open planar chains, by recursion over their tree of links."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from dynamics.systems.geometry import Pose
+from dynamics.systems.parameters import Signal
+from dynamics.systems.planar import Link, Number, Vector, root_first
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """Where a link is: its origin, its step from the parent's origin, its axes and its angle."""
+
+    origin: ca.SX
+    step: ca.SX
+    angle: ca.SX
+    cos: ca.SX
+    sin: ca.SX
+
+    def turn(self, vector: Vector | ca.SX) -> ca.SX:
+        """Turn a vector of the link's frame into the world's, R(angle) vector."""
+        x, z = vector[0], vector[1]
+        return ca.vertcat(x * self.cos + z * self.sin, z * self.cos - x * self.sin)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """What one coordinate does to its link: turn about the joint, or move along ``along``."""
+
+    turn: float
+    along: ca.SX
+
+
+_WORLD = _Frame(ca.SX.zeros(2), ca.SX.zeros(2), ca.SX(0), ca.SX(1), ca.SX(0))
+
+
+def _swing(r: ca.SX) -> ca.SX:
+    """Velocity of a point at ``r`` from a centre turning at 1 rad/s about +y."""
+    return ca.vertcat(r[1], -r[0])
+
+
+def _moment(r: ca.SX, force: ca.SX) -> ca.SX:
+    return r[1] * force[0] - r[0] * force[1]
+
+
+class Chain:
+    """Rigid links joined to trees in the vertical plane.
+
+    ``M(q) dv/dt + bias(q, v) = B u + spring(q) + damping(v) + contact forces``, the
+    Euler-Lagrange equations of ``L = kinetic - potential`` where no force acts. M comes from
+    composite rigid bodies and the rest from Newton-Euler recursions (Featherstone, Rigid Body
+    Dynamics Algorithms, 2008, ch. 5-6), whose graphs are several times smaller than what
+    differentiating L leaves. Coordinates ``q`` (nq, 1) stand in the order of the links given.
+    All methods take and return SX expressions; q and v may be any expressions.
+
+    Raises ``ValueError`` where the links are no tree or not physical, see :class:`Link`.
+    """
+
+    def __init__(self, links: Sequence[Link], gravity: Number = 9.81) -> None:
+        self.gravity = gravity
+        self._ordered = root_first(links)
+        self._links = {link.name: link for link in links}
+        self._first: dict[str, int] = {}
+        found: list[Signal] = []
+        for link in links:
+            self._first[link.name] = len(found)
+            found += _coordinates(link)
+        self.coordinates: tuple[Signal, ...] = tuple(found)
+        """Names and units of q."""
+        self._frames_of: dict[tuple[int, ...], tuple[ca.SX, dict[str, _Frame]]] = {}
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinates)
+
+    @property
+    def velocities(self) -> tuple[Signal, ...]:
+        """Names and units of v = dq/dt."""
+        return tuple(
+            Signal(f"v_{c.name}", f"{c.unit}/s", f"velocity of {c.name}") for c in self.coordinates
+        )
+
+    @property
+    def actuated(self) -> tuple[str, ...]:
+        """Names of the links whose joints have a motor, in the order of the columns of B."""
+        return tuple(name for name, link in self._links.items() if link.gear is not None)
+
+    @property
+    def limits(self) -> list[tuple[int, Number, Number]]:
+        """Limits of the joints as (index into q, lowest, highest)."""
+        return [
+            (self._first[name], *link.limits)
+            for name, link in self._links.items()
+            if link.limits is not None
+        ]
+
+    @cached_property
+    def total_mass(self) -> ca.SX:
+        """Mass of all links [kg]."""
+        return sum((ca.SX(link.mass) for link in self._ordered), ca.SX(0))
+
+    @cached_property
+    def B(self) -> ca.SX:
+        """Actuation matrix (nq, nu): gears [N m or N a unit of input]."""
+        B = ca.SX(self.nq, len(self.actuated))
+        for column, name in enumerate(self.actuated):
+            gear = self._links[name].gear
+            assert gear is not None
+            B[self._first[name], column] = gear
+        return B
+
+    def spring(self, q: ca.SX) -> ca.SX:
+        """Force of the springs (nq, 1), ``-k q`` [N m, N]."""
+        return -self._each(lambda link: link.spring) * q
+
+    def damping(self, v: ca.SX) -> ca.SX:
+        """Force of the dampers (nq, 1), ``-d v`` [N m, N]."""
+        return -self._each(lambda link: link.damping) * v
+
+    def pose(self, q: ca.SX, link: str) -> Pose:
+        """Origin (2, 1) [m] and angle [rad] of a link's frame in the world."""
+        frame = self._frames(q)[link]
+        return Pose(frame.origin, frame.angle)
+
+    def position(self, q: ca.SX, link: str, point: Vector = (0.0, 0.0)) -> ca.SX:
+        """World position (2, 1) [m] of a point given in a link's frame."""
+        frame = self._frames(q)[link]
+        return frame.origin + frame.turn(point)
+
+    def mass(self, q: ca.SX) -> ca.SX:
+        """Mass matrix M(q) (nq, nq), symmetric positive definite [kg, kg m, kg m²]."""
+        frames = self._frames(q)
+        M = ca.SX(self.nq, self.nq)
+        for name, (mass, first, second) in self._composites(frames).items():
+            for column, motion in self._motions(name, frames):
+                # Momentum of everything that this coordinate moves, about the joint; carried
+                # towards the root it meets every coordinate it couples to.
+                momentum = mass * motion.along + motion.turn * _swing(first)
+                spin = motion.turn * second + _moment(first, motion.along)
+                ancestor: str | None = name
+                while ancestor is not None:
+                    for row, other in self._motions(ancestor, frames):
+                        M[row, column] = M[column, row] = (
+                            other.turn * spin + other.along.T @ momentum
+                        )
+                    spin = spin + _moment(frames[ancestor].step, momentum)
+                    ancestor = self._links[ancestor].parent
+        return M
+
+    def bias(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Coriolis, centrifugal and gravity forces (nq, 1) [N m, N]."""
+        return self.inverse_dynamics(q, v, ca.SX(self.nq, 1))
+
+    def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+        """Force ``M(q) a + bias(q, v)`` (nq, 1) without forming M [N m, N]."""
+        frames = self._frames(q)
+        omega, alpha, acceleration = self._accelerations(frames, v, a)
+        force = {link.name: ca.SX.zeros(2) for link in self._ordered}
+        moment = {link.name: ca.SX(0) for link in self._ordered}
+        result = ca.SX.zeros(self.nq)
+        for link in reversed(self._ordered):
+            name, frame = link.name, frames[link.name]
+            r = frame.turn(link.com)
+            moving = acceleration[name] + alpha[name] * _swing(r)
+            # The centripetal part of the force passes through the joint, so its moment is none.
+            moment[name] += link.inertia * alpha[name] + link.mass * _moment(r, moving)
+            force[name] += link.mass * (moving - omega[name] ** 2 * r)
+            for index, motion in self._motions(name, frames):
+                result[index] = motion.turn * moment[name] + motion.along.T @ force[name]
+            if link.parent is not None:
+                force[link.parent] += force[name]
+                moment[link.parent] += moment[name] + _moment(frame.step, force[name])
+        return result
+
+    def potential(self, q: ca.SX) -> ca.SX:
+        """Energy of gravity (zero at z = 0) and of the springs [J]."""
+        weight = sum(
+            (link.mass * self.position(q, link.name, link.com)[1] for link in self._ordered),
+            ca.SX(0),
+        )
+        return self.gravity * weight + ca.dot(self._each(lambda link: link.spring), q**2) / 2
+
+    def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Kinetic energy ``v' M(q) v / 2`` [J]."""
+        frames = self._frames(q)
+        omega, velocity = self._rates(frames, v)
+        energy = ca.SX(0)
+        for link in self._ordered:
+            moving = velocity[link.name] + omega[link.name] * _swing(
+                frames[link.name].turn(link.com)
+            )
+            energy += link.mass * ca.sumsqr(moving) + link.inertia * omega[link.name] ** 2
+        return energy / 2
+
+    def energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Kinetic and potential energy [J]."""
+        return self.kinetic(q, v) + self.potential(q)
+
+    def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Linear momentum (2, 1) [N s]."""
+        frames = self._frames(q)
+        omega, velocity = self._rates(frames, v)
+        total = ca.SX.zeros(2)
+        for link in self._ordered:
+            swing = omega[link.name] * _swing(frames[link.name].turn(link.com))
+            total += link.mass * (velocity[link.name] + swing)
+        return total
+
+    def _each(self, value: Callable[[Link], Number]) -> ca.SX:
+        return ca.vertcat(
+            *(ca.SX(value(link)) for link in self._links.values() for _ in _coordinates(link))
+        )
+
+    def _frames(self, q: ca.SX) -> dict[str, _Frame]:
+        # Kept for every q, so that mass, bias and contacts share their sines and cosines. The
+        # q beside them keeps its elements alive, without which a hash could be given out again.
+        q = ca.SX(q)
+        key = tuple(q[i].element_hash() for i in range(q.numel()))
+        if key not in self._frames_of:
+            self._frames_of[key] = (q, self._place(q))
+        return self._frames_of[key][1]
+
+    def _place(self, q: ca.SX) -> dict[str, _Frame]:
+        frames: dict[str, _Frame] = {}
+        for link in self._ordered:
+            base = frames[link.parent] if link.parent is not None else _WORLD
+            index = self._first[link.name]
+            step, angle = base.turn(link.anchor), base.angle + link.offset
+            if link.joint == "hinge":
+                angle += q[index]
+            elif link.joint == "slide":
+                step += base.turn(link.axis) * q[index]
+            else:
+                step, angle = step + q[index : index + 2], angle + q[index + 2]
+            frames[link.name] = _Frame(
+                base.origin + step, step, angle, ca.cos(angle), ca.sin(angle)
+            )
+        return frames
+
+    def _motions(self, name: str, frames: dict[str, _Frame]) -> list[tuple[int, _Motion]]:
+        link, index = self._links[name], self._first[name]
+        rest = ca.SX(2, 1)
+        if link.joint == "hinge":
+            return [(index, _Motion(1.0, rest))]
+        if link.joint == "slide":
+            base = frames[link.parent] if link.parent is not None else _WORLD
+            return [(index, _Motion(0.0, base.turn(link.axis)))]
+        return [
+            (index, _Motion(0.0, ca.SX([1, 0]))),
+            (index + 1, _Motion(0.0, ca.SX([0, 1]))),
+            (index + 2, _Motion(1.0, rest)),
+        ]
+
+    def _composites(self, frames: dict[str, _Frame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
+        """Mass, first and second moment about its joint of each link with all that hangs on it."""
+        bodies = {}
+        for link in self._ordered:
+            x, z = link.com
+            own = link.inertia + link.mass * (x * x + z * z)
+            bodies[link.name] = (
+                ca.SX(link.mass),
+                link.mass * frames[link.name].turn(link.com),
+                ca.SX(own),
+            )
+        for link in reversed(self._ordered):
+            if link.parent is None:
+                continue
+            mass, first, second = bodies[link.name]
+            step = frames[link.name].step
+            x, z = link.anchor
+            square = ca.SX(x * x + z * z) if link.joint == "hinge" else ca.sumsqr(step)
+            above = bodies[link.parent]
+            bodies[link.parent] = (
+                above[0] + mass,
+                above[1] + first + mass * step,
+                above[2] + second + 2 * ca.dot(step, first) + mass * square,
+            )
+        return bodies
+
+    def _rates(
+        self, frames: dict[str, _Frame], v: ca.SX
+    ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
+        """Angular velocity of each link and velocity of its origin."""
+        omega: dict[str, ca.SX] = {}
+        velocity: dict[str, ca.SX] = {}
+        for link in self._ordered:
+            turning, moving = ca.SX(0), ca.SX(2, 1)
+            if link.parent is not None:
+                turning = omega[link.parent]
+                moving = velocity[link.parent] + turning * _swing(frames[link.name].step)
+            for index, motion in self._motions(link.name, frames):
+                turning = turning + motion.turn * v[index]
+                moving = moving + motion.along * v[index]
+            omega[link.name], velocity[link.name] = turning, moving
+        return omega, velocity
+
+    def _accelerations(
+        self, frames: dict[str, _Frame], v: ca.SX, a: ca.SX
+    ) -> tuple[dict[str, ca.SX], dict[str, ca.SX], dict[str, ca.SX]]:
+        """Angular velocity and acceleration of each link, and its origin's felt acceleration."""
+        omega: dict[str, ca.SX] = {}
+        alpha: dict[str, ca.SX] = {}
+        felt: dict[str, ca.SX] = {}
+        for link in self._ordered:
+            turning, growing = ca.SX(0), ca.SX(0)
+            moving = ca.vertcat(0, self.gravity)
+            step = frames[link.name].step
+            base = ca.SX(0)
+            if link.parent is not None:
+                turning, growing = omega[link.parent], alpha[link.parent]
+                base = turning
+                moving = felt[link.parent] + growing * _swing(step) - turning**2 * step
+            for index, motion in self._motions(link.name, frames):
+                turning = turning + motion.turn * v[index]
+                growing = growing + motion.turn * a[index]
+                moving = moving + motion.along * a[index]
+                moving = moving + 2 * base * v[index] * _swing(motion.along)
+            omega[link.name], alpha[link.name], felt[link.name] = turning, growing, moving
+        return omega, alpha, felt
+
+
+def _coordinates(link: Link) -> list[Signal]:
+    if link.joint == "hinge":
+        return [Signal(link.name, "rad", f"angle of {link.name} in its joint")]
+    if link.joint == "slide":
+        return [Signal(link.name, "m", f"travel of {link.name} along its joint")]
+    return [
+        Signal(f"{link.name}_x", "m", f"forward position of {link.name}"),
+        Signal(f"{link.name}_z", "m", f"height of {link.name}"),
+        Signal(f"{link.name}_angle", "rad", f"angle of {link.name}"),
+    ]

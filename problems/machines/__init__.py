@@ -1,0 +1,1 @@
+"""Machines as tables: links, contact spheres, springs, gears and limits."""
