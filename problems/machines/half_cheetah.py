@@ -38,10 +38,10 @@ def half_cheetah(
 ) -> Machine:
     """Half-cheetah of adaptive barrier smoothing, sec. 7: 9 coordinates, 6 motors, 14.000 kg.
 
-    ``spring_scale`` multiplies the springs of the six joints (60 to 240 N m/rad), ``damping`` [N m s/rad]
-    acts in each. ``base_damping`` drags x, z and angle of the torso [N s/m, N m s/rad]; the
-    source has none. One unit of input is 30 to 120 N m, meant to stay within [-1, 1], which the
-    source does not enforce. At ``pose`` both feet touch the ground.
+    ``spring_scale`` multiplies the springs of the six joints (60 to 240 N m/rad), ``damping``
+    [N m s/rad] acts in each. ``base_damping`` drags x, z and angle of the torso [N s/m,
+    N m s/rad]; the source has none. One unit of input is 30 to 120 N m, meant to stay within
+    [-1, 1], which the source does not enforce. At ``pose`` both feet touch the ground.
     """
     torso = Link("torso", None, 6.36031, 0.8835, joint="free", damping=base_damping)
     legs = tuple(

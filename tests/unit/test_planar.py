@@ -106,7 +106,7 @@ def test_coordinates_motors_and_limits_follow_the_order_of_the_links() -> None:
 
 
 @every_chain
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10_000))
 def test_mass_is_the_hessian_of_kinetic_energy_and_positive_definite(
     chain: Chain, seed: int
@@ -261,7 +261,7 @@ def test_half_cheetah_stands_on_both_feet_at_its_default_pose() -> None:
     assert touching == {"bfoot", "ffoot"}
     assert all(float(value) > -5e-5 for value in above.values())
     assert float(chain.total_mass) == pytest.approx(14.000, abs=5e-4)
-    np.testing.assert_array_equal(np.diag(ca.DM(chain.B)[3:, :]), [120, 90, 60, 120, 60, 30])
+    np.testing.assert_array_equal(np.diag(np.array(ca.DM(chain.B))[3:]), [120, 90, 60, 120, 60, 30])
     assert chain.limits[2] == (5, -0.4, 0.785)
 
 
