@@ -13,7 +13,16 @@ from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.rollout import Gains, roll_out
-from ocp.solvers.homotopy import Homotopy, Path, Plan, Progress, Trace, geometric, translate
+from ocp.solvers.homotopy import (
+    PRIMAL,
+    Homotopy,
+    Path,
+    Plan,
+    Progress,
+    Trace,
+    geometric,
+    translate,
+)
 from ocp.solvers.polish import polish
 from ocp.solvers.solver import Point, Result, Solver
 from ocp.solvers.strategies import DEFAULT_STRATEGY, STRATEGIES, CentralPath
@@ -27,6 +36,8 @@ _EXACT_ITERATIONS = 200
 """What a gradient method is given under the exact law in shooting, before the barrier path is."""
 _MU_LAST = 1e-9
 """Where the barrier law is left for the exact one in shooting."""
+_WIDE = 1e-3
+"""Relaxation of lam gap, in characteristic units, on which an exact solve from elsewhere starts."""
 _GAIN = 1e-7
 """Relative fall of the cost for which an answer is exchanged for another."""
 
@@ -253,6 +264,34 @@ class Session:
             return Outcome(result, nlp, False, follower.trace)
         polished, end, worked = polish(follower, nlp, result, self.problem.reference)
         return Outcome(polished, end, worked, follower.trace)
+
+    def resume(self, start: Point, progress: Progress | None = None) -> Outcome:
+        """Solve at the present values from a point of the product NLP that came from elsewhere.
+
+        :func:`~ocp.warm_start.carry` makes such points; unlike those of a continuation they need
+        not be near. A second try therefore lets the solver's barrier parameter start high, and the
+        exact law starts on a relaxation that is wide enough to exchange contacts.
+        """
+        follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
+        nlp, reference = self.nlp_of("product"), self.problem.reference
+        keep = {} if start.lam_g is not None else PRIMAL
+        if self.complementary:
+            t = _WIDE * reference.impulse * reference.gap
+            options = {**keep, "mu_init": max(t / 10, 1e-9)}
+            result = follower.stage(
+                Plan("t", t, contact=(-np.inf, t), options=options), nlp, start, True
+            )
+            if not result.ok:
+                return Outcome(result, nlp, False, follower.trace)
+            return Outcome(*polish(follower, nlp, result, reference), follower.trace)
+        name, short = self.step.law.name, {"max_iter": _STAGE_ITERATIONS, **self.solver.options}
+        result = follower.stage(
+            Plan(name, 0.0, options={**keep, "mu_init": 1e-7, **short}), nlp, start, True
+        )
+        if not result.ok:
+            high = Plan(name, 0.0, options={**keep, "mu_init": 1e-3})
+            result = follower.stage(high, nlp, start, True)
+        return Outcome(result, nlp, result.ok, follower.trace)
 
     def first_point(self, nlp: NLP, guess: tuple[np.ndarray, np.ndarray] | None = None) -> Point:
         """Write guessed trajectories into the NLP's variables, with contacts to match.

@@ -58,7 +58,9 @@ def solve(
     if start is not None:
         if starts != 1:
             raise InputError("a start and several starts exclude each other; leave starts at 1")
-        return judged(session, from_solution(session, start, progress), seed)
+        found = judged(session, from_solution(session, start, progress), seed)
+        origin = start.record.get("hash", "a solution in memory")
+        return replace(found, record={**found.record, "from": origin})
     return solve_session(session, starts, seed, progress)
 
 
@@ -67,7 +69,7 @@ def from_solution(
 ) -> Outcome:
     """Solve a session from a solution; raises as :func:`~ocp.warm_start.carry` does."""
     nlp = session.nlp_of("product")
-    outcome = session.solve(carry(start, nlp, session.values), progress, warm_from=nlp)
+    outcome = session.resume(carry(start, nlp, session.values), progress)
     if outcome.finished:
         return outcome
     guess = carried_guess(start, session.problem, session.values)

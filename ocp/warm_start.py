@@ -44,8 +44,7 @@ def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
     """Name a point's multipliers by block, as variables of the dataset of a solution.
 
     ``lam_g_<block>`` belong to constraints, ``lam_x_<block>`` to bounds; both are zero where
-    nothing holds, positive at upper bounds. In cost per unit of the row or variable. None without
-    multipliers.
+    nothing holds, positive at upper bounds. A point without multipliers has none.
     """
     found: dict[str, Any] = {}
     for prefix, vector, layout in (
@@ -57,7 +56,7 @@ def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
         for name, values in layout.unpack(vector).items():
             if values.size:
                 dims = _dimensions(name, values.shape, nlp)
-                found[f"{prefix}_{name}"] = (dims, values, {"units": "1/unit of the row"})
+                found[f"{prefix}_{name}"] = (dims, values, {"units": "cost per unit of the row"})
     return found
 
 
@@ -116,16 +115,19 @@ def carry(solution: Solution, nlp: NLP, values: dict[str, float]) -> Point:
     anew. Where the law smooths, each pair is put on its central path, the larger member kept.
 
     Raises :class:`~ocp.errors.InputError` for a solution of another problem, or of one with other
-    states or inputs.
+    states or inputs, or one that is not finite.
     """
     _check(solution, nlp)
     carrier = _Carrier(solution, nlp.problem, values)
     x = nlp.variables.pack(carrier.variables(nlp))
     lam_g = carrier.duals("lam_g", nlp.constraints, nlp.method)
-    if "dynamics" in nlp.constraints and "dynamics" not in lam_g:
+    lam_x = carrier.duals("lam_x", nlp.variables, nlp.method)
+    if not lam_x or ("dynamics" in nlp.constraints and "dynamics" not in lam_g):
         # Without those of the dynamics the rest says little: the solver had better estimate all.
         return Point(x)
-    lam_x = carrier.duals("lam_x", nlp.variables, nlp.method)
+    if "contact" in nlp.constraints and "contact" not in lam_g and "gap" in lam_x:
+        blocks = nlp.variables.unpack(x)
+        lam_g["contact"] = _contact_duals(blocks["lam"], blocks["gap"], lam_x, nlp.step.exact)
     return Point(x, nlp.variables.pack(lam_x), nlp.constraints.pack(lam_g))
 
 
@@ -146,6 +148,11 @@ def _check(solution: Solution, nlp: NLP) -> None:
         raise InputError(
             f"the run to start from is of {origin}, not of {name}; start from a run of {name}"
         )
+    if not all(np.isfinite(solution.data[key].values).all() for key in ("x", "u")):
+        raise InputError(
+            "the run to start from ended in no numbers"
+            f" ({solution.status.label}); start from a solved one"
+        )
     for what, dimension, signals in (
         ("states", "state", system.states),
         ("inputs", "control", system.inputs),
@@ -157,6 +164,23 @@ def _check(solution: Solution, nlp: NLP) -> None:
                 f"the run to start from has {what} {', '.join(there)}, but {name} has"
                 f" {', '.join(here)} here; solve without --from, or with the run's parameters"
             )
+
+
+def _contact_duals(
+    lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray], exact: bool
+) -> np.ndarray:
+    """Multipliers of ``lam gap = mu`` (or <= t), from those of a solution whose pairs were fixed.
+
+    There each pair's smaller member is held at zero, by a force of either sign; here the product's
+    multiplier times the larger member is that force, and what pulls below zero is left to the
+    bound where there is a choice. Changes ``lam_x`` to match.
+    """
+    acts = lam > gap
+    held = np.where(acts, lam_x["gap"], lam_x["lam"])
+    pulled = np.maximum(held, 0.0) if exact else held
+    lam_x["gap"] = np.where(acts, held - pulled, lam_x["gap"])
+    lam_x["lam"] = np.where(acts, lam_x["lam"], held - pulled)
+    return pulled / np.maximum(np.where(acts, lam, gap), _LEAST)
 
 
 class _Carrier:
@@ -257,6 +281,8 @@ class _Carrier:
             if key not in self.data or (name == "dynamics" and not same_method):
                 continue
             old = self.data[key].values
+            if not np.isfinite(old).all():
+                return {}
             if old.shape[2:] != block.shape[2:] or old.ndim != len(block.shape):
                 continue
             moved = self._moved(name, old, block.shape[0])

@@ -22,6 +22,14 @@ WARM = {
     "warm_start_slack_bound_frac": 1e-9,
     "warm_start_mult_bound_push": 1e-9,
 }
+PRIMAL = {
+    "bound_push": 1e-9,
+    "bound_frac": 1e-9,
+    "slack_bound_push": 1e-9,
+    "slack_bound_frac": 1e-9,
+    "bound_mult_init_method": "mu-based",
+}
+"""For a warm start without multipliers: IPOPT estimates them, and leaves the variables in place."""
 _STEP_BACKS = 4
 
 

@@ -32,7 +32,9 @@ from ocp.solution import Audit, Solution, StageRecord, Status, Violation
 from ocp.studies.plain import content_hash, number, plain, read
 from ocp.studies.provenance import git_revision, versions
 
-SCHEMA = 1
+SCHEMA = 2
+READABLE = {1, 2}
+"""Runs of schema 1 lack multipliers and the split of the time, nothing else."""
 DATA_FILE, META_FILE = "solution.nc", "meta.json"
 _PARTIAL = ".partial-"
 
@@ -236,15 +238,19 @@ def read_meta(directory: Path) -> dict[str, Any]:
         raise DamagedRun(f"{file} is not JSON: {error}") from error
     if not isinstance(meta, dict) or "schema" not in meta:
         raise DamagedRun(f"{file} has no schema version, so it describes no run")
-    if meta["schema"] != SCHEMA:
+    if meta["schema"] not in READABLE:
         raise DamagedRun(
-            f"{file} has schema version {meta['schema']}, this program reads {SCHEMA}; read it with"
-            " the program that wrote it"
+            f"{file} has schema version {meta['schema']}, this program reads {_schemas()}; read it"
+            " with the program that wrote it"
         )
     missing = sorted({"kind", "problem", "created", "hash", "checksum"} - set(meta))
     if missing:
         raise DamagedRun(f"{file} lacks {', '.join(missing)}")
     return meta
+
+
+def _schemas() -> str:
+    return " and ".join(map(str, sorted(READABLE)))
 
 
 def list_runs(root: Path | str) -> list[RunEntry]:

@@ -82,7 +82,8 @@ class Request:
                 f"--from {run}: that run is of {stored.meta['problem']}, not of"
                 f" {self.problem.name}; start from a run of {self.problem.name}"
             )
-        return stored.solution(problem_of(stored)[2])
+        found = stored.solution(problem_of(stored)[2])
+        return replace(found, record={**found.record, "hash": stored.meta["hash"]})
 
     def check_value(self, name: str, value: float) -> None:
         """Raise InputError where parameter ``name``, the law's or the problem's, cannot be so."""
@@ -123,14 +124,19 @@ def _check_settings(settings: dict[str, str]) -> None:
 
 def check_pdf_place(pdf: Path | None) -> None:
     """Raise InputError before any work where a PDF could not be written after it."""
+    if pdf is not None:
+        check_place(pdf, "PDF")
+
+
+def check_place(file: Path, what: str) -> None:
+    """Raise InputError before any work where ``file``, a PDF say, could not be written after it."""
     from ocp.studies import store
 
-    if pdf is None:
-        return
-    if pdf.is_dir():
-        raise InputError(f"{pdf} is a directory; name a file such as {pdf / 'report.pdf'}")
+    if file.is_dir():
+        ending = "pdf" if what == "PDF" else "gif"
+        raise InputError(f"{file} is a directory; name a file such as {file / f'report.{ending}'}")
     try:
-        store.check_writable(pdf.parent)
+        store.check_writable(file.parent)
     except InputError as error:
-        message = str(error).replace("the run", "the PDF").replace("with --out", "for it")
+        message = str(error).replace("the run", f"the {what}").replace("with --out", "for it")
         raise InputError(message) from error

@@ -139,5 +139,6 @@ def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[st
         "params": record.get("params", record.get("parameters")),
         "settings": record.get("settings"),
         "seed": record.get("seed"),
+        "from": record.get("from"),
         "versions": meta["versions"],
     }

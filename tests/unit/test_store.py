@@ -11,13 +11,15 @@ import signal
 import subprocess
 import sys
 import textwrap
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from dynamics.contact import Barrier
+from ocp import solve
 from ocp.errors import DamagedRun, InputError
 from ocp.solution import Audit, Solution, StageRecord, Status, Violation
 from ocp.studies import store
@@ -187,6 +189,41 @@ def test_a_solution_with_a_part_missing_is_damaged(tmp_path: Path, part: str) ->
     edit(**{part: "gone"})(path / "meta.json")
     with pytest.raises(DamagedRun, match=r"meta\.json.*incomplete"):
         store.load(path).solution(get("wall-1d"))
+
+
+def test_a_run_of_the_first_schema_is_read(tmp_path: Path) -> None:
+    """It lacks multipliers and the split of the time, which says nothing about the rest."""
+    original = solution()
+    path = store.save(original, tmp_path, [])
+    stages = [{k: v for k, v in asdict(s).items() if k != "evaluation_s"} for s in original.stages]
+    edit(schema=1, evaluation_s="gone", solver_s="gone", stages=stages)(path / "meta.json")
+    again = store.load(path).solution(original.problem)
+    assert again.cost == original.cost
+    assert math.isnan(again.evaluation_s) and math.isnan(again.solver_s)
+    assert again.stages == original.stages
+
+
+def test_the_split_of_the_time_is_stored_and_no_part_of_the_hash(tmp_path: Path) -> None:
+    first, second = (
+        store.load(store.save(replace(solution(), evaluation_s=s), tmp_path, []))
+        for s in (0.25, 0.75)
+    )
+    assert first.solution(solution().problem).evaluation_s == 0.25
+    assert second.meta["solver_s"] == pytest.approx(second.meta["solve_s"] - 0.75)
+    assert first.meta["hash"] == second.meta["hash"]
+
+
+def test_multipliers_survive_the_disk_by_name(tmp_path: Path) -> None:
+    solved = solve(get("push-disc"), Barrier(mu=1e-3))
+    run = store.load(store.save(solved, tmp_path, []))
+    for name in ("lam_g_dynamics", "lam_g_gap_definition", "lam_g_contact", "lam_x_u", "lam_x_x"):
+        np.testing.assert_array_equal(run.data[name].values, solved.data[name].values)
+        assert "cost" in run.data[name].attrs["units"]
+    assert run.data["lam_g_dynamics"].dims == ("scenario", "interval", "state")
+    assert run.data["lam_x_u"].dims == ("scenario", "interval", "control")
+    shifted = solved.data.assign(lam_g_contact=2 * solved.data["lam_g_contact"])
+    other = store.load(store.save(replace(solved, data=shifted), tmp_path, []))
+    assert other.meta["hash"] != run.meta["hash"], "they are content"
 
 
 @pytest.mark.parametrize("call", [store.check_writable, lambda r: store.save(solution(), r, [])])

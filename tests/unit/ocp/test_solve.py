@@ -29,7 +29,7 @@ from problems import get
 def without_times(found: Solution) -> dict[str, Any]:
     """Everything that is said of a solution, but for seconds."""
     record = {key: value for key, value in found.record.items() if not key.endswith("_s")}
-    stages = [replace(line, seconds=0.0) for line in found.stages]
+    stages = [replace(line, seconds=0.0, evaluation_s=0.0) for line in found.stages]
     told = (found.cost, found.status, found.audit, stages, found.iterations, found.others)
     return {"told": json.dumps(told, default=str), "record": json.dumps(record, default=str)}
 
