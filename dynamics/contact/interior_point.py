@@ -99,8 +99,13 @@ def iteration(n: int) -> ca.Function:
     )
 
 
-def advance(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The pair after one :func:`iteration`, as an expression; structural zeros of F are skipped."""
+def advance(
+    lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX, rest: float = 0.0
+) -> tuple[ca.SX, ca.SX]:
+    """The pair after one :func:`iteration`, as an expression; structural zeros of F are skipped.
+
+    A point with a relative violation of ``rest`` or less is left as it is.
+    """
     n = lam.numel()
     defect = z + F @ lam - s
     factors = Factors(ca.diag(s) + ca.diag(lam) @ F)
@@ -156,6 +161,7 @@ def advance(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX,
 
     now = relative(lam, s)
     settled = ca.logic_and(now < _SETTLED, ca.logic_not(relative(new_lam, new_s) < now))
+    settled = ca.logic_or(settled, now <= rest) if rest else settled
     return ca.if_else(settled, lam, new_lam), ca.if_else(settled, s, new_s)
 
 

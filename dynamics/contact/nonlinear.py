@@ -1,9 +1,11 @@
 """The path solver for systems whose contact is no LCP with a P-matrix: curved gaps, friction.
 
 With ``x_next = a + B lam`` the contact is the nonlinear complementarity problem
-``lam gap(a + B lam, lam) = mu``. Each iteration of the path solver sees its linearisation at the
-present lam, whose defect is the true one; the rest is that of
-:mod:`dynamics.contact.interior_point`.
+``lam gap(a + B lam, lam) = mu``. The path is followed twice, by the iteration of
+:mod:`dynamics.contact.interior_point`: first with the gap linearised where the step starts, down to
+:data:`MU_LINEAR`, then with the true gap, linearised at every iteration where it stands. Started
+right away on the true gap, large trial impulses would spin light bodies round to solutions of no
+meaning.
 """
 
 from __future__ import annotations
@@ -15,12 +17,11 @@ from dynamics.systems import ContactSystem
 
 MU_EXACT = 1e-12
 """The exact law is the path's point at this mu, in scaled units."""
+MU_LINEAR = 1e-4
+"""Where the path of the linearised gap is left for that of the true one, in scaled units."""
 
-
-def is_linear(system: ContactSystem) -> bool:
-    """Whether the contact is an LCP whose matrix has a positive diagonal."""
-    F = system.reduced.F
-    return system.reduced.affine and not any(F[i, i].is_zero() for i in range(system.nlam))
+# The linear model of a curved gap promises a better point at every iteration, down to rounding.
+_REST = 1e-12
 
 
 def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -30,14 +31,12 @@ def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     against the pairs that it meets.
     """
     n = z.numel()
-    D: list[ca.SX | None] = [None if F[i, i].is_zero() else 1 / ca.sqrt(F[i, i]) for i in range(n)]
-    first = list(D)
-    for i in range(n):
-        if first[i] is None:
-            met = [ca.fabs(F[i, j]) * first[j] for j in range(n)
-                   if first[j] is not None and not F[i, j].is_zero()]  # fmt: skip
-            D[i] = 1 / ca.mmax(ca.vertcat(*met))
-    column = ca.vertcat(*[ca.SX(d) for d in D])
+    known = {i: 1 / ca.sqrt(F[i, i]) for i in range(n) if not F[i, i].is_zero()}
+    D = dict(known)
+    for i in set(range(n)) - set(known):
+        met = [ca.fabs(F[i, j]) * known[j] for j in known if not F[i, j].is_zero()]
+        D[i] = 1 / ca.mmax(ca.vertcat(*met))
+    column = ca.vertcat(*(D[i] for i in range(n)))
     size = ca.mmax(ca.vertcat(ca.fabs(z * column), ca.sqrt(mu)))
     return column, ca.fmax(size, 1e-150)
 
@@ -52,19 +51,35 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     x, u, p = system.x, system.u, system.parameters.vector
     mu, n = ca.SX.sym("mu", system.nlam), system.nlam
     reduced = system.reduced
-    D, c = scaling(reduced.z, reduced.F, 0 * mu if exact else mu)
+    D, c = scaling(reduced.z_linear, reduced.F, 0 * mu if exact else mu)
     least = ca.SX.ones(n) * MU_EXACT
     target = least if exact else ca.fmax(mu / c**2, interior_point.MU_LEAST)
-    opening = ca.Function(
-        "opening", [x, u, p, mu], [*(ca.densify(v) for v in (reduced.a, reduced.B, D)), c, target]
-    )
-    body, closing = _iteration(system), _closing(system)
+    start = target if reduced.affine else ca.fmax(target, MU_LINEAR)
+    scaled = [reduced.z_linear * D / c, ca.diag(D) @ reduced.F @ ca.diag(D)]
+    opening = ca.Function("opening", [x, u, p, mu], [
+        *(ca.densify(v) for v in (reduced.a, reduced.B, D)), c, target, start, scaled[0],
+        scaled[1][reduced.F.sparsity()].nz[:],
+    ])  # fmt: skip
     arguments = [ca.MX.sym("x", system.nx), ca.MX.sym("u", system.nu),
                  ca.MX.sym("p", p.numel()), ca.MX.sym("mu", n)]  # fmt: skip
-    data = [*arguments[:3], *opening(*arguments)]
-    end = interior_point.follow(body)(ca.MX.ones(2 * n), *data)
+    *opened, start, z, F = opening(*arguments)
+    data = [*arguments[:3], *opened]
+    first = _linear_iteration(reduced.F.sparsity())
+    pair = interior_point.follow(first)(ca.MX.ones(2 * n), z, F, start)
+    if not reduced.affine:
+        pair = interior_point.follow(_iteration(system))(pair, *data)
     names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
-    return ca.Function("contact_ncp", arguments, closing(end, *data), *names)
+    outputs = list(_closing(system)(pair, *data))
+    return ca.Function("contact_ncp", arguments, outputs, *names)
+
+
+def _linear_iteration(pattern: ca.Sparsity) -> ca.Function:
+    """One iteration on a scaled LCP: ``(pair, z, nonzeros of F, mu) -> pair``."""
+    n = pattern.size1()
+    pair, z, mu = ca.SX.sym("pair", 2 * n), ca.SX.sym("z", n), ca.SX.sym("mu", n)
+    F = ca.SX.sym("F", pattern.nnz())
+    moved = interior_point.advance(pair[:n], pair[n:], z, ca.SX(pattern, F), mu)
+    return ca.Function("path_linear", [pair, z, F, mu], [ca.vertcat(*moved)])
 
 
 def _linearised(system: ContactSystem) -> tuple[list[ca.SX], ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -86,7 +101,7 @@ def _iteration(system: ContactSystem) -> ca.Function:
     """One iteration: ``(pair, x, u, p, a, B, D, c, mu) -> pair``, pair = (lam, s) scaled."""
     n, s = system.nlam, ca.SX.sym("s", system.nlam)
     symbols, lam, gap, F, mu = _linearised(system)
-    moved = interior_point.advance(lam, s, gap - F @ lam, F, mu)
+    moved = interior_point.advance(lam, s, gap - F @ lam, F, mu, _REST)
     pair = ca.SX.sym("pair", 2 * n)
     out = ca.substitute(ca.vertcat(*moved), ca.vertcat(lam, s), pair)
     return ca.Function("path_ncp", [pair, *symbols], [out])

@@ -17,16 +17,18 @@ class Mechanism:
     """A mechanical system before contact, in coordinates q (nq, 1), all CasADi expressions.
 
     ``mass(q)`` (nq, nq); ``impulse(q, v, u)`` (nq, 1) [N s] the smooth impulse of one step but for
-    ``damping`` (nq, nq) [N s/m], which acts implicitly, ``-h damping v+``; ``energy(q, v)`` [J] and
-    ``work(q, v, u, v_next)`` [J] of one step, ``momentum(q, v)`` (2, 1) and ``external(q, v, u)``
-    (2, 1) [N s] where they are known.
+    ``damping`` D (nq, nq) [N s/m] and ``stiffness`` K (nq, nq) [N/m], which act implicitly,
+    ``-h (D v+ + K q+)``: stiff joints stay stable. Where they are known: ``energy(q, v)`` [J],
+    ``work(u, v_next)`` [J] of motors and dampers over one step, ``momentum(q, v)`` (2, 1) [N s] and
+    ``external(v_next, normal, tangential)`` (2, 1) [N s] the impulse of everything outside.
     """
 
     mass: Callable[[ca.SX], ca.SX]
     impulse: Callable[[ca.SX, ca.SX, ca.SX], ca.SX]
     damping: ca.SX | None = None
+    stiffness: ca.SX | None = None
     energy: Callable[[ca.SX, ca.SX], ca.SX] | None = None
-    work: Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX] | None = None
+    work: Callable[[ca.SX, ca.SX], ca.SX] | None = None
     momentum: Callable[[ca.SX, ca.SX], ca.SX] | None = None
     external: Callable[[ca.SX, ca.SX, ca.SX], ca.SX] | None = None
 
@@ -82,8 +84,8 @@ def frictional_time_stepping(
 ) -> ContactSystem:
     """Implicit time stepping of Stewart and Trinkle with Coulomb friction in the plane.
 
-    ``M(q) (v+ - v) = impulse(q, v, u) - h D v+ + J_n' gamma + J_t' (beta+ - beta-) + J_l' nu`` and
-    ``q+ = q + h v+``, with gamma, beta±, nu impulses [N s] and the pairs
+    ``M(q) (v+ - v) = impulse(q, v, u) - h (D v+ + K q+) + J_n' gamma + J_t' (beta+ - beta-)
+    + J_l' nu`` and ``q+ = q + h v+``, with gamma, beta±, nu impulses [N s] and the pairs
 
     - normal ``0 <= gamma ⟂ phi(q + h (v+ + e v)) >= 0``: no penetration at the next position,
     - friction ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and slip ``0 <= psi ⟂ f gamma - beta+ - beta- >=
@@ -109,11 +111,13 @@ def frictional_time_stepping(
     check_shape(name, "mass(q)", M, (nq, nq))
     check_shape(name, "impulse(q, v, u)", smooth, (nq, 1))
     rows, forces, lam = _contact_rows(name, touching, x, x_next, h, linearised)
-    D = ca.SX(nq, nq) if mechanism.damping is None else mechanism.damping
+    nothing = ca.SX(nq, nq)
+    D = nothing if mechanism.damping is None else mechanism.damping
+    K = nothing if mechanism.stiffness is None else mechanism.stiffness
     push = ca.vertcat(ca.SX(0, nq), *rows.directions).T @ lam
     residual = ca.vertcat(
         q_next - q - h * v_next,
-        M @ (v_next - v) - smooth + h * (D @ v_next) - push,
+        M @ (v_next - v) - smooth + h * (D @ v_next + K @ (q + h * v_next)) - push,
     )
     return ContactSystem(
         name=name,
@@ -133,7 +137,7 @@ def frictional_time_stepping(
         citation=citation,
         pairs=tuple(rows.pairs),
         forces=forces,
-        book=_book(mechanism, x, u, x_next),
+        book=_book(mechanism, x, u, x_next, lam[: len(touching.names)], forces),
         implicit=True,
         redundant=True,
     )
@@ -162,12 +166,9 @@ def _contact_rows(
         check_shape(name, "limits(q)", way, (nl, 1))
         rows.add("limit", ahead(touching.limits, q_next), ca.jacobian(way, q),
                  list(touching.limit_names), "N m s", "impulse of a joint limit", nc)  # fmt: skip
-    has_friction = touching.friction is not None and touching.sliding is not None
-    size = nc + nl + (3 * nc if has_friction else 0)
-    lam = ca.SX.sym("lam", size)
-    if not has_friction:
-        return rows, None, lam
-    assert touching.sliding is not None
+    if touching.friction is None or touching.sliding is None:
+        return rows, None, ca.SX.sym("lam", nc + nl)
+    lam = ca.SX.sym("lam", nc + nl + 3 * nc)
     J_t, f = touching.sliding(q), ca.SX.ones(nc) * touching.friction
     check_shape(name, "sliding(q)", J_t, (nc, nq))
     gamma, (plus, minus, psi) = lam[:nc], ca.vertsplit(lam[nc + nl :], nc)
@@ -186,12 +187,13 @@ def _distances(touching: Touching, q: ca.SX) -> ca.SX:
     return ca.vertcat(*parts)
 
 
-def _book(mechanism: Mechanism, x: ca.SX, u: ca.SX, x_next: ca.SX) -> EnergyBook | None:
+def _book(
+    m: Mechanism, x: ca.SX, u: ca.SX, x_next: ca.SX, gamma: ca.SX, forces: ContactForces | None
+) -> EnergyBook | None:
     nq = x.numel() // 2
     q, v, v_next = x[:nq], x[nq:], x_next[nq:]
-    m = mechanism
     if m.energy is None or m.work is None or m.momentum is None or m.external is None:
         return None
-    return EnergyBook(
-        m.energy(q, v), m.work(q, v, u, v_next), m.momentum(q, v), m.external(q, v, u)
-    )
+    along = ca.SX.zeros(gamma.numel()) if forces is None else forces.tangential
+    external = m.external(v_next, gamma, along)
+    return EnergyBook(m.energy(q, v), m.work(u, v_next), m.momentum(q, v), external)

@@ -47,7 +47,7 @@ class EnergyBook:
     ``energy`` is an expression in x, ``work`` in (x, u, x_next): actuation and damping. What is
     left of ``energy(x_next) - energy(x) - work`` is what contact gave or took, and the
     integrator's error. ``momentum`` (2, 1) [N s] is an expression in x, ``external`` (2, 1) [N s]
-    the impulse of everything but contact over one step.
+    the impulse from outside over one step, contact included, in (x, u, x_next, lam).
     """
 
     energy: ca.SX
@@ -60,7 +60,8 @@ def deciding_pairs(pairs: tuple[Pair, ...]) -> list[int]:
     """For every pair the number of the pair whose distance decides its mu.
 
     A friction or slip pair goes with the normal pair of its contact: how soft a contact is depends
-    on how near it is, not on how fast it slides.
+    on how near it is, not on how fast it slides. Edges of a cone, normal pairs both, decide for
+    themselves.
     """
     normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
     return [

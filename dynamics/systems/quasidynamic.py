@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import casadi as ca
 
+from dynamics.systems.pairs import ContactForces, Pair
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.system import ContactSystem, check_shape
 
@@ -21,6 +22,9 @@ def quasi_dynamic(
     stiffness: ca.SX,
     distance: Callable[[ca.SX], ca.SX],
     parameters: ParameterTable,
+    sliding: Callable[[ca.SX], ca.SX] | None = None,
+    friction: ca.SX | float = 0.0,
+    linearised: bool = True,
     citation: str = "",
 ) -> ContactSystem:
     """Quasi-dynamic model of noising, eq. 13, with the transposes it lacks put in.
@@ -29,6 +33,13 @@ def quasi_dynamic(
     ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the commanded
     ``q_a`` [m], ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an impulse
     [N s]. Non-penetration is linearised at the current q; ``distance`` maps q to phi [m].
+
+    With ``sliding``, which maps q to the rows J_t (nc, nq), each contact has the two rows
+    ``gap = phi(q) + (J ± friction J_t) dq``, edges of its friction cone, and the impulse
+    ``sum (J ± friction J_t)' lam±``: the step stays a convex QP, at the price that a sliding
+    contact opens at the rate ``friction |J_t dq|``. ``contacts`` name the contacts; the pairs are
+    then ``<name>+`` of all contacts and ``<name>-`` of all. Without ``linearised`` phi is taken at
+    q+, which is no QP any more, and bodies that turn cannot cut a corner.
 
     As the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, the log-barrier weight converts as
     ``mu = 1 / kappa``.
@@ -39,13 +50,24 @@ def quasi_dynamic(
     x, x_next = ca.SX.sym("x", nq), ca.SX.sym("x_next", nq)
     u, lam = ca.SX.sym("u", nu), ca.SX.sym("lam", len(contacts))
     dq = x_next - x
-    n_free = nq - nu
+    n_free, nc = nq - nu, len(contacts)
     phi = distance(x)
     check_shape(name, "mass", mass, (n_free, n_free))
     check_shape(name, "stiffness", stiffness, (nu, nu))
-    check_shape(name, "distance(q)", phi, (len(contacts), 1))
+    check_shape(name, "distance(q)", phi, (nc, 1))
     J = ca.jacobian(phi, x)
-    impulse = J.T @ lam
+    ahead = phi + J @ dq if linearised else distance(x_next)
+    directions, gaps, forces = [J], [ahead], None
+    if sliding is not None:
+        J_t, f = sliding(x), ca.SX.ones(nc) * friction
+        check_shape(name, "sliding(q)", J_t, (nc, nq))
+        slid = f * J_t
+        directions, gaps = [J + slid, J - slid], [ahead + slid @ dq, ahead - slid @ dq]
+        lam = ca.SX.sym("lam", 2 * nc)
+        plus, minus = lam[:nc], lam[nc:]
+        names = tuple(contact.name for contact in contacts)
+        forces = ContactForces(names, plus + minus, f * (plus - minus), J_t @ dq / h, f)
+    impulse = ca.vertcat(ca.SX(0, nq), *directions).T @ lam
     residual = ca.vertcat(
         mass @ dq[:n_free] / h - impulse[:n_free],
         h * stiffness @ (x_next[n_free:] - u) - impulse[n_free:],
@@ -57,13 +79,25 @@ def quasi_dynamic(
         x_next=x_next,
         lam=lam,
         residual=residual,
-        gap=phi + J @ dq,
+        gap=ca.vertcat(ca.SX(0, 1), *gaps),
         states=states,
         inputs=inputs,
-        contacts=contacts,
+        contacts=contacts if sliding is None else _edges(contacts),
         h=h,
         parameters=parameters,
         phi=phi,
         mu_per_kappa=1.0,
         citation=citation,
+        pairs=tuple(Pair("normal", i) for _ in directions for i in range(nc)),
+        forces=forces,
+        redundant=sliding is not None or nc > nq,
+    )
+
+
+def _edges(contacts: tuple[Signal, ...]) -> tuple[Signal, ...]:
+    """Name the two edges of every contact's friction cone."""
+    return tuple(
+        Signal(f"{contact.name}{sign}", contact.unit, contact.description)
+        for sign in ("+", "-")
+        for contact in contacts
     )

@@ -17,14 +17,17 @@ class ReducedContact:
     """The system solved for the next state: ``x_next = a + B lam``.
 
     ``a`` (nx, 1), ``B`` (nx, nlam), ``z`` (nlam, 1) the gap at ``lam = 0`` and ``F``
-    (nlam, nlam) its derivative by lam there are expressions in the state, the input and the
-    parameters alone. Where ``affine``, ``gap = z + F lam`` for every lam.
+    (nlam, nlam) its derivative by lam are expressions in the state, the input and the parameters
+    alone. Where ``affine``, ``gap = z + F lam`` for every lam. Elsewhere the derivative is taken at
+    ``x_next = x``, where bodies have not turned and F is the symmetric ``J M^-1 J'`` of a
+    linearised gap, whose value at ``lam = 0`` is ``z_linear``.
     """
 
     a: ca.SX
     B: ca.SX
     z: ca.SX
     F: ca.SX
+    z_linear: ca.SX
     affine: bool
 
 
@@ -141,11 +144,12 @@ class ContactSystem:
         solved = -solve(jacobian[:, :nx], ca.horzcat(constant, jacobian[:, nx:]))
         a, B = solved[:, 0], solved[:, 1:]
         by_state, by_lam = (ca.jacobian(self.gap, part) for part in (self.x_next, self.lam))
-        z, by_state_0, by_lam_0 = ca.substitute(
-            [self.gap, by_state, by_lam], [self.x_next, self.lam], [a, nothing]
-        )
         affine = not ca.depends_on(ca.vertcat(ca.vec(by_state), ca.vec(by_lam)), unknown)
-        return ReducedContact(a, B, z, by_lam_0 + by_state_0 @ B, affine)
+        z = ca.substitute(self.gap, unknown, ca.vertcat(a, nothing))
+        here = ca.vertcat(a if affine else self.x, nothing)
+        gap, by_state, by_lam = ca.substitute([self.gap, by_state, by_lam], [unknown], [here])
+        F = by_lam + by_state @ B
+        return ReducedContact(a, B, z, F, z if affine else gap + by_state @ (a - self.x), affine)
 
 
 def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int]) -> None:
