@@ -17,11 +17,9 @@ from problems.drawing import ContactFrame
 from reports.style import PURPLE, VERMILLION
 from reports.view import RunView
 
-ARROW = 0.18
-"""Length of the longest arrow as a fraction of the picture's longer side."""
 LEAST = 0.02
 """Forces below this fraction of the largest are not drawn."""
-_CONE = 0.7
+_LONGEST, _ACROSS, _CONE = 0.18, 0.4, 0.7
 
 
 @dataclass(frozen=True)
@@ -75,6 +73,18 @@ def _added_up(
     return np.asarray(normal).T, np.asarray(tangential).T
 
 
+def caption(largest: float, unit: str, rough: bool) -> str:
+    """What arrows and, where contacts are ``rough``, cones mean."""
+    cones = "; shaded: friction cone" if rough else ""
+    return f"arrows: contact force, the longest is {largest:.3g} {unit}{cones}"
+
+
+def longest_arrow(axis: Axes) -> float:
+    """Length [m] of the arrow of the largest force: seen well, and inside the picture."""
+    sides = float(np.ptp(axis.get_xlim())), float(np.ptp(axis.get_ylim()))
+    return min(_LONGEST * max(sides), _ACROSS * min(sides))
+
+
 def draw_force(
     axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float, alpha: float = 1
 ) -> Artist:
@@ -91,10 +101,11 @@ def draw_force(
     )  # fmt: skip
 
 
-def draw_cone(axis: Axes, frame: ContactFrame, length: float) -> Artist:
+def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 1) -> Artist:
     """Draw the friction cone, half as wide as atan(friction) on either side of the normal."""
     middle = math.degrees(math.atan2(frame.ny, frame.nx))
     half = math.degrees(math.atan(frame.friction))
     cone = Wedge((frame.x, frame.y), _CONE * length, middle - half, middle + half, zorder=3,
-                 facecolor=(PURPLE, 0.22), edgecolor=(PURPLE, 0.8), linewidth=0.6)  # fmt: skip
+                 facecolor=(PURPLE, 0.22 * strength),
+                 edgecolor=(PURPLE, 0.8 * strength), linewidth=0.6)  # fmt: skip
     return axis.add_patch(cone)

@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from problems.drawing import Shape
-from reports.forces import ARROW, LEAST, draw_cone, draw_force, forces_of
+from reports.camera import around
+from reports.forces import LEAST, caption, draw_cone, draw_force, forces_of, longest_arrow
 from reports.shapes import bounds, draw
 from reports.style import INK, WIDTH
 from reports.view import RunView
@@ -53,10 +54,9 @@ def draw_strobe(axis: Axes, view: RunView) -> None:
 
 def _extent(axis: Axes, shapes: list[Shape]) -> None:
     """Fix the limits so that half planes and forces can be clipped to them."""
-    low, high = bounds(shapes)
-    margin = 0.08 * float(max(high - low)) + 1e-9
-    axis.set_xlim(low[0] - margin, high[0] + margin)
-    axis.set_ylim(low[1] - margin, high[1] + margin)
+    middle, size = around(bounds(shapes))
+    axis.set_xlim(middle[0] - size[0] / 2, middle[0] + size[0] / 2)
+    axis.set_ylim(middle[1] - size[1] / 2, middle[1] + size[1] / 2)
     axis.set_aspect("equal")
 
 
@@ -68,7 +68,7 @@ def _forces(axis: Axes, view: RunView, chosen: np.ndarray) -> None:
     largest = forces.largest
     if not largest > 0:
         return
-    longest = ARROW * max(np.ptp(axis.get_xlim()), np.ptp(axis.get_ylim()))
+    longest = longest_arrow(axis)
     for node in range(1, len(x[0])):
         shown = node in chosen
         for frame, normal, friction in zip(
@@ -79,7 +79,7 @@ def _forces(axis: Axes, view: RunView, chosen: np.ndarray) -> None:
                 continue
             draw_force(axis, frame, normal, friction, longest / largest, 1.0 if shown else 0.35)
             if shown and frame.friction:
-                draw_cone(axis, frame, longest)
+                draw_cone(axis, frame, longest, 0.5)
     which = f"scenario 0 of {len(x)}; " if len(x) > 1 else ""
-    text = f"{which}arrows: contact, the longest is {largest:.3g} {forces.unit}"
-    axis.set_title(text, loc="left", color=INK)
+    rough = any(frame.friction for frame in spec.frames(view.params, x[0, 0]))
+    axis.set_title(which + caption(largest, forces.unit, rough), loc="left", color=INK)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import typer
 
 from reports.cli import (
+    animate_command,
     continue_command,
     doctor_command,
     estimate_command,
@@ -38,6 +39,7 @@ for name, function in {
     "estimate": estimate_command.run,
     "figure": figure_command.run,
     "report": report_command.run,
+    "animate": animate_command.run,
     "runs": runs_command.run,
     "doctor": doctor_command.run,
 }.items():

@@ -1,0 +1,215 @@
+"""A run in motion: the plan beside its replay under the exact law, with contact forces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ocp.errors import InputError
+from problems.drawing import ContactFrame, Shape
+from reports.camera import Camera, film
+from reports.forces import LEAST, Forces, caption, draw_cone, draw_force, forces_of, longest_arrow
+from reports.shapes import draw
+from reports.style import GREY, INK
+from reports.view import RunView
+
+_MOST_FRAMES = 1500
+_WIDTH = 8.0
+_SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Motion:
+    """States (n, nx), shapes and contacts of n frames, and the forces during each (n, points).
+
+    There are fewer frames than times where a replay ran away to states that are no numbers.
+    """
+
+    title: str
+    x: np.ndarray
+    shapes: list[list[Shape]]
+    contacts: list[list[ContactFrame]]
+    forces: Forces | None
+
+
+class Animation:
+    """Frames of a run at ``times`` [s], drawn on ``figure`` one after another by :meth:`draw`."""
+
+    def __init__(self, view: RunView, fps: int = 25, speed: float = 1.0) -> None:
+        """Lay the figure out; ``speed`` 0.5 shows every second of the motion in two.
+
+        Raises :class:`~ocp.errors.InputError` for a run without states or a problem without a
+        drawing, and for more frames than a file should hold.
+        """
+        _check(view)
+        self.fps, self.speed = fps, speed
+        self.times = frame_times(float(view.time[-1]), fps, speed)
+        self.motions = motions(view, self.times)
+        self._cameras = film([motion.shapes for motion in self.motions])
+        self._drawn: list[Artist] = []
+        present = [motion.forces.largest for motion in self.motions if motion.forces]
+        self._largest = max(present, default=0.0)
+        self.figure, self._axes = _stage(len(self.motions), self._cameras[0])
+        self._label(view)
+
+    def _label(self, view: RunView) -> None:
+        assert view.spec is not None
+        scenarios = view.run.data.sizes["scenario"]
+        which = f", scenario 0 of {scenarios}" if scenarios > 1 else ""
+        look = {"fontsize": 11, "color": INK, "va": "top"}
+        title = self.figure.suptitle(f"{view.title}{which}", x=0.01, ha="left", **look)
+        self._clock = self.figure.text(0.99, 0.98, "", ha="right", **look)
+        for axis, motion in zip(self._axes, self.motions, strict=True):
+            axis.set_title(motion.title, loc="left", color=INK)
+            axis.set_xlabel(view.spec.axes[0])
+            axis.set_ylabel(view.spec.axes[1])
+            axis.label_outer()
+        if legend := self._legend():
+            self.figure.supxlabel(legend, x=0.01, ha="left", fontsize=8, color=GREY)
+        for index in range(len(self.motions)):
+            self._cameras[index].aim(self._axes[index], 0)
+        self.figure.draw_without_rendering()
+        # Laid out once: labels that change width from frame to frame must not shake the picture.
+        self.figure.set_layout_engine("none")
+        self._clock.set_y(title.get_position()[1])
+
+    def _legend(self) -> str:
+        if not self._largest > 0:
+            return ""
+        unit = next(motion.forces.unit for motion in self.motions if motion.forces)
+        rough = any(contact.friction for motion in self.motions for contact in motion.contacts[0])
+        return caption(self._largest, unit, rough)
+
+    def draw(self, frame: int) -> None:
+        """Put the figure's bodies, forces and clock to a frame."""
+        for artist in self._drawn:
+            artist.remove()
+        self._drawn = []
+        pace = "" if self.speed == 1 else f"   {self.speed:g} × real time"
+        self._clock.set_text(f"t = {self.times[frame]:.2f} s{pace}")
+        for axis, camera, motion in zip(self._axes, self._cameras, self.motions, strict=True):
+            if frame >= len(motion.x):
+                continue
+            camera.aim(axis, frame)
+            self._drawn += [draw(shape, axis, 1.0) for shape in motion.shapes[frame]]
+            self._drawn += self._forces(axis, motion, frame)
+
+    def _forces(self, axis: Axes, motion: Motion, frame: int) -> list[Artist]:
+        if motion.forces is None or not self._largest > 0:
+            return []
+        longest = longest_arrow(axis)
+        drawn: list[Artist] = []
+        for contact, normal, friction in zip(
+            motion.contacts[frame], motion.forces.normal[frame], motion.forces.friction[frame],
+            strict=False,
+        ):  # fmt: skip
+            if not math.hypot(normal, friction) >= LEAST * self._largest:
+                continue
+            if contact.friction:
+                drawn.append(draw_cone(axis, contact, longest))
+            drawn.append(draw_force(axis, contact, normal, friction, longest / self._largest))
+        return drawn
+
+
+def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
+    """Times [s] of the frames from 0 to ``duration``, evenly apart and nearest to ``speed / fps``.
+
+    Raises :class:`~ocp.errors.InputError` for more frames than a file should hold.
+    """
+    steps = max(1.0, duration * fps / speed)
+    if steps > _MOST_FRAMES:
+        raise InputError(
+            f"{duration:.4g} s at {fps} frames a second and speed {speed:g} are {steps:.0f}"
+            f" frames, expected at most {_MOST_FRAMES}; raise --speed or lower --fps"
+        )
+    return np.linspace(0.0, duration, round(steps) + 1)
+
+
+def motions(view: RunView, times: np.ndarray) -> list[Motion]:
+    """The plan and its replay under the exact law, at ``times``; one motion where they agree."""
+    law = view.run.record.get("contact", "chosen")
+    plan = _motion(view, "", f"planned under the {law} law", times)
+    x, x_replay = view.array("x"), view.array("x_replay")
+    assert x is not None
+    if x_replay is None:
+        return [plan]
+    apart = float(np.max(np.abs(x[0] - x_replay[0])))
+    if apart <= _SAME * max(1.0, float(np.max(np.abs(x[0])))):
+        same = f"planned under the {law} law; the replay under the exact law is the same"
+        return [replace(plan, title=f"{same} (states within {apart:.0e})")]
+    return [plan, _motion(view, "_replay", "replayed under the exact law", times)]
+
+
+def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion:
+    spec, x = view.spec, view.array(f"x{suffix}")
+    assert spec is not None and spec.draw is not None and x is not None
+    states = np.stack([np.interp(times, view.time, column) for column in x[0].T], axis=1)
+    known = np.isfinite(states).all(axis=1)
+    if not known.all():
+        end = max(1, int(np.argmin(known)))
+        states = states[:end]
+        title = f"{title}; runs away at {times[end]:.2f} s"
+    frames: Callable[..., list[ContactFrame]] = spec.frames or (lambda *_: [])
+    forces = forces_of(view, suffix)
+    return Motion(
+        title,
+        states,
+        [spec.draw(view.params, state) for state in states],
+        [frames(view.params, state) for state in states],
+        None if forces is None else _sampled(forces, view.time, times),
+    )
+
+
+def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
+    """Force of the step that led to the node nearest to each frame; none has led to the first.
+
+    Where steps are shorter than frames it is the mean over those since the last frame.
+    """
+    nearest = np.abs(times[:, None] - nodes).argmin(axis=1)
+    count = max(1, round((times[1] - times[0]) / (nodes[1] - nodes[0])))
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        at_nodes = np.concatenate([np.zeros_like(values[:1]), values])
+        return np.stack([at_nodes[max(0, k - count + 1) : k + 1].mean(axis=0) for k in nearest])
+
+    return replace(forces, normal=mean(forces.normal), friction=mean(forces.friction))
+
+
+def _stage(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
+    """Figure and axes: two motions one above the other where the view is wide, else abreast."""
+    ratio = float(camera.size[1] / camera.size[0])
+    rows = count if ratio < 0.4 else 1
+    columns = count // rows
+    width = (_WIDTH - 0.8) / columns - 0.2
+    height = rows * float(np.clip(width * ratio, 0.9, 4.2)) + 0.3 * rows + 1.0
+    figure = Figure(figsize=(_WIDTH, round(height, 2)))
+    figure.set_layout_engine("constrained", h_pad=0.1)
+    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    for axis in axes:
+        axis.set_aspect("equal")
+    return figure, axes
+
+
+def _check(view: RunView) -> None:
+    name = view.run.meta["problem"]
+    if view.run.kind != "solve" or view.array("x") is None:
+        raise InputError(
+            f"{view.run.path} holds a {view.run.kind} study, which does not move; give a run of"
+            " ocp solve"
+        )
+    if view.spec is None:
+        raise InputError(
+            f"the problem {name!r} of {view.run.path} is not found again; its file is gone or no"
+            " longer fits the run"
+        )
+    if view.spec.draw is None:
+        raise InputError(
+            f"the problem {name!r} has no drawing; add draw(params, state) -> list of shapes"
+            " (problems.drawing) to its file"
+        )

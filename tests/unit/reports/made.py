@@ -1,0 +1,66 @@
+"""Runs made by hand, so that pictures can be tested without solving anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from ocp.studies.store import StoredRun
+from problems.drawing import Box, ContactFrame, HalfPlane, Shape
+from problems.parameters import Parameters
+from problems.spec import ProblemSpec
+from reports.view import RunView
+
+FRICTION = 0.5
+
+
+def draw(params: object, state: np.ndarray) -> list[Shape]:
+    return [HalfPlane(0, 0, 0, 1), Box(float(state[0]), 0.1, 0.4, 0.2, rounding=0.05)]
+
+
+def frames(params: object, state: np.ndarray) -> list[ContactFrame]:
+    """A heel and a toe on the floor."""
+    x = float(state[0])
+    return [ContactFrame(x - 0.15, 0, 0, 1, FRICTION), ContactFrame(x + 0.15, 0, 0, 1, FRICTION)]
+
+
+def sliding_box(
+    normal: np.ndarray,
+    friction: np.ndarray,
+    *,
+    x: np.ndarray | None = None,
+    x_replay: np.ndarray | None = None,
+    h: float = 0.1,
+) -> RunView:
+    """A box on a floor with impulses (N, 2) on heel and toe; its replay pushes half as hard."""
+    N = len(normal)
+    x = np.linspace(0, 0.5, N + 1) if x is None else x
+    again = x + 0.1 if x_replay is None else x_replay
+    contact, point = ("scenario", "interval", "contact"), ("scenario", "interval", "point")
+    data = xr.Dataset(
+        {
+            "x": (("scenario", "node", "state"), x[None, :, None]),
+            "x_replay": (("scenario", "node", "state"), again[None, :, None]),
+            "lam": (contact, normal[None]),
+            "lam_replay": (contact, normal[None] / 2),
+            "normal_impulse": (point, normal[None]),
+            "friction_impulse": (point, friction[None]),
+            "normal_impulse_replay": (point, normal[None] / 2),
+            "friction_impulse_replay": (point, friction[None] / 2),
+        },
+        coords={
+            "time": ("node", h * np.arange(N + 1)),
+            "state": ["x"],
+            "contact": ["heel", "toe"],
+            "point": ["heel", "toe"],
+        },
+    )
+    meta = {"kind": "solve", "problem": "box", "record": {"contact": "barrier"}}
+    spec = ProblemSpec("box", "A box that slides", Parameters, _unbuilt, draw=draw, frames=frames)
+    return RunView(StoredRun(Path("runs/box"), data, meta), spec, None, None)
+
+
+def _unbuilt(params: object):
+    raise AssertionError("a picture builds no problem")
