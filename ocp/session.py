@@ -27,8 +27,8 @@ from ocp.solvers.polish import polish
 from ocp.solvers.solver import Point, Result, Solver
 from ocp.solvers.strategies import DEFAULT_STRATEGY, STRATEGIES, CentralPath
 from ocp.transcription import Direct, Method
+from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
-from ocp.transcription.stage import Compile
 
 _STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""
@@ -68,7 +68,7 @@ class Session:
     homotopy: bool | None = None
     factor: float | None = None
     start_value: float | None = None
-    compiled: Compile | None = None
+    compiled: StageCompiler | None = None
 
     def __post_init__(self) -> None:
         began = time.perf_counter()
@@ -193,7 +193,7 @@ class Session:
         follower.trace.absorb(smooth.trace)
         blocks = source.variables.unpack(result.point.x)
         plan = Gains(blocks["K"], blocks["k"]) if "K" in blocks else blocks["u"]
-        exact = roll_out(self.problem, plan, self.values, self.step)
+        exact = roll_out(self.problem, plan, self.values, self.step, blocks.get("x0"))
         own = {**blocks, "x": exact.x[:, 1:], "u": exact.u}
         x = nlp.variables.pack({
             name: own[name][:1] if name == "u" and nlp.variables[name].shape[0] == 1 else own[name]
@@ -301,7 +301,7 @@ class Session:
         """
         physical = np.array([self.values[name] for name in self.problem.parameters.names])
         X, U = guess if guess is not None else self.problem.initial_guess(physical)
-        blocks: dict[str, np.ndarray] = {"x": X[None, 1:], "u": U[None]}
+        blocks: dict[str, np.ndarray] = {"x0": X[:1], "x": X[None, 1:], "u": U[None]}
         if isinstance(self.policy, Feedback):
             blocks["k"] = U[:1] if self.policy.stationary else U
         if "lam" in nlp.variables:

@@ -15,7 +15,7 @@ OWN = {
     "strategy": "how exact complementarity is met in a direct transcription",
     "factor": "factor by which the homotopy's knob shrinks, between 0 and 1",
     "start": "first value of the homotopy's knob",
-    "compile": "true or false: compile the stage as C, cached, where a compiler is found",
+    "jit": "true or false: evaluate by compiled C, cached, where a compiler is found",
 }
 
 
@@ -27,7 +27,7 @@ class Settings:
     strategy: str = DEFAULT_STRATEGY
     factor: float | None = None
     start: float | None = None
-    compile: bool = False
+    jit: bool = False
     options: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -36,7 +36,7 @@ class Settings:
         own: dict[str, Any] = {}
         options: dict[str, Any] = {}
         for key, value in raw.items():
-            if key in ("homotopy", "compile"):
+            if key in ("homotopy", "jit"):
                 own[key] = _flag(key, value)
             elif key in ("factor", "start"):
                 own[key] = _number(key, value)

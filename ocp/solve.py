@@ -22,6 +22,7 @@ from ocp.solution import Interrupted, Solution, StageRecord, Status
 from ocp.solvers.solver import Solver
 from ocp.studies.provenance import versions
 from ocp.transcription import Direct, Method
+from ocp.transcription.compiled import StageCompiler
 from ocp.warm_start import carried_guess, carry
 
 _SPREAD = 0.3
@@ -88,11 +89,6 @@ def new_session(
 ) -> Session:
     """Build what a solve, or a whole study, needs once."""
     chosen = Settings.read(settings or {})
-    compiled = None
-    if chosen.compile:
-        from ocp.transcription.compiled import compiled_stage
-
-        compiled = compiled_stage
     return Session(
         problem,
         contact or Exact(),
@@ -103,7 +99,7 @@ def new_session(
         chosen.homotopy,
         chosen.factor,
         chosen.start,
-        compiled,
+        StageCompiler() if chosen.jit else None,
     )
 
 
@@ -214,6 +210,7 @@ def record(session: Session, seed: int) -> dict[str, Any]:
         "solver": session.solver.name,
         "solver_options": session.solver.options,
         "strategy": session.strategy if session.complementary else None,
+        "jit": session.compiled.outcome if session.compiled else None,
         "params": {
             **{name: session.values[name] for name in problem.parameters.names},
             **problem.settings,

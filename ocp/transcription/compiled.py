@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import casadi as ca
 
-from dynamics.batch.compiler import CompilerError, load
-from ocp.errors import InputError
+from dynamics.batch.compiler import load
 
 
-def compiled_stage(function: ca.Function) -> ca.Function:
-    """Return the same function, evaluated by compiled C.
+class StageCompiler:
+    """Maps a function to the same one, evaluated by compiled C.
 
-    The object is kept in the user's cache directory by source, compiler and flags, so a second
-    solve compiles nothing. Raises :class:`~ocp.errors.InputError` where no compiler is found or it
-    fails.
+    Objects are kept in the user's cache directory by source, compiler and flags, so a second solve
+    compiles nothing. Where there is no compiler, or it fails, functions are given back as they
+    are, and ``outcome`` says why.
     """
-    generator = ca.CodeGenerator(function.name())
-    generator.add(function)
-    try:
-        library = load(generator.dump())
-    except CompilerError as error:
-        raise InputError(f"compile=true: {error}; leave compile out") from error
-    return ca.external(function.name(), library._name)
+
+    def __init__(self) -> None:
+        self._reason = ""
+
+    def __call__(self, function: ca.Function) -> ca.Function:
+        """Return the compiled function, or ``function`` itself once compiling has failed."""
+        if self._reason:
+            return function
+        generator = ca.CodeGenerator(function.name())
+        generator.add(function)
+        try:
+            return ca.external(function.name(), load(generator.dump())._name)
+        except RuntimeError as error:
+            self._reason = str(error).strip().splitlines()[-1]
+            return function
+
+    @property
+    def outcome(self) -> str:
+        """``compiled``, or why functions are interpreted instead."""
+        return f"{self._reason}; functions are interpreted" if self._reason else "compiled"

@@ -16,6 +16,7 @@ from ocp.transcription.direct import (
     add_rows,
     gain_penalty,
     interval_locals,
+    periodicity,
     policy_constraint,
     terminal_stage,
 )
@@ -46,6 +47,7 @@ class MultipleShooting:
         graph = Graph(problem, step, policy)
         variables, constraints = Layout(), Layout()
         S, N = graph.scenarios, problem.N
+        graph.add_start(variables)
         variables.add("x", (S, N, graph.nx), graph.component_names("x"))
         rows = S if graph.feedback else 1
         variables.add("u", (rows, N, graph.nu), graph.component_names("u"))
@@ -58,13 +60,15 @@ class MultipleShooting:
         ]
         expression, where = add_rows(constraints, parts, S, N)
         w = ca.vertcat(*symbols)
+        solve = contact_solve(graph, w, step)
         stage = Stage(
             "interval", w, graph.p, graph.stage_cost(), expression,
             np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1), where, 1 / S,
             step.inner, step.differentiable_relation, step.relation_jacobian,
-            contact_solve(graph, w, step), step.held,
+            compiled(solve) if compiled else solve, step.held,
         )  # fmt: skip
         stages = [stage, terminal_stage(graph, variables, constraints)]
+        stages += periodicity(graph, variables, constraints)
         stages += gain_penalty(graph, variables)
         data = graph.data()
         made = assemble(stages, variables.size, data.size, constraints.size, len(graph.names),

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.transcription.common import Graph, constraint_names
@@ -37,7 +38,15 @@ class SingleShooting:
         form: str = "product",
         compiled: Compile | None = None,
     ) -> NLP:
-        """Build the NLP; ``form`` is of no concern here, the step closes the contact itself."""
+        """Build the NLP; ``form`` is of no concern here, the step closes the contact itself.
+
+        Raises :class:`~ocp.errors.InputError` where the start is chosen.
+        """
+        if problem.start is not None:
+            raise InputError(
+                f"single-shooting: {problem.name} chooses its start, and a rollout needs one; use"
+                " method direct or multiple-shooting"
+            )
         graph = Graph(problem, step, policy)
         variables, constraints = Layout(), Layout()
         if graph.feedback:
@@ -113,7 +122,8 @@ class _Condensed:
         graph, step = self.graph, self.graph.step
         picked = ca.Function("pick", [w, graph.p], [graph.problem.system.x, u, step.p.vector])
         local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", graph.p.numel())
-        return ca.Function("contact_solve", [local, p], [step.solve_inner(*picked(local, p))])
+        solved = step.solve_inner(*picked(local, p))
+        return self.make(ca.Function("contact_solve", [local, p], [solved]))
 
     def _terminal_expressions(self) -> None:
         graph, problem = self.graph, self.graph.problem

@@ -86,6 +86,8 @@ def run(
     solution = asked.described(solution)
     path = store.save(solution, out, ["ocp", *sys.argv[1:]])
     show(output, solution)
+    if solution.record["jit"] not in (None, "compiled"):
+        output.say(f"jit: {solution.record['jit']}")
     output.say(solution.verdict)
     output.say(f"run: {path}")
     if pdf is not None:
@@ -140,5 +142,6 @@ def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[st
         "settings": record.get("settings"),
         "seed": record.get("seed"),
         "from": record.get("from"),
+        "jit": record.get("jit"),
         "versions": meta["versions"],
     }

@@ -269,3 +269,17 @@ def test_what_is_not_finite_is_null(ocp, monkeypatch: pytest.MonkeyPatch, capsys
 
     Output(as_json=True, quiet=False).document({"a": math.nan, "b": [math.inf, 1.0]})
     assert strict(capsys.readouterr().out) == {"a": None, "b": [None, 1.0]}
+
+
+def test_jit_without_a_compiler_is_one_line(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
+    from dynamics.batch import compiler
+
+    def none() -> None:
+        raise compiler.CompilerError("no C compiler found (looked for cc)")
+
+    monkeypatch.setattr(compiler, "find_compiler", none)
+    done = ocp("solve", "wall-1d", "-s", "jit=true", "--json", "--quiet")
+    assert done.code == 0
+    line = "no C compiler found (looked for cc); functions are interpreted"
+    assert strict(done.out)["jit"] == line
+    assert done.err.splitlines().count(f"jit: {line}") == 1

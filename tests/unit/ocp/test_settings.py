@@ -17,12 +17,12 @@ from problems import get
 
 def test_own_settings_are_read_and_the_rest_is_the_solvers() -> None:
     read = Settings.read(
-        {"homotopy": "No", "factor": "0.3", "start": "1e-2", "strategy": "l1", "compile": "false",
+        {"homotopy": "No", "factor": "0.3", "start": "1e-2", "strategy": "l1", "jit": "false",
          "ipopt.max_iter": "7", "tol": "1e-6", "linear_solver": "mumps",
          "print_user_options": "true"}
     )  # fmt: skip
     assert read.homotopy is False
-    assert (read.factor, read.start, read.strategy, read.compile) == (0.3, 0.01, "l1", False)
+    assert (read.factor, read.start, read.strategy, read.jit) == (0.3, 0.01, "l1", False)
     options = {"max_iter": 7, "tol": 1e-6, "linear_solver": "mumps", "print_user_options": True}
     assert read.options == options
     assert [type(value) for value in read.options.values()] == [int, float, str, bool]
@@ -50,7 +50,7 @@ def test_words_that_read_as_numbers_are_numbers(word: object, value: object) -> 
     ("settings", "sentence"),
     [
         ({"homotopy": "maybe"}, "homotopy must be true or false"),
-        ({"compile": "2"}, "compile must be true or false"),
+        ({"jit": "2"}, "jit must be true or false"),
         ({"factor": "1.0"}, "between 0 and 1"),
         ({"factor": "-0.5"}, "positive finite number"),
         ({"factor": "small"}, "positive finite number"),
