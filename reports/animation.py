@@ -141,8 +141,8 @@ def motions(view: RunView, times: np.ndarray) -> list[Motion]:
         return [plan]
     apart = float(np.max(np.abs(x[0] - x_replay[0])))
     if apart <= _SAME * max(1.0, float(np.max(np.abs(x[0])))):
-        same = f"planned under the {law} law; the replay under the exact law is the same"
-        return [replace(plan, title=f"{same} (states within {apart:.0e})")]
+        same = f"the replay under the exact law is the same (states within {apart:.0e})"
+        return [replace(plan, title=f"{plan.title}; {same}")]
     return [plan, _motion(view, "_replay", "replayed under the exact law", times)]
 
 
@@ -187,7 +187,7 @@ def _stage(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
     rows = count if ratio < 0.4 else 1
     columns = count // rows
     width = (_WIDTH - 0.8) / columns - 0.2
-    height = rows * float(np.clip(width * ratio, 0.9, 4.2)) + 0.3 * rows + 1.0
+    height = rows * float(np.clip(width * ratio, 0.9, 3.6)) + 0.3 * rows + 1.0
     figure = Figure(figsize=(_WIDTH, round(height, 2)))
     figure.set_layout_engine("constrained", h_pad=0.1)
     axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
