@@ -50,8 +50,8 @@ def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
         x, u, lam, _ = (np.array(v).T for v in found)
         x, u, lam = x.reshape(S, N + 1, nx), u.reshape(S, N, -1), lam.reshape(S, N, -1)
     else:
-        x0 = nlp.data.unpack(p[len(nlp.names) :])["x0"]
-        x = np.concatenate([x0[:, None], blocks["x"]], axis=1)
+        given = nlp.data.unpack(p[len(nlp.names) :])["x0"][:, None]
+        x = np.concatenate([blocks.get("x0", given), blocks["x"]], axis=1)
         u = np.broadcast_to(blocks["u"], (S, N, problem.system.nu))
         lam = blocks.get("lam")
         if lam is None:
@@ -135,7 +135,7 @@ def audit(
 def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Rollout:
     inputs = plan.u if plan.gains is None else plan.gains
     try:
-        return roll_out(problem, inputs, values)
+        return roll_out(problem, inputs, values, x0=plan.x[:, 0])
     except NotConverged:
         empty = np.full_like(plan.x, np.nan), np.full_like(plan.u, np.nan)
         shape = (*plan.u.shape[:2], problem.system.nlam)

@@ -20,7 +20,7 @@ def label(
     """Return the dataset that :class:`~ocp.solution.Solution` documents."""
     problem = nlp.problem
     physical = np.array([values[name] for name in problem.parameters.names])
-    data = xr.Dataset(coords=_coordinates(nlp, physical))
+    data = xr.Dataset(coords=_coordinates(nlp, physical, plan.x[0, 0]))
     along = ("scenario", "interval")
     data["x"] = (("scenario", "node", "state"), plan.x)
     data["u"] = ((*along, "control"), plan.u)
@@ -50,9 +50,9 @@ def _names(signals: tuple[Signal, ...]) -> list[str]:
     return [signal.name for signal in signals]
 
 
-def _coordinates(nlp: NLP, physical: np.ndarray) -> dict[str, object]:
+def _coordinates(nlp: NLP, physical: np.ndarray, start: np.ndarray) -> dict[str, object]:
     problem, system = nlp.problem, nlp.problem.system
-    time = node_times(problem, physical)
+    time = node_times(problem, physical, start)
     return {
         "state": _names(system.states),
         "control": _names(system.inputs),

@@ -61,6 +61,19 @@ class Scenarios:
 
 
 @dataclass(frozen=True, eq=False)
+class FreeStart:
+    """A start that is chosen too: ``lower <= x_0 <= upper``, and ``x_N[i] = x_0[i]`` for i in
+    ``periodic``; ``Problem.x0`` is then where the search for it begins.
+
+    ``lower`` and ``upper`` (nx, 1) are expressions in the parameters.
+    """
+
+    lower: ca.SX
+    upper: ca.SX
+    periodic: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
     """Minimise the mean over scenarios of ``sum_k l(x_k, u_k, du_k) + l_N(x_N)``, k < N.
 
@@ -88,6 +101,7 @@ class Problem:
     path: Sequence[Constraint] = ()
     terminal: Sequence[Constraint] = ()
     scenarios: Scenarios = Scenarios()
+    start: FreeStart | None = None
     guess: Guess | None = None
     reference: Reference = Reference()
     settings: dict[str, float | int | str] = field(default_factory=dict)
@@ -117,6 +131,8 @@ class Problem:
                 f"{self.name}: scenarios.std has {len(self.scenarios.std)} entries, expected one"
                 f" per state, {nx}"
             )
+        if self.start is not None and self.scenarios.n > 1:
+            raise InputError(f"{self.name}: a start that is chosen goes with one scenario only")
         self._check_symbols()
 
     def _check_symbols(self) -> None:
@@ -162,6 +178,14 @@ class Problem:
         ]
         names = ["x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper"]
         return ca.Function("limits", [self.parameters.vector], outputs, ["p"], names)
+
+    @cached_property
+    def start_limits(self) -> ca.Function:
+        """Map ``p`` to the bounds of x_0, each (nx, 1); both are ``x0`` where it is given."""
+        nx, free = self.system.nx, self.start
+        ends = (self.x0, self.x0) if free is None else (free.lower, free.upper)
+        outputs = [_column(end, nx) for end in ends]
+        return ca.Function("start_limits", [self.parameters.vector], outputs)
 
     @cached_property
     def cost_terms(self) -> ca.Function:

@@ -193,7 +193,8 @@ class Session:
         follower.trace.absorb(smooth.trace)
         blocks = source.variables.unpack(result.point.x)
         plan = Gains(blocks["K"], blocks["k"]) if "K" in blocks else blocks["u"]
-        exact = roll_out(self.problem, plan, self.values, self.step, blocks.get("x0"))
+        start = blocks["x0"][:, 0] if "x0" in blocks else None
+        exact = roll_out(self.problem, plan, self.values, self.step, start)
         own = {**blocks, "x": exact.x[:, 1:], "u": exact.u}
         x = nlp.variables.pack({
             name: own[name][:1] if name == "u" and nlp.variables[name].shape[0] == 1 else own[name]
@@ -301,7 +302,7 @@ class Session:
         """
         physical = np.array([self.values[name] for name in self.problem.parameters.names])
         X, U = guess if guess is not None else self.problem.initial_guess(physical)
-        blocks: dict[str, np.ndarray] = {"x0": X[:1], "x": X[None, 1:], "u": U[None]}
+        blocks: dict[str, np.ndarray] = {"x0": X[None, :1], "x": X[None, 1:], "u": U[None]}
         if isinstance(self.policy, Feedback):
             blocks["k"] = U[:1] if self.policy.stationary else U
         if "lam" in nlp.variables:

@@ -145,7 +145,7 @@ class Solution:
         Open loop: the same inputs; feedback: the same policy from each scenario.
         """
         plan = self.gains if self.gains is not None else self.data["u"].values
-        return roll_out(self.problem, plan, self.values, law)
+        return roll_out(self.problem, plan, self.values, law, self.data["x"].values[:, 0])
 
     @property
     def success(self) -> bool:

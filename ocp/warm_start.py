@@ -21,12 +21,14 @@ from ocp.solvers.solver import Point
 from ocp.transcription.nlp import NLP, Layout
 
 _KINDS = {
-    "state": ("x", "dynamics", "x_bound"),
+    "state": ("x", "x0", "dynamics", "x_bound"),
     "control": ("u", "policy", "u_bound"),
     "contact": ("lam", "gap", "gap_definition", "contact", "separation"),
 }
-_AXES = {name: kind for kind, names in _KINDS.items() for name in names}
-_WHOLE = {"dynamics", "terminal", "contact", "separation", "K", "k"}
+_AXES = {name: kind for kind, names in _KINDS.items() for name in names} | {"x0": "state"}
+_ONCE = {"terminal", "x0", "periodic"}
+"""Blocks that belong to no step."""
+_WHOLE = {"dynamics", "contact", "separation", "K", "k"}
 """Multipliers that a finer mesh leaves as they are; all others are shared out among the steps."""
 _IMPULSE = "N s"
 """Unit of what scales with the step: half the step, half the impulse."""
@@ -34,10 +36,16 @@ _LEAST = 1e-12
 """Smallest mu, in characteristic units, whose path a pair is put on."""
 
 
-def node_times(problem: Problem, physical: np.ndarray) -> np.ndarray:
-    """Times [s] of the nodes at parameter values ``physical``, shape (N+1,)."""
-    h = ca.Function("h", [problem.parameters.vector], [ca.SX(problem.system.h)])
-    return float(h(physical)) * np.arange(problem.N + 1)
+def node_times(
+    problem: Problem, physical: np.ndarray, start: np.ndarray | None = None
+) -> np.ndarray:
+    """Times [s] of the nodes at parameter values ``physical``, shape (N+1,).
+
+    ``start`` (nx,) is the first state, which tells the step size where it is a state.
+    """
+    h = ca.Function("h", [problem.system.x, problem.parameters.vector], [ca.SX(problem.system.h)])
+    first = problem.initial_states(physical)[0] if start is None else start
+    return float(h(first, physical)) * np.arange(problem.N + 1)
 
 
 def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
@@ -137,8 +145,7 @@ def carried_guess(
     """States (N+1, nx) and inputs (N, nu) of a solution, on the problem's mesh, as a guess."""
     carrier = _Carrier(solution, problem, values)
     x, u = carrier.trajectories()
-    x0 = problem.initial_states(carrier.physical)[:, None]
-    return np.concatenate([x0, x], axis=1).mean(axis=0), u.mean(axis=0)
+    return np.concatenate([carrier.first_states(len(x)), x], axis=1).mean(axis=0), u.mean(axis=0)
 
 
 def _check(solution: Solution, nlp: NLP) -> None:
@@ -190,8 +197,28 @@ class _Carrier:
         self.solution, self.data = solution, solution.data
         self.values, self.problem = values, problem
         self.physical = np.array([values[name] for name in problem.parameters.names])
-        times = node_times(problem, self.physical)
-        self.mesh = _Mesh(np.asarray(self.data["time"].values)[1:], times[1:])
+        old = np.asarray(self.data["time"].values)
+        self.mesh = _Mesh(old[1:], self._times(old)[1:])
+
+    def _times(self, old: np.ndarray) -> np.ndarray:
+        """Times [s] of the new nodes; a step size that is a state keeps the old duration."""
+        if not self.free_steps:
+            return node_times(self.problem, self.physical)
+        return np.linspace(0.0, old[-1], self.problem.N + 1)
+
+    @property
+    def free_steps(self) -> list[int]:
+        """States that the step size is made of."""
+        system = self.problem.system
+        return ca.jacobian(ca.SX(system.h), system.x).sparsity().get_col()
+
+    def first_states(self, rows: int) -> np.ndarray:
+        """States x_0 (rows, 1, nx): the problem's, or the old ones where the start is chosen."""
+        given = self.problem.initial_states(self.physical)[:, None]
+        if self.problem.start is not None:
+            given = self.data["x"].values[:, :1].mean(axis=0, keepdims=True)
+            given[..., self.free_steps] *= self.mesh.ratio
+        return np.broadcast_to(given, (rows, *given.shape[1:]))
 
     def _scenarios(self, array: np.ndarray) -> np.ndarray:
         """As many rows as there are scenarios; where that changed, each the mean of the old."""
@@ -204,14 +231,15 @@ class _Carrier:
         """States at the ends of intervals (S, N, nx) and inputs (S, N, nu)."""
         mesh, problem, old = self.mesh, self.problem, self.data["x"].values
         before = np.array(problem.limits(self.physical)[1]).ravel() if problem.uses_du else None
-        x = mesh.along(old[:, 1:], 1, old[:, 0].mean(axis=0))
+        x = mesh.along(old[:, 1:], 1, old[:, 0].mean(axis=0)).copy()
+        x[..., self.free_steps] *= mesh.ratio
         u = mesh.along(self.data["u"].values, 1, before) * self._sizes(problem.system.inputs)
         return self._scenarios(x), self._scenarios(u)
 
     def variables(self, nlp: NLP) -> dict[str, np.ndarray]:
         """Values of the blocks of variables."""
         x, u = self.trajectories()
-        blocks = {"x": x, "u": u, **self._gains(u, nlp)}
+        blocks = {"x0": self.first_states(1), "x": x, "u": u, **self._gains(u, nlp)}
         if "u" in nlp.variables and nlp.variables["u"].shape[0] == 1:
             blocks["u"] = u.mean(axis=0, keepdims=True)
         if "lam" in nlp.variables:
@@ -234,8 +262,7 @@ class _Carrier:
     def _contacts(self, x: np.ndarray, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
         """Multipliers and gaps of all intervals (S, N, n)."""
         p = np.array([self.values[name] for name in step.p.names])
-        x0 = np.broadcast_to(self.problem.initial_states(self.physical)[:, None], x[:, :1].shape)
-        ahead, (S, N, _) = np.concatenate([x0, x[:, :-1]], axis=1), x.shape
+        ahead, (S, N, _) = np.concatenate([self.first_states(len(x)), x[:, :-1]], axis=1), x.shape
 
         def columns(array: np.ndarray) -> np.ndarray:
             return array.reshape(S * N, -1).T
@@ -292,13 +319,15 @@ class _Carrier:
 
     def _moved(self, name: str, old: np.ndarray, rows: int) -> np.ndarray:
         gains = name in ("K", "k")
-        moved = old if name == "terminal" else self.mesh.along(old, 0 if gains else 1)
+        moved = old if name in _ONCE else self.mesh.along(old, 0 if gains else 1)
         if not gains and len(old) != rows:
             # The cost is a mean over scenarios, so each multiplier is its scenario's share.
             share = moved.sum(axis=0, keepdims=True) / rows
             moved = np.broadcast_to(share, (rows, *moved.shape[1:]))
+        if name in _ONCE:
+            return moved
         if name not in _WHOLE and not self.mesh.same:
             moved = moved * self.mesh.ratio
-        if name not in ("dynamics", "terminal") and not gains:
+        if name != "dynamics" and not gains:
             moved = np.where(self.mesh.beyond[None, :, None], 0.0, moved)
         return moved

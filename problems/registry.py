@@ -22,6 +22,14 @@ _MODULES = {
     "push-disc": "problems.push_disc",
     "ball-bounce": "problems.ball_bounce",
     "cart-walls": "problems.cart_walls",
+    "box-slide": "problems.box_slide",
+    "ball-throw": "problems.ball_throw",
+    "cart-transport": "problems.cart_transport",
+    "hopper-1d": "problems.hopper_1d",
+    "planar-push": "problems.planar_push",
+    "planar-hand": "problems.planar_hand",
+    "hopper": "problems.hopper",
+    "half-cheetah": "problems.half_cheetah",
 }
 _REQUIRED = ("name", "title", "Params", "build")
 _OPTIONAL = ("equations", "typst", "draw", "frames", "axes", "golden", "citation")

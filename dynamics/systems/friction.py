@@ -94,19 +94,23 @@ def frictional_time_stepping(
 
     All products are in N s m, so one mu suits all. With ``linearised`` the gaps are expanded at the
     current q, the usual model, whose true distance may be violated by rotating bodies. ``lam``
-    holds gamma, nu, beta+, beta-, psi in this order. The state is ``(q, v)``, each (nq, 1).
+    holds gamma, nu, beta+, beta-, psi in this order. The state is ``(q, v)``, each (nq, 1); where
+    the step size is to be chosen, one state more: h itself, a symbol, which never changes.
 
     Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I.
     Raises ``ValueError`` where a dimension does not fit.
     """
-    if len(states) % 2:
-        raise ValueError(
-            f"system {name!r}: {len(states)} states; expected positions and as many velocities"
-        )
-    nq = len(states) // 2
+    nq, free_step = divmod(len(states), 2)
     x, x_next = ca.SX.sym("x", 2 * nq), ca.SX.sym("x_next", 2 * nq)
+    if free_step:
+        if not (isinstance(h, ca.SX) and h.is_valid_input()):
+            raise ValueError(
+                f"system {name!r}: {len(states)} states are positions, as many velocities and the"
+                f" step size; h must then be a symbol, got {h}"
+            )
+        x, x_next = ca.vertcat(x, h), ca.vertcat(x_next, ca.SX.sym("h_next"))
     u = ca.SX.sym("u", len(inputs))
-    q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
+    q, v, q_next, v_next = _halves(x, x_next)
     M, smooth = mechanism.mass(q), mechanism.impulse(q, v, u)
     check_shape(name, "mass(q)", M, (nq, nq))
     check_shape(name, "impulse(q, v, u)", smooth, (nq, 1))
@@ -118,6 +122,7 @@ def frictional_time_stepping(
     residual = ca.vertcat(
         q_next - q - h * v_next,
         M @ (v_next - v) - smooth + h * (D @ v_next + K @ (q + h * v_next)) - push,
+        x_next[2 * nq :] - x[2 * nq :],
     )
     return ContactSystem(
         name=name,
@@ -146,8 +151,8 @@ def frictional_time_stepping(
 def _contact_rows(
     name: str, touching: Touching, x: ca.SX, x_next: ca.SX, h: ca.SX | float, linearised: bool
 ) -> tuple[_Rows, ContactForces | None, ca.SX]:
-    nq = x.numel() // 2
-    q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
+    q, v, q_next, v_next = _halves(x, x_next)
+    nq = q.numel()
     nc, nl = len(touching.names), len(touching.limit_names)
     phi = touching.distance(q)
     check_shape(name, "distance(q)", phi, (nc, 1))
@@ -182,6 +187,12 @@ def _contact_rows(
     return rows, forces, lam
 
 
+def _halves(x: ca.SX, x_next: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """``q, v, q_next, v_next``."""
+    nq = x.numel() // 2
+    return x[:nq], x[nq : 2 * nq], x_next[:nq], x_next[nq : 2 * nq]
+
+
 def _distances(touching: Touching, q: ca.SX) -> ca.SX:
     parts = [touching.distance(q), *([] if touching.limits is None else [touching.limits(q)])]
     return ca.vertcat(*parts)
@@ -190,8 +201,7 @@ def _distances(touching: Touching, q: ca.SX) -> ca.SX:
 def _book(
     m: Mechanism, x: ca.SX, u: ca.SX, x_next: ca.SX, gamma: ca.SX, forces: ContactForces | None
 ) -> EnergyBook | None:
-    nq = x.numel() // 2
-    q, v, v_next = x[:nq], x[nq:], x_next[nq:]
+    q, v, _, v_next = _halves(x, x_next)
     if m.energy is None or m.work is None or m.momentum is None or m.external is None:
         return None
     along = ca.SX.zeros(gamma.numel()) if forces is None else forces.tangential

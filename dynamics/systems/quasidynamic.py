@@ -25,14 +25,16 @@ def quasi_dynamic(
     sliding: Callable[[ca.SX], ca.SX] | None = None,
     friction: ca.SX | float = 0.0,
     linearised: bool = True,
+    load: ca.SX | None = None,
     citation: str = "",
 ) -> ContactSystem:
     """Quasi-dynamic model of noising, eq. 13, with the transposes it lacks put in.
 
-    ``(1/h) M dq_u = J_u' lam``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q) + J dq``, with
-    ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the commanded
-    ``q_a`` [m], ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an impulse
-    [N s]. Non-penetration is linearised at the current q; ``distance`` maps q to phi [m].
+    ``(1/h) M dq_u = J_u' lam + h load``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q) + J dq``,
+    with ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the
+    commanded ``q_a`` [m], ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an
+    impulse [N s], ``load`` (n_u, 1) [N] a constant force such as weight, none by default.
+    Non-penetration is linearised at the current q; ``distance`` maps q to phi [m].
 
     With ``sliding``, which maps q to the rows J_t (nc, nq), each contact has the two rows
     ``gap = phi(q) + (J ± friction J_t) dq``, edges of its friction cone, and the impulse
@@ -68,8 +70,10 @@ def quasi_dynamic(
         names = tuple(contact.name for contact in contacts)
         forces = ContactForces(names, plus + minus, f * (plus - minus), J_t @ dq / h, f)
     impulse = ca.vertcat(ca.SX(0, nq), *directions).T @ lam
+    weight = ca.SX(n_free, 1) if load is None else load
+    check_shape(name, "load", weight, (n_free, 1))
     residual = ca.vertcat(
-        mass @ dq[:n_free] / h - impulse[:n_free],
+        mass @ dq[:n_free] / h - impulse[:n_free] - h * weight,
         h * stiffness @ (x_next[n_free:] - u) - impulse[n_free:],
     )
     return ContactSystem(

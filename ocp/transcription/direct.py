@@ -51,6 +51,7 @@ class Direct:
         variables, constraints = _variables(graph), Layout()
         stages = [_interval(graph, variables, constraints, form)]
         stages.append(terminal_stage(graph, variables, constraints))
+        stages += periodicity(graph, variables, constraints)
         stages += gain_penalty(graph, variables)
         data = graph.data()
         parts = assemble(stages, variables.size, data.size, constraints.size, len(graph.names),
@@ -65,6 +66,7 @@ class Direct:
 def _variables(graph: Graph) -> Layout:
     layout = Layout()
     S, N, n = graph.scenarios, graph.problem.N, graph.step.n
+    graph.add_start(layout)
     layout.add("x", (S, N, graph.nx), graph.component_names("x"))
     rows = S if graph.feedback else 1
     layout.add("u", (rows, N, graph.nu), graph.component_names("u"))
@@ -75,8 +77,13 @@ def _variables(graph: Graph) -> Layout:
 
 
 def state_index(graph: Graph, variables: Layout) -> np.ndarray:
-    """Positions of x_0 (data) and x_1..x_N (variables) in [x; data], shape (S, N+1, nx)."""
+    """Positions of x_0 and x_1..x_N in [x; data], shape (S, N+1, nx).
+
+    x_0 is data, or a variable where it is chosen.
+    """
     start = variables.size + np.arange(graph.scenarios * graph.nx)
+    if graph.problem.start is not None:
+        start = variables["x0"].index
     first = start.reshape(graph.scenarios, 1, graph.nx)
     return np.concatenate([first, variables["x"].index], axis=1)
 
@@ -172,6 +179,20 @@ def terminal_stage(graph: Graph, variables: Layout, constraints: Layout) -> Stag
     return Stage(
         "terminal", problem.system.x, graph.p, problem.terminal_cost, expression, index, rows, 1 / S
     )
+
+
+def periodicity(graph: Graph, variables: Layout, constraints: Layout) -> list[Stage]:
+    """``x_N[i] - x_0[i]`` of the states that end as they began; nothing where none do."""
+    start = graph.problem.start
+    if start is None or not start.periodic:
+        return []
+    states, which = state_index(graph, variables), list(start.periodic)
+    first, last = ca.SX.sym("first", len(which)), ca.SX.sym("last", len(which))
+    names = tuple(graph.component_names("x")[i] for i in which)
+    expression, rows = add_rows(constraints, [("periodic", last - first, names)], 1, 1)
+    index = np.concatenate([states[:, 0, which], states[:, -1, which]], axis=1)
+    w = ca.vertcat(first, last)
+    return [Stage("periodicity", w, graph.p, ca.SX(0), expression, index, rows)]
 
 
 def gain_penalty(graph: Graph, variables: Layout) -> list[Stage]:

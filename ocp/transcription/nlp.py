@@ -11,6 +11,9 @@ from dynamics.contact import Step
 from ocp.policy import Policy
 from ocp.problem import Problem
 
+_SLIP = 1e3
+"""Largest slip in a step, in characteristic distances."""
+
 
 @dataclass(frozen=True)
 class Block:
@@ -146,10 +149,11 @@ class NLP:
         known = {
             "x": (x_lower, x_upper),
             "u": (u_lower, u_upper),
-            "lam": (0.0, np.inf),
+            "lam": (0.0, self._largest_multipliers()),
             "gap": (0.0, np.inf),
         }
         gain_bound = getattr(self.policy, "bound", np.inf)
+        known["x0"] = tuple(np.array(v).ravel() for v in problem.start_limits(physical))
         known["K"] = (-gain_bound, gain_bound)
         lower, upper = {}, {}
         for name in self.variables.blocks:
@@ -161,6 +165,12 @@ class NLP:
             "lbg": g_lower,
             "ubg": g_upper,
         }
+
+    def _largest_multipliers(self) -> np.ndarray:
+        """No bound, but for the slip of a contact: without a normal force nothing else holds it."""
+        kinds = [pair.kind for pair in self.problem.system.pairs] * self.step.branches
+        far = _SLIP * self.problem.reference.gap
+        return np.array([far if kind == "slip" else np.inf for kind in kinds])
 
     def _constraint_bounds(
         self, physical: np.ndarray, known: dict[str, tuple]

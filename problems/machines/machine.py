@@ -73,15 +73,18 @@ class Machine:
         spheres: Collection[str] | None = None,
         scale: float = 1.0,
         linearised: bool = False,
+        free_step: bool = False,
         citation: str = "",
     ) -> ContactSystem:
         """One step of the machine over the ground z = 0, with friction and joint limits.
 
         ``spheres`` are the parts that may touch, by default all; ``friction`` None is frictionless;
-        one unit of input is ``scale`` times the gear [N m]. Names of contacts are those of the
+        one unit of input is ``scale`` times the gear [N m]. With ``free_step`` h is a symbol and
+        one state more. Names of contacts are those of the
         spheres, of limits ``<joint> low`` and ``<joint> high``.
         """
         chain, touching = self.chain(), self._touching(friction, spheres)
+        more = (Signal("h", "s", "step size"),) if free_step else ()
         v = ca.SX.sym("v", chain.nq)
         damping = -ca.jacobian(chain.damping(v), v)
         motors, mass, g = scale * chain.B, chain.total_mass, chain.gravity
@@ -103,7 +106,7 @@ class Machine:
         )
         return frictional_time_stepping(
             name,
-            states=(*chain.coordinates, *chain.velocities),
+            states=(*chain.coordinates, *chain.velocities, *more),
             inputs=tuple(Signal(f"u_{joint}", "1", "motor") for joint in chain.actuated),
             mechanism=mechanism,
             touching=touching,

@@ -1,0 +1,116 @@
+"""The half-cheetah: run in a periodic gait at a given mean speed."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ocp.problem import Constraint, FreeStart, Problem, Reference
+from problems.drawing import ContactFrame, Shape
+from problems.machines.half_cheetah import half_cheetah as machine_of
+from problems.machines.picture import machine_frames, machine_shapes
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation
+
+name = "half-cheetah"
+title = "Half-cheetah: a periodic gait at a given speed"
+citation = Citation("zhang2024abs", "Adaptive barrier smoothing, sec. 7; tables of Dojo's cheetah")
+axes = ("x [m]", "z [m]")
+equations = (
+    "M(q) (v+ - v) = h (B u - bias(q, v) - D v+ - K q+) + J_n' gamma + J_t' (beta+ - beta-)"
+    " + J_l' nu",
+    "q+ = q + h v+,  q = (x, z, pitch, three joints of the hind leg, three of the fore leg)",
+    "0 <= gamma ⟂ phi(q+) >= 0,  0 <= beta± ⟂ psi ± h J_t v+ >= 0,"
+    "  0 <= psi ⟂ friction gamma - beta+ - beta- >= 0,  0 <= nu ⟂ way to a joint's limit >= 0",
+    "minimise  (1/N) sum_k (w_u |u_k|² + w_v |v_k|²)  over a stride that ends as it began,"
+    " speed N h further on; the step size h is chosen too",
+)
+typst = (
+    "M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma"
+    " + J_t^top (beta^+ - beta^-) + J_l^top nu, quad q^+ = q + h v^+",
+    "0 <= gamma perp phi(q^+) >= 0, quad 0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0,"
+    " quad 0 <= psi perp f gamma - beta^+ - beta^- >= 0",
+    "min 1/N sum_(k=0)^(N-1) w_u norm(u_k)^2 + w_v norm(v_k)^2, quad"
+    ' x_N = x_0 + ("speed" N h, 0, dots)',
+)
+_SPHERES = ("bshin", "bfoot", "fshin", "ffoot")
+_JOINTS = 6
+
+_PICTURED = machine_of()
+
+
+class Params(Parameters):
+    """Parameters of ``half-cheetah``."""
+
+    speed: float = quantity(1.0, "m/s", "mean speed of the gait")
+    N: int = structure(24, "number of steps of a stride", least=2)
+    h_min: float = quantity(0.005, "s", "least step size", above=0)
+    h_max: float = quantity(0.025, "s", "largest step size", above=0)
+    friction: float = quantity(0.4, "1", "Coulomb's coefficient with the ground", least=0)
+    damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
+    base_damping: float = quantity(0.0, "N s/m", "drag on the torso, none in nature", least=0)
+    u_max: float = quantity(1.0, "1", "largest input; a unit is the gear, 30 to 120 N m", above=0)
+    limits: int = structure(1, "1 for joint limits, 0 for none", most=1)
+    w_u: float = quantity(1.0, "1", "weight of the inputs", least=0)
+    w_v: float = quantity(1e-3, "s^2/m^2", "weight of the velocities", least=0)
+
+
+def build(params: Params) -> Problem:
+    """Build the half-cheetah on the ground z = 0; state (q, v, h), impulses lam [N s]."""
+    p, step = table(params), ca.SX.sym("h")
+    machine = machine_of(
+        base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits)
+    )
+    system = machine.system(
+        name, p, h=step, friction=p["friction"], spheres=_SPHERES, free_step=True,
+        citation=citation.key,
+    )  # fmt: skip
+    x, nx = system.x, system.nx
+    nq = nx // 2
+    pose = np.array(machine.pose)
+    middle = ca.sqrt(p["h_min"] * p["h_max"])
+    low, high = -np.full(nq, np.inf), np.full(nq, np.inf)
+    low[:3], high[:3] = [0.0, 0.3, -0.5], [0.0, 0.8, 0.5]
+    at_rest = ca.vertcat(ca.DM(pose), p["speed"], ca.DM.zeros(nq - 1), middle)
+    running = p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(x[nq : 2 * nq])
+    way = x[0] - p["speed"] * params.N * x[nx - 1]
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=running / params.N,
+        terminal_cost=ca.SX(0),
+        x0=at_rest,
+        parameters=p,
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        terminal=[Constraint("stride", way, 0, 0)],
+        start=FreeStart(
+            lower=ca.vertcat(ca.DM(low), ca.DM(-np.full(nq, np.inf)), p["h_min"]),
+            upper=ca.vertcat(ca.DM(high), ca.DM(np.full(nq, np.inf)), p["h_max"]),
+            periodic=tuple(range(1, 2 * nq)),
+        ),
+        guess=_glide,
+        reference=Reference(impulse=2.0, gap=0.1, x=0.1, u=0.1),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slide along in the standing pose."""
+    N, nx = problem.N, problem.system.nx
+    start = problem.initial_states(p)[0]
+    X = np.tile(start, (N + 1, 1))
+    X[:, 0] = start[nx // 2] * start[-1] * np.arange(N + 1)
+    return X, np.zeros((N, problem.system.nu))
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Links and the ground."""
+    return machine_shapes(_PICTURED, state)
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """Return where each sphere touches the ground, and the joint limits nowhere."""
+    return machine_frames(_PICTURED, state, _SPHERES, params.friction)

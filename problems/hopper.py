@@ -1,0 +1,124 @@
+"""A one-legged planar hopper: hop forward and land at rest."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from pydantic import model_validator
+
+from ocp.problem import Problem, Reference
+from problems.drawing import ContactFrame, Point, Shape
+from problems.machines.hopper import hopper as machine_of
+from problems.machines.picture import machine_frames, machine_shapes
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation
+
+name = "hopper"
+title = "Hopper: hop forward and land at rest"
+citation = Citation("zhang2024abs", "Adaptive barrier smoothing, sec. 7; tables of Dojo's hopper")
+axes = ("x [m]", "z [m]")
+equations = (
+    "M(q) (v+ - v) = h (B u - bias(q, v) - D v+ - K q+) + J_n' gamma + J_t' (beta+ - beta-)",
+    "q+ = q + h v+,  q = (x, z, pitch, thigh, leg, foot)",
+    "0 <= gamma ⟂ phi(q+) >= 0,  0 <= beta± ⟂ psi ± h J_t v+ >= 0,"
+    "  0 <= psi ⟂ friction gamma - beta+ - beta- >= 0",
+    "minimise  sum_k h (w_u |u_k|² + w_v |v_k|²)  +  w_end |q_N - q_end|² + w_rest |v_N|²",
+)
+typst = (
+    "M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma"
+    " + J_t^top (beta^+ - beta^-), quad q^+ = q + h v^+",
+    "0 <= gamma perp phi(q^+) >= 0, quad 0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0,"
+    " quad 0 <= psi perp f gamma - beta^+ - beta^- >= 0",
+    "min sum_(k=0)^(N-1) h (w_u norm(u_k)^2 + w_v norm(v_k)^2)"
+    ' + w_"end" norm(q_N - q_"end")^2 + w_"rest" norm(v_N)^2',
+)
+
+_PICTURED = machine_of()
+
+
+class Params(Parameters):
+    """Parameters of ``hopper``."""
+
+    h: float = quantity(0.025, "s", "step size", above=0)
+    N: int = structure(60, "number of steps", least=1)
+    goal: float = quantity(1.0, "m", "way to hop")
+    friction: float = quantity(1.0, "1", "Coulomb's coefficient with the ground", least=0)
+    spring: float = quantity(10.0, "N m/rad", "stiffness of each joint", least=0)
+    damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
+    base_damping: float = quantity(
+        0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0
+    )
+    u_max: float = quantity(1.0, "1", "largest input; one unit is 200 N m", above=0)
+    limits: int = structure(0, "1 for joint limits, as in the source's later version", most=1)
+    z0: float = quantity(1.21, "m", "height of the torso at the start; 1.21 stands on the ground")
+    w_u: float = quantity(1.0, "1/s", "weight of the inputs", least=0)
+    w_end: float = quantity(100.0, "1/m^2", "terminal weight of place and posture", least=0)
+    w_rest: float = quantity(1.0, "s^2/m^2", "terminal weight of the velocities", least=0)
+    w_v: float = quantity(1e-3, "s/m^2", "weight of the velocities", least=0)
+
+    @model_validator(mode="after")
+    def _above_ground(self) -> Params:
+        if self.z0 < _STANDING - 1e-9:
+            raise ValueError(
+                f"the foot starts {_STANDING - self.z0:g} m inside the ground; z0 must be at least"
+                f" {_STANDING} m"
+            )
+        return self
+
+
+_STANDING = 1.21
+_SPHERES = ("torso", "leg", "toe", "heel")
+
+
+def build(params: Params) -> Problem:
+    """Build the hopper on the ground z = 0; the state is (q, v), an impulse lam [N s]."""
+    p = table(params)
+    machine = machine_of(
+        base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"],
+        limits=bool(params.limits),
+    )  # fmt: skip
+    system = machine.system(
+        name, p, h=p["h"], friction=p["friction"], spheres=_SPHERES, citation=citation.key
+    )
+    x, nq = system.x, system.nx // 2
+    start = ca.vertcat(0, p["z0"], ca.SX.zeros(2 * nq - 2))
+    end = ca.vertcat(p["goal"], _STANDING, ca.SX.zeros(2 * nq - 2))
+    off = x - end
+    running = p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(x[nq:])
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["h"] * running,
+        terminal_cost=p["w_end"] * ca.sumsqr(off[:nq]) + p["w_rest"] * ca.sumsqr(off[nq:]),
+        x0=start,
+        parameters=p,
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        guess=_glide,
+        reference=Reference(impulse=5.0, gap=0.1, x=0.1, u=0.1),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slide upright from start to goal on a low arc."""
+    position = dict(zip(problem.parameters.names, p, strict=True))
+    N, nx, nu = problem.N, problem.system.nx, problem.system.nu
+    s = np.linspace(0, 1, N + 1)
+    X = np.zeros((N + 1, nx))
+    X[:, 0] = position["goal"] * s
+    X[:, 1] = _STANDING + 4 * 0.1 * s * (1 - s)
+    X[:, nx // 2] = position["goal"] / (N * position["h"])
+    return X, np.zeros((N, nu))
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Links, spheres, the ground, and the goal."""
+    return [*machine_shapes(_PICTURED, state), Point(params.goal, 0.0, "goal")]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """Contacts of the spheres with the ground."""
+    return machine_frames(_PICTURED, state, _SPHERES, params.friction)

@@ -1,0 +1,62 @@
+"""What a machine looks like: links as capsules, spheres as discs, the ground."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from problems.drawing import Capsule, ContactFrame, Disc, HalfPlane, Shape
+from problems.machines.machine import Machine
+
+_THICKNESS = 0.03
+
+
+def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
+    """Draw the machine at ``state`` (q, v, ...): every link from its joint to its far end."""
+    segments, discs = _places(machine)
+    q = np.asarray(state)[: segments.numel_in(0)]
+    ends, centres = np.array(segments(q)).T, np.array(discs(q)).T
+    links = [Capsule(*row[:4], _THICKNESS) for row in ends.tolist()]
+    spheres = [
+        Disc(float(x), float(z), sphere.radius)
+        for (x, z), sphere in zip(centres, machine.spheres, strict=True)
+    ]
+    return [HalfPlane(0, 0, 0, 1), *links, *spheres]
+
+
+def machine_frames(
+    machine: Machine, state: np.ndarray, spheres: tuple[str, ...], friction: float
+) -> list[ContactFrame]:
+    """Frames of the contacts of ``spheres`` with the ground."""
+    _, discs = _places(machine)
+    centres = np.array(discs(np.asarray(state)[: discs.numel_in(0)])).T
+    return [
+        ContactFrame(float(x), float(z) - sphere.radius, 0.0, 1.0, friction)
+        for (x, z), sphere in zip(centres, machine.spheres, strict=True)
+        if sphere.name in spheres
+    ]
+
+
+@cache
+def _places(machine: Machine) -> tuple[ca.Function, ca.Function]:
+    """Map q to the ends of every link, (4, links), and to the spheres' centres, (2, spheres)."""
+    chain = machine.chain()
+    q = ca.SX.sym("q", chain.nq)
+    rows = []
+    for link in machine.links:
+        joints = [other.anchor for other in machine.links if other.parent == link.name]
+        points = [s.centre for s in machine.spheres if s.link == link.name] + joints
+        if link.parent is None:
+            points.sort()
+            near, far = points[0], points[-1]
+        else:
+            near = (0.0, 0.0)
+            far = max(points, key=lambda point: float(np.hypot(*point)))
+        rows.append(ca.vertcat(*(chain.position(q, link.name, end) for end in (near, far))))
+    centres = [chain.position(q, s.link, s.centre) for s in machine.spheres]
+    return (
+        ca.Function("links", [q], [ca.horzcat(*rows)]),
+        ca.Function("spheres", [q], [ca.horzcat(*centres)]),
+    )
