@@ -48,6 +48,16 @@ def structure(
     )
 
 
+def choice(words: tuple[str, ...], meaning: str) -> Any:
+    """Declare a word out of ``words``, the first by default; it shapes the problem."""
+    return Field(
+        words[0],
+        pattern=f"^({'|'.join(words)})$",
+        description=meaning,
+        json_schema_extra={"structural": True, "words": list(words)},
+    )
+
+
 def unit_of(field: FieldInfo) -> str:
     """Return the field's unit, ``"1"`` where none was declared."""
     extra = field.json_schema_extra
@@ -63,6 +73,10 @@ def is_structural(field: FieldInfo) -> bool:
 
 def range_of(field: FieldInfo) -> str:
     """Say in words which values the field takes, with its unit: ``"a number > 0 [kg]"``."""
+    extra = field.json_schema_extra
+    words = extra.get("words") if isinstance(extra, dict) else None
+    if isinstance(words, list):
+        return " or ".join(repr(word) for word in words)
     kind = {int: "a whole number", float: "a number"}.get(
         field.annotation or float, f"a {getattr(field.annotation, '__name__', field.annotation)}"
     )

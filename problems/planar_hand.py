@@ -1,0 +1,297 @@
+"""A ball turned in the plane by two arms of two links each, with friction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from pydantic import model_validator
+
+from dynamics.systems import ParameterTable, Signal, quasi_dynamic, signals
+from dynamics.systems.geometry import ContactGeometry, Pose, disc_capsule, disc_disc
+from ocp.problem import Constraint, Problem, Reference, Scenarios
+from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
+from problems.parameters import (
+    Parameters,
+    choice,
+    quantity,
+    structural_settings,
+    structure,
+    table,
+)
+from problems.spec import Citation, Golden
+
+name = "planar-hand"
+title = "Two arms turn a ball in the plane, with friction"
+citation = Citation("suh2023noising", "Noising data, sec. IV-D, planar hand, and its code")
+axes = ("x [m]", "y [m]")
+equations = (
+    "state: ball o = (ox, oy) and angle theta, joints a = (l1, l2, r1, r2) of the left and right"
+    " arm, anticlockwise; input u, where the joints are told to be",
+    "bases at (-base, 0) and (base, 0); a link points along angle l1 + pi, l1 + l2 + pi on the"
+    " left, r1, r1 + r2 on the right, so that at zero the arms point away from each other",
+    "(1/h) M dq = sum_i (J_n + friction J_t)_i' lam_i+ + (J_n - friction J_t)_i' lam_i-  +"
+    " h (0, -m g, 0)  on the ball, M = diag(m, m, I), and  h K (a+ - u) = that sum on the joints",
+    "0 <= lam_i± ⟂ phi_i + ((J_n ± friction J_t) dq)_i >= 0,  phi_i from the ball's rim to the"
+    " surface of link i (or of disc i of a link)",
+    "minimise  sum_k w |o_k - goal|² + w_a |a_k - a_0|² + w_du |du_k|²"
+    "  +  w_end (w |o_N - goal|² + w_a |a_N - a_0|²),  o with its angle",
+    "with du_k = u_k - u_(k-1), u_(-1) = a_0, |u_k - a_k| <= reach componentwise, and the joints"
+    " within their limits",
+)
+typst = (
+    "1 / h M delta q_u = sum_i (J_n + nu J_t)_(u,i)^top lambda_(i+)"
+    " + (J_n - nu J_t)_(u,i)^top lambda_(i-) + h (0, -m g, 0), quad M = diag(m, m, I)",
+    "h K (a^+ - u) = sum_i (J_n + nu J_t)_(a,i)^top lambda_(i+)"
+    " + (J_n - nu J_t)_(a,i)^top lambda_(i-)",
+    "0 <= lambda_(i plus.minus) perp phi_i + (J_n plus.minus nu J_t)_i delta q >= 0, quad"
+    ' nu "the coefficient of friction"',
+    'min sum_(k=0)^(N-1) w norm(o_k - o_"goal")^2 + w_a norm(a_k - a_0)^2'
+    ' + w_(delta u) norm(delta u_k)^2 + w_"end" (w norm(o_N - o_"goal")^2'
+    " + w_a norm(a_N - a_0)^2)",
+    'delta u_k = u_k - u_(k-1), quad norm(u_k - a_k)_infinity <= "reach", quad'
+    ' a_"lower" <= a_k <= a_"upper"',
+)
+golden: dict[str, Golden] = {}
+
+_DISCS = ((0.0, 1 / 3, 2 / 3, 1.0), (0.5, 1.0))
+"""Where the published discs sit along link 1 and link 2, as shares of the link's length."""
+_RIGHT = ((0.0, math.pi / 2), (0.0, 2.4))
+"""Limits [rad] of the right arm's joints; the left arm's are mirrored."""
+
+
+class Params(Parameters):
+    """Parameters of ``planar-hand``; with ``scenarios`` > 1 the ball's start is uncertain."""
+
+    m: float = quantity(1.0, "kg", "mass of the ball", above=0)
+    inertia: float = quantity(0.025, "kg m^2", "inertia of the ball", above=0)
+    R: float = quantity(0.25, "m", "radius of the ball", above=0)
+    base: float = quantity(0.1, "m", "distance of either arm's base from the middle", above=0)
+    length1: float = quantity(0.3, "m", "length of the first links", above=0)
+    length2: float = quantity(0.2, "m", "length of the second links", above=0)
+    r: float = quantity(0.05, "m", "radius of the links", above=0)
+    K1: float = quantity(50.0, "N m/rad", "stiffness of the first joints", above=0)
+    K2: float = quantity(25.0, "N m/rad", "stiffness of the second joints", above=0)
+    friction: float = quantity(0.8, "1", "Coulomb's coefficient; 0: frictionless", least=0)
+    g: float = quantity(0.0, "m/s^2", "gravity, towards negative y")
+    h: float = quantity(0.1, "s", "step size", above=0)
+    N: int = structure(20, "number of steps", least=1)
+    links: str = choice(
+        ("capsules", "discs"), "shape of a link: one smooth capsule, or the published discs"
+    )
+    gap: str = choice(
+        ("linearised", "true"), "phi at the next state: linearised, as published, or the true one"
+    )
+    ox0: float = quantity(0.0, "m", "start of the ball, x")
+    oy0: float = quantity(0.35, "m", "start of the ball, y")
+    angle0: float = quantity(0.0, "rad", "start of the ball, angle")
+    l1: float = quantity(-math.pi / 4, "rad", "start of the left arm's first joint")
+    l2: float = quantity(-math.pi / 4, "rad", "start of the left arm's second joint")
+    r1: float = quantity(math.pi / 4, "rad", "start of the right arm's first joint")
+    r2: float = quantity(math.pi / 4, "rad", "start of the right arm's second joint")
+    goal_x: float = quantity(-0.3, "m", "goal of the ball, x")
+    goal_y: float = quantity(0.35, "m", "goal of the ball, y")
+    goal_angle: float = quantity(0.5, "rad", "goal of the ball, angle")
+    w: float = quantity(10.0, "1", "weight of the ball's squared distance [m] and angle [rad]",
+                        least=0)  # fmt: skip
+    w_a: float = quantity(1e-3, "1/rad^2", "weight of the joints' distance to their start", least=0)
+    w_du: float = quantity(10.0, "1/rad^2", "stage weight of the input's increments", least=0)
+    w_end: float = quantity(100.0, "1", "how much more the end weighs than a step", least=0)
+    reach: float = quantity(0.2, "rad", "largest |u - a|, componentwise", above=0)
+    scenarios: int = structure(1, "number of initial states", least=1, most=1000)
+    scenario_std: float = structure(0.003, "spread of the ball's start over scenarios", unit="m")
+    scenario_angle_std: float = structure(0.05, "spread of its angle over scenarios", unit="rad")
+    scenario_seed: int = structure(0, "seed of the scenarios", most=2**31 - 1)
+
+    @property
+    def joints(self) -> tuple[float, float, float, float]:
+        """Where the joints start [rad]."""
+        return self.l1, self.l2, self.r1, self.r2
+
+    @model_validator(mode="after")
+    def _possible(self) -> Params:
+        for joint, value, (low, high) in zip(
+            ("l1", "l2", "r1", "r2"), self.joints, zip(*_limits(), strict=True), strict=True
+        ):
+            if not low <= value <= high:
+                raise ValueError(
+                    f"joint {joint} starts outside its limits: {value:g} rad, which must lie in"
+                    f" [{low:.4g}, {high:.4g}]"
+                )
+        state = ca.SX([self.ox0, self.oy0, self.angle0, *self.joints])
+        for touch in _touches(state, self):
+            if (off := float(touch.geometry.phi)) < 0:
+                raise ValueError(
+                    f"the ball starts {-off:.3g} m inside link {touch.name}; move ox0, oy0 or"
+                    f" open the arms"
+                )
+        for side, x in (("left", -self.base), ("right", self.base)):
+            off = math.hypot(self.goal_x - x, self.goal_y) - self.R - self.r
+            if off < 0:
+                raise ValueError(
+                    f"the ball's goal lies {-off:.3g} m inside the base of the {side} arm; move"
+                    f" goal_x, goal_y at least R + r = {self.R + self.r:g} m from ({x:g}, 0)"
+                )
+        return self
+
+
+def _limits() -> tuple[list[float], list[float]]:
+    """Lower and upper limits [rad] of (l1, l2, r1, r2)."""
+    low, high = [pair[0] for pair in _RIGHT], [pair[1] for pair in _RIGHT]
+    return [*(-value for value in high), *low], [*(-value for value in low), *high]
+
+
+@dataclass(frozen=True, eq=False)
+class _Link:
+    """A link of an arm: its name, its pose at the joint, where it begins and ends."""
+
+    name: str
+    pose: Pose
+    start: ca.SX
+    end: ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class _Touch:
+    """The ball near a link, or near one disc of it."""
+
+    name: str
+    link: _Link
+    geometry: ContactGeometry
+
+
+def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
+    """The four links at ``q``, both arms from the base outwards."""
+    found = []
+    for arm, side, (first, second) in (("l", -1, (q[3], q[4])), ("r", 1, (q[5], q[6]))):
+        start, angle = ca.vertcat(side * _of(p, "base"), 0), ca.SX(0)
+        for number, joint in ((1, first), (2, second)):
+            angle = angle + joint
+            along = side * ca.vertcat(ca.cos(angle), ca.sin(angle))
+            end = start + _of(p, f"length{number}") * along
+            found.append(_Link(f"{arm}{number}", Pose(start, -angle), start, end))
+            start = end
+    return found
+
+
+def _touches(q: ca.SX, p: Params | ParameterTable, discs: bool = False) -> list[_Touch]:
+    """Where the ball is near the arms, link by link."""
+    ball, R, r, found = q[:2], _of(p, "R"), _of(p, "r"), []
+    for link in _links(q, p):
+        if not discs:
+            near = disc_capsule(ball, R, link.start, link.end, r)
+            found.append(_Touch(link.name, link, near))
+            continue
+        for number, share in enumerate(_DISCS[int(link.name[1]) - 1]):
+            centre = link.start + share * (link.end - link.start)
+            near = disc_disc(ball, R, centre, r)
+            found.append(_Touch(f"{link.name} disc {number}", link, near))
+    return found
+
+
+def _of(p: Params | ParameterTable, key: str) -> ca.SX:
+    return p[key] if isinstance(p, ParameterTable) else ca.SX(getattr(p, key))
+
+
+def build(params: Params) -> Problem:
+    """The quasi-dynamic model of noising, eq. 13, with two rows for each contact.
+
+    u are the commanded joint angles [rad], lam the impulses [N s] along the edges of the friction
+    cones. Without friction there is one row a contact, and no parameter ``friction`` to turn.
+    """
+    p = table(params)
+    rough, discs = params.friction > 0, params.links == "discs"
+    if not rough:
+        p = ParameterTable(parameter for parameter in p if parameter.name != "friction")
+
+    def distance(q: ca.SX) -> ca.SX:
+        return ca.vertcat(*(touch.geometry.phi for touch in _touches(q, p, discs)))
+
+    def sliding(q: ca.SX) -> ca.SX:
+        ball = Pose(q[:2], -q[2])
+        return ca.vertcat(*(
+            touch.geometry.jacobians(ball, touch.link.pose, q)[1] for touch in _touches(q, p, discs)
+        ))  # fmt: skip
+
+    K = ca.vertcat(p["K1"], p["K2"], p["K1"], p["K2"])
+    start = ca.vertcat(p["ox0"], p["oy0"], p["angle0"], p["l1"], p["l2"], p["r1"], p["r2"])
+    system = quasi_dynamic(
+        name,
+        states=signals(
+            "ox [m] ball; oy [m] ball; theta [rad] ball, anticlockwise; l1 [rad] left arm;"
+            " l2 [rad] left arm; r1 [rad] right arm; r2 [rad] right arm"
+        ),
+        inputs=signals("ul1 [rad] commanded; ul2 [rad] commanded; ur1 [rad] commanded;"
+                       " ur2 [rad] commanded"),
+        contacts=tuple(
+            Signal(touch.name, "N s", "impulse on the ball") for touch in _touches(start, p, discs)
+        ),
+        h=p["h"],
+        mass=ca.diag(ca.vertcat(p["m"], p["m"], p["inertia"])),
+        stiffness=ca.diag(K),
+        load=ca.vertcat(0, -p["m"] * p["g"], 0),
+        distance=distance,
+        sliding=sliding if rough else None,
+        friction=p["friction"] if rough else 0.0,
+        linearised=params.gap == "linearised",
+        parameters=p,
+        citation=citation.key,
+    )  # fmt: skip
+    x, du = system.x, ca.SX.sym("du", 4)
+    off = x[:3] - ca.vertcat(p["goal_x"], p["goal_y"], p["goal_angle"])
+    state_cost = p["w"] * ca.sumsqr(off) + p["w_a"] * ca.sumsqr(x[3:] - start[3:])
+    low, high = _limits()
+    std = params.scenario_std
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=state_cost + p["w_du"] * ca.sumsqr(du),
+        terminal_cost=p["w_end"] * state_cost,
+        x0=start,
+        parameters=p,
+        du=du,
+        u_before=start[3:],
+        x_lower=ca.SX([-ca.inf] * 3 + low),
+        x_upper=ca.SX([ca.inf] * 3 + high),
+        path=[Constraint("reach", system.u - x[3:], -p["reach"], p["reach"])],
+        scenarios=Scenarios(
+            params.scenarios,
+            (std, std, params.scenario_angle_std, 0.0, 0.0, 0.0, 0.0),
+            params.scenario_seed,
+        ),
+        reference=Reference(impulse=0.3, gap=0.05, x=0.3, u=0.3),
+        settings=structural_settings(params) | ({} if rough else {"friction": 0.0}),
+        citation=citation.key,
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Ball with a mark that turns, goal with its own, and the four links."""
+    ball = Disc(float(state[0]), float(state[1]), params.R)
+    goal = Disc(params.goal_x, params.goal_y, params.R, "goal")
+    shapes: list[Shape] = [goal, _hand(goal, params.goal_angle), ball, _hand(ball, float(state[2]))]
+    for link in _links(ca.SX(ca.DM(state)), params):
+        ends = (float(v) for point in (link.start, link.end) for v in ca.vertsplit(point))
+        shapes.append(Capsule(*ends, params.r, "actuator"))
+    return shapes
+
+
+def _hand(ball: Disc, angle: float) -> Segment:
+    """A radius, upright at angle zero, that shows how a ball has turned."""
+    x, y = ball.x - ball.radius * math.sin(angle), ball.y + ball.radius * math.cos(angle)
+    return Segment(ball.x, ball.y, x, y, ball.role)
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """Every link, or disc of one, pushes the ball where the ball's rim is nearest to it."""
+    found = []
+    for touch in _touches(ca.SX(ca.DM(state)), params, params.links == "discs"):
+        x, y, nx, ny = (
+            float(v) for part in (touch.geometry.point, touch.geometry.normal)
+            for v in ca.vertsplit(part)
+        )  # fmt: skip
+        found.append(ContactFrame(x, y, nx, ny, params.friction))
+    return found
