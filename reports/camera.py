@@ -35,7 +35,8 @@ def around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middle and size of the view of a box ((low), (high)): a margin, and neither side too thin."""
     low, high = box
     size = high - low
-    size = size + 2 * _MARGIN * float(size.max()) + 1e-9
+    # A point that stays has no size of its own: a metre around it is as good as any.
+    size = size + 2 * _MARGIN * float(size.max()) if size.max() > 0 else np.ones(2)
     return (low + high) / 2, np.maximum(size, _FLATTEST * size.max())
 
 

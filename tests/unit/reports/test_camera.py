@@ -70,3 +70,9 @@ def test_the_plan_and_its_replay_share_a_still_window_that_holds_both() -> None:
     cameras = film([rolling(x), rolling(x - 0.2)])
     for camera in cameras:
         assert holds(camera, x) and holds(camera, x - 0.2)
+
+
+def test_a_point_that_stays_is_seen_in_its_surroundings() -> None:
+    (camera,) = film([[[Point(2, 3)]] * 4])
+    np.testing.assert_allclose(windows(camera)[:, 0], [[1.5, 2.5]] * 4)
+    np.testing.assert_allclose(windows(camera)[:, 1], [[2.5, 3.5]] * 4)
