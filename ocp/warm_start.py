@@ -239,7 +239,9 @@ class _Carrier:
     def variables(self, nlp: NLP) -> dict[str, np.ndarray]:
         """Values of the blocks of variables."""
         x, u = self.trajectories()
-        blocks = {"x0": self.first_states(1), "x": x, "u": u, **self._gains(u, nlp)}
+        blocks = {"x": x, "u": u, **self._gains(u, nlp)}
+        if "x0" in nlp.variables:
+            blocks["x0"] = self.first_states(1)
         if "u" in nlp.variables and nlp.variables["u"].shape[0] == 1:
             blocks["u"] = u.mean(axis=0, keepdims=True)
         if "lam" in nlp.variables:

@@ -6,11 +6,14 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
+import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Direct, Feedback, InputError, MultipleShooting, OpenLoop, SingleShooting, solve
+from ocp.problem import FreeStart, Problem
 from ocp.solution import Solution
 from ocp.solve import new_session
 from ocp.transcription.nlp import NLP
@@ -43,7 +46,7 @@ def pushed() -> Solution:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("policy", [OpenLoop(), Feedback()])
 def test_the_same_nlp_gets_its_own_optimum_back(method, policy) -> None:
-    problem = get("push-disc", scenarios=2, N=10)
+    problem = get("push-disc", scenarios=2, N=5)
     known = solve(problem, Barrier(mu=1e-3), method, policy)
     session = new_session(problem, Barrier(mu=1e-3), method, policy)
     nlp = session.nlp_of("product")
@@ -187,6 +190,44 @@ def test_a_carried_guess_has_the_new_start(pushed: Solution) -> None:
     assert X[0, 0] == 0.05
     np.testing.assert_allclose(X[1:], pushed.data["x"].values[0, 1:], rtol=1e-14)
     np.testing.assert_allclose(U, pushed.data["u"].values[0], rtol=1e-14)
+
+
+def free_start(**params: float) -> Problem:
+    problem = get("push-disc", **params)
+    at = ca.SX(problem.x0)
+    return replace(problem, start=FreeStart(at - 0.1, at + 0.1))
+
+
+def test_a_chosen_start_is_carried_with_its_multipliers() -> None:
+    known = solve(free_start(N=10), Barrier(mu=1e-3))
+    session = new_session(free_start(N=10), Barrier(mu=1e-3))
+    nlp = session.nlp_of("product")
+    point = carry(known, nlp, session.values)
+    x0 = nlp.variables.unpack(point.x)["x0"]
+    np.testing.assert_allclose(x0[0, 0], known.data["x"][0, 0], rtol=1e-14)
+    assert np.abs(x0[0, 0] - np.array([0, 0, -1, 0.2])).max() > 0.05, "it was worth choosing"
+    assert stationarity(nlp, point, session.values) < 1e-6
+    warm = solve(free_start(N=20, h=0.05), Barrier(mu=1e-3), start=known)
+    assert warm.success and warm.iterations < known.iterations
+
+
+def test_a_step_size_that_is_a_state_shrinks_with_a_finer_mesh() -> None:
+    problem = get("half-cheetah", N=6)
+    column = [signal.name for signal in problem.system.states].index("h")
+    noise = np.random.default_rng(2)
+    x, u = noise.random((1, 4, problem.system.nx)), noise.random((1, 3, problem.system.nu))
+    x[..., column] = 0.03
+    data = xr.Dataset({
+        "x": (("scenario", "node", "state"), x),
+        "u": (("scenario", "interval", "control"), u),
+        "time": ("node", 0.03 * np.arange(4)),
+    })  # fmt: skip
+    known = replace(known_as(), data=data, problem=problem)
+    values = {p.name: p.value for p in problem.parameters}
+    X, _ = carried_guess(known, problem, values)
+    np.testing.assert_allclose(X[:, column], 0.015, rtol=1e-12)
+    others = [i for i in range(problem.system.nx) if i != column]
+    np.testing.assert_allclose(X[::2, others], x[0][:, others], rtol=1e-9)
 
 
 def test_without_multipliers_the_point_is_primal_and_still_helps(pushed: Solution) -> None:
