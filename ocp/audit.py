@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from ocp.contact_book import contact_book
 from ocp.errors import NotConverged
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
@@ -115,6 +116,7 @@ def audit(
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
     free = np.concatenate([x_off, _without_contact(nlp, g_off)])
     smallest = np.minimum(plan.lam, plan.gap)
+    book = contact_book(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
     found = Audit(
         complementarity=_largest(products),
         complementarity_min=_largest(np.abs(smallest)),
@@ -128,6 +130,12 @@ def audit(
         active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _ACTIVE))),
         task_gradient=task_gradient(problem, replay, values),
         worst=worst_constraints(nlp, result.point.x, g, bounds),
+        cone_violation=book.cone_violation,
+        dissipation_residual=book.dissipation_residual,
+        energy_gain=book.energy_gain,
+        dissipated=book.dissipated,
+        momentum_residual=book.momentum_residual,
+        contacts=book.contacts,
     )
     return found, replay
 

@@ -7,6 +7,7 @@ import xarray as xr
 
 from dynamics.systems import Signal
 from ocp.audit import Trajectories, signed_distances
+from ocp.contact_book import contact_book
 from ocp.problem import Problem
 from ocp.rollout import Rollout
 from ocp.session import Outcome
@@ -34,6 +35,8 @@ def label(
         phi = signed_distances(problem, x, physical)
         if phi is not None:
             data[name] = (("scenario", "node", "distance"), phi)
+    if problem.system.forces is not None:
+        _add_forces(data, nlp, plan, replay, physical)
     if plan.gains is not None:
         N = problem.N
         K = np.broadcast_to(plan.gains.K, (N, *plan.gains.K.shape[1:]))
@@ -44,6 +47,26 @@ def label(
     _add_stages(data, nlp, outcome)
     _add_units(data, problem)
     return data
+
+
+def _add_forces(
+    data: xr.Dataset, nlp: NLP, plan: Trajectories, replay: Rollout, physical: np.ndarray
+) -> None:
+    problem = nlp.problem
+    planned = contact_book(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
+    exact = contact_book(
+        problem, problem.exact_step, replay.x, replay.u, replay.lam, replay.gap, physical
+    )
+    data.coords["point"] = list(planned.names)
+    for suffix, book in (("", planned), ("_replay", exact)):
+        parts = (
+            ("normal_impulse", book.normal, "N s"),
+            ("friction_impulse", book.tangential, "N s"),
+            ("slip", book.slip, "m/s"),
+        )
+        for name, values, unit in parts:
+            dims = ("scenario", "interval", "point")
+            data[f"{name}{suffix}"] = (dims, values, {"units": unit})
 
 
 def _names(signals: tuple[Signal, ...]) -> list[str]:

@@ -66,6 +66,25 @@ class Violation:
 
 
 @dataclass(frozen=True)
+class ContactSummary:
+    """One contact over all scenarios and steps.
+
+    ``steps`` in contact, of them ``slipping``; ``peak_force`` [N] of the normal force;
+    ``slid`` [m] the way slid while in contact; ``weak`` the steps at which complementarity is not
+    strict (impulse and gap both near zero), where gradients are not to be trusted; ``spans``
+    (first, last) steps of the first scenario's contacts.
+    """
+
+    name: str
+    steps: int
+    slipping: int
+    peak_force: float
+    slid: float
+    weak: int
+    spans: list[tuple[int, int]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
 class Audit:
     """Residuals recomputed from the trajectories, and the replay under the exact law.
 
@@ -75,6 +94,13 @@ class Audit:
     ``penetration`` max(0, -phi) with phi the true signed distance, ``exact_cost`` the cost of the
     replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts (step, contact) pairs in
     contact; ``task_gradient`` is the largest change of the cost per unit input.
+
+    With friction, largest over contacts and steps: ``cone_violation`` max(0, |tangential| -
+    friction normal) [N s] and ``dissipation_residual`` [J], what friction misses of the most it
+    could take. Where energy is known: ``energy_gain`` [J] the largest rise in one step beyond the
+    work done, contact's and the integrator's, ``dissipated`` [J] what contact took in all,
+    ``momentum_residual`` [N s]. ``contacts`` tells of each contact when it acts, how hard, and how
+    far it slides.
     """
 
     complementarity: float
@@ -89,6 +115,12 @@ class Audit:
     active_steps: int
     task_gradient: float
     worst: list[Violation] = field(default_factory=list)
+    cone_violation: float = math.nan
+    dissipation_residual: float = math.nan
+    energy_gain: float = math.nan
+    dissipated: float = math.nan
+    momentum_residual: float = math.nan
+    contacts: list[ContactSummary] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ import xarray as xr
 from ocp.errors import DamagedRun, InputError
 from ocp.problem import Problem
 from ocp.rollout import Gains
-from ocp.solution import Audit, Solution, StageRecord, Status, Violation
+from ocp.solution import Audit, ContactSummary, Solution, StageRecord, Status, Violation
 from ocp.studies.plain import content_hash, number, plain, read
 from ocp.studies.provenance import git_revision, versions
 
@@ -76,7 +76,9 @@ class StoredRun:
         """
         with self._described():
             worst = [Violation(**item) for item in self.meta["audit"]["worst"]]
-            return read(Audit, {**self.meta["audit"], "worst": worst})
+            contacts = [read(ContactSummary, item) for item in self.meta["audit"]["contacts"]]
+            lists = {"worst": worst, "contacts": contacts}
+            return read(Audit, {**self.meta["audit"], **lists})
 
     @cached_property
     def stages(self) -> list[StageRecord]:

@@ -1,0 +1,153 @@
+"""What contact did along a trajectory: forces, slip, stick, energy and momentum, step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from dynamics.systems import EnergyBook
+from ocp.problem import Problem
+from ocp.solution import ContactSummary
+
+_ACTS = 1e-6
+"""Share of the characteristic impulse above which a contact counts as acting."""
+_WEAK = 1e-5
+"""Share of the characteristic sizes below which both members of a pair count as zero."""
+
+
+@dataclass(frozen=True)
+class ContactBook:
+    """Forces and books of a trajectory; arrays (S, N, points), NaN where a system has none.
+
+    ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s]. Largest over all contacts and steps:
+    ``cone_violation`` max(0, |tangential| - friction normal) [N s]; ``dissipation_residual``
+    friction normal |slip| + tangential slip [J], zero where friction dissipates as much
+    as it can; ``energy_gain`` [J] the largest rise of energy in a step beyond the work done;
+    ``dissipated`` [J] what contact took in all; ``momentum_residual`` [N s].
+    """
+
+    names: tuple[str, ...]
+    normal: np.ndarray
+    tangential: np.ndarray
+    slip: np.ndarray
+    contacts: list[ContactSummary]
+    cone_violation: float = float("nan")
+    dissipation_residual: float = float("nan")
+    energy_gain: float = float("nan")
+    dissipated: float = float("nan")
+    momentum_residual: float = float("nan")
+
+
+def contact_book(
+    problem: Problem, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
+    gap: np.ndarray, physical: np.ndarray,
+) -> ContactBook:  # fmt: skip
+    """Keep the books of trajectories x (S, N+1, nx), u (S, N, nu), lam and gap (S, N, n).
+
+    Multipliers of a law with branches are averaged with the branches' weights.
+    """
+    system = problem.system
+    weights = np.array([node.weight for node in step.nodes])
+    branches = lam.reshape(*lam.shape[:2], len(weights), system.nlam)
+    mean = np.einsum("snbl,b->snl", branches, weights)
+    at = _Evaluation(problem, x, u, mean, physical)
+    forces = system.forces
+    if forces is None:
+        names = tuple(signal.name for signal in system.contacts)
+        normal = mean
+        tangential = slip = friction = np.zeros_like(mean)
+    else:
+        names = forces.names
+        normal, tangential, slip, friction = at(
+            forces.normal, forces.tangential, forces.slip, forces.friction
+        )
+    weak = _weak_steps(problem, lam, gap, len(names))
+    h = at(ca.SX(system.h))[0]
+    contacts = _summaries(names, normal, tangential, slip, friction, weak, h, problem)
+    rough = forces is not None
+    return ContactBook(
+        names, normal, tangential, slip, contacts,
+        _largest(np.abs(tangential) - friction * normal) if rough else float("nan"),
+        _largest(friction * normal * np.abs(slip) + tangential * slip) if rough else float("nan"),
+        *_books(system.book, at),
+    )  # fmt: skip
+
+
+class _Evaluation:
+    """Evaluates expressions in (x, u, x_next, lam, p) along trajectories, each (S, N, size)."""
+
+    def __init__(self, problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
+                 physical: np.ndarray) -> None:  # fmt: skip
+        system = problem.system
+        self.symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
+        self.shape = u.shape[:2]
+        columns = (x[:, :-1], u, x[:, 1:], lam)
+        self.values = [value.reshape(-1, value.shape[2]).T for value in columns]
+        self.physical = physical
+
+    def __call__(self, *expressions: ca.SX) -> list[np.ndarray]:
+        outputs = [ca.densify(expression) for expression in expressions]
+        function = ca.Function("along", self.symbols, outputs)
+        count = int(np.prod(self.shape))
+        found = function.map(count).call([*map(ca.DM, self.values), ca.DM(self.physical)])
+        return [np.array(value).T.reshape(*self.shape, -1) for value in found]
+
+
+def _weak_steps(problem: Problem, lam: np.ndarray, gap: np.ndarray, points: int) -> np.ndarray:
+    """Whether a pair of the contact has both members near zero, (S, N, points)."""
+    pairs, reference = problem.system.pairs, problem.reference
+    both = np.maximum(np.abs(lam) / reference.impulse, np.abs(gap) / reference.gap) < _WEAK
+    weak = np.zeros((*lam.shape[:2], points), dtype=bool)
+    for i in range(lam.shape[2]):
+        pair = pairs[i % len(pairs)]
+        if pair.kind == "normal" and pair.contact < points:
+            weak[:, :, pair.contact] |= both[:, :, i]
+    return weak
+
+
+def _summaries(
+    names: tuple[str, ...], normal: np.ndarray, tangential: np.ndarray, slip: np.ndarray,
+    friction: np.ndarray, weak: np.ndarray, h: np.ndarray, problem: Problem,
+) -> list[ContactSummary]:  # fmt: skip
+    least = _ACTS * problem.reference.impulse
+    acts = normal > least
+    slow = 1e-6 * problem.reference.gap
+    sliding = acts & (np.abs(slip) * h > slow)
+    found = []
+    for i, name in enumerate(names):
+        force = normal[:, :, i] / h[:, :, 0]
+        found.append(ContactSummary(
+            name=name,
+            steps=int(acts[:, :, i].sum()),
+            slipping=int(sliding[:, :, i].sum()),
+            peak_force=_largest(force),
+            slid=float((np.abs(slip[:, :, i]) * h[:, :, 0] * acts[:, :, i]).sum()),
+            weak=int(weak[:, :, i].sum()),
+            spans=_spans(acts[0, :, i]),
+        ))  # fmt: skip
+    return found
+
+
+def _spans(acts: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], acts.astype(int), [0]])))
+    pairs = zip(edges[::2], edges[1::2], strict=True)
+    return [(int(first), int(end) - 1) for first, end in pairs]
+
+
+def _books(book: EnergyBook | None, at: _Evaluation) -> tuple[float, float, float]:
+    """``energy_gain``, ``dissipated`` and ``momentum_residual``."""
+    if book is None:
+        return float("nan"), float("nan"), float("nan")
+    x, _, x_next, _, _ = at.symbols
+    after = [ca.substitute(part, x, x_next) for part in (book.energy, book.momentum)]
+    taken = book.energy + book.work - after[0]
+    off = after[1] - book.momentum - book.external
+    loss, defect = at(taken, off)
+    return max(0.0, _largest(-loss)), float(loss.sum()), _largest(np.abs(defect))
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.max(values)) if values.size else 0.0
