@@ -10,6 +10,8 @@ meaning.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import casadi as ca
 
 from dynamics.contact import interior_point
@@ -19,9 +21,10 @@ MU_EXACT = 1e-12
 """The exact law is the path's point at this mu, in scaled units."""
 MU_LINEAR = 1e-4
 """Where the path of the linearised gap is left for that of the true one, in scaled units."""
-
 # The linear model of a curved gap promises a better point at every iteration, down to rounding.
 _REST = 1e-12
+_NEAR = 1e-2
+_TRUE_GAP = 2.0
 
 
 def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -41,6 +44,109 @@ def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     return column, ca.fmax(size, 1e-150)
 
 
+class NonlinearPath:
+    """The path of one system's step as graphs in a ``pair`` of unknowns and a column of ``data``.
+
+    ``pair`` (2 n + 1, 1) is lam, s in scaled units, and the number of the path that is followed;
+    it starts at ones. ``data`` is what the step's state, input and parameters make of the problem:
+    for rows of the gap that are affine in lam their scaled z and F, for the others what is needed
+    to evaluate them at any lam.
+    """
+
+    def __init__(self, system: ContactSystem, exact: bool) -> None:
+        self.system, self.exact, self.n = system, exact, system.nlam
+        reduced, unknown = system.reduced, ca.vertcat(system.x_next, system.lam)
+        self.curved = [
+            i for i in range(self.n) if not reduced.affine and _is_curved(system.gap[i], unknown)
+        ]  # fmt: skip
+        rows = system.gap[self.curved]
+        self.states = [
+            i for i in range(system.nx) if self.curved and ca.depends_on(rows, system.x_next[i])
+        ]
+        given = ca.vertcat(system.x, system.u, system.parameters.vector)
+        self.given = [
+            given[i] for i in range(given.numel()) if self.curved and ca.depends_on(rows, given[i])
+        ]
+        self.pattern = reduced.F.sparsity()
+
+    def opening(self, mu: ca.SX) -> ca.SX:
+        """``data`` as an expression in the system's (x, u, p) and mu (n, 1)."""
+        reduced = self.system.reduced
+        D, c = scaling(reduced.z_linear, reduced.F, 0 * mu if self.exact else mu)
+        target = ca.fmax(mu / c**2, interior_point.MU_LEAST)
+        if self.exact:
+            target = ca.SX.ones(self.n) * MU_EXACT
+        F = ca.diag(D) @ reduced.F @ ca.diag(D)
+        landing = [reduced.a[self.states], ca.vec(ca.densify(reduced.B[self.states, :]))]
+        parts = [reduced.z_linear * D / c, F[self.pattern].nz[:], D, c, target,
+                 *(landing if self.curved else []), *self.given]  # fmt: skip
+        return ca.densify(ca.vertcat(*parts))
+
+    @cached_property
+    def symbols(self) -> dict[str, ca.SX]:
+        """Symbols of the parts of ``data``, by name."""
+        sizes = {"z": self.n, "F": self.pattern.nnz(), "D": self.n, "c": 1, "mu": self.n,
+                 "a": len(self.states), "B": len(self.states) * self.n,
+                 "given": len(self.given)}  # fmt: skip
+        return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+
+    @property
+    def data(self) -> ca.SX:
+        """The symbols of ``data`` in one column."""
+        return ca.vertcat(*self.symbols.values())
+
+    def iteration(self) -> ca.Function:
+        """One iteration, ``(pair, data) -> pair``; a pair that has arrived is left as it is."""
+        n, known = self.n, self.symbols
+        pair = ca.SX.sym("pair", 2 * n + 1)
+        lam, s, phase = pair[:n], pair[n : 2 * n], pair[2 * n]
+        true = phase == _TRUE_GAP if self.curved else ca.SX(1)
+        z, F = self._linearised(lam, true)
+        mu = ca.if_else(true, known["mu"], ca.fmax(known["mu"], MU_LINEAR))
+        moved = interior_point.advance(lam, s, z, F, mu, _REST)
+        off = ca.mmax(ca.vertcat(ca.fabs(lam * s - mu) / mu, ca.fabs(z + F @ lam - s) / (1 + s)))
+        following = ca.if_else(off < _NEAR, _TRUE_GAP, phase) if self.curved else phase
+        return ca.Function("path_ncp", [pair, self.data], [ca.vertcat(*moved, following)])
+
+    def _linearised(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """``gap = z + F lam`` around lam, or around the start of the step where not ``true``."""
+        known = self.symbols
+        z, F = ca.SX(known["z"]), ca.SX(self.pattern, known["F"])
+        if self.curved:
+            rows, slopes = self._curved_rows(lam)
+            for k, i in enumerate(self.curved):
+                z[i] = ca.if_else(true, rows[k] - slopes[k, :] @ lam, z[i])
+                F[i, :] = ca.if_else(true, slopes[k, :], ca.densify(F[i, :]))
+        return z, F
+
+    def _curved_rows(self, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Scaled gaps of the curved rows at scaled lam, and their derivatives by it."""
+        system, known = self.system, self.symbols
+        D, c = known["D"], known["c"]
+        at = c * D * lam
+        B = ca.reshape(known["B"], len(self.states), self.n)
+        rows, states = system.gap[self.curved], system.x_next[self.states]
+        by_state, by_lam = ca.jacobian(rows, states), ca.jacobian(rows, system.lam)
+        old = ca.vertcat(*self.given, states, system.lam)
+        new = ca.vertcat(known["given"], known["a"] + B @ at, at)
+        rows, by_state, by_lam = ca.substitute([rows, by_state, by_lam], [old], [new])
+        scale = D[self.curved]
+        return rows * scale / c, ca.diag(scale) @ (by_lam + by_state @ B) @ ca.diag(D)
+
+    def ending(self) -> ca.Function:
+        """Out of the scaling: ``(pair, data) -> (lam, gap, error)``, see :func:`ncp_solver`."""
+        n, known = self.n, self.symbols
+        pair = ca.SX.sym("pair", 2 * n + 1)
+        lam, s = pair[:n], pair[n : 2 * n]
+        D, c, mu = known["D"], known["c"], known["mu"]
+        z, F = self._linearised(lam, ca.SX(1))
+        error = ca.fmax(ca.fabs(lam * s - mu), ca.fabs(z + F @ lam - s) / (1 + s))
+        # Diverged: not a number, which would pass for small in a comparison.
+        error = ca.if_else(error < ca.inf, error, ca.inf)
+        outputs = [ca.densify(value) for value in (c * D * lam, s * c / D, error)]
+        return ca.Function("ending", [pair, self.data], outputs)
+
+
 def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     """Solve one step of a system: ``(x, u, p, mu) -> (x_next, lam, gap, error)``.
 
@@ -48,75 +154,18 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     pair's scaled violation, 1e-10 or less where the path was followed to its end. With ``exact``
     mu is ignored and the point at :data:`MU_EXACT` returned.
     """
-    x, u, p = system.x, system.u, system.parameters.vector
-    mu, n = ca.SX.sym("mu", system.nlam), system.nlam
-    reduced = system.reduced
-    D, c = scaling(reduced.z_linear, reduced.F, 0 * mu if exact else mu)
-    least = ca.SX.ones(n) * MU_EXACT
-    target = least if exact else ca.fmax(mu / c**2, interior_point.MU_LEAST)
-    start = target if reduced.affine else ca.fmax(target, MU_LINEAR)
-    scaled = [reduced.z_linear * D / c, ca.diag(D) @ reduced.F @ ca.diag(D)]
-    opening = ca.Function("opening", [x, u, p, mu], [
-        *(ca.densify(v) for v in (reduced.a, reduced.B, D)), c, target, start, scaled[0],
-        scaled[1][reduced.F.sparsity()].nz[:],
-    ])  # fmt: skip
-    arguments = [ca.MX.sym("x", system.nx), ca.MX.sym("u", system.nu),
-                 ca.MX.sym("p", p.numel()), ca.MX.sym("mu", n)]  # fmt: skip
-    *opened, start, z, F = opening(*arguments)
-    data = [*arguments[:3], *opened]
-    first = _linear_iteration(reduced.F.sparsity())
-    pair = interior_point.follow(first)(ca.MX.ones(2 * n), z, F, start)
-    if not reduced.affine:
-        pair = interior_point.follow(_iteration(system))(pair, *data)
+    path, mu = NonlinearPath(system, exact), ca.SX.sym("mu", system.nlam)
+    given = [system.x, system.u, system.parameters.vector]
+    opening = ca.Function("opening", [*given, mu], [path.opening(mu)], {"cse": True})
+    landing = ca.Function("landing", [*given, system.lam], [system.landing], {"cse": True})
+    arguments = [ca.MX.sym(f"in_{k}", opening.numel_in(k)) for k in range(4)]
+    data = opening(*arguments)
+    pair = interior_point.follow(path.iteration())(ca.MX.ones(2 * path.n + 1), data)
+    lam, gap, error = path.ending()(pair, data)
+    outputs = [landing(*arguments[:3], lam), lam, gap, error]
     names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
-    outputs = list(_closing(system)(pair, *data))
     return ca.Function("contact_ncp", arguments, outputs, *names)
 
 
-def _linear_iteration(pattern: ca.Sparsity) -> ca.Function:
-    """One iteration on a scaled LCP: ``(pair, z, nonzeros of F, mu) -> pair``."""
-    n = pattern.size1()
-    pair, z, mu = ca.SX.sym("pair", 2 * n), ca.SX.sym("z", n), ca.SX.sym("mu", n)
-    F = ca.SX.sym("F", pattern.nnz())
-    moved = interior_point.advance(pair[:n], pair[n:], z, ca.SX(pattern, F), mu)
-    return ca.Function("path_linear", [pair, z, F, mu], [ca.vertcat(*moved)])
-
-
-def _linearised(system: ContactSystem) -> tuple[list[ca.SX], ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Symbols ``(x, u, p, a, B, D, c, mu)``, scaled lam, and the scaled gap and F there."""
-    n, nx = system.nlam, system.nx
-    a, B, D = ca.SX.sym("a", nx), ca.SX.sym("B", nx, n), ca.SX.sym("D", n)
-    c, mu, lam = ca.SX.sym("c"), ca.SX.sym("mu", n), ca.SX.sym("lam", n)
-    by_state, by_lam = (ca.jacobian(system.gap, part) for part in (system.x_next, system.lam))
-    at = c * D * lam
-    gap, by_state, by_lam = ca.substitute(
-        [system.gap, by_state, by_lam], [system.x_next, system.lam], [a + B @ at, at]
-    )
-    F = ca.diag(D) @ (by_lam + by_state @ B) @ ca.diag(D)
-    symbols = [system.x, system.u, system.parameters.vector, a, B, D, c, mu]
-    return symbols, lam, gap * D / c, F, mu
-
-
-def _iteration(system: ContactSystem) -> ca.Function:
-    """One iteration: ``(pair, x, u, p, a, B, D, c, mu) -> pair``, pair = (lam, s) scaled."""
-    n, s = system.nlam, ca.SX.sym("s", system.nlam)
-    symbols, lam, gap, F, mu = _linearised(system)
-    moved = interior_point.advance(lam, s, gap - F @ lam, F, mu, _REST)
-    pair = ca.SX.sym("pair", 2 * n)
-    out = ca.substitute(ca.vertcat(*moved), ca.vertcat(lam, s), pair)
-    return ca.Function("path_ncp", [pair, *symbols], [out])
-
-
-def _closing(system: ContactSystem) -> ca.Function:
-    """Out of the scaling: ``(pair, x, u, p, a, B, D, c, mu) -> (x_next, lam, gap, error)``."""
-    n = system.nlam
-    s = ca.SX.sym("s", n)
-    symbols, lam, gap, _, mu = _linearised(system)
-    a, B, D, c = symbols[3:7]
-    error = ca.fmax(ca.fabs(lam * s - mu), ca.fabs(gap - s) / (1 + s))
-    # Diverged: not a number, which would pass for small in a comparison.
-    error = ca.if_else(error < ca.inf, error, ca.inf)
-    at = c * D * lam
-    pair = ca.SX.sym("pair", 2 * n)
-    out = ca.substitute([a + B @ at, at, s * c / D, error], [ca.vertcat(lam, s)], [pair])
-    return ca.Function("closing", [pair, *symbols], [ca.densify(v) for v in out])
+def _is_curved(expression: ca.SX, unknown: ca.SX) -> bool:
+    return ca.depends_on(ca.jacobian(expression, unknown), unknown)

@@ -151,6 +151,15 @@ class ContactSystem:
         F = by_lam + by_state @ B
         return ReducedContact(a, B, z, F, z if affine else gap + by_state @ (a - self.x), affine)
 
+    @cached_property
+    def landing(self) -> ca.SX:
+        """The next state (nx, 1) in terms of (x, u, lam, p); raises as :attr:`reduced` does."""
+        if not self.implicit:
+            return self.reduced.a + self.reduced.B @ self.lam
+        jacobian = ca.jacobian(self.residual, self.x_next)
+        at_zero = ca.substitute(self.residual, self.x_next, ca.SX.zeros(self.nx))
+        return -solve_without_pivoting(jacobian, ca.densify(at_zero))
+
 
 def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int]) -> None:
     """Raise ``ValueError`` where a builder's argument has another shape than its docstring says."""
