@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.batch import c_source, compiler
 from dynamics.batch.c_prelude import prelude
-from dynamics.batch.parallel import over_chunks
+from dynamics.batch.parallel import run_chunks
 from dynamics.batch.tape import Tape
 
 CHUNK = 1024
@@ -17,7 +17,8 @@ CHUNK = 1024
 PART = 250
 
 _DRIVER = """\
-i64 run(i64 begin, i64 end, const double *const *a, const i64 *shared, double *const *b) {
+static i64 evaluate(i64 begin, i64 end, const double *const *a, const i64 *shared,
+                    double *const *b) {
   static const i64 nx[] = {%(input_sizes)s}, ny[] = {%(output_sizes)s};
   V *memory = aligned_alloc(sizeof(V), sizeof(V) * (U * (%(nx)d + %(ny)d) + 1));
   if (!memory) return -1;
@@ -53,11 +54,22 @@ i64 run(i64 begin, i64 end, const double *const *a, const i64 *shared, double *c
   free(memory);
   return bad;
 }
+/* Threads draw chunks from one counter until there are none left. */
+i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
+        double *const *b) {
+  i64 bad = 0, begin;
+  while ((begin = __atomic_fetch_add(next, chunk, __ATOMIC_RELAXED)) < n) {
+    i64 lost = evaluate(begin, begin + chunk < n ? begin + chunk : n, a, shared, b);
+    if (lost < 0) return -1;
+    bad += lost;
+  }
+  return bad;
+}
 """
 
 
 class CompiledEngine:
-    """Evaluates a tape over samples by a driver `run(begin, end, a, shared, b)` in machine code.
+    """Evaluates a tape over samples by machine code `run(next, n, chunk, a, shared, b)`.
 
     `evaluate(inputs, outputs)` takes arrays `(n_samples, nnz)` or `(1, nnz)`, fills `outputs`, and
     returns how many samples have a value that is not finite.
@@ -66,22 +78,15 @@ class CompiledEngine:
     def __init__(self, name: str, tape: Tape, threads: int, run: Any) -> None:
         self.name, self.tape, self.threads, self._run = name, tape, threads, run
         run.restype = ctypes.c_int64
-        run.argtypes = [ctypes.c_int64, ctypes.c_int64] + 3 * [ctypes.c_void_p]
+        run.argtypes = [ctypes.c_void_p, *2 * [ctypes.c_int64], *3 * [ctypes.c_void_p]]
 
     def evaluate(self, inputs: list[np.ndarray], outputs: list[np.ndarray], n: int) -> int:
         """Fill `outputs` for all n samples; returns how many of them are not finite."""
         pointers_in = addresses(inputs)
         pointers_out = addresses(outputs)
         shared = np.array([a.shape[0] == 1 and n != 1 for a in inputs] + [False], dtype=np.int64)
-        bad: list[int] = []
-
-        def work(begin: int, end: int) -> None:
-            bad.append(self._run(begin, end, pointers_in, shared.ctypes.data, pointers_out))
-
-        over_chunks(n, CHUNK, self.threads, work)
-        if min(bad, default=0) < 0:
-            raise MemoryError(f"no memory for the work arrays of '{self.tape.name}'")
-        return sum(bad)
+        arguments = pointers_in, shared.ctypes.data, pointers_out
+        return run_chunks(self._run, n, CHUNK, self.threads, *arguments)
 
 
 def c_engine(tape: Tape, threads: int, block: int) -> CompiledEngine:

@@ -15,7 +15,8 @@ typedef long long M __attribute__((vector_size(8 * W)));
 typedef unsigned long long Q __attribute__((vector_size(8 * W)));
 typedef double VU __attribute__((vector_size(8 * W), aligned(8)));
 typedef long long i64;
-#define LANES for (int l = 0; l < W; l++)
+#define UNROLL _Pragma("GCC unroll 16")
+#define LANES UNROLL for (int l = 0; l < W; l++)
 #define INLINE static inline __attribute__((always_inline))
 #define SPLAT(c) ((c) - (V){})
 #if defined(__clang__) || __GNUC__ >= 12

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -39,11 +40,30 @@ def number(value: float) -> str:
     return f"({value.hex()})"
 
 
+def _place(strides: Sequence[str], k: int, j: int) -> str:
+    """Where entry j of array k is."""
+    stride = strides[k] if k < len(strides) else "1"
+    return str(j) if stride == "1" else f"{j} * {stride}"
+
+
 def _in_lane(line: str, lane: int) -> str:
     return _NAMES.sub(rf"\1_{lane}", line)
 
 
-def kernel(tape: Tape, name: str, abreast: int = 1, part: int = PART) -> str:
+@dataclass(frozen=True)
+class Strides:
+    """How far apart the entries of each input and output are: C expressions, "1" where not told.
+
+    They may name `ts`, which a kernel with strides takes as its last argument.
+    """
+
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+
+def kernel(
+    tape: Tape, name: str, abreast: int = 1, part: int = PART, strides: Strides | None = None
+) -> str:
     """C text of `static void name(const V *const in_0[], V *const out_0[], ...)`.
 
     `in_0[k][j]` is nonzero j of input k, `out_0` likewise; no output may overlap an input. With
@@ -52,13 +72,17 @@ def kernel(tape: Tape, name: str, abreast: int = 1, part: int = PART) -> str:
     two such chains keep busy. A tape of more than `part` operations becomes several functions that
     pass values through memory.
     """
-    return _Emitter(tape, name, abreast, part).text()
+    return _Emitter(tape, name, abreast, part, strides).text()
 
 
 class _Emitter:
-    def __init__(self, tape: Tape, name: str, abreast: int, part: int) -> None:
+    def __init__(
+        self, tape: Tape, name: str, abreast: int, part: int, strides: Strides | None
+    ) -> None:
         self.tape, self.name, self.lanes = tape, name, range(abreast)
         self.cut = Parts(tape, part)
+        self.strides = strides or Strides()
+        self.parameter, self.argument = (", i64 ts", ", ts") if strides else ("", "")
 
     def text(self) -> str:
         cut = self.cut
@@ -67,8 +91,9 @@ class _Emitter:
         parameters = ", ".join(f"const V *const in_{k}[], V *const out_{k}[]" for k in self.lanes)
         memory = "".join(f"  V w_{k}[{max(cut.n_slots, 1)}];\n" for k in self.lanes)
         arguments = ", ".join(f"in_{k}, out_{k}, w_{k}" for k in self.lanes)
-        calls = "".join(f"  {name}({arguments});\n" for name in names)
-        return "".join(body) + f"INLINE void {self.name}({parameters}) {{\n{memory}{calls}}}\n"
+        calls = "".join(f"  {name}({arguments}{self.argument});\n" for name in names)
+        head = f"INLINE void {self.name}({parameters}{self.parameter})"
+        return "".join(body) + f"{head} {{\n{memory}{calls}}}\n"
 
     def _part(self, name: str, part: list[int], ends: Sequence[tuple[int, int, int]]) -> str:
         here = set(part)
@@ -79,17 +104,20 @@ class _Emitter:
             lines.append(self._statement(i, here))
             if i in self.cut.slots:
                 lines.append(f"w[{self.cut.slots[i]}] = v{i};")
-        lines += [f"out[{k}][{j}] = v{value};" for value, k, j in ends]
+        lines += [
+            f"out[{k}][{_place(self.strides.outputs, k, j)}] = v{value};" for value, k, j in ends
+        ]
         inline = "INLINE" if len(self.cut.parts) == 1 else "static __attribute__((noinline))"
         each = "const V *const in_{0}[], V *const out_{0}[], V *w_{0}"
         parameters = ", ".join(each.format(k) for k in self.lanes)
         body = "".join(f"  {_in_lane(line, k)}\n" for line in lines for k in self.lanes)
-        return f"{inline} void {name}({parameters}) {{\n{body}}}\n"
+        return f"{inline} void {name}({parameters}{self.parameter}) {{\n{body}}}\n"
 
     def _leaf(self, i: int) -> str:
         operation = self.tape.operations[i]
         if operation.op == ca.OP_INPUT:
-            return f"const V v{i} = in[{operation.args[0]}][{operation.args[1]}];"
+            k, j = operation.args
+            return f"const V v{i} = in[{k}][{_place(self.strides.inputs, k, j)}];"
         if operation.op == ca.OP_CONST:
             return f"const V v{i} = SPLAT({number(operation.value)});"
         return f"const V v{i} = w[{self.cut.slots[i]}];" + (

@@ -48,8 +48,8 @@ def llvm_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> Compil
     _need_llvmlite()
     from dynamics.batch import llvm_rollout
 
-    made = llvm_rollout.module(tapes, block, machine())
-    return CompiledRolloutEngine(tapes.nu, threads, load(made))
+    run = load(llvm_rollout.module(tapes, block, machine()))
+    return CompiledRolloutEngine(tapes.nu, threads, lambda own_p: run)
 
 
 def info() -> dict[str, object] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from llvmlite import ir
 
-from dynamics.batch import llvm_rows, llvm_source
+from dynamics.batch import llvm_chunks, llvm_rows, llvm_source
 from dynamics.batch.llvm_vectors import I64, POINTER, Machine, Value, Writer, index
 from dynamics.batch.tape import Tape
 
@@ -12,12 +12,12 @@ _VOID = ir.VoidType()
 
 
 def module(tape: Tape, machine: Machine) -> ir.Module:
-    """A module whose `run(begin, end, a, shared, b)` is the driver of `c_flat`."""
+    """A module whose `run(next, n, chunk, a, shared, b)` is the driver of `c_flat`."""
     made = ir.Module(tape.name)
     llvm_rows.functions(made, machine)
     llvm_source.kernel(made, machine, tape, "kernel")
-    w = Writer(made, machine, "run", [I64, I64, POINTER, POINTER, POINTER], I64)
-    begin, end, a, shared, b = w.arguments
+    w = Writer(made, machine, "evaluate", [*3 * [I64], *3 * [POINTER]], I64)
+    begin, end, _, a, shared, b = w.arguments
     sizes = *tape.input_sizes, *tape.output_sizes
     # Not on the stack, which long inputs would burst.
     memory = w.allocate(index(sum(sizes) + 1))
@@ -43,6 +43,7 @@ def module(tape: Tape, machine: Machine) -> ir.Module:
         w.store(w.b.add(w.load(bad, 0, I64), lost), bad)
     w.free(memory)
     w.b.ret(w.load(bad, 0, I64))
+    llvm_chunks.run(made, machine, "evaluate", 3 * [POINTER])
     return made
 
 

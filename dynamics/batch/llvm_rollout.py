@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 from llvmlite import ir
 
-from dynamics.batch import llvm_moments, llvm_random, llvm_rows, llvm_step
+from dynamics.batch import llvm_chunks, llvm_moments, llvm_random, llvm_rows, llvm_step
 from dynamics.batch.llvm_moments import Moments
 from dynamics.batch.llvm_source import run_kernel
 from dynamics.batch.llvm_vectors import F64, I64, POINTER, Machine, Value, Writer, index
@@ -23,7 +23,7 @@ _GIVEN, _DRAWN = 1, 2
 
 
 def module(tapes: RolloutTapes, block: int, machine: Machine) -> ir.Module:
-    """A module whose `run(begin, end, chunk, job)` rolls out samples `begin <= i < end`."""
+    """A module whose `run(next, n, chunk, job)` rolls out n samples, chunk by chunk."""
     made = ir.Module("rollout")
     llvm_rows.functions(made, machine)
     llvm_random.four_normals(made, machine)
@@ -31,13 +31,14 @@ def module(tapes: RolloutTapes, block: int, machine: Machine) -> ir.Module:
     llvm_step.one_step(made, machine, tapes.forward)
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         llvm_step.graph(made, machine, getattr(tapes, name), name)
-    w = Writer(made, machine, "run", [I64, I64, I64, POINTER], I64)
+    w = Writer(made, machine, "roll_out", [I64, I64, I64, POINTER], I64)
     _Driver(w, tapes, max(1, block // machine.lanes)).write()
+    llvm_chunks.run(made, machine, "roll_out", [POINTER])
     return made
 
 
 class _Driver:
-    """Writes `run`. Work is done on blocks of `abreast` vectors, each with a lane of memory.
+    """Writes `roll_out`. Work is done on blocks of `abreast` vectors, each with a lane of memory.
 
     Memory of vector j is entry `start + j * stride` on, where `stride` is 0 for what all samples
     share and else the size of such a lane.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from typing import Any, TypeVar
 
+ResultT = TypeVar("ResultT")
 _pool: ThreadPoolExecutor | None = None
 
 
@@ -39,17 +42,37 @@ def over_chunks(n: int, chunk: int, threads: int, work: Callable[[int, int], Non
         while (ticket := next(tickets)) < len(starts):
             work(starts[ticket], min(starts[ticket] + chunk, n))
 
-    helpers = min(threads, len(starts)) - 1
-    if helpers <= 0:
-        worker()
-        return
-    pending = [_executor().submit(worker) for _ in range(helpers)]
+    on_threads(min(threads, len(starts)), worker)
+
+
+def on_threads(threads: int, work: Callable[[], ResultT]) -> list[ResultT]:
+    """Call `work()` on so many threads at once, this one among them; returns all results.
+
+    The first exception is raised, once all have ended.
+    """
+    pending = [_executor().submit(work) for _ in range(threads - 1)]
     try:
-        worker()
+        results = [work()]
     finally:
         wait(pending)
-    for future in pending:
-        future.result()
+    return results + [future.result() for future in pending]
+
+
+def run_chunks(run: Callable[..., int], n: int, chunk: int, threads: int, *arguments: Any) -> int:
+    """Call machine code `run(next, n, chunk, *arguments)` on up to `threads` threads.
+
+    The threads draw the chunks of `range(n)` from the counter `next`, without a turn through the
+    interpreter. Returns the sum of what they return; `MemoryError` where one is negative.
+    """
+    begin = ctypes.c_int64(0)
+
+    def work() -> int:
+        return run(ctypes.addressof(begin), n, chunk, *arguments)
+
+    results = on_threads(max(1, min(threads, -(-n // chunk))), work)
+    if min(results) < 0:
+        raise MemoryError("no memory for the work arrays of a batched evaluation")
+    return sum(results)
 
 
 def _executor() -> ThreadPoolExecutor:

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import c_rollout, compiler
-from dynamics.batch.parallel import over_chunks
+from dynamics.batch.parallel import over_chunks, run_chunks
 from dynamics.batch.random import Gaussian, key_of
 from dynamics.batch.rollout_numpy import ChunkRollout, Kernel
 from dynamics.batch.rollout_tapes import RolloutTapes
@@ -100,14 +100,17 @@ class Job(ctypes.Structure):
 
 
 class CompiledRolloutEngine:
-    """Rollouts by a driver `run(begin, end, chunk, job)` in machine code."""
+    """Rollouts by a driver `run(next, n, chunk, job)` in machine code.
+
+    `make(own_p)` builds the driver for parameters that all samples share, or for parameters of
+    each sample's own, which is built when first asked for.
+    """
 
     chunk = 1024
 
-    def __init__(self, nu: int, threads: int, run: Any) -> None:
-        self._nu, self._threads, self._run = nu, threads, run
-        run.restype = ctypes.c_int64
-        run.argtypes = [*3 * [ctypes.c_int64], ctypes.c_void_p]
+    def __init__(self, nu: int, threads: int, make: Callable[[bool], Any]) -> None:
+        self._nu, self._threads, self._make = nu, threads, make
+        self._runs = {False: make(False)}
 
     def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
         """Fill the arrays sample by sample."""
@@ -120,15 +123,13 @@ class CompiledRolloutEngine:
 
     def _all(self, q: Request, want: int, **results: Array | None) -> int:
         job, _alive = self._job(q, want, results)
-        bad: list[int] = []
-
-        def work(begin: int, end: int) -> None:
-            bad.append(self._run(begin, end, self.chunk, ctypes.addressof(job)))
-
-        over_chunks(q.n, self.chunk, self._threads, work)
-        if min(bad, default=0) < 0:
-            raise MemoryError(f"no memory for the work arrays of {q.horizon} steps")
-        return sum(bad)
+        own_p = len(q.p) > 1
+        if own_p not in self._runs:
+            self._runs[own_p] = self._make(own_p)
+        run = self._runs[own_p]
+        run.restype = ctypes.c_int64
+        run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
+        return run_chunks(run, q.n, self.chunk, self._threads, ctypes.addressof(job))
 
     def _job(self, q: Request, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
         """The structure to pass, and the arrays that must live as long as it is in use."""
@@ -160,8 +161,12 @@ class CompiledRolloutEngine:
 
 def c_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> CompiledRolloutEngine:
     """The engine of backend `c`. Raises `CompilerError` where the rollout cannot be compiled."""
-    text = c_rollout.source(tapes, block, compiler.find_compiler())
-    return CompiledRolloutEngine(tapes.nu, threads, compiler.load(text).run)
+    machine = compiler.find_compiler()
+
+    def make(own_p: bool) -> Any:
+        return compiler.load(c_rollout.source(tapes, block, machine, own_p)).run
+
+    return CompiledRolloutEngine(tapes.nu, threads, make)
 
 
 class ChunkEngine:
