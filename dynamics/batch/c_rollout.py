@@ -15,6 +15,10 @@ from dynamics.batch.inner import NEWTON_ITERATIONS, InnerLoop
 from dynamics.batch.rollout_tapes import RolloutTapes
 from dynamics.batch.tape import tape_of, with_shared_reciprocals
 
+# Operations up to which the registers of a block are worked on without a loop around them: more
+# would not find room in the processor at once, and take the compiler long.
+UNROLLED = 200
+
 _JOB = """\
 enum { WANT_GRADIENT = 1, WANT_SCORE = 2, WANT_MOMENTS = 4 };
 typedef struct {
@@ -52,7 +56,7 @@ static void forward(const job *q, const memory *a, i64 next, i64 end) {
   for (i64 t = 0; t < n; t++, x += NX * U, lam += NL * U, theta += theta_step, w += a->w_step) {
     fetch(&theta_lines, 0);
     fetch(&noise_lines, 0);
-    UNROLL for (int j = 0; j < U; j++) {
+    EACH for (int j = 0; j < U; j++) {
       V stage;
       const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j};
       V *out[] = {x + NX * U + j, lam + j, &stage};
@@ -89,7 +93,7 @@ static void backward(const job *q, const memory *a, i64 row, i64 end) {
   for (i64 t = 0; t < n; t++) {
     x -= NX * U, lam -= NL * U, theta -= theta_step, w -= a->w_step;
     fetch(&gradient_lines, 1);
-    UNROLL for (int j = 0; j < U; j++) {
+    EACH for (int j = 0; j < U; j++) {
       V before[NX + 1], part[NT + 1];
       const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j, lam + j, bars + j};
       V *out[] = {before, part};
@@ -323,7 +327,9 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
         functions, sizes, stepping = {"step": loop}, (0, 0), _CLOSED_FORM
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         functions[name] = getattr(tapes, name)
+    length = sum(fn.n_instructions() for fn in functions.values())
     constants = {
+        "EACH": "UNROLL" if length <= UNROLLED else "",
         **{"U": max(1, block // machine.width), "NX": tapes.nx, "NU": tapes.nu, "NP": tapes.np},
         "PS": "U" if own_p else "1",
         **{"NL": tapes.nlam, "NT": tapes.n_theta, "NB": sizes[0], "ND": sizes[1]},
