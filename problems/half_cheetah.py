@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from pydantic import model_validator
 
 from ocp.problem import Constraint, FreeStart, Problem, Reference
 from problems.drawing import ContactFrame, Shape
 from problems.machines.half_cheetah import half_cheetah as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.machines.start import rough_or_smooth
+from problems.parameters import (
+    Parameters,
+    choice,
+    quantity,
+    structural_settings,
+    structure,
+    table,
+)
 from problems.spec import Citation
 
 name = "half-cheetah"
 title = "Half-cheetah: a periodic gait at a given speed"
-citation = Citation("zhang2024abs", "Adaptive barrier smoothing, sec. 7; tables of Dojo's cheetah")
+citation = Citation(
+    "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; tables of Dojo's cheetah"
+)
 axes = ("x [m]", "z [m]")
 equations = (
     "M(q) (v+ - v) = h (B u - bias(q, v) - D v+ - K q+) + J_n' gamma + J_t' (beta+ - beta-)"
@@ -33,8 +44,12 @@ typst = (
     "min 1/N sum_(k=0)^(N-1) w_u norm(u_k)^2 + w_v norm(v_k)^2, quad"
     ' x_N = x_0 + ("speed" N h, 0, dots)',
 )
-_SPHERES = ("bshin", "bfoot", "fshin", "ffoot")
-_JOINTS = 6
+_PARTS = ("thigh", "shin", "foot")
+_SPHERES = {
+    "legs": ("bshin", "bfoot", "fshin", "ffoot"),
+    "all": ("fore end", "hind end", "head", *(f"{end}{part}" for end in "bf" for part in _PARTS)),
+    "feet": ("bfoot", "ffoot"),
+}
 
 _PICTURED = machine_of()
 
@@ -49,20 +64,35 @@ class Params(Parameters):
     friction: float = quantity(0.4, "1", "Coulomb's coefficient with the ground", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
     base_damping: float = quantity(0.0, "N s/m", "drag on the torso, none in nature", least=0)
-    u_max: float = quantity(1.0, "1", "largest input; a unit is the gear, 30 to 120 N m", above=0)
+    u_max: float = quantity(
+        1.0, "1", "largest input, a unit is 30 to 120 N m; not kept in the source", above=0
+    )
+    spheres: str = choice(
+        tuple(_SPHERES), "which parts may touch: shins and feet, all nine, or the feet"
+    )
     limits: int = structure(1, "1 for joint limits, 0 for none", most=1)
     w_u: float = quantity(1.0, "1", "weight of the inputs", least=0)
     w_v: float = quantity(1e-3, "s^2/m^2", "weight of the velocities", least=0)
 
+    @model_validator(mode="after")
+    def _steps_are_possible(self) -> Params:
+        if self.h_min > self.h_max:
+            raise ValueError(
+                f"the least step size, h_min = {self.h_min:g} s, is above the largest, h_max ="
+                f" {self.h_max:g} s; lower the one or raise the other"
+            )
+        return self
+
 
 def build(params: Params) -> Problem:
     """Build the half-cheetah on the ground z = 0; state (q, v, h), impulses lam [N s]."""
-    p, step = table(params), ca.SX.sym("h")
+    p, friction = rough_or_smooth(table(params))
+    step = ca.SX.sym("h")
     machine = machine_of(
         base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits)
     )
     system = machine.system(
-        name, p, h=step, friction=p["friction"], spheres=_SPHERES, free_step=True,
+        name, p, h=step, friction=friction, spheres=_SPHERES[params.spheres], free_step=True,
         citation=citation.key,
     )  # fmt: skip
     x, nx = system.x, system.nx
@@ -113,4 +143,4 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Return where each sphere touches the ground, and the joint limits nowhere."""
-    return machine_frames(_PICTURED, state, _SPHERES, params.friction)
+    return machine_frames(_PICTURED, state, _SPHERES[params.spheres], params.friction)

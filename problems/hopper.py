@@ -10,12 +10,22 @@ from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Point, Shape
 from problems.machines.hopper import hopper as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.machines.start import check_start, rough_or_smooth
+from problems.parameters import (
+    Parameters,
+    choice,
+    quantity,
+    structural_settings,
+    structure,
+    table,
+)
 from problems.spec import Citation
 
 name = "hopper"
 title = "Hopper: hop forward and land at rest"
-citation = Citation("zhang2024abs", "Adaptive barrier smoothing, sec. 7; tables of Dojo's hopper")
+citation = Citation(
+    "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; tables of Dojo's hopper"
+)
 axes = ("x [m]", "z [m]")
 equations = (
     "M(q) (v+ - v) = h (B u - bias(q, v) - D v+ - K q+) + J_n' gamma + J_t' (beta+ - beta-)",
@@ -34,6 +44,12 @@ typst = (
 )
 
 _PICTURED = machine_of()
+_STANDING = 1.21
+_SPHERES = {
+    "outer": ("torso", "leg", "toe", "heel"),
+    "all": ("torso", "thigh", "leg", "toe", "heel"),
+    "foot": ("toe", "heel"),
+}
 
 
 class Params(Parameters):
@@ -48,40 +64,47 @@ class Params(Parameters):
     base_damping: float = quantity(
         0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0
     )
-    u_max: float = quantity(1.0, "1", "largest input; one unit is 200 N m", above=0)
+    u_max: float = quantity(
+        1.0, "1", "largest input, a unit is 200 N m; the source has no bound", above=0
+    )
+    spheres: str = choice(
+        tuple(_SPHERES), "which parts may touch: all but the hip, all, or toe and heel"
+    )
     limits: int = structure(0, "1 for joint limits, as in the source's later version", most=1)
     z0: float = quantity(1.21, "m", "height of the torso at the start; 1.21 stands on the ground")
+    pitch0: float = quantity(0.0, "rad", "angle of the torso at the start")
+    thigh0: float = quantity(0.0, "rad", "angle of the thigh in its joint at the start")
+    leg0: float = quantity(0.0, "rad", "angle of the leg in its joint at the start")
+    foot0: float = quantity(0.0, "rad", "angle of the foot in its joint at the start")
     w_u: float = quantity(1.0, "1/s", "weight of the inputs", least=0)
     w_end: float = quantity(100.0, "1/m^2", "terminal weight of place and posture", least=0)
     w_rest: float = quantity(1.0, "s^2/m^2", "terminal weight of the velocities", least=0)
     w_v: float = quantity(1e-3, "s/m^2", "weight of the velocities", least=0)
 
     @model_validator(mode="after")
-    def _above_ground(self) -> Params:
-        if self.z0 < _STANDING - 1e-9:
-            raise ValueError(
-                f"the foot starts {_STANDING - self.z0:g} m inside the ground; z0 must be at least"
-                f" {_STANDING} m"
-            )
+    def _start_is_possible(self) -> Params:
+        machine = machine_of(limits=bool(self.limits))
+        check_start(machine, [0.0, self.z0, *self._angles()], _SPHERES[self.spheres])
         return self
 
-
-_STANDING = 1.21
-_SPHERES = ("torso", "leg", "toe", "heel")
+    def _angles(self) -> list[float]:
+        return [self.pitch0, self.thigh0, self.leg0, self.foot0]
 
 
 def build(params: Params) -> Problem:
     """Build the hopper on the ground z = 0; the state is (q, v), an impulse lam [N s]."""
-    p = table(params)
+    p, friction = rough_or_smooth(table(params))
     machine = machine_of(
         base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"],
         limits=bool(params.limits),
     )  # fmt: skip
     system = machine.system(
-        name, p, h=p["h"], friction=p["friction"], spheres=_SPHERES, citation=citation.key
-    )
+        name, p, h=p["h"], friction=friction, spheres=_SPHERES[params.spheres],
+        citation=citation.key,
+    )  # fmt: skip
     x, nq = system.x, system.nx // 2
-    start = ca.vertcat(0, p["z0"], ca.SX.zeros(2 * nq - 2))
+    angles = [p[f"{joint}0"] for joint in ("pitch", "thigh", "leg", "foot")]
+    start = ca.vertcat(0, p["z0"], *angles, ca.SX.zeros(nq))
     end = ca.vertcat(p["goal"], _STANDING, ca.SX.zeros(2 * nq - 2))
     off = x - end
     running = p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(x[nq:])
@@ -106,11 +129,13 @@ def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Slide upright from start to goal on a low arc."""
     position = dict(zip(problem.parameters.names, p, strict=True))
     N, nx, nu = problem.N, problem.system.nx, problem.system.nu
+    nq = nx // 2
     s = np.linspace(0, 1, N + 1)
     X = np.zeros((N + 1, nx))
     X[:, 0] = position["goal"] * s
-    X[:, 1] = _STANDING + 4 * 0.1 * s * (1 - s)
-    X[:, nx // 2] = position["goal"] / (N * position["h"])
+    X[:, :nq] += (1 - s)[:, None] * problem.initial_states(p)[0][:nq]
+    X[:, 1] += s * _STANDING + 4 * 0.1 * s * (1 - s)
+    X[:, nq] = position["goal"] / (N * position["h"])
     return X, np.zeros((N, nu))
 
 
@@ -121,4 +146,4 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Contacts of the spheres with the ground."""
-    return machine_frames(_PICTURED, state, _SPHERES, params.friction)
+    return machine_frames(_PICTURED, state, _SPHERES[params.spheres], params.friction)

@@ -61,4 +61,6 @@ def half_cheetah(
         pose=(0.0, 0.576509, 0.02792, *[0.0] * len(_LEGS)),
         friction=0.4,
         h=0.05,
+        lift=0.25,
+        noise=0.1,
     )

@@ -49,4 +49,6 @@ def hopper(
         pose=(0.0, 1.25, 0.0, 0.0, 0.0, 0.0),
         friction=1.0,
         h=0.05,
+        lift=0.25,
+        noise=0.005,
     )  # fmt: skip

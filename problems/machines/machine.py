@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from dynamics.systems import (
     Chain,
@@ -41,7 +42,8 @@ class Machine:
     """Links, contact spheres and the constants of the environment that they come from.
 
     ``pose`` is the pose the table is checked at, one value for each coordinate [m, rad];
-    ``friction`` Coulomb's coefficient with the ground; ``h`` the environment's time step [s].
+    ``friction`` Coulomb's coefficient with the ground; ``h`` the environment's time step [s]; it
+    starts ``lift`` [m] above the pose, off by up to ``noise`` in every coordinate and velocity.
     """
 
     links: tuple[Link, ...]
@@ -49,6 +51,17 @@ class Machine:
     pose: tuple[float, ...]
     friction: float
     h: float
+    lift: float
+    noise: float
+
+    def reset(self, seed: int = 0) -> np.ndarray:
+        """State (q, v) that the environment starts at, (2 nq,): the pose lifted, plus noise.
+
+        The noise is uniform in [-noise, noise], in m, rad, m/s and rad/s alike.
+        """
+        start = np.concatenate([self.pose, np.zeros(len(self.pose))])
+        start[1] += self.lift
+        return start + np.random.default_rng(seed).uniform(-self.noise, self.noise, len(start))
 
     def chain(self, gravity: Number = 9.81) -> Chain:
         """Build the equations of motion under ``gravity`` [m/s²]."""
@@ -80,8 +93,8 @@ class Machine:
 
         ``spheres`` are the parts that may touch, by default all; ``friction`` None is frictionless;
         one unit of input is ``scale`` times the gear [N m]. With ``free_step`` h is a symbol and
-        one state more. Names of contacts are those of the
-        spheres, of limits ``<joint> low`` and ``<joint> high``.
+        one state more. Names of contacts are those of the spheres, of limits ``<joint> low`` and
+        ``<joint> high``.
         """
         chain, touching = self.chain(), self._touching(friction, spheres)
         more = (Signal("h", "s", "step size"),) if free_step else ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from functools import cache
 
 import casadi as ca
@@ -15,28 +16,32 @@ _THICKNESS = 0.03
 
 def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
     """Draw the machine at ``state`` (q, v, ...): every link from its joint to its far end."""
-    segments, discs = _places(machine)
-    q = np.asarray(state)[: segments.numel_in(0)]
-    ends, centres = np.array(segments(q)).T, np.array(discs(q)).T
-    links = [Capsule(*row[:4], _THICKNESS) for row in ends.tolist()]
+    segments, _ = _places(machine)
+    ends = np.array(segments(np.asarray(state)[: segments.numel_in(0)])).T
+    links = [Capsule(x1, z1, x2, z2, _THICKNESS) for x1, z1, x2, z2 in ends.tolist()]
     spheres = [
         Disc(float(x), float(z), sphere.radius)
-        for (x, z), sphere in zip(centres, machine.spheres, strict=True)
+        for (x, z), sphere in zip(sphere_centres(machine, state), machine.spheres, strict=True)
     ]
     return [HalfPlane(0, 0, 0, 1), *links, *spheres]
 
 
 def machine_frames(
-    machine: Machine, state: np.ndarray, spheres: tuple[str, ...], friction: float
+    machine: Machine, state: np.ndarray, spheres: Collection[str], friction: float
 ) -> list[ContactFrame]:
     """Frames of the contacts of ``spheres`` with the ground."""
-    _, discs = _places(machine)
-    centres = np.array(discs(np.asarray(state)[: discs.numel_in(0)])).T
+    centres = sphere_centres(machine, state)
     return [
         ContactFrame(float(x), float(z) - sphere.radius, 0.0, 1.0, friction)
         for (x, z), sphere in zip(centres, machine.spheres, strict=True)
         if sphere.name in spheres
     ]
+
+
+def sphere_centres(machine: Machine, state: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Centre (x, z) of every sphere at ``state`` (q, v, ...), shape (spheres, 2) [m]."""
+    _, discs = _places(machine)
+    return np.array(discs(np.asarray(state)[: discs.numel_in(0)])).T
 
 
 @cache

@@ -1,0 +1,67 @@
+"""Machines let loose from the reset of the environment that their tables come from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dynamics.contact import ContactLaw
+from ocp.errors import InputError
+from ocp.problem import Problem
+from ocp.rollout import Rollout, roll_out
+from problems.machines.half_cheetah import half_cheetah
+from problems.machines.hopper import hopper
+from problems.machines.machine import Machine
+from problems.registry import get
+
+_MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
+
+
+def simulation(name: str, steps: int = 50, seed: int = 0, **params: Any) -> tuple[Problem, Any]:
+    """The problem ``name`` over ``steps``, and the state x0 (nx,) of its environment's reset.
+
+    All spheres may touch, h is the environment's 0.05 s, and the start its pose, lifted by 0.25 m
+    and shaken by uniform noise out of ``seed``: 0.005 for ``hopper``, 0.1 for ``half-cheetah``, in
+    every coordinate and velocity. ``params`` change any parameter, ``spheres`` and hopper's ``h``
+    too.
+
+    Raises :class:`~ocp.errors.InputError` for a name that is no machine or a bad parameter.
+    """
+    if name not in _MACHINES:
+        raise InputError(f"{name!r} is no machine to simulate; there are {', '.join(_MACHINES)}")
+    machine: Machine = _MACHINES[name]()
+    given: dict[str, Any] = {"spheres": "all", "N": steps, **params}
+    x0 = machine.reset(seed)
+    if name == "hopper":
+        return get(name, **{"h": machine.h, **given}), x0
+    step_size = given.setdefault("h_max", machine.h)
+    return get(name, **given), np.append(x0, step_size)
+
+
+def simulate(
+    name: str,
+    steps: int = 50,
+    inputs: np.ndarray | None = None,
+    law: ContactLaw | None = None,
+    seed: int = 0,
+    **params: Any,
+) -> Rollout:
+    """Roll a machine out from its environment's reset (:func:`simulation`).
+
+    ``inputs`` (steps, nu) are the motors', by default at rest, and go unclipped, as in the source;
+    ``law`` is the contact law, by default the exact one. States are (q, v), for ``half-cheetah``
+    with h behind them, shape (1, steps + 1, nx).
+
+    Raises :class:`~ocp.errors.InputError` where the inputs do not fit, and
+    :class:`~ocp.errors.NotConverged` where a step's contact was not solved.
+    """
+    problem, x0 = simulation(name, steps, seed, **params)
+    plan = np.zeros((steps, problem.system.nu)) if inputs is None else np.asarray(inputs, float)
+    if plan.shape != (steps, problem.system.nu):
+        raise InputError(
+            f"{name}: the inputs have shape {plan.shape}, expected ({steps},"
+            f" {problem.system.nu}), one row for each step"
+        )
+    values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
+    return roll_out(problem, plan[None], values, law, x0[None])
