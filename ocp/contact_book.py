@@ -14,6 +14,8 @@ from ocp.solution import ContactSummary
 
 _ACTS = 1e-6
 """Share of the characteristic impulse above which a contact counts as acting."""
+_SLIDES = 1e-6
+"""Share of the characteristic gap slid in a step above which a contact counts as slipping."""
 _WEAK = 1e-5
 """Share of the characteristic sizes below which both members of a pair count as zero."""
 
@@ -22,17 +24,23 @@ _WEAK = 1e-5
 class ContactBook:
     """Forces and books of a trajectory; arrays (S, N, points), NaN where a system has none.
 
-    ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s]. Largest over all contacts and steps:
-    ``cone_violation`` max(0, |tangential| - friction normal) [N s]; ``dissipation_residual``
-    friction normal |slip| + tangential slip [J], zero where friction dissipates as much
-    as it can; ``energy_gain`` [J] the largest rise of energy in a step beyond the work done;
-    ``dissipated`` [J] what contact took in all; ``momentum_residual`` [N s].
+    ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s], ``bound`` friction normal [N s], what
+    the tangential impulse may be at most; ``acts``, ``slides``, ``weak`` whether the contact acts,
+    whether it slides then, and whether its complementarity is not strict. Largest over all contacts
+    and steps: ``cone_violation`` max(0, |tangential| - friction normal) [N s];
+    ``dissipation_residual`` friction normal |slip| + tangential slip [J], zero where friction
+    dissipates as much as it can; ``energy_gain`` [J] the largest rise of energy in a step beyond
+    the work done; ``dissipated`` [J] what contact took in all; ``momentum_residual`` [N s].
     """
 
     names: tuple[str, ...]
     normal: np.ndarray
     tangential: np.ndarray
     slip: np.ndarray
+    bound: np.ndarray
+    acts: np.ndarray
+    slides: np.ndarray
+    weak: np.ndarray
     contacts: list[ContactSummary]
     cone_violation: float = float("nan")
     dissipation_residual: float = float("nan")
@@ -66,12 +74,17 @@ def contact_book(
         )
     weak = _weak_steps(problem, lam, gap, len(names))
     h = at(ca.SX(system.h))[0]
-    contacts = _summaries(names, normal, tangential, slip, friction, weak, h, problem)
-    rough = forces is not None
+    acts = normal > _ACTS * problem.reference.impulse
+    slides = acts & (np.abs(slip) * h > _SLIDES * problem.reference.gap)
+    # A multiplier in newton is a force already.
+    are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
+    force = normal if are_forces else normal / h
+    contacts = _summaries(names, force, np.abs(slip) * h, acts, slides, weak)
+    rough, bound = forces is not None, friction * normal
     return ContactBook(
-        names, normal, tangential, slip, contacts,
-        _largest(np.abs(tangential) - friction * normal) if rough else float("nan"),
-        _largest(friction * normal * np.abs(slip) + tangential * slip) if rough else float("nan"),
+        names, normal, tangential, slip, bound, acts, slides, weak, contacts,
+        _largest(np.abs(tangential) - bound) if rough else float("nan"),
+        _largest(bound * np.abs(slip) + tangential * slip) if rough else float("nan"),
         *_books(system.book, at),
     )  # fmt: skip
 
@@ -109,26 +122,22 @@ def _weak_steps(problem: Problem, lam: np.ndarray, gap: np.ndarray, points: int)
 
 
 def _summaries(
-    names: tuple[str, ...], normal: np.ndarray, tangential: np.ndarray, slip: np.ndarray,
-    friction: np.ndarray, weak: np.ndarray, h: np.ndarray, problem: Problem,
+    names: tuple[str, ...], force: np.ndarray, way: np.ndarray, acts: np.ndarray,
+    slides: np.ndarray, weak: np.ndarray,
 ) -> list[ContactSummary]:  # fmt: skip
-    least = _ACTS * problem.reference.impulse
-    acts = normal > least
-    slow = 1e-6 * problem.reference.gap
-    sliding = acts & (np.abs(slip) * h > slow)
-    found = []
-    for i, name in enumerate(names):
-        force = normal[:, :, i] / h[:, :, 0]
-        found.append(ContactSummary(
+    """Sum up forces [N], ways slid [m] and flags, each (S, N, points), for every contact."""
+    return [
+        ContactSummary(
             name=name,
             steps=int(acts[:, :, i].sum()),
-            slipping=int(sliding[:, :, i].sum()),
-            peak_force=_largest(force),
-            slid=float((np.abs(slip[:, :, i]) * h[:, :, 0] * acts[:, :, i]).sum()),
+            slipping=int(slides[:, :, i].sum()),
+            peak_force=_largest(force[:, :, i]),
+            slid=float(way[:, :, i][acts[:, :, i]].sum()),
             weak=int(weak[:, :, i].sum()),
             spans=_spans(acts[0, :, i]),
-        ))  # fmt: skip
-    return found
+        )
+        for i, name in enumerate(names)
+    ]
 
 
 def _spans(acts: np.ndarray) -> list[tuple[int, int]]:

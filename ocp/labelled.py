@@ -63,10 +63,14 @@ def _add_forces(
             ("normal_impulse", book.normal, "N s"),
             ("friction_impulse", book.tangential, "N s"),
             ("slip", book.slip, "m/s"),
+            ("friction_bound", book.bound, "N s"),
+            ("acts", book.acts, "1"),
+            ("slides", book.slides, "1"),
+            ("weak", book.weak, "1"),
         )
         for name, values, unit in parts:
             dims = ("scenario", "interval", "point")
-            data[f"{name}{suffix}"] = (dims, values, {"units": unit})
+            data[f"{name}{suffix}"] = (dims, np.asarray(values, dtype=float), {"units": unit})
 
 
 def _names(signals: tuple[Signal, ...]) -> list[str]:

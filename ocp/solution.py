@@ -132,10 +132,13 @@ class Solution:
     ``lam``, ``gap``, ``mu`` (scenario, interval, contact), their replay under the exact law
     ``x_replay``, ``u_replay``, ``lam_replay``, ``gap_replay`` (contact_exact: without branches),
     ``phi``, ``phi_replay`` (scenario, node, distance) where the system knows its signed distance,
-    for feedback ``K`` (interval, control, state) and ``k`` (interval, control), and the homotopy's
-    stages: ``stage_value``, ``stage_cost``, ``stage_complementarity``, ``stage_residual``,
-    ``stage_iterations`` (stage), and ``stage_x``, ``stage_u`` (accepted_stage, scenario or shared,
-    interval, state or control) of those that succeeded. Coordinate ``time`` [s].
+    with friction ``normal_impulse``, ``friction_impulse``, ``slip``, ``friction_bound`` (friction
+    times normal impulse) and, as 0 or 1, ``acts``, ``slides``, ``weak`` (scenario, interval, point)
+    of every contact, and their ``_replay``, for feedback ``K`` (interval, control, state) and ``k``
+    (interval, control), and the homotopy's stages: ``stage_value``, ``stage_cost``,
+    ``stage_complementarity``, ``stage_residual``, ``stage_iterations`` (stage), and ``stage_x``,
+    ``stage_u`` (accepted_stage, scenario or shared, interval, state or control) of those that
+    succeeded. Coordinate ``time`` [s].
 
     Of ``solve_s`` [s], ``evaluation_s`` went into evaluating cost, constraints and derivatives;
     ``solver_s``, the rest, into the solver: linear algebra, line search, its own affairs. It is

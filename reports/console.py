@@ -16,7 +16,7 @@ from rich.text import Text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ocp.solution import Solution, StageRecord
+    from ocp.solution import Audit, Solution, StageRecord
     from ocp.studies.store import StoredRun
     from problems.spec import Golden
     from problems.studies import Claim
@@ -135,9 +135,69 @@ def result_table(solution: Solution) -> Table:
         ("build, solve", f"{solution.build_s:.2f}, {solution.solve_s:.2f}", "s"),
         ("of which functions, solver", *split(solution)),
     ]
+    rows[-3:-3] = [(name, small(value), what) for name, value, what in books(audit)]
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def books(audit: Audit) -> list[tuple[str, float, str]]:
+    """Name, number and unit of what the audit says of friction, energy and momentum, where known.
+
+    What contact took is left out: it is no residual.
+    """
+    known = (
+        ("friction cone violated by", audit.cone_violation, "N s"),
+        ("dissipation short of the most", audit.dissipation_residual, "J"),
+        ("energy gained in a step", audit.energy_gain, "J, contact and integrator"),
+        ("momentum residual", audit.momentum_residual, "N s"),
+    )
+    return [row for row in known if math.isfinite(row[1])]
+
+
+def contact_table(audit: Audit) -> Table:
+    """When each contact acts, how hard, how far it slides; those that never act are counted."""
+    rough = math.isfinite(audit.cone_violation)
+    heads = ("steps", *(["slipping"] if rough else []), "peak N", *(["slid m"] if rough else []))
+    table = _table(
+        ("contact", "left"),
+        *((head, "right") for head in (*heads, "weak")),
+        ("steps from-to", "left"),
+    )
+    for row in contact_rows(audit):
+        name, steps, spans, slipping, peak, slid, weak = row
+        sliding = (slipping,) if rough else ()
+        table.add_row(name, steps, *sliding, peak, *((slid,) if rough else ()), weak, spans)
+    table.caption, table.caption_justify = idle_contacts(audit), "left"
+    return table
+
+
+def contact_rows(audit: Audit) -> list[tuple[str, ...]]:
+    """Name, steps, spans, slipping steps, peak force [N], way slid [m], weak steps; as text."""
+    rows = []
+    for found in audit.contacts:
+        slid = number(found.slid, 3) if found.slipping else "0"
+        row = (found.name, str(found.steps), spans_text(found.spans), str(found.slipping),
+               number(found.peak_force, 4), slid, str(found.weak))  # fmt: skip
+        rows += [row] if found.steps else []
+    return rows
+
+
+def idle_contacts(audit: Audit) -> str:
+    """Say how many contacts never act, and at how many steps that is not certain."""
+    idle = [found for found in audit.contacts if not found.steps]
+    if not idle:
+        return ""
+    weak = sum(found.weak for found in idle)
+    grazing = f", weak at {weak} steps" if weak else ""
+    return f"{len(idle)} {'contact' if len(idle) == 1 else 'contacts'} never acting{grazing}"
+
+
+def spans_text(spans: Sequence[Sequence[int]], most: int = 6) -> str:
+    """Write spans of steps: ``0-4, 7, 9-12``; of more than ``most`` the first, and a count."""
+    parts = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
+    more = f", {len(parts) - most} more" if len(parts) > most else ""
+    return ", ".join(parts[:most]) + more
 
 
 def split(solution: Solution) -> tuple[str, str]:

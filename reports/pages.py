@@ -11,8 +11,15 @@ from dynamics.contact import LAWS
 from ocp.solution import Status
 from problems import describe
 from reports.bibliography import full_citation
-from reports.console import knob_title, number, small
-from reports.figures import comparison, run
+from reports.console import (
+    books,
+    contact_rows,
+    idle_contacts,
+    knob_title,
+    number,
+    small,
+)
+from reports.figures import comparison, contacts, run
 from reports.figures import continuation as path_figures
 from reports.strobe import strobe
 from reports.view import RunView
@@ -43,10 +50,14 @@ def solve_page(view: RunView) -> Page:
             for v in ([] if solved else stored.audit.worst)
         ],
         "others": [_pairs(other) for other in stored.meta["others"]],
+        "contacts": [list(row) for row in contact_rows(stored.audit)],
+        "idle": idle_contacts(stored.audit),
+        "scenarios": stored.data.sizes["scenario"],
     }  # fmt: skip
     figures: dict[str, Figure | None] = {"trajectories": run.trajectories(view)}
     if view.signals("contacts"):
         figures["contact"] = run.contact_plane(view)
+    figures["friction"] = contacts.friction_forces(view)
     figures["strobe"] = strobe(view)
     if len(stored.stages) > 1:
         figures["homotopy"] = run.homotopy(view)
@@ -146,8 +157,10 @@ def _key_numbers(view: RunView) -> list[list[str]]:
         ["penetration by true signed distance [m]", small(audit.penetration)],
         ["largest distance of plan and replay, any state", small(audit.state_gap)],
         ["steps and contacts that are active", str(audit.active_steps)],
+        *([f"{name} [{unit.partition(',')[0]}]", small(value)] for name, value, unit in
+          books(audit)),
         ["iterations", str(meta["iterations"])],
-    ]
+    ]  # fmt: skip
 
 
 def _law(view: RunView) -> dict[str, Any]:

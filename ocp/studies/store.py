@@ -75,10 +75,11 @@ class StoredRun:
         Raises :class:`~ocp.errors.DamagedRun` where ``meta.json`` lacks a part of it.
         """
         with self._described():
-            worst = [Violation(**item) for item in self.meta["audit"]["worst"]]
-            contacts = [read(ContactSummary, item) for item in self.meta["audit"]["contacts"]]
+            found = self.meta["audit"]
+            worst = [Violation(**item) for item in found["worst"]]
+            contacts = [read(ContactSummary, item) for item in found.get("contacts", [])]
             lists = {"worst": worst, "contacts": contacts}
-            return read(Audit, {**self.meta["audit"], **lists})
+            return read(Audit, {**found, **lists})
 
     @cached_property
     def stages(self) -> list[StageRecord]:

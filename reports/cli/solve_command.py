@@ -100,12 +100,14 @@ def run(
 
 
 def show(output: Output, solution: Solution) -> None:
-    """Print the homotopy table, the audit and, for a failure, the worst constraints."""
+    """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
     from reports import console
 
     if solution.stages:
         output.note(console.stage_table(solution.stages))
     output.note(console.result_table(solution))
+    if solution.audit.contacts:
+        output.note(console.contact_table(solution.audit))
     if solution.audit.worst and not solution.success:
         output.note(console.violation_table(solution))
     if solution.others:

@@ -1,0 +1,133 @@
+"""What a report says of contacts agrees with the stored arrays."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+from rich.console import Console
+
+from dynamics.contact import Exact
+from ocp import solve
+from ocp.solution import Audit, ContactSummary
+from ocp.studies import store
+from problems import spec
+from reports import console, pages
+from reports.cli.solve_command import document
+from reports.figures.contacts import friction_forces
+from reports.style import styled
+from reports.view import RunView
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> tuple[Path, RunView]:
+    problem = spec("planar-push").problem({})
+    path = store.save(solve(problem, contact=Exact()), tmp_path_factory.mktemp("runs"), [])
+    return path, RunView.of(store.load(path))
+
+
+def array(view: RunView, name: str) -> np.ndarray:
+    found = view.array(name)
+    assert found is not None
+    return found
+
+
+def test_summary_adds_up_what_the_run_stores(run) -> None:
+    view = run[1]
+    (push,) = view.run.audit.contacts
+    h = np.diff(view.time)
+    acts, slides = array(view, "acts")[0, :, 0], array(view, "slides")[0, :, 0]
+    impulse, slip = array(view, "normal_impulse")[0, :, 0], array(view, "slip")[0, :, 0]
+    assert push.peak_force == pytest.approx(np.max(impulse / h), rel=1e-12)
+    assert push.slid == pytest.approx(np.sum(np.abs(slip) * h * acts), rel=1e-12)
+    assert push.slid > 0.01, "the pusher slides along the box"
+    inside = {k for first, last in push.spans for k in range(first, last + 1)}
+    assert inside == set(np.flatnonzero(acts)) and len(inside) == push.steps
+    assert push.slipping == slides.sum() < push.steps
+    assert push.weak == array(view, "weak").sum()
+
+
+def test_a_multiplier_in_newton_is_the_force() -> None:
+    found = solve(spec("cart-walls").problem({}), contact=Exact())
+    peaks = [summary.peak_force for summary in found.audit.contacts]
+    assert peaks == pytest.approx(found.data["lam"].values.max(axis=(0, 1)), abs=1e-12)
+    assert max(peaks) > 1
+
+
+def test_friction_holds_or_slips_at_its_bound(run) -> None:
+    """Coulomb's law, read off the stored arrays alone."""
+    view = run[1]
+    friction, bound, slip = (
+        array(view, name).ravel() for name in ("friction_impulse", "friction_bound", "slip")
+    )
+    slides = array(view, "slides").ravel() > 0
+    assert bound == pytest.approx(2 / 3 * array(view, "normal_impulse").ravel(), rel=1e-12)
+    assert np.all(np.abs(friction) <= bound + 1e-9)
+    np.testing.assert_allclose(np.abs(friction[slides]), bound[slides], atol=1e-8)
+    assert np.all(friction[slides] * slip[slides] < 0)
+
+
+def test_json_has_the_contacts_and_the_books(run) -> None:
+    path, view = run
+    problem = view.problem
+    assert problem is not None
+    told = document(view.run.solution(problem), path)
+    (push,) = told["contacts"]
+    assert push["steps"] == array(view, "acts").sum()
+    assert 0 <= told["cone_violation"] < 1e-9 and 0 <= told["dissipation_residual"] < 1e-9
+
+
+def test_figure_draws_forces_within_their_bound(run) -> None:
+    view = run[1]
+    with styled():
+        figure = friction_forces(view)
+    assert figure is not None
+    (axis,) = figure.axes[:1]
+    assert axis.get_ylabel() == "push [N]"
+    drawn = [patch.get_data().values for patch in axis.patches if hasattr(patch, "get_data")]
+    h = np.diff(view.time)
+    for values, name in zip(drawn, ("normal_impulse", "friction_impulse"), strict=True):
+        np.testing.assert_allclose(values, array(view, name)[0, :, 0] / h, rtol=1e-12)
+    (band,) = (c for c in axis.collections if isinstance(c, PolyCollection))
+    heights = band.get_paths()[0].vertices[:, 1]
+    largest = np.max(array(view, "friction_bound")[0, :, 0] / h)
+    assert (heights.min(), heights.max()) == pytest.approx((-largest, largest))
+    low, high = axis.get_ylim()
+    assert low <= -largest and high >= largest, "the band is seen whole"
+
+
+def test_page_has_the_contact_that_acts(run) -> None:
+    with styled():
+        content, figures = pages.solve_page(run[1])
+    (row,) = content["contacts"]
+    assert row[0] == "push" and row[1] == "20" and row[2] == "0-19"
+    assert "friction" in figures
+    assert any(name.startswith("friction cone violated") for name, _ in content["key"])
+
+
+def made(*contacts: ContactSummary, cone: float = 0.0) -> Audit:
+    return Audit(*(0.0,) * 9, 0, 0.0, cone_violation=cone, contacts=list(contacts))
+
+
+def shown(audit: Audit) -> str:
+    printer = Console(width=console.COLUMNS, record=True, file=io.StringIO())
+    printer.print(console.contact_table(audit))
+    return printer.export_text()
+
+
+def test_table_has_only_what_acts_and_counts_the_rest() -> None:
+    toe = ContactSummary("toe", 8, 3, 491.13, 0.25, 1, [(0, 4), (7, 7), (9, 10)])
+    idle = [ContactSummary(name, 0, 0, 0.0, 0.0, weak) for name, weak in (("torso", 0), ("leg", 2))]
+    text = shown(made(toe, *idle))
+    assert "0-4, 7, 9-10" in text and "491.1" in text and "slid" in text
+    assert "torso" not in text and "2 contacts never acting, weak at 2 steps" in text
+    smooth = shown(made(toe, cone=float("nan")))
+    assert "slid" not in smooth and "never" not in smooth
+
+
+def test_many_spans_are_cut_short() -> None:
+    spans = [(k, k) for k in range(0, 20, 2)]
+    assert console.spans_text(spans) == "0, 2, 4, 6, 8, 10, 4 more"
