@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test test-slow bench lint gallery
+.PHONY: setup demo test test-slow bench bench-solve lint gallery
 
 setup: $(READY)
 
@@ -30,6 +30,11 @@ test-slow: setup
 
 bench: setup
 	$(BIN)/pytest -m bench -s tests/benchmarks
+
+# Solves every named problem from 21 guesses and rewrites the table in the README;
+# PROBLEMS="hopper push-1d" does some of them.
+bench-solve: setup
+	$(BIN)/python -m tests.benchmarks.ocp.dependability $(PROBLEMS)
 
 # Pictures of the README: these problems in this order, solved under the exact law, or as
 # SOLVE_<problem> says.

@@ -1,0 +1,65 @@
+"""The table of ``make bench-solve``: its statistics, and that it stays in its place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tests.benchmarks.ocp.dependability import (
+    BEGIN,
+    END,
+    README,
+    Start,
+    from_guess,
+    rewritten,
+    row,
+    solved,
+)
+
+
+def starts() -> list[Start]:
+    """A default that fails, ten starts that cost 1.00 to 1.09, ten that fail as well."""
+    costs = [9.0, *(1 + k / 100 for k in range(10)), *[0.5] * 10]
+    return [
+        Start("hopper", k, 60, 16, 1 <= k <= 10, "infeasible", cost, 10 * k, k / 4, "")
+        for k, cost in enumerate(costs)
+    ]
+
+
+def test_row_counts_audited_answers_only() -> None:
+    cells = row(starts())
+    assert cells[0] == "`hopper`" and cells[1:3] == ["60", "16"]
+    assert solved(starts()) == 10 and cells[3] == "10"
+    assert cells[4] == "infeasible", "the default guess"
+    assert cells[5:7] == ["100", "2.5"], "medians of all 21, failures too"
+    assert cells[7:9] == ["1", "1.09"], "the cheap failures are no answers"
+    assert cells[9] == "2 of 21" and cells[10] == "16"
+
+
+def test_a_problem_never_solved_has_no_cost() -> None:
+    cells = row([replace(start, success=False) for start in starts()])
+    assert cells[3] == "0" and cells[7] == cells[8] == "nan" and cells[9] == "0 of 21"
+
+
+def test_fresh_rows_replace_their_own_and_leave_the_rest() -> None:
+    text = f"before\n{BEGIN}\n{END}\nafter\n"
+    filled = rewritten(text, [["`hopper`", "1"], ["`wall-1d`", "2"]])
+    assert filled.startswith("before\n") and filled.endswith("\nafter\n")
+    assert filled.index("`wall-1d` | 2") < filled.index("`hopper` | 1"), "in the registry's order"
+    again = rewritten(filled, [["`hopper`", "3"]])
+    assert "`hopper` | 3" in again and "`hopper` | 1" not in again and "`wall-1d` | 2" in again
+    assert again.count("| problem |") == 1
+
+
+def test_readme_has_the_markers_once() -> None:
+    text = README.read_text()
+    assert text.count(BEGIN) == text.count(END) == 1
+
+
+def test_a_start_is_its_own() -> None:
+    """Guess 2 is the same solve whatever came before; another guess is another solve."""
+    alone = from_guess("wall-1d", 2)
+    other = from_guess("wall-1d", 0)
+    again = from_guess("wall-1d", 2)
+    assert alone.success and other.success
+    assert replace(alone, seconds=0) == replace(again, seconds=0)
+    assert (other.iterations, other.where) != (alone.iterations, alone.where)
