@@ -51,7 +51,7 @@ _UFUNCS: dict[int, Callable[..., object]] = {
     **{ca.OP_ATAN2: np.arctan2, ca.OP_HYPOT: np.hypot, ca.OP_COPYSIGN: np.copysign},
     **{ca.OP_LT: np.less, ca.OP_LE: np.less_equal, ca.OP_EQ: np.equal, ca.OP_NE: np.not_equal},
     **{ca.OP_NOT: np.logical_not, ca.OP_AND: np.logical_and, ca.OP_OR: np.logical_or},
-    **{ca.OP_FLOOR: np.floor, ca.OP_CEIL: np.ceil, ca.OP_FABS: np.fabs, ca.OP_SIGN: np.sign},
+    **{ca.OP_FLOOR: np.floor, ca.OP_CEIL: np.ceil, ca.OP_FABS: np.absolute, ca.OP_SIGN: np.sign},
     **{ca.OP_FMOD: np.fmod, ca.OP_FMIN: np.fmin, ca.OP_FMAX: np.fmax},
     **{ca.OP_ERF: special.erf, ca.OP_ERFINV: special.erfinv},
     ca.OP_IF_ELSE_ZERO: _if_else_zero,
@@ -95,8 +95,23 @@ class NumpyKernel:
             memory.m = m
             memory.numbers = list(np.empty((self.n_registers, m)))
             memory.masks = list(np.empty((self._n_masks, m), dtype=bool))
+            memory.shared = {}
+        rows = [
+            _shared_rows(memory.shared, k, a) if a.shape[-1] == 1 else list(a)
+            for k, a in enumerate(inputs)
+        ]
         with np.errstate(all="ignore"):
-            self._program(inputs, outputs, memory.numbers, memory.masks)
+            self._program(rows, [list(a) for a in outputs], memory.numbers, memory.masks)
+
+
+def _shared_rows(known: dict[int, tuple[Array, list[Array]]], k: int, array: Array) -> list[Array]:
+    """Rows of one number each as views without an axis, which NumPy broadcasts without set-up.
+
+    Those of input k are kept as long as calls pass the same array.
+    """
+    if k not in known or known[k][0] is not array:
+        known[k] = array, [row.reshape(()) for row in array]
+    return known[k][1]
 
 
 class _Writer:
@@ -109,7 +124,7 @@ class _Writer:
     def __init__(self, tape: Tape) -> None:
         self.tape = tape
         self.names: dict[int, str] = {}
-        self.constants: dict[str, np.float64] = {}
+        self.constants: dict[str, Array] = {}
         self.free: dict[str, list[str]] = {"r": [], "m": []}
         self.count = {"r": 0, "m": 0}
         self.lines: list[str] = []
@@ -127,7 +142,7 @@ class _Writer:
         for k, row in enumerate(tape.outputs):
             for j, v in enumerate(row):
                 if self.direct.get(v) != (k, j):
-                    self.lines.append(f"o[{k}][{j}] = {self.names[v]}")
+                    self.lines.append(f"o[{k}][{j}][...] = {self.names[v]}")
 
     def _reads(self, i: int) -> tuple[int, ...]:
         return self.choices.get(i) or operands(self.tape.operations[i])
@@ -182,7 +197,7 @@ class _Writer:
             self.names[i] = f"i[{operation.args[0]}][{operation.args[1]}]"
         elif op == ca.OP_CONST:
             self.names[i] = f"k{i}"
-            self.constants[f"k{i}"] = np.float64(operation.value)
+            self.constants[f"k{i}"] = np.array(operation.value)
         elif i in self.choices:
             arguments = [self.names[arg] for arg in self.choices[i]]
             self._call(i, "choose", arguments)
@@ -197,7 +212,7 @@ class _Writer:
         else:
             boolean = self.tape.operations[i].op in BOOLEAN
             self.names[i] = self._register("m" if boolean else "r")
-        self.lines.append(f"{call}({', '.join(arguments)}, out={self.names[i]})")
+        self.lines.append(f"{call}({', '.join(arguments)}, {self.names[i]})")
 
     def _argument(self, op: int, position: int, arg: int) -> str:
         """An operand's name, turned from number to truth value or back where the two do not fit."""

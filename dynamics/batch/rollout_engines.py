@@ -15,6 +15,7 @@ from dynamics.batch.parallel import over_chunks, run_chunks
 from dynamics.batch.random import Gaussian, key_of
 from dynamics.batch.rollout_numpy import ChunkRollout, Kernel
 from dynamics.batch.rollout_tapes import RolloutTapes
+from dynamics.batch.scratch import transpose
 
 Array = np.ndarray
 
@@ -194,9 +195,10 @@ class ChunkEngine:
             cost[begin:end, 0] = chunk_cost
             for target, value in zip((gradient, score), rest, strict=True):
                 if target is not None:
-                    target[begin:end] = value.T
-            finite = np.isfinite(np.vstack((chunk_cost[None], *rest))).all(axis=0)
-            bad.append(int(np.count_nonzero(~finite)))
+                    transpose(value.T, target[begin:end])
+            # A sum is finite only if all its terms are.
+            total = chunk_cost + sum(value.sum(axis=0) for value in rest)
+            bad.append(end - begin - int(np.count_nonzero(np.isfinite(total))))
 
         over_chunks(q.n, self.chunk, self._threads, work)
         return sum(bad)
@@ -219,19 +221,21 @@ class ChunkEngine:
         return sum(bad)
 
     def _chunk(self, q: Request) -> tuple[Array, Array, Array]:
-        """Cost (m,), gradient and score (parts * n_theta or 0, m) of one chunk."""
+        """Cost (m,), gradient and score (parts * n_theta or 0, m) of one chunk, until the next."""
         tapes, m = self._tapes, q.n
-        x0, theta, p, w = (np.ascontiguousarray(a.T) for a in (q.x0, q.theta, q.p, self._noise(q)))
+        scratch = self._rollout.scratch
+        given = {"x0": q.x0, "theta": q.theta, "p": q.p, "w": self._noise(q)}
+        x0, theta, p, w = (scratch.columns(name, a) for name, a in given.items())
         theta = theta.reshape(q.parts, tapes.n_theta, -1)
-        w = w.reshape(q.horizon, tapes.nu, m)
-        x, lam, cost = self._rollout.forward(x0, theta, p, w)
+        w = w.reshape(q.horizon, tapes.nu, -1)
+        x, lam, cost = self._rollout.forward(x0, theta, p, w, m)
         shape = (q.parts, tapes.n_theta, m)
         gradient, score = np.empty((0, m)), np.empty((0, m))
         if q.gradient:
-            gradient = np.empty(shape)
+            gradient = scratch.array("gradient", *shape)
             self._rollout.backward(x, lam, theta, p, w, gradient)
         if q.score and q.gaussian is not None:
-            score = np.empty(shape)
+            score = scratch.array("score", *shape)
             precision = 1.0 / q.gaussian.scales(tapes.nu) ** 2
             self._rollout.scores(x, theta, w * precision[:, None], score)
         return cost, gradient.reshape(-1, m), score.reshape(-1, m)
@@ -241,4 +245,4 @@ class ChunkEngine:
             return q.w
         if q.gaussian is not None:
             return q.gaussian.draw(q.n, q.horizon, self._tapes.nu).reshape(q.n, -1)
-        return np.zeros((q.n, q.horizon * self._tapes.nu))
+        return np.zeros((1, q.horizon * self._tapes.nu))

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynamics.batch.inner import NEWTON_ITERATIONS, InnerLoop
 from dynamics.batch.rollout_tapes import RolloutTapes
+from dynamics.batch.scratch import Scratch
 
 Array = np.ndarray
 
@@ -36,6 +37,7 @@ class ChunkRollout:
         make: Callable[[ca.Function], Kernel],
     ) -> None:
         self.tapes, self.horizon, self.per_step = tapes, horizon, per_step
+        self.scratch = Scratch()
         self.adjoint, self.score = make(tapes.adjoint), make(tapes.score)
         self.terminal, self.terminal_adjoint = make(tapes.terminal), make(tapes.terminal_adjoint)
         loop = tapes.forward
@@ -47,15 +49,18 @@ class ChunkRollout:
         else:
             self.step = make(loop)
 
-    def forward(self, x0: Array, theta: Array, p: Array, w: Array) -> tuple[Array, Array, Array]:
+    def forward(
+        self, x0: Array, theta: Array, p: Array, w: Array, m: int
+    ) -> tuple[Array, Array, Array]:
         """States `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
 
-        `x0` (nx, m), `theta` (N or 1, n_theta, m or 1), `p` (np, m or 1), `w` (N, nu, m).
+        They are lost at the next call. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and
+        `w` (N, nu, m) may each have 1 in place of m, for one that all samples share.
         """
-        m = w.shape[-1]
-        x = np.empty((self.horizon + 1, self.tapes.nx, m))
-        lam = np.empty((self.horizon, self.tapes.nlam, m))
-        cost, stage = np.zeros((1, m)), np.empty((1, m))
+        x = self.scratch.array("x", self.horizon + 1, self.tapes.nx, m)
+        lam = self.scratch.array("lam", self.horizon, self.tapes.nlam, m)
+        cost, stage = self.scratch.array("costs", 2, 1, m)
+        cost[...] = 0.0
         x[0] = x0
         for t in range(self.horizon):
             arguments = [x[t], self._theta(theta, t), w[t], p]
@@ -66,7 +71,8 @@ class ChunkRollout:
                 self.closing.run([*arguments, self._solve(self.loop, arguments)], results)
             cost += stage
         self.terminal.run([x[-1], p], [stage])
-        return x, lam, (cost + stage)[0]
+        cost += stage
+        return x, lam, cost[0]
 
     def _theta(self, theta: Array, t: int) -> Array:
         return theta[t] if self.per_step else theta[0]
@@ -113,20 +119,22 @@ class ChunkRollout:
         self, x: Array, lam: Array, theta: Array, p: Array, w: Array, gradient: Array
     ) -> None:
         """Fill `gradient` (N or 1, n_theta, m) with the derivative of the cost by theta."""
-        m = w.shape[-1]
-        xbar, before = np.empty((2, self.tapes.nx, m))
-        part = np.empty((self.tapes.n_theta, m))
-        gradient[...] = 0.0
+        m = x.shape[-1]
+        xbar, before = self.scratch.array("bars", 2, self.tapes.nx, m)
+        part = self.scratch.array("part", self.tapes.n_theta, m)
+        if not self.per_step:
+            gradient[...] = 0.0
         self.terminal_adjoint.run([x[-1], p], [xbar])
         for t in reversed(range(self.horizon)):
             arguments = [x[t], self._theta(theta, t), w[t], p, lam[t], xbar]
-            self.adjoint.run(arguments, [before, part])
-            gradient[t if self.per_step else 0] += part
+            self.adjoint.run(arguments, [before, gradient[t] if self.per_step else part])
+            if not self.per_step:
+                gradient[0] += part
             xbar, before = before, xbar
 
     def scores(self, x: Array, theta: Array, w: Array, score: Array) -> None:
         """Fill `score` (N or 1, n_theta, m) with the sum over steps of D_theta law' w."""
-        part = np.empty((self.tapes.n_theta, w.shape[-1]))
+        part = np.empty((self.tapes.n_theta, x.shape[-1]))
         score[...] = 0.0
         for t in range(self.horizon):
             self.score.run([x[t], self._theta(theta, t), w[t]], [part])
