@@ -173,10 +173,35 @@ def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -
     """Largest derivative of the state part of the cost with respect to any input, relative.
 
     ``B_k' nu_{k+1}`` with ``nu_k = dl/dx + A_k' nu_{k+1}`` along the exact replay, over the sum of
-    ``|dl/dx|``: zero where no input moves anything that the cost looks at.
+    ``|dl/dx|``: zero where no input moves anything that the task is about. That are the states
+    which inputs move through contact alone, where the cost looks at any: an arm that goes back to
+    its rest is no progress with the object.
     """
     if not np.all(np.isfinite(replay.x)):
         return float("nan")
+    everything = np.ones(problem.system.nx)
+    largest, size = _slopes(problem, replay, values, _moved_by_contact_alone(problem))
+    if size == 0:
+        largest, size = _slopes(problem, replay, values, everything)
+    return largest / max(size, 1e-300)
+
+
+def _moved_by_contact_alone(problem: Problem) -> np.ndarray:
+    """1 for every state that no input reaches while all contacts are open, else 0."""
+    system = problem.system
+    given = [system.x, system.u, system.parameters.vector]
+    free = ca.Function("free", given, [system.reduced.a])
+    by_x, by_u = (np.array(ca.DM(free.jac_sparsity(0, i), 1)) for i in range(2))
+    reached = by_u.any(axis=1)
+    for _ in range(system.nx):
+        reached = reached | (by_x @ reached > 0)
+    return 1.0 - reached
+
+
+def _slopes(
+    problem: Problem, replay: Rollout, values: dict[str, float], mask: np.ndarray
+) -> tuple[float, float]:
+    """Largest derivative by an input of the cost on the masked states, and its slopes' sum."""
     step = problem.exact_step
     physical = np.array([values[name] for name in problem.parameters.names])
     p = np.array([values[name] for name in step.p.names])
@@ -185,11 +210,11 @@ def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -
     slopes = ca.Function(
         "slopes",
         [x, problem.system.u, du, problem.parameters.vector],
-        [ca.gradient(problem.stage_cost, x), ca.gradient(problem.terminal_cost, x)],
+        [mask * ca.gradient(cost, x) for cost in (problem.stage_cost, problem.terminal_cost)],
     )
     jacobian = step.map.jacobian()
     before = np.array(problem.limits(physical)[1]).ravel()
-    largest, size = 0.0, 1e-300
+    largest, size = 0.0, 0.0
     for s in range(len(replay.x)):
         u = replay.u[s]
         increments = np.diff(np.vstack([before, u]), axis=0)
@@ -201,7 +226,7 @@ def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -
             slope = np.array(slopes(replay.x[s, k], u[k], increments[k], physical)[0]).ravel()
             size += np.abs(slope).sum()
             nu = slope + np.array(J[0]).T @ nu
-    return largest / size
+    return largest, size
 
 
 def judge(nlp: NLP, result: Result, found: Audit, finished: bool) -> Status:

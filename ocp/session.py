@@ -25,7 +25,7 @@ from ocp.solvers.homotopy import (
 )
 from ocp.solvers.polish import polish
 from ocp.solvers.solver import Point, Result, Solver
-from ocp.solvers.strategies import DEFAULT_STRATEGY, STRATEGIES, CentralPath
+from ocp.solvers.strategies import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES, CentralPath
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
@@ -73,6 +73,8 @@ class Session:
     def __post_init__(self) -> None:
         began = time.perf_counter()
         self.step: Step = self.law.close(self.problem.system)
+        if self.step.branches > 1 and self.strategy == DEFAULT_STRATEGY:
+            self.strategy = AVERAGED_STRATEGY
         self.nlps: dict[str, NLP] = {}
         self.helpers: dict[str, Session] = {}
         table = self.problem.parameters + self.step.p
@@ -114,7 +116,8 @@ class Session:
 
     def _smooth(self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None) -> Outcome:
         nlp = self.nlp_of("product")
-        if self.step.exact and self.homotopy:
+        averaged = self.step.branches > 1 and self.homotopy is not False
+        if self.step.exact and (self.homotopy or averaged):
             return self._through_barrier(follower, guess, nlp)
         point = self.first_point(nlp, guess)
         path = self._law_path()
@@ -185,9 +188,14 @@ class Session:
         """Exact law in shooting: follow the barrier law down, then roll its plan out exactly.
 
         At a kink of the exact law no gradient vanishes, so a gradient method cannot end there; the
-        limit of the smoothed optima can, and is taken as the answer.
+        limit of the smoothed optima can, and is taken as the answer. An average of exact steps has
+        kinks all over, and its own optimum by direct transcription is the plan instead.
         """
-        helper = self._helper(Barrier(mu=_MU_LAST), self.method)
+        if self.step.branches > 1:
+            helper = self._helper(self.law, Direct())
+            helper.values |= {name: self.values[name] for name in self.step.p.names}
+        else:
+            helper = self._helper(Barrier(mu=_MU_LAST), self.method)
         smooth = helper.solve(guess=guess, progress=follower.progress)
         result, source, finished = smooth.result, smooth.nlp, smooth.finished
         follower.trace.absorb(smooth.trace)

@@ -20,6 +20,8 @@ from ocp.transcription.nlp import NLP
 
 T_SHARP = 1e-8
 """Relaxation at which the textbook paths end."""
+_SHORT = 300
+"""Iterations after which a stage with an adaptive barrier is rather retried at a larger t."""
 T_LOOSE = 1e-4
 """Fraction of impulse times distance at which the active set shows, and polishing can begin."""
 
@@ -74,6 +76,22 @@ class CentralPath:
 
     def _plan(self, t: float) -> Plan:
         return Plan("t", t, contact=(t, t), options=_inexact(t))
+
+
+@dataclass(frozen=True)
+class ScholtesAdaptive(CentralPath):
+    """``lam gap <= t``, t falling fast, IPOPT's own barrier adaptive, then the active set.
+
+    For laws that average exact steps over noise: each of their many nodes has contacts of its own,
+    and to hold all of those on the central path costs more than it guides.
+    """
+
+    name: ClassVar[str] = "scholtes-adaptive"
+    summary: ClassVar[str] = "lam gap <= t, adaptive barrier, then the active set (if averaged)"
+
+    def _plan(self, t: float) -> Plan:
+        options = {**_inexact(t), "mu_strategy": "adaptive", "max_iter": _SHORT}
+        return Plan("t", t, contact=(-np.inf, t), options=options)
 
 
 @dataclass(frozen=True)
@@ -199,6 +217,7 @@ class LinFukushima:
 
 STRATEGIES: dict[str, Callable[[], Strategy]] = {
     "central-path": CentralPath,
+    "scholtes-adaptive": ScholtesAdaptive,
     "scholtes": Scholtes,
     "scholtes-exact": lambda: Scholtes(inexact=False),
     "scholtes-cold": ScholtesCold,
@@ -208,3 +227,5 @@ STRATEGIES: dict[str, Callable[[], Strategy]] = {
     "lin-fukushima": LinFukushima,
 }
 DEFAULT_STRATEGY = "central-path"
+AVERAGED_STRATEGY = "scholtes-adaptive"
+"""The default where a law averages exact steps."""
