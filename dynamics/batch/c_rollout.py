@@ -11,7 +11,7 @@ from dynamics.batch import c_random, c_source
 from dynamics.batch.c_prelude import prelude
 from dynamics.batch.c_source import Strides
 from dynamics.batch.compiler import Compiler
-from dynamics.batch.inner import NEWTON_ITERATIONS, InnerLoop
+from dynamics.batch.inner import InnerLoop
 from dynamics.batch.rollout_tapes import RolloutTapes
 from dynamics.batch.tape import tape_of, with_shared_reciprocals
 
@@ -141,17 +141,17 @@ _CLOSED_FORM = "#define one_step step\n"
 _INNER = """\
 INLINE int differ(const V *a, const V *b) {
   M changed = {};
-  for (int k = 0; k < 2 * NB; k++) changed |= (M)a[k] != (M)b[k];
+  for (int k = 0; k < NW; k++) changed |= (M)a[k] != (M)b[k];
   return any(changed);
 }
 static __attribute__((noinline)) void follow_path(const V *data, M open, V *lam) {
-  V pair[2 * NB], moved[2 * NB], end[NB], *to[] = {moved}, *out[] = {end};
+  V pair[NW], moved[NW], end[NB], *to[] = {moved}, *out[] = {end};
   const V *from[] = {pair, data};
-  for (int k = 0; k < 2 * NB; k++) pair[k] = SPLAT(1.0);
+  for (int k = 0; k < NW; k++) pair[k] = SPLAT(1.0);
   for (int i = 0; i < %(path_iterations)d; i++) {
     path(from, to, 1);
     if (!differ(pair, moved)) break;
-    for (int k = 0; k < 2 * NB; k++) pair[k] = moved[k];
+    for (int k = 0; k < NW; k++) pair[k] = moved[k];
   }
   followed(from, out, 1);
   for (int k = 0; k < NB; k++) lam[k] = pick(open, end[k], lam[k]);
@@ -317,14 +317,14 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
     loop = tapes.forward
     if isinstance(loop, InnerLoop):
         functions = {name: getattr(loop, name) for name in _INNER_GRAPHS}
-        sizes = loop.n, loop.n_data
+        sizes = loop.n, loop.n_data, loop.n_pair
         stepping = _INNER % {
-            "newton_iterations": NEWTON_ITERATIONS,
+            "newton_iterations": loop.newton_iterations,
             "path_iterations": loop.path_iterations,
             "branches": loop.branches,
         }
     else:
-        functions, sizes, stepping = {"step": loop}, (0, 0), _CLOSED_FORM
+        functions, sizes, stepping = {"step": loop}, (0, 0, 0), _CLOSED_FORM
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         functions[name] = getattr(tapes, name)
     length = sum(fn.n_instructions() for fn in functions.values())
@@ -332,7 +332,7 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
         "EACH": "UNROLL" if length <= UNROLLED else "",
         **{"U": max(1, block // machine.width), "NX": tapes.nx, "NU": tapes.nu, "NP": tapes.np},
         "PS": "U" if own_p else "1",
-        **{"NL": tapes.nlam, "NT": tapes.n_theta, "NB": sizes[0], "ND": sizes[1]},
+        **{"NL": tapes.nlam, "NT": tapes.n_theta, "NB": sizes[0], "ND": sizes[1], "NW": sizes[2]},
     }
     return "".join(
         (

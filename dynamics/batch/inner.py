@@ -10,7 +10,8 @@ ill-conditioned and close to complementarity) the interior-point path of
 `dynamics.contact.interior_point`, which does not fail on a P-matrix, starts afresh. The exact law
 has the active set in place of the root: solve on {lam > s}, until the set stays as it is.
 
-All of it is in the solver's scaling, where F has a unit diagonal.
+All of it is in the solver's scaling, where F has a unit diagonal. Where the contact is no such
+problem (friction, curved gaps) there is the path alone, that of :mod:`dynamics.contact.nonlinear`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynamics.contact import interior_point
+from dynamics.contact.nonlinear import NonlinearPath
 from dynamics.systems.elimination import solve_without_pivoting
 
 NEWTON_ITERATIONS = 12
@@ -30,6 +32,8 @@ _SETTLED = 1e-11
 @dataclass(frozen=True)
 class InnerLoop:
     """Graphs of the solve; `data` describes one branch, and every branch is solved on its own.
+
+    `pair` has the `n_pair` unknowns of the path.
 
     - `opening: (x, theta, w, p) -> (lam, data)`, first guess and data of all branches in turn
     - `newton: (lam, data) -> (lam, open)`, open 1 while the iteration has not come to rest
@@ -46,8 +50,10 @@ class InnerLoop:
     followed: ca.Function
     closing: ca.Function
     n: int
+    n_pair: int
     n_data: int
     branches: int
+    newton_iterations: int
     path_iterations: int
 
 
@@ -110,6 +116,18 @@ def loop_graphs(pattern: ca.Sparsity, exact: bool) -> dict[str, ca.Function]:
     return {
         name: ca.Function(name, inputs, [ca.densify(value) for value in outputs])
         for name, (inputs, outputs) in graphs.items()
+    }
+
+
+def path_graphs(path: NonlinearPath) -> dict[str, ca.Function]:
+    """The graphs of an `InnerLoop` that follows the path from its start, with no Newton method."""
+    lam, data = ca.SX.sym("lam", path.n), path.data
+    pair = ca.SX.sym("pair", 2 * path.n + 1)
+    return {
+        "newton": ca.Function("newton", [lam, data], [lam, ca.SX(ca.DM.ones(1))]),
+        "settled": ca.Function("settled", [lam, data], [lam]),
+        "path": path.iteration(),
+        "followed": ca.Function("followed", [pair, data], [path.ending()(pair, data)[0]]),
     }
 
 

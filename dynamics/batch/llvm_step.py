@@ -10,7 +10,7 @@ import casadi as ca
 from llvmlite import ir
 
 from dynamics.batch import llvm_source
-from dynamics.batch.inner import NEWTON_ITERATIONS, InnerLoop
+from dynamics.batch.inner import InnerLoop
 from dynamics.batch.llvm_source import run_kernel
 from dynamics.batch.llvm_vectors import POINTER, Machine, Value, Writer
 from dynamics.batch.tape import tape_of, with_shared_reciprocals
@@ -50,7 +50,7 @@ def _solve_branch(module: ir.Module, machine: Machine, loop: InnerLoop) -> None:
     lam, data = w.arguments
     moved, unrest, still = w.array(loop.n), w.array(1), w.array(1, w.M)
     w.b.store(ir.Constant(w.M, [1] * w.lanes), still)
-    with w.loop(0, NEWTON_ITERATIONS) as again:
+    with w.loop(0, loop.newton_iterations) as again:
         again.leave_if(w.b.not_(w.any(w.b.load(still, typ=w.M))))
         run_kernel(w, "newton", lam, data, moved, unrest)
         active = w.b.load(still, typ=w.M)
@@ -75,13 +75,13 @@ def _follow_path(module: ir.Module, machine: Machine, loop: InnerLoop) -> None:
     """Follow the path from its start, and put its end into `lam` where `wanted` is not 0."""
     w = Writer(module, machine, "follow_path", [POINTER] * 3, attribute="noinline")
     lam, data, wanted = w.arguments
-    pair, moved, end = w.array(2 * loop.n), w.array(2 * loop.n), w.array(loop.n)
-    for k in range(2 * loop.n):
+    pair, moved, end = w.array(loop.n_pair), w.array(loop.n_pair), w.array(loop.n)
+    for k in range(loop.n_pair):
         w.store(w.splat(1.0), pair, k)
     with w.loop(0, loop.path_iterations) as again:
         run_kernel(w, "path", pair, data, moved)
-        again.leave_if(w.b.not_(_differ(w, pair, moved, 2 * loop.n)))
-        _replace(w, pair, moved, None, 2 * loop.n)
+        again.leave_if(w.b.not_(_differ(w, pair, moved, loop.n_pair)))
+        _replace(w, pair, moved, None, loop.n_pair)
     run_kernel(w, "followed", pair, data, end)
     _replace(w, lam, end, w.nonzero(w.load(wanted)), loop.n)
     w.b.ret_void()

@@ -8,7 +8,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.inner import NEWTON_ITERATIONS, InnerLoop
+from dynamics.batch.inner import InnerLoop
 from dynamics.batch.rollout_tapes import RolloutTapes
 from dynamics.batch.scratch import Scratch
 
@@ -90,7 +90,7 @@ class ChunkRollout:
 
     def _branch(self, loop: InnerLoop, lam: Array, data: Array) -> Array:
         still = np.arange(lam.shape[-1])
-        for _ in range(NEWTON_ITERATIONS):
+        for _ in range(loop.newton_iterations):
             moved, unrest = np.empty((loop.n, len(still))), np.empty((1, len(still)))
             self.newton.run([lam[:, still], data[:, still]], [moved, unrest])
             lam[:, still] = moved
@@ -104,7 +104,7 @@ class ChunkRollout:
         return end
 
     def _follow_path(self, loop: InnerLoop, data: Array) -> Array:
-        pair, moved = np.ones((2, 2 * loop.n, data.shape[-1]))
+        pair, moved = np.ones((2, loop.n_pair, data.shape[-1]))
         for _ in range(loop.path_iterations):
             self.path.run([pair, data], [moved])
             # NaN differs from itself: comparing bits lets a spoiled sample come to rest.

@@ -10,6 +10,7 @@ function theorem: with s = z + F lam,
     (diag(s) + diag(lam) F) d lam = d mu - diag(lam) (d z + d F lam)
 
 where the exact law has in place of lam and s the active set (1 where lam > s) and its complement.
+Where the contact is no LCP the same goes through the relation that the step's inner unknowns solve.
 """
 
 from __future__ import annotations
@@ -19,9 +20,16 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from dynamics.batch.hoisting import hoisted
-from dynamics.batch.inner import InnerLoop, ScaledProblem, loop_graphs
+from dynamics.batch.inner import (
+    NEWTON_ITERATIONS,
+    InnerLoop,
+    ScaledProblem,
+    loop_graphs,
+    path_graphs,
+)
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.contact import Step, interior_point
+from dynamics.contact.nonlinear import NonlinearPath
 from dynamics.systems.elimination import solve_without_pivoting
 
 
@@ -124,14 +132,18 @@ class _Closed:
         self.stage_cost = stage(system.x, system.u, *change, self.p)
         self.terminal_cost = _expanded(terminal_cost)(system.x, self.p)
         carried = system.u if stage.n_in() == 4 else ca.SX(0, 1)
-        self.x_next = ca.vertcat(step.a + step.B @ step.lam, carried)
+        self.x_next = ca.vertcat(_landing(step), carried)
         self.arguments = [self.x, self.theta, self.w, self.p]
 
     def tapes(self) -> RolloutTapes:
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
         score = ca.jtimes(law, self.theta, self.w, True)
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
-        loop = None if self.step.system.nlam <= 1 else self._inner_loop()
+        loop = None
+        if not self.step.linear:
+            loop = self._path_loop()
+        elif self.step.system.nlam > 1:
+            loop = self._inner_loop()
         with_p = {
             "adjoint": (self._adjoint(), 3),
             "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
@@ -198,14 +210,41 @@ class _Closed:
             closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
             **loop_graphs(pattern, exact),
             n=n,
+            n_pair=2 * n,
             n_data=data.numel() // len(problems),
             branches=len(problems),
+            newton_iterations=NEWTON_ITERATIONS,
             path_iterations=interior_point.iteration_count(n),
+        )
+
+    def _path_loop(self) -> InnerLoop:
+        step, system = self.step, self.step.system
+        path, n = NonlinearPath(system, step.exact), system.nlam
+        mu = ca.SX.sym("mu", n)
+        opening, data = path.opening(mu), []
+        for k, node in enumerate(step.nodes):
+            old = ca.vertcat(system.x, system.u, mu)
+            new = ca.vertcat(system.x + node.noise_x, system.u + node.noise_u,
+                             step.mu[k * n : (k + 1) * n])  # fmt: skip
+            data += self._closed(ca.substitute(opening, old, new))
+        stacked, lam = ca.vertcat(*data), step.lam
+        return InnerLoop(
+            opening=_function("opening", self.arguments, [ca.SX.zeros(step.n), stacked]),
+            closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
+            **path_graphs(path),
+            n=n,
+            n_pair=2 * n + 1,
+            n_data=stacked.numel() // step.branches,
+            branches=step.branches,
+            newton_iterations=0,
+            path_iterations=interior_point.iteration_count(2),
         )
 
     def _adjoint(self) -> ca.Function:
         step = self.step
         xbar = ca.SX.sym("xbar", self.x.numel())
+        if not step.linear:
+            return self._adjoint_of_relation(xbar)
         value = self.stage_cost + ca.dot(xbar, self.x_next)
         frozen, meant = [ca.SX(0, 1)], [ca.SX(0, 1)]
         if step.n:
@@ -215,6 +254,29 @@ class _Closed:
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         bars = ca.substitute(bars, frozen, self._closed(*meant))
         return _function("adjoint", [*self.arguments, step.lam, xbar], bars)
+
+    def _adjoint_of_relation(self, xbar: ca.SX) -> ca.Function:
+        """Gradient of ``l + xbar' x_next - v' R(inner)``, v solving the transposed relation."""
+        step, nx = self.step, self.step.system.nx
+        relation = step.differentiable_relation
+        inner = step.inner
+        carried = ca.dot(xbar[:nx], step.following) + ca.dot(xbar[nx:], self.x_next[nx:])
+        by_inner = ca.densify(ca.gradient(carried, inner))
+        v = solve_without_pivoting(step.relation_jacobian.T, by_inner)
+        held_v = ca.SX.sym("v", inner.numel())
+        value = self._closed(self.stage_cost + carried - ca.dot(held_v, relation))[0]
+        bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
+        meant = [v]
+        symbols = [held_v]
+        if step.held is not None:
+            symbols.append(step.held[0])
+            meant.append(step.held[1])
+        bars = ca.substitute(bars, [ca.vertcat(*symbols)], self._closed(ca.vertcat(*meant)))
+        if step.system.implicit:
+            states = inner[: step.branches * nx]
+            landing = step.landing if step.branches > 1 else _landing(step)
+            bars = ca.substitute(bars, [states], self._closed(landing))
+        return _function("adjoint", [*self.arguments, step.lam, xbar], ca.cse(bars))
 
     def _implicit(self, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
         """What contact adds to the function whose gradient is the adjoint.
@@ -241,6 +303,13 @@ def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     apart = z > 0
     q = ca.fabs(z) + ca.sqrt(z * z + 4 * F * mu)
     return ca.if_else(apart, 2 * mu, q) / ca.if_else(apart, q, 2 * F)
+
+
+def _landing(step: Step) -> ca.SX:
+    """The next state in terms of (x, u, lam, p)."""
+    if step.branches > 1 or not step.system.implicit:
+        return step.a + step.B @ step.lam
+    return ca.substitute(step.system.landing, step.system.lam, step.lam)
 
 
 def _expanded(fn: ca.Function) -> ca.Function:

@@ -340,4 +340,4 @@ def _targets(
     if len(chosen) == system.nlam:
         return ca.densify(law.target(system, z, F, knobs))
     mu = ca.densify(law.target(system, z[chosen], F[chosen, chosen], knobs))
-    return mu[[chosen.index(pair) for pair in system.deciding]]
+    return ca.vertcat(*(mu[chosen.index(pair)] for pair in system.deciding))

@@ -14,13 +14,12 @@ from dynamics.batch import (
     Gaussian,
     RolloutFunction,
     affine,
-    c_rollout,
     open_loop,
-    rollout_numpy,
+    rollout_tapes,
 )
 from dynamics.batch.policy import RolloutPolicy
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
-from tests.unit.batch.backends import BACKENDS, FAST, LLVM
+from tests.unit.batch.backends import BACKENDS, FAST
 from tests.unit.batch.rollout_cases import closed, four_contacts, reference, wall
 
 SYSTEMS = {"wall": wall, "four": four_contacts}
@@ -248,10 +247,7 @@ def test_nan_ends_the_inner_loop_and_spoils_no_neighbour():
 @pytest.mark.parametrize("law", ["barrier", "exact"])
 def test_path_takes_over_where_newton_does_not_come_to_rest(law, backend, monkeypatch):
     newton = rollout("four", law, "open", backend)
-    monkeypatch.setattr(c_rollout, "NEWTON_ITERATIONS", 0)
-    if LLVM:
-        monkeypatch.setattr("dynamics.batch.llvm_step.NEWTON_ITERATIONS", 0)
-    monkeypatch.setattr(rollout_numpy, "NEWTON_ITERATIONS", 0)
+    monkeypatch.setattr(rollout_tapes, "NEWTON_ITERATIONS", 0)
     path = RolloutFunction(*case("four", law), HORIZON, newton.policy, backend=backend)
     given = inputs(newton, 33)
     got = path(**given)
