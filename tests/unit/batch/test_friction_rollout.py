@@ -91,7 +91,7 @@ def test_the_foot_lands_and_slips():
     step = tossed_rod("exact")
     x, slipped, landed = START, 0.0, 0
     for u in THETA:
-        x, lam, gap, error = (np.array(v).ravel() for v in step.solve(x, u, step.p.values))
+        x, lam, _, error = (np.array(v).ravel() for v in step.solve(x, u, step.p.values))
         assert error.max() < 1e-10
         landed += lam[0] > 1e-6
         slipped = max(slipped, lam[3] if lam[0] > 1e-6 else 0.0)
