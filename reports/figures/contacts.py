@@ -67,8 +67,10 @@ def _first(view: RunView, name: str) -> np.ndarray:
 
 
 def _shade(axis: Axes, time: np.ndarray, when: np.ndarray, look: dict[str, Any]) -> None:
-    for k in np.flatnonzero(when):
-        axis.axvspan(float(time[k]), float(time[k + 1]), **look)
+    # Neighbouring steps are one patch: between two of them a seam would show.
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], when.astype(int), [0]])))
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        axis.axvspan(float(time[first]), float(time[end]), **look)
 
 
 def _handles() -> list[Line2D | Patch]:

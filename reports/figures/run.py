@@ -118,10 +118,10 @@ def contact_plane(view: RunView) -> Figure:
     again = view.array("lam_replay"), view.array("gap_replay")
     if mu is not None:
         _central_path(axis, mu, gap)
-    for index, signal in enumerate(signals):
-        own = np.s_[..., index :: len(signals)]
+    for index, (title, members) in enumerate(_groups(view).items()):
+        own = np.s_[..., np.isin(np.arange(lam.shape[-1]) % len(signals), members)]
         axis.plot(_floored(gap[own]).ravel(), _floored(lam[own]).ravel(), "o", alpha=0.8,
-                  color=CYCLE[index % len(CYCLE)], label=f"planned, {signal.name}")  # fmt: skip
+                  color=CYCLE[index % len(CYCLE)], label=f"planned, {title}")  # fmt: skip
     if again[0] is not None and again[1] is not None:
         axis.plot(_floored(again[1]).ravel(), _floored(again[0]).ravel(), "x", color=INK,
                   markersize=3.5, markeredgewidth=0.7, label="replayed, exact law")  # fmt: skip
@@ -141,6 +141,18 @@ def contact_plane(view: RunView) -> Figure:
     figure.legend(loc="outside right upper")
     figure.set_figwidth(WIDTH)
     return figure
+
+
+def _groups(view: RunView) -> dict[str, list[int]]:
+    """Title and indices of pairs drawn alike: each its own, or all of a kind if there are kinds."""
+    signals = view.signals("contacts")
+    pairs = view.problem.system.pairs if view.problem is not None else ()
+    if len({pair.kind for pair in pairs}) < 2:
+        return {signal.name: [index] for index, signal in enumerate(signals)}
+    found: dict[str, list[int]] = {}
+    for index, pair in enumerate(pairs):
+        found.setdefault(pair.kind, []).append(index)
+    return found
 
 
 def _floored(values: np.ndarray) -> np.ndarray:

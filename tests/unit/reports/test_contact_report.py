@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_hex
+from matplotlib.patches import Rectangle
 from rich.console import Console
 
 from dynamics.contact import Exact
@@ -18,7 +20,7 @@ from problems import spec
 from reports import console, pages
 from reports.cli.solve_command import document
 from reports.figures.contacts import friction_forces
-from reports.style import styled
+from reports.style import ORANGE, SKY, styled
 from reports.view import RunView
 
 
@@ -97,6 +99,21 @@ def test_figure_draws_forces_within_their_bound(run) -> None:
     assert (heights.min(), heights.max()) == pytest.approx((-largest, largest))
     low, high = axis.get_ylim()
     assert low <= -largest and high >= largest, "the band is seen whole"
+
+
+def test_shading_covers_the_steps_that_slip_and_those_that_stick(run) -> None:
+    view = run[1]
+    with styled():
+        figure = friction_forces(view)
+    assert figure is not None
+    spans = [patch for patch in figure.axes[0].patches if isinstance(patch, Rectangle)]
+    width = dict.fromkeys((ORANGE, SKY), 0.0)
+    for span in spans:
+        width[to_hex(span.get_facecolor()).upper()] += span.get_width()
+    slides = array(view, "slides")[0, :, 0] > 0
+    h = np.diff(view.time)
+    assert width[ORANGE] == pytest.approx(h[slides].sum())
+    assert width[SKY] == pytest.approx(h[~slides].sum()), "the pusher never leaves the box"
 
 
 def test_page_has_the_contact_that_acts(run) -> None:
