@@ -11,6 +11,7 @@ from dynamics.batch.nonfinite import BatchWarning
 from dynamics.batch.tape import UnsupportedOperation
 
 EngineT = TypeVar("EngineT")
+_told: set[str] = set()
 
 
 class MissingExtra(CompilerError):
@@ -23,7 +24,8 @@ def choose(
     """Build the named backend, or for `auto` the first of `makers` that can be built.
 
     Under `auto`, a backend that cannot be built is passed over; one `BatchWarning` line says why
-    and what is used instead. One whose package is not installed is passed over without a word.
+    and what is used instead, once for each reason in a process. One whose package is not installed
+    is passed over without a word.
     Raises `ValueError` for an unknown name, and the backend's own error when it was asked for.
     """
     if backend != "auto":
@@ -40,7 +42,8 @@ def choose(
         except (CompilerError, UnsupportedOperation) as error:
             reasons.append(str(error))
             continue
-        if reasons:
+        if reasons and reasons[0] not in _told:
+            _told.add(reasons[0])
             warnings.warn(
                 f"{reasons[0]}; {what} runs on the {name} backend", BatchWarning, stacklevel=4
             )

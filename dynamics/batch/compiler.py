@@ -2,8 +2,9 @@
 
 Objects live in the user's cache directory as `<key>-<sha256>.so`, where the key covers the source,
 the compiler's version, the flags and the CPU's instruction set, and the second part is the
-checksum of the object itself. A name appears by one atomic rename, so processes may race; an object
-whose bytes do not match its name is thrown away and compiled again before anything is loaded.
+checksum of the object itself; what LLVM compiled lies beside them as `<key>-<sha256>.o`. A name
+appears by one atomic rename, so processes may race; an object whose bytes do not match its name is
+thrown away and compiled again before anything is loaded.
 """
 
 from __future__ import annotations
@@ -172,7 +173,7 @@ def _open(path: Path) -> ctypes.CDLL:
 def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -> Path:
     directory = cache_directory()
     if directory is not None:
-        found = _verified(directory, key)
+        found = _verified(directory, key, "so")
         if found is not None:
             return found
         with contextlib.suppress(OSError):
@@ -180,8 +181,33 @@ def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -
     return _compile(key, source, compiler, flags, _private_directory())
 
 
-def _verified(directory: Path, key: str) -> Path | None:
-    for path in sorted(directory.glob(f"{key}-*.so")):
+def kept(key: str) -> bytes | None:
+    """The LLVM object of this key if the cache has it and its bytes match its name."""
+    directory = cache_directory()
+    found = directory and _verified(directory, key, "o")
+    with contextlib.suppress(OSError):
+        return found.read_bytes() if found else None
+    return None
+
+
+def keep(key: str, code: bytes) -> None:
+    """Put an LLVM object into the cache, by one atomic rename; a cache that refuses is let be."""
+    directory = cache_directory()
+    if directory is None:
+        return
+    target = directory / f"{key}-{hashlib.sha256(code).hexdigest()}.o"
+    with (
+        contextlib.suppress(OSError),
+        tempfile.TemporaryDirectory(prefix="build-", dir=directory) as build,
+    ):
+        written = Path(build) / "batch.o"
+        written.write_bytes(code)
+        written.chmod(0o600)
+        written.replace(target)
+
+
+def _verified(directory: Path, key: str, kind: str) -> Path | None:
+    for path in sorted(directory.glob(f"{key}-*.{kind}")):
         with contextlib.suppress(OSError):
             if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem.partition("-")[2]:
                 return path
@@ -243,7 +269,7 @@ def info() -> dict[str, object]:
     None and `problem` says why where there is none, `cache` is None where it cannot be used.
     """
     directory = cache_directory()
-    objects = list(directory.glob("*.so")) if directory else []
+    objects = _objects(directory) if directory else []
     cache = {
         "cache": str(directory) if directory else None,
         "objects": len(objects),
@@ -268,9 +294,13 @@ def clear() -> int:
     directory = cache_directory()
     if directory is None:
         return 0
-    objects = list(directory.glob("*.so"))
+    objects = _objects(directory)
     for path in objects:
         path.unlink(missing_ok=True)
     for path in directory.glob("build-*"):
         shutil.rmtree(path, ignore_errors=True)
     return len(objects)
+
+
+def _objects(directory: Path) -> list[Path]:
+    return [path for kind in ("so", "o") for path in directory.glob(f"*.{kind}")]

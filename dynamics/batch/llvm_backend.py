@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import hashlib
 import importlib.util
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from dynamics.batch import compiler
 from dynamics.batch.backends import MissingExtra
 from dynamics.batch.c_flat import CompiledEngine
 from dynamics.batch.compiler import CompilerError, vector_math
@@ -97,30 +99,44 @@ def _target() -> Any:
 def load(module: ir.Module) -> Any:
     """The function `run` of a module as machine code, for ctypes; it owns that code.
 
-    Raises `CompilerError` where LLVM finds fault with the module, in one line.
+    Takes the code from the cache of compiled objects, or compiles it and leaves it there. Raises
+    `CompilerError` where LLVM finds fault with the module, in one line.
     """
     from llvmlite import binding
 
+    cpu, features = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
     machine = _target().create_target_machine(
-        cpu=binding.get_host_cpu_name(),
-        features=binding.get_host_cpu_features().flatten(),
-        opt=_OPTIMISATION,
-        jit=True,
+        cpu=cpu, features=features, opt=_OPTIMISATION, jit=True
     )
+    text = str(module)
+    versions = version("llvmlite"), binding.llvm_version_info, _OPTIMISATION
+    identity = "\n".join((*map(str, versions), machine.triple, cpu, features, text))
+    key = hashlib.sha256(identity.encode()).hexdigest()[:32]
     _provide_symbols()
     try:
-        parsed = binding.parse_assembly(str(module))
-        parsed.verify()
-        options = binding.create_pipeline_tuning_options(_OPTIMISATION)
-        builder = binding.create_pass_builder(machine, options)
-        builder.getModulePassManager().run(parsed, builder)
-        engine = binding.create_mcjit_compiler(parsed, machine)
+        code = compiler.kept(key)
+        if code is None:
+            code = _compile(text, machine)
+            compiler.keep(key, code)
+        engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+        engine.add_object_file(binding.ObjectFileRef.from_data(code))
         engine.finalize_object()
     except RuntimeError as error:
         raise CompilerError(f"LLVM failed: {str(error).strip().splitlines()[-1]}") from error
     run: Any = ctypes.CFUNCTYPE(ctypes.c_int64)(engine.get_function_address("run"))
     run.engine = engine
     return run
+
+
+def _compile(text: str, machine: Any) -> bytes:
+    from llvmlite import binding
+
+    parsed = binding.parse_assembly(text)
+    parsed.verify()
+    options = binding.create_pipeline_tuning_options(_OPTIMISATION)
+    builder = binding.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(parsed, builder)
+    return machine.emit_object(parsed)
 
 
 @functools.cache

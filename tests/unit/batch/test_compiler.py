@@ -112,6 +112,14 @@ def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatc
     assert compiler.info()["compiler"] is None
 
 
+def test_the_same_reason_is_told_once(graph, tmp_path, monkeypatch, no_llvm):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.warns(BatchWarning) as told:
+        for _ in range(3):
+            BatchFunction(graph)
+    assert len(told) == 1
+
+
 def test_failing_compiler_shows_its_last_line_and_is_passed_over(
     graph, tmp_path, monkeypatch, no_llvm
 ):

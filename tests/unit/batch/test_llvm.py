@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import stat
 import sys
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -17,6 +19,7 @@ from dynamics.batch import (
     Gaussian,
     RolloutFunction,
     affine,
+    compiler,
     llvm_backend,
 )
 from dynamics.contact import Barrier
@@ -76,3 +79,50 @@ def test_rollouts_on_lesser_machines_are_the_same(monkeypatch):
     size = np.abs(other.gradient).max()
     np.testing.assert_allclose(one.gradient, other.gradient, rtol=1e-10, atol=1e-12 * size)
     np.testing.assert_allclose(one.score, other.score, rtol=1e-12)
+
+
+@pytest.fixture
+def own_cache(tmp_path, monkeypatch) -> Path:
+    """A cache of the test's own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "centralpath" / "objects"
+
+
+@needs_llvm
+def test_objects_are_cached_for_the_owner_alone_and_not_compiled_again(
+    graph, own_cache, monkeypatch
+):
+    at = np.random.default_rng(0).standard_normal((5, 2))
+    first = BatchFunction(graph, backend="llvm")(at)
+    (path,) = own_cache.glob("*")
+    assert path.suffix == ".o"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert compiler.info()["objects"] == 1
+    monkeypatch.setattr(llvm_backend, "_compile", lambda *_: pytest.fail("compiled again"))
+    np.testing.assert_array_equal(BatchFunction(graph, backend="llvm")(at), first)
+    assert compiler.clear() == 1
+
+
+@needs_llvm
+@pytest.mark.parametrize("damage", [b"", b"no object at all"])
+def test_damaged_objects_are_compiled_again(graph, own_cache, damage):
+    at = np.random.default_rng(0).standard_normal((5, 2))
+    first = BatchFunction(graph, backend="llvm")(at)
+    (path,) = own_cache.glob("*")
+    whole = path.read_bytes()
+    path.write_bytes(damage)
+    np.testing.assert_array_equal(BatchFunction(graph, backend="llvm")(at), first)
+    assert path.read_bytes() == whole
+
+
+@needs_llvm
+def test_a_cache_that_others_may_write_to_is_done_without(graph, own_cache):
+    own_cache.mkdir(parents=True)
+    own_cache.chmod(0o777)
+    at = np.random.default_rng(0).standard_normal((5, 2))
+    np.testing.assert_allclose(
+        BatchFunction(graph, backend="llvm")(at),
+        BatchFunction(graph, backend="casadi")(at),
+        rtol=1e-13,
+    )
+    assert not list(own_cache.iterdir())
