@@ -25,7 +25,7 @@ from problems.spec import Citation, Golden
 
 name = "planar-hand"
 title = "Two arms turn a ball in the plane, with friction"
-citation = Citation("suh2023noising", "Noising data, sec. IV-D, planar hand, and its code")
+citation = Citation("suh2023noising", "Noising data, sec. V-B, planar hand, and its code")
 axes = ("x [m]", "y [m]")
 equations = (
     "state: ball o = (ox, oy) and angle theta, joints a = (l1, l2, r1, r2) of the left and right"

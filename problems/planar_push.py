@@ -24,7 +24,7 @@ from problems.spec import Citation, Golden
 
 name = "planar-push"
 title = "Pushing a box in the plane, with friction"
-citation = Citation("suh2023noising", "Noising data, sec. IV-D, planar pushing, and its code")
+citation = Citation("suh2023noising", "Noising data, sec. V-B, planar pushing, and its code")
 axes = ("x [m]", "y [m]")
 equations = (
     "state: box o = (ox, oy) and angle theta, pusher a; input u, where the pusher is told to be",

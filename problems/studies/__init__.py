@@ -9,7 +9,7 @@ from ocp.errors import InputError
 from problems.spec import did_you_mean
 from problems.studies.study import Claim, Study
 
-_IDS = ("P1", "P2", "P3", "P4", "P5", "P6", "P7", "A1", "A2", "A2v", "A6", "T1")
+_IDS = ("N2", "P1", "P2", "P3", "P4", "P5", "P6", "P7", "A1", "A2", "A2v", "A6", "T1")
 
 
 def ids() -> list[str]:
