@@ -1,0 +1,102 @@
+"""The machines against what does not come from the path solver: modes tried out, energy books."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.contact import Barrier
+from problems.machines.hopper import hopper
+from problems.machines.simulation import simulate, simulation
+from tests.golden.coulomb_steps import ModeStepper
+
+
+@pytest.fixture(scope="module")
+def modes() -> ModeStepper:
+    machine = hopper()
+    return ModeStepper(machine, machine.h, machine.friction)
+
+
+@pytest.mark.parametrize("seed", [2])
+def test_the_hopper_falls_as_by_trying_all_modes_of_contact(modes: ModeStepper, seed: int):
+    """50 steps from the source's reset, both on their own from the first step on."""
+    problem, x0 = simulation("hopper", seed=seed)
+    rolled = simulate("hopper", law=Barrier(mu=1e-10), seed=seed)
+    x, nq = x0, modes.nq
+    touched = 0
+    for k in range(problem.N):
+        end = modes.step(x[:nq], x[nq:], np.zeros(3))
+        x = np.concatenate([end.q, end.v])
+        touched += int(np.any(end.normal > 1e-3))
+        assert np.allclose(rolled.x[0, k + 1], x, atol=1e-6), k
+    assert touched > 10
+
+
+def test_one_step_agrees_under_inputs(modes: ModeStepper):
+    """Motors at half their largest input, the start of every step given to both."""
+    problem, x = simulation("hopper", seed=2)
+    step = Barrier(mu=1e-10).close(problem.system)
+    nq, rng = modes.nq, np.random.default_rng(7)
+    stuck = 0
+    for _ in range(30):
+        u = rng.uniform(-0.05, 0.05, 3)
+        x_next = np.array(step.solve(x, u, step.p.values)[0]).ravel()
+        end = modes.step(x[:nq], x[nq:], u)
+        x = np.concatenate([end.q, end.v])
+        assert np.allclose(x_next, x, atol=1e-6)
+        edge = np.abs(end.tangential) > (1 - 1e-6) * modes.friction * end.normal
+        stuck += int(np.any(~edge & (end.normal > 1e-3)))
+    assert stuck > 5
+
+
+def books(name: str, h: float) -> dict[str, np.ndarray]:
+    """A fall from the reset over 1.5 s: of every step what became of its energy [J].
+
+    ``change`` in energy less the dampers' work; ``contact``, the work of the impulses at the
+    velocities that the step ends with; ``rubbing`` (steps, contacts), friction impulse times slip.
+    """
+    given: dict[str, Any] = {"h": h} if name == "hopper" else {"h_max": h, "spheres": "legs"}
+    steps = round(1.5 / h)
+    problem, _ = simulation(name, steps, seed=2, **given)
+    rolled = simulate(name, steps, seed=2, **given)
+    s = problem.system
+    assert s.book is not None and s.forces is not None
+    nq, n = s.nx // 2, problem.system.nlam
+    push = ca.jacobian(s.residual[nq : 2 * nq], s.lam)
+    contact = -ca.dot(s.x_next[nq : 2 * nq], push @ s.lam)
+    book = ca.Function(
+        "book",
+        [s.x, s.u, s.x_next, s.lam, s.parameters.vector],
+        [s.book.energy, s.book.work, contact, s.forces.tangential * s.forces.slip],
+    ).map(steps)
+    x = rolled.x[0]
+    found = book(x[:-1].T, rolled.u[0].T, x[1:].T, rolled.lam[0].T, s.parameters.values)
+    energy, work, done, rubbing = (np.array(v) for v in found)
+    assert rubbing.shape[1] == steps and rolled.lam.shape[2] == n
+    return {
+        "change": np.diff(energy[0]) - work[0, :-1],
+        "contact": done[0, :-1],
+        "rubbing": rubbing.T,
+    }
+
+
+@pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
+def test_contact_takes_energy_and_gives_none(name: str):
+    """Impact and friction do no positive work at the velocities that they leave behind."""
+    found = books(name, 0.05)
+    assert found["contact"].min() < -5
+    assert found["contact"].max() <= 1e-8
+    assert found["rubbing"].min() < -1e-5
+    assert found["rubbing"].max() <= 1e-10
+    assert found["change"].max() <= 1e-6
+
+
+def test_what_the_energy_book_lacks_falls_with_the_square_of_the_step():
+    """No step gives the hopper more energy than its integrator's error."""
+    gained = [
+        np.max(f["change"] - f["contact"]) for f in (books("hopper", h) for h in (0.05, 0.0125))
+    ]
+    assert 0 < gained[1] < gained[0] / 8 < 1e-4
