@@ -1,6 +1,7 @@
 """What moves: systems as one implicit step with contact multipliers and gaps."""
 
 from dynamics.systems.chain import Chain
+from dynamics.systems.dry_friction import dry_friction
 from dynamics.systems.friction import Mechanism, Touching, frictional_time_stepping
 from dynamics.systems.geometry import (
     ContactGeometry,
@@ -37,6 +38,7 @@ __all__ = [
     "disc_capsule",
     "disc_disc",
     "disc_half_plane",
+    "dry_friction",
     "frictional_time_stepping",
     "is_p_matrix",
     "lcs",

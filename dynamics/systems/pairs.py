@@ -28,7 +28,7 @@ class Pair:
 class ContactForces:
     """What the pairs of every contact add up to, for audits and pictures.
 
-    ``normal`` and ``tangential`` (points, 1) are impulses [N s], expressions in lam and the
+    ``normal`` and ``tangential`` (points, 1) are impulses [N s], expressions in (x, u, lam) and the
     parameters; ``slip`` (points, 1) the tangential velocity [m/s] that the law of friction sees, in
     (x, u, x_next); ``friction`` (points, 1) Coulomb's coefficients.
     """
@@ -61,10 +61,10 @@ def deciding_pairs(pairs: tuple[Pair, ...]) -> list[int]:
 
     A friction or slip pair goes with the normal pair of its contact: how soft a contact is depends
     on how near it is, not on how fast it slides. Edges of a cone, normal pairs both, decide for
-    themselves.
+    themselves, and so do the pairs of a contact whose normal force is known.
     """
     normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
     return [
-        normal[pair.contact] if pair.kind in ("friction", "slip") else i
+        normal.get(pair.contact, i) if pair.kind in ("friction", "slip") else i
         for i, pair in enumerate(pairs)
     ]

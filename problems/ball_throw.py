@@ -1,0 +1,178 @@
+"""A ball thrown so that it arrives at a goal, with a given velocity, after one bounce."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import ContactSystem, ParameterTable, signals
+from ocp.problem import Problem, Reference
+from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation
+
+name = "ball-throw"
+title = "A ball thrown to a goal by way of the floor"
+citation = Citation(
+    "zhang2023adaptive", "Adaptive barrier smoothing, fig. 7a; the numbers are ours"
+)
+axes = ("x [m]", "z [m]")
+equations = (
+    "w = v + hand speed (cos theta, sin theta) + hand (0, g h/2),  hand = 1 at first, then 0",
+    "m (v+ - w) = h (0, -m g) + (0, lam),  q+ = q + h v+:  v is the mean velocity of a step",
+    "0 <= lam ⟂ z+ + R(z - h w_z) >= 0,  R(s) = e s + (1 + e) g s²/(2 V²),  e: restitution",
+    "  V² = (w_z - g h/2)² + 2 g z of the step before: the square of the speed at the floor",
+    "minimise  w_speed speed²  +  w_end |q_N - goal|² + w_v |v_N - goal velocity|²",
+    "over theta and speed of the throw; later inputs move nothing and are put to zero",
+)
+typst = (
+    'w = v + "hand" (s cos theta, s sin theta + g h \\/ 2), quad "hand" = 1 "at first, then" 0',
+    "m (v^+ - w) = h (0, -m g) + (0, lambda), quad q^+ = q + h v^+",
+    "0 <= lambda perp z^+ + R(z - h w_z) >= 0, quad R(s) = e s + (1 + e) g s^2 \\/ (2 V^2)",
+    'V^2 = (w_z - g h \\/ 2)^2 + 2 g z quad "one step before"',
+    'min w_s s^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N - v_"goal")^2',
+)
+
+
+class Params(Parameters):
+    """Parameters of ``ball-throw``; the goal is the state that theta = 0.6 at 3 m/s leads to."""
+
+    m: float = quantity(1.0, "kg", "mass", above=0)
+    g: float = quantity(9.81, "m/s^2", "gravity", above=0)
+    restitution: float = quantity(0.7, "1", "velocity after a bounce over that before", least=0,
+                                  most=1)  # fmt: skip
+    h: float = quantity(0.02, "s", "step size", above=0)
+    N: int = structure(50, "number of steps", least=2)
+    x0: float = quantity(0.0, "m", "the hand, x")
+    z0: float = quantity(1.0, "m", "the hand, height above the floor", least=0)
+    goal_x: float = quantity(2.476, "m", "goal, x")
+    goal_z: float = quantity(0.5547, "m", "goal, height")
+    goal_vx: float = quantity(2.476, "m/s", "velocity at the goal, x")
+    goal_vz: float = quantity(0.4327, "m/s", "velocity at the goal, upwards")
+    w_speed: float = quantity(1e-3, "s^2/m^2", "weight of the throw", least=0)
+    w_end: float = quantity(1.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
+    w_v: float = quantity(0.1, "s^2/m^2", "terminal weight of the velocity's error", least=0)
+    theta_start: float = structure(-0.3, "angle of the guess", least=-1.5, most=1.5, unit="rad")
+    speed_start: float = structure(3.0, "speed of the guess", unit="m/s")
+    speed_max: float = quantity(10.0, "m/s", "fastest throw", above=0)
+
+
+def build(params: Params) -> Problem:
+    """Time stepping with restitution after Paoli and Schatzman (2002); lam is an impulse [N s].
+
+    In free flight the nodes lie on a parabola, the velocity of a step being that in its middle. The
+    pair keeps the next node from falling below ``-R(s)``, s the height one step before: two steps
+    at the floor, heights a > c before them, end at ``-R(a)``, ``-R(c)``. With ``R(s) = e s`` that
+    is the published scheme: the velocity after a bounce is e times that before, wherever between
+    two nodes the impact falls. But gravity acts on in between, so the velocity would be a sawtooth
+    over the place of the impact, whose slope has the wrong sign however small h is, and every tooth
+    would be a local minimum. The quadratic term reflects the parabola instead of its tangent,
+    which leaves a delay of two steps. The node in between lies below the floor, by at most e h V.
+    """
+    p = table(params)
+    system = _system(p)
+    theta, speed = ca.vertsplit(system.u)
+    hand = system.x[4]
+    goal = ca.vertcat(*(p[f"goal_{key}"] for key in ("x", "z", "vx", "vz")))
+    off = system.x[:4] - goal
+    thrown = p["w_speed"] * speed**2
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        # Inputs after the throw have no effect; a cost of their own keeps them determined.
+        stage_cost=hand * thrown + (1 - hand) * (theta**2 + speed**2),
+        terminal_cost=p["w_end"] * ca.sumsqr(off[:2]) + p["w_v"] * ca.sumsqr(off[2:]),
+        x0=ca.vertcat(p["x0"], p["z0"], 0, 0, 1, 2 * p["g"] * p["z0"]),
+        parameters=p,
+        u_lower=ca.SX([-1.5, 0]),
+        u_upper=ca.vertcat(1.5, p["speed_max"]),
+        guess=_guess(params),
+        reference=Reference(impulse=1.0, gap=0.01, x=0.5, u=1.0),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def _system(p: ParameterTable) -> ContactSystem:
+    x, x_next = ca.SX.sym("x", 6), ca.SX.sym("x_next", 6)
+    u, lam = ca.SX.sym("u", 2), ca.SX.sym("lam")
+    q, v, hand, fall = x[:2], x[2:4], x[4], x[5]
+    q_next, v_next = x_next[:2], x_next[2:4]
+    m, g, h, e = p["m"], p["g"], p["h"], p["restitution"]
+    lift = ca.vertcat(0, g * h / 2)
+    thrown = v + hand * (u[1] * ca.vertcat(ca.cos(u[0]), ca.sin(u[0])) + lift)
+    push = ca.vertcat(0, lam - h * m * g)
+    last = q[1] - h * thrown[1]
+    # Just after a bounce there is no fall to speak of, and its square can even be negative.
+    mirrored = e * last + (1 + e) * g * last**2 / (2 * ca.fmax(fall, (g * h) ** 2))
+    return ContactSystem(
+        name=name,
+        x=x,
+        u=u,
+        x_next=x_next,
+        lam=lam,
+        residual=ca.vertcat(
+            q_next - q - h * v_next,
+            m * (v_next - thrown) - push,
+            x_next[4],
+            x_next[5] - (thrown[1] - g * h / 2) ** 2 - 2 * g * q[1],
+        ),
+        gap=q_next[1] + mirrored,
+        states=signals(
+            "x [m]; z [m] height; vx [m/s]; vz [m/s]; hand [1] 1 before the throw;"
+            " fall [m^2/s^2] speed at the floor, squared"
+        ),
+        inputs=signals("theta [rad] angle of the throw; speed [m/s] of the throw"),
+        contacts=signals("floor [N s] impulse of the floor"),
+        h=h,
+        parameters=p,
+        phi=q[1],
+        mu_per_kappa=h,
+        citation=citation.key,
+    )
+
+
+def roll(params: Params, theta: float, speed: float) -> np.ndarray:
+    """States (N+1, 6) of one throw under the exact law, step by step in closed form."""
+    h, e, g = params.h, params.restitution, params.g
+    states = np.zeros((params.N + 1, 6))
+    fall = 2 * g * params.z0
+    states[0] = params.x0, params.z0, 0, 0, 1, fall
+    x, z = params.x0, params.z0
+    vx, vz = speed * np.cos(theta), speed * np.sin(theta) + g * h / 2
+    for k in range(params.N):
+        last = z - h * vz
+        mirrored = e * last + (1 + e) * g * last**2 / (2 * max(fall, (g * h) ** 2))
+        fall = (vz - g * h / 2) ** 2 + 2 * g * z
+        vz = max(vz - h * g, -(mirrored + z) / h)
+        x, z = x + h * vx, z + h * vz
+        states[k + 1] = x, z, vx, vz, 0, fall
+    return states
+
+
+def _guess(params: Params):
+    def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        inputs = np.zeros((params.N, 2))
+        inputs[0] = params.theta_start, params.speed_start
+        values = dict(zip(problem.parameters.names, p, strict=True))
+        now = params.model_copy(update=values)
+        return roll(now, params.theta_start, params.speed_start), inputs
+
+    return guess
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Floor, hand, goal and the ball, whose size is for the eye only."""
+    radius = 0.05
+    return [
+        HalfPlane(0, 0, 0, 1),
+        Point(params.x0, params.z0 + radius, "environment"),
+        Point(params.goal_x, params.goal_z + radius, "goal"),
+        Disc(float(state[0]), float(state[1]) + radius, radius),
+    ]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """The floor pushes upwards."""
+    return [ContactFrame(float(state[0]), float(state[1]), 0, 1)]

@@ -1,0 +1,99 @@
+"""A box pushed along a rough floor to a goal, where friction stops it."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import dry_friction, signals
+from ocp.problem import Problem, Reference
+from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation
+
+name = "box-slide"
+title = "A box pushed over a rough floor"
+citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 6b, as a task")
+axes = ("x [m]", "y [m]")
+equations = (
+    "m (v+ - v) = h u + f,  x+ = x + h v+,  |f| <= b = friction h m g  (f an impulse)",
+    "h v+ = s_f - s_b,  0 <= s_f ⟂ b + f >= 0,  0 <= s_b ⟂ b - f >= 0",
+    "  sliding forward means f = -b, sliding backward f = b, and at rest f is what holds the box",
+    "minimise  sum_k w_u h u_k²  +  w_end (x_N - goal)² + w_v v_N²,  |u| <= u_max",
+)
+typst = (
+    'm (v^+ - v) = h u + f, quad x^+ = x + h v^+, quad abs(f) <= b = "friction" h m g',
+    "h v^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0",
+    'min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" (x_N - x_"goal")^2 + w_v v_N^2,'
+    ' quad abs(u) <= u_"max"',
+)
+
+
+class Params(Parameters):
+    """Parameters of ``box-slide``; mass, friction and step are those of figure A6."""
+
+    m: float = quantity(1.0, "kg", "mass of the box", above=0)
+    g: float = quantity(9.81, "m/s^2", "gravity", above=0)
+    friction: float = quantity(0.5, "1", "Coulomb's coefficient", above=0)
+    h: float = quantity(0.05, "s", "step size", above=0)
+    N: int = structure(40, "number of steps", least=1)
+    x0: float = quantity(0.0, "m", "start")
+    v0: float = quantity(0.0, "m/s", "start velocity")
+    goal: float = quantity(1.0, "m", "goal")
+    w_u: float = quantity(0.01, "1/(N^2 s)", "stage weight of the push", least=0)
+    w_end: float = quantity(100.0, "1/m^2", "terminal weight of the distance to the goal", least=0)
+    w_v: float = quantity(10.0, "s^2/m^2", "terminal weight of the velocity", least=0)
+    u_max: float = quantity(15.0, "N", "largest push", above=0)
+
+
+def build(params: Params) -> Problem:
+    """The box of adaptive barrier smoothing, fig. 6b: the floor's normal force is m g.
+
+    Its step from rest, softened, is ``v+ = -(2 mu/h) f/(b² - f²)``. At rest no push below
+    friction m g moves the box, and the exact law has no gradient there.
+    """
+    p = table(params)
+    system = dry_friction(
+        name,
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("u [N] push"),
+        contact="floor",
+        h=p["h"],
+        mass=p["m"] * ca.SX.eye(1),
+        impulse=lambda q, v, u: p["h"] * u,
+        slide=ca.SX.ones(1),
+        load=p["m"] * p["g"],
+        friction=p["friction"],
+        parameters=p,
+        citation=citation.key,
+    )
+    x, u = system.x, system.u
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["w_u"] * p["h"] * u**2,
+        terminal_cost=p["w_end"] * (x[0] - p["goal"]) ** 2 + p["w_v"] * x[1] ** 2,
+        x0=ca.vertcat(p["x0"], p["v0"]),
+        parameters=p,
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        reference=Reference(impulse=0.05, gap=0.25, x=1.0, u=5.0),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Floor, goal and the box, whose size is for the eye only."""
+    side = 0.2
+    return [
+        HalfPlane(0, 0, 0, 1),
+        Point(params.goal, side / 2, "goal"),
+        Box(float(state[0]), side / 2, side, side),
+    ]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """The floor carries the box and rubs on it."""
+    return [ContactFrame(float(state[0]), 0, 0, 1, params.friction)]

@@ -1,0 +1,128 @@
+"""A cart carries a box by friction alone, and shifts it by braking hard."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from pydantic import model_validator
+
+from dynamics.systems import dry_friction, signals
+from ocp.problem import Problem, Reference
+from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation
+
+name = "cart-transport"
+title = "A cart that carries a box by friction"
+citation = Citation("li2026impact", "IMPACT, cart transporter: the model; masses and task are ours")
+axes = ("x [m]", "y [m]")
+equations = (
+    "(mc + mb) (vc+ - vc) + mb (vr+ - vr) = h u,  mb (vc+ - vc + vr+ - vr) = f,  q+ = q + h v+",
+    "  c: cart, r: the box's offset on it; f the friction impulse, |f| <= b = friction h mb g",
+    "h vr+ = s_f - s_b,  0 <= s_f ⟂ b + f >= 0,  0 <= s_b ⟂ b - f >= 0,  |r| <= reach",
+    "minimise  sum_k w_u h u_k²  +  w_end ((c_N - goal)² + (r_N - goal_offset)²)"
+    "  +  w_v (vc_N² + vr_N²),  |u| <= u_max",
+)
+typst = (
+    "(m_c + m_b) (v_c^+ - v_c) + m_b (v_r^+ - v_r) = h u, quad m_b (v_c^+ - v_c + v_r^+ - v_r) = f",
+    'q^+ = q + h v^+, quad abs(f) <= b = "friction" h m_b g, quad abs(r) <= r_"reach"',
+    "h v_r^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0",
+    'min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" ((c_N - c_"goal")^2 + (r_N - r_"goal")^2)'
+    ' + w_v (v_(c,N)^2 + v_(r,N)^2), quad abs(u) <= u_"max"',
+)
+
+
+class Params(Parameters):
+    """Parameters of ``cart-transport``.
+
+    The published task has mb = 0.1, mc = 0.2, friction = 0.2, reach = 1, h = 0.02, N = 300, starts
+    and ends with the box in the middle (offset0 = goal_offset = 0) and has no bound on the force.
+    """
+
+    mc: float = quantity(2.0, "kg", "mass of the cart", above=0)
+    mb: float = quantity(1.0, "kg", "mass of the box", above=0)
+    g: float = quantity(9.81, "m/s^2", "gravity", above=0)
+    friction: float = quantity(0.2, "1", "Coulomb's coefficient between box and cart", above=0)
+    h: float = quantity(0.05, "s", "step size", above=0)
+    N: int = structure(40, "number of steps", least=1)
+    reach: float = quantity(0.5, "m", "largest offset at which the box is on the cart", above=0)
+    cart0: float = quantity(0.0, "m", "start of the cart")
+    offset0: float = quantity(-0.2, "m", "start of the box on the cart")
+    goal: float = quantity(1.0, "m", "goal of the cart")
+    goal_offset: float = quantity(0.2, "m", "goal of the box on the cart")
+    w_u: float = quantity(0.01, "1/(N^2 s)", "stage weight of the force", least=0)
+    w_end: float = quantity(100.0, "1/m^2", "terminal weight of the distances", least=0)
+    w_v: float = quantity(10.0, "s^2/m^2", "terminal weight of the velocities", least=0)
+    u_max: float = quantity(20.0, "N", "largest force on the cart", above=0)
+
+    @model_validator(mode="after")
+    def _on_the_cart(self) -> Params:
+        for what, place in (("starts", self.offset0), ("shall end", self.goal_offset)):
+            if abs(place) > self.reach:
+                raise ValueError(
+                    f"the box {what} off the cart: its offset is {place:g} m, which must lie"
+                    f" within reach = {self.reach:g} m of the middle"
+                )
+        return self
+
+
+def build(params: Params) -> Problem:
+    """Cart and box in relative coordinates; u is a force [N], friction acts between the two.
+
+    Up to |u| = friction g (mc + mb) the box rides along. It slides forward only where the cart
+    brakes harder than that, which is how it gets from one end of the cart to the other.
+    """
+    p = table(params)
+    mc, mb, h = p["mc"], p["mb"], p["h"]
+    system = dry_friction(
+        name,
+        states=signals("c [m] cart; r [m] box on the cart; vc [m/s]; vr [m/s]"),
+        inputs=signals("u [N] force on the cart"),
+        contact="cart",
+        h=h,
+        mass=ca.vertcat(ca.horzcat(mc + mb, mb), ca.horzcat(mb, mb)),
+        impulse=lambda q, v, u: ca.vertcat(h * u, 0),
+        slide=ca.SX([[0, 1]]),
+        load=mb * p["g"],
+        friction=p["friction"],
+        parameters=p,
+        citation=citation.key,
+    )
+    x, u = system.x, system.u
+    off = ca.sumsqr(x[:2] - ca.vertcat(p["goal"], p["goal_offset"]))
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["w_u"] * h * u**2,
+        terminal_cost=p["w_end"] * off + p["w_v"] * ca.sumsqr(x[2:]),
+        x0=ca.vertcat(p["cart0"], p["offset0"], 0, 0),
+        parameters=p,
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        x_lower=ca.vertcat(-ca.inf, -p["reach"], -ca.inf, -ca.inf),
+        x_upper=ca.vertcat(ca.inf, p["reach"], ca.inf, ca.inf),
+        reference=Reference(impulse=0.03, gap=0.1, x=0.5, u=5.0),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+_HEIGHT, _BOX = 0.15, 0.15
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Floor, cart, the box on it, and where both shall end; heights are for the eye only."""
+    cart, offset = float(state[0]), float(state[1])
+    return [
+        HalfPlane(0, 0, 0, 1),
+        Point(params.goal, _HEIGHT / 2, "goal"),
+        Point(params.goal + params.goal_offset, _HEIGHT + _BOX / 2, "goal"),
+        Box(cart, _HEIGHT / 2, 2 * params.reach + _BOX, _HEIGHT, role="actuator"),
+        Box(cart + offset, _HEIGHT + _BOX / 2, _BOX, _BOX),
+    ]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """The cart carries the box and rubs on it."""
+    return [ContactFrame(float(state[0] + state[1]), _HEIGHT, 0, 1, params.friction)]

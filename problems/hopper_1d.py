@@ -1,0 +1,150 @@
+"""A hopper on a vertical rail that jumps as high as it can: bang-bang, in closed form."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from pydantic import model_validator
+
+from dynamics.systems import Mechanism, Touching, frictional_time_stepping, signals
+from ocp.problem import Constraint, Problem, Reference
+from problems.drawing import Box, ContactFrame, Disc, HalfPlane, Segment, Shape
+from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.spec import Citation
+
+name = "hopper-1d"
+title = "A one-dimensional hopper that jumps"
+citation = Citation("bryson1975applied", "The double integrator's bang-bang optimum, with a foot")
+axes = ("x [m]", "z [m]")
+equations = (
+    "mb (vb+ - vb) = h (u - mb g) + lam_short - lam_long,  z+ = z + h v+",
+    "mf (vf+ - vf) = h (-u - mf g) + lam_foot - lam_short + lam_long",
+    "0 <= lam_foot ⟂ zf+ >= 0,  0 <= lam_short ⟂ l+ - l_min >= 0,  0 <= lam_long ⟂ l_max - l+ >= 0",
+    "  l = zb - zf: the leg; only the ground can lift the centre of mass zc",
+    "maximise  zc_N - zc_0  with  vc_N = 0,  |u| <= u_max",
+    "Optimum: leg force u_max for t = T M g/(u_max + mf g), M = mb + mf, then flight;"
+    "  height a t T/2,  a = (u_max - mb g)/M",
+)
+typst = (
+    'm_b (v_b^+ - v_b) = h (u - m_b g) + lambda_"short" - lambda_"long", quad z^+ = z + h v^+',
+    'm_f (v_f^+ - v_f) = h (-u - m_f g) + lambda_"foot" - lambda_"short" + lambda_"long"',
+    '0 <= lambda_"foot" perp z_f^+ >= 0, quad l = z_b - z_f',
+    '0 <= lambda_"short" perp l^+ - l_"min" >= 0, quad 0 <= lambda_"long" perp l_"max" - l^+ >= 0',
+    'max z_(c,N) - z_(c,0), quad v_(c,N) = 0, quad abs(u) <= u_"max"',
+    't = T (M g) / (u_"max" + m_f g), quad z_(c,N) - z_(c,0) = (u_"max" - m_b g) / (2 M) t T',
+)
+
+
+class Params(Parameters):
+    """Parameters of ``hopper-1d``; by default stance and flight take half of the time each."""
+
+    mb: float = quantity(4.0, "kg", "mass of the body", above=0)
+    mf: float = quantity(1.0, "kg", "mass of the foot", above=0)
+    g: float = quantity(9.81, "m/s^2", "gravity", above=0)
+    h: float = quantity(0.0125, "s", "step size", above=0)
+    N: int = structure(40, "number of steps", least=2)
+    leg0: float = quantity(0.4, "m", "length of the leg at the start", above=0)
+    leg_min: float = quantity(0.2, "m", "shortest leg", above=0)
+    leg_max: float = quantity(1.0, "m", "longest leg", above=0)
+    w_u: float = quantity(0.0, "m/(N^2 s)", "stage weight of the leg's force", least=0)
+    u_max: float = quantity(88.29, "N", "largest force of the leg", above=0)
+
+    @model_validator(mode="after")
+    def _can_stand(self) -> Params:
+        if not self.leg_min <= self.leg0 <= self.leg_max:
+            raise ValueError(
+                f"the leg starts at leg0 = {self.leg0:g} m, which must lie between leg_min ="
+                f" {self.leg_min:g} m and leg_max = {self.leg_max:g} m"
+            )
+        if self.u_max <= self.mb * self.g:
+            raise ValueError(
+                f"the leg cannot lift the body: u_max = {self.u_max:g} N must be more than its"
+                f" weight mb g = {self.mb * self.g:g} N"
+            )
+        return self
+
+
+def highest(params: Params) -> float:
+    """Height [m] that the centre of mass gains at most within T = N h, in closed form.
+
+    The ground pushes with ``lam/h`` in [0, u_max + mf g], so the centre of mass accelerates within
+    [-g, a], a = (u_max - mb g)/M, M = mb + mf. Least time between two states of rest and greatest
+    way in a given time are the same problem, and Pontryagin's principle gives one switch: full
+    force for t with ``a t = g (T - t)``, then flight. The way is half the largest velocity times T,
+    ``a t T/2``. Implicit Euler gives the same number where t falls on a node: with s steps of
+    stance ``h² (a sum_(j<=s) (N-j+1) - g sum_(j>s) (N-j+1)) = h² a s N/2``. It is reached where
+    the leg is long enough for the body's way in stance, (u_max/mb - g) t²/2.
+    """
+    T, M = params.N * params.h, params.mb + params.mf
+    stance = T * M * params.g / (params.u_max + params.mf * params.g)
+    return (params.u_max - params.mb * params.g) / M * stance * T / 2
+
+
+def build(params: Params) -> Problem:
+    """Body and foot on a rail, a force between them, stops of the leg; impulses [N s].
+
+    Within the flight the leg's force is not determined, since it moves nothing that counts.
+    """
+    p = table(params)
+    mb, mf, h = p["mb"], p["mf"], p["h"]
+    system = frictional_time_stepping(
+        name,
+        states=signals("zb [m] body; zf [m] foot; vb [m/s]; vf [m/s]"),
+        inputs=signals("u [N] force of the leg"),
+        mechanism=Mechanism(
+            mass=lambda q: ca.diag(ca.vertcat(mb, mf)),
+            impulse=lambda q, v, u: h * ca.vertcat(u - mb * p["g"], -u - mf * p["g"]),
+        ),
+        touching=Touching(
+            names=("foot",),
+            distance=lambda q: q[1],
+            limits=lambda q: ca.vertcat(q[0] - q[1] - p["leg_min"], p["leg_max"] - q[0] + q[1]),
+            limit_names=("leg short", "leg long"),
+        ),
+        h=h,
+        parameters=p,
+        citation=citation.key,
+    )
+    x, u = system.x, system.u
+    share = ca.horzcat(mb, mf) / (mb + mf)
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["w_u"] * h * u**2,
+        terminal_cost=share @ (ca.vertcat(p["leg0"], 0) - x[:2]),
+        x0=ca.vertcat(p["leg0"], 0, 0, 0),
+        parameters=p,
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        terminal=(Constraint("apex", share @ x[2:], 0.0, 0.0),),
+        guess=_standing,
+        reference=Reference(impulse=1.0, gap=0.01, x=0.5, u=50.0),
+        settings=structural_settings(params),
+        citation=citation.key,
+    )
+
+
+def _standing(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stand still, the leg carrying the body: a force of zero would let the body fall."""
+    values = dict(zip(problem.parameters.names, p, strict=True))
+    states = np.tile([values["leg0"], 0, 0, 0], (problem.N + 1, 1))
+    return states, np.full((problem.N, 1), values["mb"] * values["g"])
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Ground, body, leg and foot; sizes are for the eye only."""
+    body, foot = float(state[0]), float(state[1])
+    radius = 0.04
+    return [
+        HalfPlane(0, 0, 0, 1),
+        Segment(0, foot + radius, 0, body + radius, "actuator"),
+        Box(0, body + 2 * radius, 0.2, 0.12),
+        Disc(0, foot + radius, radius),
+    ]
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """The ground pushes the foot upwards; the leg's stops push body and foot apart or together."""
+    body, foot = float(state[0]), float(state[1])
+    return [ContactFrame(0, foot, 0, 1), ContactFrame(0, body, 0, 1), ContactFrame(0, body, 0, -1)]
