@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 
@@ -23,12 +24,16 @@ def race(runners: dict[str, Callable[[], object]], rounds: int = 7) -> dict[str,
 
 
 def tell(title: str, rows: list[tuple[str, float, str, float | None]]) -> None:
-    """Print rows (what, measured, unit, floor or None) with whether each floor is met."""
-    table = Table(title=title, title_justify="left")
-    for column in ("what", "measured", "floor", "met"):
+    """Print rows (what, measured, unit, floor or None) with whether each floor is held.
+
+    The caption tells how many other processes wanted a processor over the last minute.
+    """
+    load = os.getloadavg()[0]
+    table = Table(title=title, title_justify="left", caption=f"load {load:.1f}")
+    for column in ("what", "measured", "floor", ""):
         table.add_column(column, justify="left" if column == "what" else "right")
     for what, value, unit, floor in rows:
-        met = "" if floor is None else ("yes" if value >= floor else "NO")
+        held = "" if floor is None else ("held" if value >= floor else "MISSED")
         bound = "" if floor is None else f"{floor:g}{unit}"
-        table.add_row(what, f"{value:.3g}{unit}", bound, met)
+        table.add_row(what, f"{value:.3g}{unit}", bound, held)
     Console(width=100).print(table)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import subprocess
 import sys
 import time
@@ -16,10 +17,12 @@ from dynamics.contact import Barrier, Step
 from problems import get
 from tests.benchmarks.batch.peers import casadi_rollout, hand_written, mapped
 from tests.benchmarks.batch.race import race, tell
+from tests.unit.batch.backends import LLVM
 from tests.unit.batch.rollout_cases import closed, four_contact_matrices, four_contacts
 
 pytestmark = pytest.mark.bench
 MU = 1e-3
+COMPILED = ["c", *LLVM]
 
 
 @dataclass(frozen=True)
@@ -96,28 +99,38 @@ CASES = {"wall-1d": wall, "four contacts": four, "push-disc": disc}
 def test_against_casadi(name):
     case = CASES[name]()
     theta = case.inputs(case.n)
-    one, two = (case.rollout(backend="c", threads=k) for k in (1, 2))
+    compiled = {
+        f"{backend} {k}": case.rollout(backend=backend, threads=k)
+        for backend in COMPILED
+        for k in (1, 2)
+    }
     plain = case.rollout(backend="numpy", threads=2)
     before = np.zeros(case.step.system.nu) if case.u_before is None else case.u_before
     graph = casadi_rollout(case.step, case.stage, case.terminal, case.horizon)
     few = case.inputs(case.n_map)
     runners = {
         "map": mapped(graph, case.x0, before, few),
-        "one": case.runner(one, theta),
-        "two": case.runner(two, theta),
+        **{name: case.runner(f, theta) for name, f in compiled.items()},
         "numpy": case.runner(plain, few),
     }
     seconds = race(runners)
-    wanted, got = runners["map"](), two(case.x0, few, u_before=case.u_before)
-    np.testing.assert_allclose(got.cost, np.array(wanted[0])[0], rtol=1e-10)
+    wanted = runners["map"]()
     own = np.array(wanted[1]).T.reshape(few.shape)
-    np.testing.assert_allclose(got.gradient, own, rtol=1e-8, atol=1e-10 * np.abs(own).max())
-    rate = case.n / seconds["two"]
+    for backend in COMPILED:
+        got = compiled[f"{backend} 2"](case.x0, few, u_before=case.u_before)
+        np.testing.assert_allclose(got.cost, np.array(wanted[0])[0], rtol=1e-10)
+        np.testing.assert_allclose(got.gradient, own, rtol=1e-8, atol=1e-10 * np.abs(own).max())
     base = case.n_map / seconds["map"]
-    rows = [
-        ("C, two threads: rollouts with gradient", rate / 1e6, " M/s", None),
-        ("C / CasADi map on two threads", rate / base, "x", 60.0),
-        ("C, two threads / one", seconds["one"] / seconds["two"], "x", 1.8),
+    rows = []
+    for backend in COMPILED:
+        rate = case.n / seconds[f"{backend} 2"]
+        scaling = seconds[f"{backend} 1"] / seconds[f"{backend} 2"]
+        rows += [
+            (f"{backend}, two threads: rollouts with gradient", rate / 1e6, " M/s", None),
+            (f"{backend} / CasADi map on two threads", rate / base, "x", 60.0),
+            (f"{backend}, two threads / one", scaling, "x", 1.8),
+        ]
+    rows += [
         (
             "NumPy / CasADi map",
             case.n_map / seconds["numpy"] / base,
@@ -137,15 +150,19 @@ def test_against_hand_written_c(tmp_path):
     rows = []
     for threads in (1, 2):
         runners = {
-            "ours": case.runner(case.rollout(backend="c", threads=threads), theta),
-            "hand": hand_written(tmp_path, p, theta, threads),
+            backend: case.runner(case.rollout(backend=backend, threads=threads), theta)
+            for backend in COMPILED
         }
+        runners["hand"] = hand_written(tmp_path, p, theta, threads)
         cost, gradient = runners["hand"]()
-        np.testing.assert_allclose(runners["ours"]().cost, cost, rtol=1e-10)
-        np.testing.assert_allclose(runners["ours"]().gradient, gradient, rtol=1e-8, atol=1e-9)
+        for backend in COMPILED:
+            got = runners[backend]()
+            np.testing.assert_allclose(got.cost, cost, rtol=1e-10)
+            np.testing.assert_allclose(got.gradient, gradient, rtol=1e-8, atol=1e-9)
         seconds = race(runners, rounds=15)
-        ratio = seconds["hand"] / seconds["ours"]
-        rows.append((f"C / hand-written C, {threads} thread(s)", ratio, "x", 0.95))
+        for backend in COMPILED:
+            ratio = seconds["hand"] / seconds[backend]
+            rows.append((f"{backend} / hand-written C, {threads} thread(s)", ratio, "x", 0.95))
     tell("wall-1d, 40 steps", rows)
 
 
@@ -223,9 +240,11 @@ def test_compile_time(tmp_path, monkeypatch):
             monkeypatch.setattr(compiler, "_loaded", {})
             case = make()
             object.__setattr__(case, "horizon", horizon)
-            begin = time.perf_counter()
-            case.rollout(backend="c")
-            rows.append((f"{name}, {horizon} steps", time.perf_counter() - begin, " s", None))
+            for backend in COMPILED:
+                begin = time.perf_counter()
+                case.rollout(backend=backend)
+                seconds = time.perf_counter() - begin
+                rows.append((f"{backend}, {name}, {horizon} steps", seconds, " s", None))
     tell("graphs, source and compiler together (goal: under 1 s, whatever the horizon)", rows)
 
 
@@ -234,15 +253,17 @@ def test_flat_function_of_the_unrolled_graph():
     graph = casadi_rollout(case.step, case.stage, case.terminal, case.horizon)
     n = 1 << 14
     theta, before = case.inputs(n), np.zeros(1)
-    f = BatchFunction(graph, backend="c", threads=2)
     rows = theta.reshape(n, -1)
-    out = f(case.x0, rows, before)
-    runners = {
-        "map": mapped(graph, case.x0, before, theta),
-        "flat": lambda: f(case.x0, rows, before, out=out),
-    }
+    runners = {"map": mapped(graph, case.x0, before, theta)}
+    for backend in COMPILED:
+        f = BatchFunction(graph, backend=backend, threads=2)
+        out = f(case.x0, rows, before)
+        runners[backend] = functools.partial(f, case.x0, rows, before, out=out)
     seconds = race(runners)
     tell(
         "wall-1d unrolled",
-        [("BatchFunction / CasADi map", seconds["map"] / seconds["flat"], "x", 30.0)],
+        [
+            (f"{backend} / CasADi map", seconds["map"] / seconds[backend], "x", 30.0)
+            for backend in COMPILED
+        ],
     )
