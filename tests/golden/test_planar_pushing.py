@@ -1,0 +1,101 @@
+"""planar-push and planar-hand: stated optima, and who moves the object from where it is alone."""
+
+from __future__ import annotations
+
+import pytest
+
+import problems
+from dynamics.contact import Adaptive, Barrier, Exact, Randomized
+from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solve
+from ocp.solve import guesses, judged, new_session
+from problems.studies import n2
+from tests.golden.test_known_optima import LAWS
+
+NAMES = ("planar-push", "planar-hand")
+SMOOTH = {
+    "barrier": Barrier(mu=1e-3),
+    "adaptive": Adaptive(sigma=0.02),
+    "randomized": Randomized(sigma=0.1, samples=8),
+}
+STATED = [(name, key) for name in NAMES for key in problems.spec(name).golden]
+
+
+def test_both_state_an_exact_and_a_barrier_optimum() -> None:
+    assert STATED == [(name, key) for name in NAMES for key in LAWS]
+
+
+@pytest.mark.parametrize(("name", "key"), STATED)
+def test_the_stated_optimum_is_found(name: str, key: str) -> None:
+    golden = problems.spec(name).golden[key]
+    found = solve(problems.get(name), LAWS[key], Direct(), starts=golden.starts)
+    assert (golden.law, golden.method) == (LAWS[key].name, "direct")
+    assert found.success
+    assert found.cost == pytest.approx(golden.cost, rel=golden.tolerance)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
+    """noising, fig. 2: from a start without contact the exact gradient has nothing to say."""
+    found = n2.plan(problems.get(name), Exact())
+    rest, plan, replay = n2.gains(name, found)
+    assert found.status is Status.NO_PROGRESS
+    assert plan == pytest.approx(rest, rel=1e-12)
+    assert replay == pytest.approx(rest, rel=1e-12)
+    assert found.cost < problems_cost_at_rest(name) * (1 + 1e-12), "the actuator may go to its rest"
+
+
+def problems_cost_at_rest(name: str) -> float:
+    problem = problems.get(name)
+    x = problem.initial_states(problem.parameters.values)[0]
+    still = [0.0] * problem.system.nu
+    stage, end = problem.cost_terms(x, still, still, problem.parameters.values)
+    return problem.N * float(stage) + float(end)
+
+
+@pytest.mark.parametrize("law", SMOOTH)
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        pytest.param("planar-push", SingleShooting(), marks=pytest.mark.slow),
+        ("planar-push", Direct()),
+        pytest.param("planar-hand", Direct(), marks=pytest.mark.slow),
+        pytest.param("planar-hand", SingleShooting(), marks=pytest.mark.slow),
+    ],
+)
+def test_smoothed_laws_move_it_and_the_plan_survives(name: str, method, law: str) -> None:
+    found = solve(problems.get(name), SMOOTH[law], method)
+    assert found.success
+    rest, plan, replay = n2.gains(name, found)
+    assert plan <= 0.2 * rest
+    assert rest - replay >= 0.5 * (rest - plan)
+
+
+def test_methods_agree_under_the_average_of_exact_steps() -> None:
+    """Its kinks end no shooting by itself: the plan by direct transcription is the answer."""
+    problem, law = problems.get("planar-push", N=6), Randomized(sigma=0.1, samples=4)
+    costs = [solve(problem, law, method) for method in (Direct(), MultipleShooting())]
+    costs.append(solve(problem, law, SingleShooting()))
+    assert all(found.success for found in costs)
+    assert [found.cost for found in costs] == pytest.approx([costs[0].cost] * 3, rel=1e-7)
+    assert costs[0].record["strategy"] == "scholtes-adaptive"
+
+
+def test_feedback_over_scenarios_is_worth_its_gains() -> None:
+    """The same gains for all starts cost no more than the same inputs for all of them."""
+    problem = problems.get("planar-push", N=10, scenarios=3)
+    blind = solve(problem, Exact(), Direct())
+    seeing = solve(problem, Exact(), Direct(), policy=Feedback())
+    assert blind.success
+    assert seeing.success
+    assert seeing.cost < blind.cost
+    assert seeing.audit.exact_cost == pytest.approx(seeing.cost, rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_the_exact_law_is_solved_from_every_perturbed_guess(name: str) -> None:
+    session = new_session(problems.get(name), Exact(), Direct())
+    found = [judged(session, session.solve(guess=g), 0) for g in guesses(session, 21, 0)]
+    assert sum(one.success for one in found) >= 20
+    best = problems.spec(name).golden["exact"].cost
+    assert min(one.cost for one in found) <= best * (1 + 1e-6)
