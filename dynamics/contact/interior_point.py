@@ -152,8 +152,11 @@ def advance(
     use = ca.logic_and(better, ca.logic_and(step_corrected >= 0.9 * step_plain, 1 - near))
     new_lam = ca.if_else(use, at_corrected[0], at_plain[0])
     new_s = ca.if_else(use, at_corrected[1], at_plain[1])
-    lift = ca.sqrt(ca.fmax(1, _NEIGHBOURHOOD * target / (new_lam * new_s)))
-    new_lam, new_s = new_lam * lift, new_s * lift
+    # The smaller one alone: the larger one is right, and moving it would spoil s = z + F lam.
+    lift = ca.fmax(1, _NEIGHBOURHOOD * target / (new_lam * new_s))
+    small = new_lam < new_s
+    new_lam = new_lam * ca.if_else(small, lift, 1)
+    new_s = new_s * ca.if_else(small, 1, lift)
 
     def relative(at_lam: ca.SX, at_s: ca.SX) -> ca.SX:
         off = ca.fabs(z + F @ at_lam - at_s) / (1 + at_s)

@@ -15,7 +15,7 @@ from functools import cached_property
 import casadi as ca
 
 from dynamics.contact import interior_point
-from dynamics.systems import ContactSystem
+from dynamics.systems import ContactSystem, Pair
 
 MU_EXACT = 1e-12
 """The exact law is the path's point at this mu, in scaled units."""
@@ -27,14 +27,14 @@ _NEAR = 1e-2
 _TRUE_GAP = 2.0
 
 
-def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
+def scaling(z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...]) -> tuple[ca.SX, ca.SX]:
     """D (n, 1) and c so that ``z D / c`` and ``D F D`` are of order one.
 
     As :func:`dynamics.contact.interior_point.scaling`; a slip pair, whose F_ii is zero, is scaled
     against the pairs that it meets.
     """
     n = z.numel()
-    known = {i: 1 / ca.sqrt(F[i, i]) for i in range(n) if not F[i, i].is_zero()}
+    known = {i: 1 / ca.sqrt(size) for i, size in _sizes(F, pairs).items()}
     D = dict(known)
     for i in set(range(n)) - set(known):
         met = [ca.fabs(F[i, j]) * known[j] for j in known if not F[i, j].is_zero()]
@@ -42,6 +42,24 @@ def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     column = ca.vertcat(*(D[i] for i in range(n)))
     size = ca.mmax(ca.vertcat(ca.fabs(z * column), ca.sqrt(mu)))
     return column, ca.fmax(size, 1e-150)
+
+
+def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
+    """Compliance of every pair that has one.
+
+    Friction that drags along the normal may leave little of F_ii, or turn its sign; the compliance
+    across the contact is of the size that the normal's was.
+    """
+    own = [i for i in range(len(pairs)) if not F[i, i].is_zero()]
+    contact = {"normal", "friction"}
+    return {
+        i: ca.mmax(ca.vertcat(*(
+            ca.fabs(F[i, j]) for j in own
+            if j == i or (pairs[i].contact == pairs[j].contact
+                          and {pairs[i].kind, pairs[j].kind} == contact)
+        )))
+        for i in own
+    }  # fmt: skip
 
 
 class NonlinearPath:
@@ -72,7 +90,7 @@ class NonlinearPath:
     def opening(self, mu: ca.SX) -> ca.SX:
         """``data`` as an expression in the system's (x, u, p) and mu (n, 1)."""
         reduced = self.system.reduced
-        D, c = scaling(reduced.z_linear, reduced.F, 0 * mu if self.exact else mu)
+        D, c = scaling(reduced.z_linear, reduced.F, 0 * mu if self.exact else mu, self.system.pairs)
         target = ca.fmax(mu / c**2, interior_point.MU_LEAST)
         if self.exact:
             target = ca.SX.ones(self.n) * MU_EXACT

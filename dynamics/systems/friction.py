@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import casadi as ca
 
@@ -41,7 +42,8 @@ class Touching:
     [m/s]; ``friction`` Coulomb's coefficient (a scalar, or (nc, 1)), or None for frictionless;
     ``limits(q)`` (nl, 1) the way left to every joint limit; ``names`` those of the contacts,
     ``limit_names`` those of the limits. ``restitution`` e asks for ``v_n+ >= -e v_n`` where a
-    contact is closed.
+    contact is closed. ``cone`` is how friction's cone is written, see
+    :func:`frictional_time_stepping`.
     """
 
     names: tuple[str, ...]
@@ -51,6 +53,7 @@ class Touching:
     limits: Callable[[ca.SX], ca.SX] | None = None
     limit_names: tuple[str, ...] = ()
     restitution: ca.SX | float = 0.0
+    cone: Literal["linearised", "second-order"] = "linearised"
 
 
 @dataclass(eq=False)
@@ -92,10 +95,16 @@ def frictional_time_stepping(
       0``: maximum dissipation over the linearised cone, psi [m] the way slid in a step,
     - limit ``0 <= nu ⟂ limits(q+) >= 0``.
 
+    With ``cone="second-order"`` friction is that of the second-order cone ``|beta| <= f gamma``,
+    whose barrier ``log((f gamma)² - beta²)`` pairs eigenvalues of the cone and of its dual,
+    ``(f gamma ± beta) (psi ± h J_t v+) = mu``; in the plane with psi eliminated the two pairs are
+    ``upper ⟂ dual + 2 h J_t v+`` and ``dual ⟂ 2 f gamma - upper``, upper = f gamma + beta, dual =
+    psi - h J_t v+. At mu = 0 both cones are the same law; their central paths differ.
+
     All products are in N s m, so one mu suits all. With ``linearised`` the gaps are expanded at the
     current q, the usual model, whose true distance may be violated by rotating bodies. ``lam``
-    holds gamma, nu, beta+, beta-, psi in this order. The state is ``(q, v)``, each (nq, 1); where
-    the step size is to be chosen, one state more: h itself, a symbol, which never changes.
+    holds gamma, nu, beta+, beta-, psi (or upper, dual) in this order. The state is ``(q, v)``, each
+    (nq, 1); where the step size is to be chosen, one state more: h, a symbol that never changes.
 
     Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I.
     Raises ``ValueError`` where a dimension does not fit.
@@ -164,27 +173,52 @@ def _contact_rows(
 
     rows = _Rows()
     bounced = q_next + h * touching.restitution * v
-    rows.add("normal", ahead(touching.distance, bounced), J, list(touching.names), "N s",
-             "normal impulse")  # fmt: skip
+    gap, names = ahead(touching.distance, bounced), list(touching.names)
+    J_t, f, rough = ca.SX(nc, nq), ca.SX.zeros(nc), False
+    if touching.friction is not None and touching.sliding is not None:
+        J_t, f, rough = touching.sliding(q), ca.SX.ones(nc) * touching.friction, True
+    check_shape(name, "sliding(q)", J_t, (nc, nq))
+    second_order = rough and touching.cone == "second-order"
+    direction = J - ca.diag(f) @ J_t if second_order else J
+    rows.add("normal", gap, direction, names, "N s", "normal impulse")
     if touching.limits is not None:
         way = touching.limits(q)
         check_shape(name, "limits(q)", way, (nl, 1))
         rows.add("limit", ahead(touching.limits, q_next), ca.jacobian(way, q),
                  list(touching.limit_names), "N m s", "impulse of a joint limit", nc)  # fmt: skip
-    if touching.friction is None or touching.sliding is None:
+    if not rough:
         return rows, None, ca.SX.sym("lam", nc + nl)
-    lam = ca.SX.sym("lam", nc + nl + 3 * nc)
-    J_t, f = touching.sliding(q), ca.SX.ones(nc) * touching.friction
-    check_shape(name, "sliding(q)", J_t, (nc, nq))
-    gamma, (plus, minus, psi) = lam[:nc], ca.vertsplit(lam[nc + nl :], nc)
-    slid = h * (J_t @ v_next)
+    lam = ca.SX.sym("lam", nc + nl + (2 if second_order else 3) * nc)
+    gamma, cone = lam[:nc], ca.vertsplit(lam[nc + nl :], nc)
+    add_cone = _second_order_cone if second_order else _linearised_cone
+    along = add_cone(rows, touching.names, J_t, h * (J_t @ v_next), f * gamma, cone)
+    return rows, ContactForces(touching.names, gamma, along, J_t @ v_next, f), lam
+
+
+def _linearised_cone(rows: _Rows, names: tuple[str, ...], J_t: ca.SX, slid: ca.SX, bound: ca.SX,
+                     cone: list[ca.SX]) -> ca.SX:  # fmt: skip
+    """Add beta±, psi to the rows; returns the impulse along the tangents."""
+    plus, minus, psi = cone
     for sign, row, gap in (("+", J_t, psi + slid), ("-", -J_t, psi - slid)):
-        rows.add("friction", gap, row, [f"{n} friction{sign}" for n in touching.names], "N s",
-                 "friction impulse")  # fmt: skip
-    rows.add("slip", f * gamma - plus - minus, ca.SX(nc, nq), [f"{n} slip" for n in touching.names],
-             "m", "way slid in a step")  # fmt: skip
-    forces = ContactForces(touching.names, gamma, plus - minus, J_t @ v_next, f)
-    return rows, forces, lam
+        called = [f"{contact} friction{sign}" for contact in names]
+        rows.add("friction", gap, row, called, "N s", "friction impulse")
+    slip = [f"{contact} slip" for contact in names]
+    rows.add("slip", bound - plus - minus, ca.SX(*J_t.shape), slip, "m", "way slid in a step")
+    return plus - minus
+
+
+def _second_order_cone(rows: _Rows, names: tuple[str, ...], J_t: ca.SX, slid: ca.SX, bound: ca.SX,
+                       cone: list[ca.SX]) -> ca.SX:  # fmt: skip
+    """Add the eigenvalues ``f gamma ± beta`` of the cone; returns the impulse along the tangents.
+
+    The lower one stands as the gap of the dual's, so that no equation but the pairs is needed.
+    """
+    upper, dual = cone
+    edge = [f"{contact} cone" for contact in names]
+    rows.add("friction", dual + 2 * slid, J_t, edge, "N s", "friction impulse above its least")
+    slip = [f"{contact} slip" for contact in names]
+    rows.add("slip", 2 * bound - upper, ca.SX(*J_t.shape), slip, "m", "twice the way slid back")
+    return upper - bound
 
 
 def _halves(x: ca.SX, x_next: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
