@@ -12,6 +12,8 @@ from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.system import ContactSystem, check_shape
 
+Cone = Literal["linearised", "second-order"]
+
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
@@ -53,7 +55,7 @@ class Touching:
     limits: Callable[[ca.SX], ca.SX] | None = None
     limit_names: tuple[str, ...] = ()
     restitution: ca.SX | float = 0.0
-    cone: Literal["linearised", "second-order"] = "linearised"
+    cone: Cone = "linearised"
 
 
 @dataclass(eq=False)

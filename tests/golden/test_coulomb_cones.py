@@ -20,13 +20,14 @@ from dynamics.systems import (
     quasi_dynamic,
     signals,
 )
+from dynamics.systems.friction import Cone
 
 H, G, FRICTION = 0.05, 9.81, 0.5
-CONES = ("linearised", "second-order")
+CONES: tuple[Cone, ...] = ("linearised", "second-order")
 
 
 @functools.cache
-def block(cone: str) -> ContactSystem:
+def block(cone: Cone) -> ContactSystem:
     """A unit mass on a floor, q = (x, z), pushed along it."""
     return frictional_time_stepping(
         "block", states=signals("x [m]; z [m]; vx [m/s]; vz [m/s]"), inputs=signals("f [N]"),
@@ -42,7 +43,7 @@ def block(cone: str) -> ContactSystem:
 
 
 @functools.cache
-def rod(cone: str) -> ContactSystem:
+def rod(cone: Cone) -> ContactSystem:
     """A rod whose two ends may touch the floor, q = (x, z, angle)."""
 
     def ends(q: ca.SX) -> list[ca.SX]:
