@@ -1,0 +1,61 @@
+"""Quasi-dynamic steps with friction are convex QPs: the path solver against CasADi's ``conic``.
+
+``min 1/2 dq' P dq - b' dq  s.t.  phi + (J_n ± friction J_t) dq >= 0``, noising, eq. 13.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import problems
+from dynamics.contact import Exact, Step
+from ocp.problem import Problem
+
+
+@functools.cache
+def closed(name: str) -> tuple[Problem, Step]:
+    problem = problems.get(name)
+    return problem, Exact().close(problem.system)
+
+
+@functools.cache
+def qp_of(name: str) -> tuple[ca.Function, ca.Function]:
+    """``(x, u, p) -> (P, b, A, phi)`` of the QP in dq, and its solver."""
+    problem, _ = closed(name)
+    system = problem.system
+    dq = ca.SX.sym("dq", system.nx)
+    at = [system.x_next, system.lam]
+    residual, gap = ca.substitute(
+        [system.residual, system.gap], at, [system.x + dq, ca.SX.zeros(system.nlam)]
+    )
+    P, A = ca.jacobian(residual, dq), ca.jacobian(gap, dq)
+    still = [ca.substitute(part, dq, ca.SX.zeros(system.nx)) for part in (residual, gap)]
+    given = [system.x, system.u, problem.parameters.vector]
+    data = ca.Function("qp", given, [ca.densify(v) for v in (P, -still[0], A, still[1])])
+    shapes = {"h": data.sparsity_out(0), "a": data.sparsity_out(2)}
+    options = {"print_iter": False, "print_header": False, "print_info": False}
+    return data, ca.conic("step", "qrqp", shapes, options)
+
+
+@pytest.mark.parametrize("name", ["planar-push", "planar-hand"])
+@settings(max_examples=20, deadline=None)
+@given(shift=st.lists(st.floats(-0.15, 0.15), min_size=7, max_size=7),
+       command=st.lists(st.floats(-0.2, 0.2), min_size=4, max_size=4))  # fmt: skip
+def test_the_exact_step_is_the_qps_minimum(name, shift, command):
+    problem, step = closed(name)
+    p = problem.parameters.values
+    x = problem.initial_states(p)[0] + np.array(shift)[: problem.system.nx]
+    u = np.array(problem.limits(p)[1]).ravel() + np.array(command)[: problem.system.nu]
+    data, solver = qp_of(name)
+    P, b, A, phi = data(x, u, p)
+    found = solver(h=P, g=-b, a=A, lba=-phi, uba=np.inf)
+    x_next, _, _, error = step.solve(x, u, step.p.values)
+    assert float(ca.mmax(error)) < 1e-9
+    np.testing.assert_allclose(np.array(x_next).ravel(), x + np.array(found["x"]).ravel(),
+                               atol=1e-6)  # fmt: skip
