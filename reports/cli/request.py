@@ -50,7 +50,13 @@ class Request:
         from ocp.solvers.solver import SOLVERS
         from ocp.transcription import METHODS
         from problems import parse_parameters, spec
+        from problems.objectives import objective_names
 
+        if problem in objective_names():
+            raise InputError(
+                f"{problem} is an objective without dynamics, nothing to solve; its gradients are"
+                f" estimated: ocp estimate {problem}"
+            )
         found = spec(problem)
         given = parse_parameters(found, params or ())
         law = contact_law(contact, law_settings)

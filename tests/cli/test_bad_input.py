@@ -53,6 +53,7 @@ CASES = {
         ["solve", "cart-walls", "-c", "kappa=10"],
         ["kappa", "give mu instead"],
     ),
+    "an objective": (["solve", "heaviside"], ["no", "ocp estimate heaviside"]),
     "method": ([*SOLVE, "--method", "driect"], ["did you mean 'direct'", "single-shooting"]),
     "policy": ([*SOLVE, "--policy", "feedbak"], ["did you mean 'feedback'"]),
     "policy's setting": (
