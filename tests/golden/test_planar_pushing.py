@@ -17,14 +17,22 @@ SMOOTH = {
     "adaptive": Adaptive(sigma=0.02),
     "randomized": Randomized(sigma=0.1, samples=8),
 }
-STATED = [(name, key) for name in NAMES for key in problems.spec(name).golden]
 
 
 def test_both_state_an_exact_and_a_barrier_optimum() -> None:
-    assert STATED == [(name, key) for name in NAMES for key in LAWS]
+    for name in NAMES:
+        assert list(problems.spec(name).golden) == list(LAWS)
 
 
-@pytest.mark.parametrize(("name", "key"), STATED)
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("planar-push", "exact"),
+        ("planar-push", "barrier mu=1e-3"),
+        ("planar-hand", "exact"),
+        pytest.param("planar-hand", "barrier mu=1e-3", marks=pytest.mark.slow),
+    ],
+)
 def test_the_stated_optimum_is_found(name: str, key: str) -> None:
     golden = problems.spec(name).golden[key]
     found = solve(problems.get(name), LAWS[key], Direct(), starts=golden.starts)
@@ -41,15 +49,7 @@ def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
     assert found.status is Status.NO_PROGRESS
     assert plan == pytest.approx(rest, rel=1e-12)
     assert replay == pytest.approx(rest, rel=1e-12)
-    assert found.cost < problems_cost_at_rest(name) * (1 + 1e-12), "the actuator may go to its rest"
-
-
-def problems_cost_at_rest(name: str) -> float:
-    problem = problems.get(name)
-    x = problem.initial_states(problem.parameters.values)[0]
-    still = [0.0] * problem.system.nu
-    stage, end = problem.cost_terms(x, still, still, problem.parameters.values)
-    return problem.N * float(stage) + float(end)
+    assert found.audit.active_steps == 0
 
 
 @pytest.mark.parametrize("law", SMOOTH)
