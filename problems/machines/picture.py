@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from functools import cache
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -12,10 +13,11 @@ from problems.drawing import Capsule, ContactFrame, Disc, HalfPlane, Shape
 from problems.machines.machine import Machine
 
 _THICKNESS = 0.03
+_JOINT = (0.0, 0.0)
 
 
 def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
-    """Draw the machine at ``state`` (q, v, ...): every link from its joint to its far end."""
+    """Draw the machine at ``state`` (q, v, ...): bars, spheres and the ground."""
     segments, _ = _places(machine)
     ends = np.array(segments(np.asarray(state)[: segments.numel_in(0)])).T
     links = [Capsule(x1, z1, x2, z2, _THICKNESS) for x1, z1, x2, z2 in ends.tolist()]
@@ -46,20 +48,24 @@ def sphere_centres(machine: Machine, state: Sequence[float] | np.ndarray) -> np.
 
 @cache
 def _places(machine: Machine) -> tuple[ca.Function, ca.Function]:
-    """Map q to the ends of every link, (4, links), and to the spheres' centres, (2, spheres)."""
+    """Map q to the ends of every bar, (4, bars), and to the spheres' centres, (2, spheres).
+
+    A link's bars run from its joint to its spheres and to the joints it carries; the link that
+    floats is drawn through these, from back to front.
+    """
     chain = machine.chain()
     q = ca.SX.sym("q", chain.nq)
     rows = []
     for link in machine.links:
         joints = [other.anchor for other in machine.links if other.parent == link.name]
-        points = [s.centre for s in machine.spheres if s.link == link.name] + joints
-        if link.parent is None:
-            points.sort()
-            near, far = points[0], points[-1]
-        else:
-            near = (0.0, 0.0)
-            far = max(points, key=lambda point: float(np.hypot(*point)))
-        rows.append(ca.vertcat(*(chain.position(q, link.name, end) for end in (near, far))))
+        own = [s.centre for s in machine.spheres if s.link == link.name]
+        points = sorted({(float(x), float(z)) for x, z in own + joints})
+        bars = pairwise(points) if link.parent is None else [(_JOINT, p) for p in points]
+        rows += [
+            ca.vertcat(*(chain.position(q, link.name, end) for end in ends))
+            for ends in bars
+            if ends[0] != ends[1]
+        ]
     centres = [chain.position(q, s.link, s.centre) for s in machine.spheres]
     return (
         ca.Function("links", [q], [ca.horzcat(*rows)]),
