@@ -2,7 +2,7 @@
 
 Parameters stay the same over a rollout, so an expression in them, h/m say, is computed once and
 handed to the graphs of the step as a value, instead of once a step and sample; a division by such
-a value becomes a product with its reciprocal.
+a value becomes a product with its reciprocal, and a chain of such products one product.
 """
 
 from __future__ import annotations
@@ -83,6 +83,8 @@ class _Split:
         self.arguments = [ca.SX.sym(f"i{k}", n) for k, n in enumerate(tape.input_sizes)]
         self.pooled: dict[int, int] = {}
         self.values: dict[int, ca.SX] = {}
+        # Values that are the product of another value and a member of the pool.
+        self.scaled: dict[int, tuple[int, int]] = {}
         for i, operation in enumerate(tape.operations):
             self._take(i, operation)
 
@@ -97,12 +99,29 @@ class _Split:
             self.pooled[i] = self.pool.add(operation, tuple(self.pooled[arg] for arg in args))
         elif op == ca.OP_DIV and args[1] in self.pooled:
             inverse = self.pool.add(Operation(ca.OP_INV, ()), (self.pooled[args[1]],))
-            self.values[i] = self._value(args[0]) * self.pool.value(inverse)
+            self._scale(i, args[0], inverse)
+        elif op == ca.OP_MUL and args[1] in self.pooled:
+            self._scale(i, args[0], self.pooled[args[1]])
+        elif op == ca.OP_MUL and args[0] in self.pooled:
+            self._scale(i, args[1], self.pooled[args[0]])
+        elif op == ca.OP_TWICE:
+            self._scale(i, args[0], self.pool.add(Operation(ca.OP_CONST, (), 2.0), ()))
         else:
             self.values[i] = apply(op, [self._value(arg) for arg in args])
 
+    def _scale(self, i: int, of: int, factor: int) -> None:
+        if of in self.scaled:
+            of, other = self.scaled[of]
+            factor = self.pool.add(Operation(ca.OP_MUL, ()), (other, factor))
+        self.scaled[i] = of, factor
+
     def _value(self, i: int) -> ca.SX:
-        return self.pool.value(self.pooled[i]) if i in self.pooled else self.values[i]
+        if i in self.pooled:
+            return self.pool.value(self.pooled[i])
+        if i not in self.values:
+            of, factor = self.scaled[i]
+            self.values[i] = self._value(of) * self.pool.value(factor)
+        return self.values[i]
 
     def results(self) -> tuple[list[ca.SX], list[ca.SX]]:
         """Arguments, and each output as a column."""
