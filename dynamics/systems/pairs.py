@@ -47,7 +47,8 @@ class EnergyBook:
     ``energy`` is an expression in x, ``work`` in (x, u, x_next): actuation and damping. What is
     left of ``energy(x_next) - energy(x) - work`` is what contact gave or took, and the
     integrator's error. ``momentum`` (2, 1) [N s] is an expression in x, ``external`` (2, 1) [N s]
-    the impulse from outside over one step, contact included, in (x, u, x_next, lam).
+    the impulse from outside over one step, contact included, in (x, u, x_next, lam); what
+    ``momentum`` gains beyond it is the integrator's error, of the order of h² in a step.
     """
 
     energy: ca.SX
