@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from llvmlite import ir
 
 from dynamics.batch.llvm_vectors import I64, POINTER, Machine, Writer, index
 
 
-def run(module: ir.Module, machine: Machine, body: str, kinds: list[ir.Type]) -> None:
+def run(module: ir.Module, machine: Machine, body: str, kinds: Sequence[ir.Type]) -> None:
     """Write `run(next, n, chunk, ...)`, which draws chunks of `range(n)` from the counter `next`.
 
     For each it calls `body(begin, end, chunk, ...)`, passing on its other arguments, of these
