@@ -9,7 +9,7 @@ from dynamics.systems import ContactSystem, ParameterTable, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
 from problems.parameters import Parameters, quantity, structural_settings, structure, table
-from problems.spec import Citation
+from problems.spec import Citation, Golden
 
 name = "ball-throw"
 title = "A ball thrown to a goal by way of the floor"
@@ -32,6 +32,15 @@ typst = (
     'V^2 = (w_z - g h \\/ 2)^2 + 2 g z quad "one step before"',
     'min w_s s^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N - v_"goal")^2',
 )
+golden = {
+    "exact": Golden(
+        law="exact",
+        method="direct",
+        cost=0.00898211,
+        tolerance=1e-6,
+        source="Nelder-Mead over angle and speed of a simulation in closed form",
+    ),
+}
 
 
 class Params(Parameters):

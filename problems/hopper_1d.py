@@ -10,7 +10,7 @@ from dynamics.systems import Mechanism, Touching, frictional_time_stepping, sign
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, Disc, HalfPlane, Segment, Shape
 from problems.parameters import Parameters, quantity, structural_settings, structure, table
-from problems.spec import Citation
+from problems.spec import Citation, Golden
 
 name = "hopper-1d"
 title = "A one-dimensional hopper that jumps"
@@ -33,6 +33,15 @@ typst = (
     'max z_(c,N) - z_(c,0) - w_v v_(c,N)^2, quad abs(u) <= u_"max"',
     't = T (M g) / (u_"max" + m_f g), quad z_(c,N) - z_(c,0) = (u_"max" - m_b g) / (2 M) t T',
 )
+golden = {
+    "exact": Golden(
+        law="exact",
+        method="direct",
+        cost=-0.6146875,
+        tolerance=1e-8,
+        source="the closed form of the bang-bang optimum, function highest",
+    ),
+}
 
 
 class Params(Parameters):

@@ -28,7 +28,7 @@ def draw(data: xr.Dataset) -> Figure:
         impact.plot(data["q_mid"], data["impact_soft"][index], color=shade, label=text)
     mus = data["box_mu"].values
     for index, (mu, shade) in enumerate(zip(mus, shades, strict=False)):
-        push.plot(data["u"], data["push_soft"][index], color=shade, label=f"BS $\\mu$ = {mu:g} W")
+        push.plot(data["u"], data["push_soft"][index], color=shade, label=f"BS $\\mu$ = {mu:g}")
     for index, (count, color) in enumerate(zip(data["count"].values, _RS, strict=True)):
         impact.plot(data["q_x"], data["impact_rs"][index], ".", color=color, markersize=3,
                     label=f"RS N = {count}")  # fmt: skip

@@ -8,10 +8,10 @@ from scipy.stats import norm
 
 from dynamics.batch import Gaussian
 from dynamics.contact import Adaptive, Barrier, Exact
-from problems import studies
+from problems import get, studies
 from problems.studies import random_lcs as rl
 from problems.studies.ball_ode import in_log_height, least_height, turning_points
-from problems.studies.box_push import box_system, softened_velocity
+from problems.studies.box_push import softened_box
 from problems.studies.noise import (
     averaged_exact,
     gaussian,
@@ -73,18 +73,22 @@ def test_the_softened_ball_keeps_its_energy_and_turns_where_lambert_says(mu: flo
 
 def test_the_box_sticks_slips_and_softens_as_its_closed_form() -> None:
     values = {"m": 1.0, "g": 9.81, "friction": 0.5, "h": 0.05}
-    system, rest = box_system(**values), np.zeros((1, 2))
+    system, rest = get("box-slide", **values).system, np.zeros((1, 2))
     u = np.array([-9.0, -3.0, 0.0, 4.0, 8.0])
     bound = 0.5 * 9.81
     exact = SampledStep(Exact().close(system))(rest, u[:, None])
     slip = 0.05 * np.sign(u) * np.maximum(0, np.abs(u) - bound)
-    assert exact.x_next[:, 1] == pytest.approx(slip, abs=3e-5)
-    assert exact.x_by_u[:, 1, 0] == pytest.approx(0.05 * (np.abs(u) > bound), abs=1e-5)
-    soft = SampledStep(Barrier(mu=0.1).close(system))(rest, u[:, None])
-    closed = softened_velocity(u, 0.1, **values)
-    assert soft.x_next[:, 1] == pytest.approx(closed, abs=5e-6)
+    assert exact.x_next[:, 1] == pytest.approx(slip, abs=1e-9)
+    assert exact.x_by_u[:, 1, 0] == pytest.approx(0.05 * (np.abs(u) > bound), abs=1e-6)
+    soft = SampledStep(Barrier(mu=2.5e-4).close(system))(rest, u[:, None])
+    closed, slope = softened_box(u, 2.5e-4, **values)
+    assert soft.x_next[:, 1] == pytest.approx(closed, abs=1e-11)
+    assert soft.x_by_u[:, 1, 0] == pytest.approx(slope, abs=1e-10)
+    # The same with forces instead of impulses and velocities instead of ways: mu/h² = 0.1 W.
     friction = closed / 0.05 - u
     assert closed == pytest.approx(-2 * 0.1 * friction / (bound**2 - friction**2), abs=1e-9)
+    ahead, behind = (softened_box(u + d, 2.5e-4, **values)[0] for d in (1e-5, -1e-5))
+    assert slope == pytest.approx((ahead - behind) / 2e-5, abs=1e-8)
 
 
 @pytest.mark.parametrize("kind", rl.KINDS)

@@ -1,0 +1,74 @@
+"""Dry friction with its schedule given: a convex QP, with nothing of the workbench in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Slide:
+    """``M (v+ - v) = h B u + J' f``, |f| <= bound, from (q, v), over as many steps as modes.
+
+    Minimises ``sum w_u h u² + w_end |q_N - goal|² + w_v |v_N|²``, |u| <= u_max, |q| <= reach.
+    """
+
+    M: np.ndarray
+    B: np.ndarray
+    J: np.ndarray
+    h: float
+    bound: float
+    q: np.ndarray
+    v: np.ndarray
+    goal: np.ndarray
+    reach: np.ndarray
+    w_u: float
+    w_end: float
+    w_v: float
+    u_max: float
+
+    def best(self, modes: np.ndarray) -> float:
+        """Least cost under a schedule: 1 slides forward, -1 backward, 0 sticks; inf for none."""
+        u = ca.SX.sym("u", len(modes))
+        q, v = ca.SX(self.q), ca.SX(self.v)
+        inverse = np.linalg.inv(self.M)
+        compliance = float(self.J @ inverse @ self.J)
+        rows, low, high = [], [], []
+        for k, mode in enumerate(modes):
+            free = v + inverse @ (self.h * self.B * u[k])
+            f = -mode * self.bound if mode else -ca.dot(self.J, free) / compliance
+            v = free + inverse @ self.J * f
+            q = q + self.h * v
+            rows += [mode * ca.dot(self.J, v) if mode else f, q]
+            low += [0 if mode else -self.bound, *-self.reach]
+            high += [np.inf if mode else self.bound, *self.reach]
+        cost = self.w_u * self.h * ca.sumsqr(u) + self.w_end * ca.sumsqr(q - self.goal)
+        qp = {"x": u, "f": cost + self.w_v * ca.sumsqr(v), "g": ca.vertcat(*rows)}
+        options = {"error_on_fail": False, "print_iter": False, "print_header": False}
+        solver = ca.qpsol("schedule", "qrqp", qp, {**options, "print_info": False})
+        found = solver(lbx=-self.u_max, ubx=self.u_max, lbg=low, ubg=high)
+        return float(found["f"]) if solver.stats()["success"] else np.inf
+
+
+def box(m=1.0, g=9.81, friction=0.5, h=0.05, goal=1.0) -> Slide:
+    """``box-slide`` at its defaults."""
+    one, rest = np.ones(1), np.zeros(1)
+    return Slide(m * np.eye(1), one, one, h, friction * h * m * g, rest, rest, goal * one,
+                 1e3 * one, 0.01, 100.0, 10.0, 15.0)  # fmt: skip
+
+
+def cart(mc=2.0, mb=1.0, g=9.81, friction=0.2, h=0.05) -> Slide:
+    """``cart-transport`` at its defaults: cart, and the box's offset on it."""
+    M = np.array([[mc + mb, mb], [mb, mb]])
+    return Slide(M, np.array([1.0, 0.0]), np.array([0.0, 1.0]), h, friction * h * mb * g,
+                 np.array([0.0, -0.2]), np.zeros(2), np.array([1.0, 0.2]), np.array([1e3, 0.5]),
+                 0.01, 100.0, 10.0, 20.0)  # fmt: skip
+
+
+def window(start: int, end: int, steps: int = 40) -> np.ndarray:
+    """Stick, slide forward in the steps start to end - 1, stick."""
+    modes = np.zeros(steps, dtype=int)
+    modes[start:end] = 1
+    return modes

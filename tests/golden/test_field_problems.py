@@ -1,0 +1,141 @@
+"""Optima of box-slide, cart-transport, ball-throw and hopper-1d, found without the workbench."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from dynamics.contact import Barrier, Exact
+from ocp import Direct, MultipleShooting, SingleShooting, Solution, Status, solve
+from ocp.solve import guesses, judged, new_session
+from problems import ball_throw, get, hopper_1d, spec
+from tests.golden import schedules
+
+FOUR = ("box-slide", "ball-throw", "cart-transport", "hopper-1d")
+
+
+@functools.cache
+def exact(name: str) -> Solution:
+    return solve(get(name), Exact(), Direct())
+
+
+def slid(found: Solution) -> np.ndarray:
+    """1, -1 or 0 for every step that slides forward, backward or not."""
+    forward, backward = found.data["lam"].values[0].T > 1e-7
+    return forward.astype(int) - backward.astype(int)
+
+
+@pytest.mark.parametrize("name", FOUR)
+def test_the_stated_optimum_is_found(name: str) -> None:
+    golden = spec(name).golden["exact"]
+    found = exact(name)
+    assert found.status is Status.SOLVED
+    assert found.cost == pytest.approx(golden.cost, rel=golden.tolerance)
+    assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-6)
+    assert found.audit.complementarity < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("name", "peer"), [("box-slide", schedules.box()), ("cart-transport", schedules.cart())]
+)
+def test_dry_friction_is_the_best_of_the_convex_programs_around_it(name: str, peer) -> None:
+    found = exact(name)
+    modes = slid(found)
+    start, end = np.flatnonzero(modes)[[0, -1]] + [0, 1]
+    assert np.array_equal(modes, schedules.window(start, end)), "stick, slide forward, stick"
+    assert peer.best(modes) == pytest.approx(found.cost, rel=1e-8)
+    around = [(start + a, min(end + b, 40)) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+    assert min(peer.best(schedules.window(*w)) for w in around) > found.cost * (1 - 1e-8)
+
+
+def test_the_cart_carries_the_box_and_brakes_it_forward() -> None:
+    found = exact("cart-transport")
+    x = found.data["x"].values[0]
+    assert x[-1] == pytest.approx([1, 0.2, 0, 0], abs=0.03)
+    cart, box = np.diff(x[:, 2]) / 0.05, np.diff(x[:, 2] + x[:, 3]) / 0.05
+    slides = slid(found) == 1
+    assert box[slides] == pytest.approx(np.full(slides.sum(), -0.2 * 9.81), rel=1e-6)
+    assert np.abs(box[~slides]).max() <= 0.2 * 9.81 + 1e-6
+    assert cart[slides][0] < box[slides][0], "the cart brakes harder than friction holds"
+
+
+def test_the_throw_is_the_best_of_a_simulation() -> None:
+    p = ball_throw.Params()
+    goal = np.array([p.goal_x, p.goal_z, p.goal_vx, p.goal_vz])
+
+    def cost(decision: np.ndarray) -> float:
+        off = ball_throw.roll(p, *decision)[-1, :4] - goal
+        weights = np.array([p.w_end, p.w_end, p.w_v, p.w_v])
+        return float(p.w_speed * decision[1] ** 2 + weights @ off**2)
+
+    peer = minimize(cost, [0.6, 3.0], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-15})
+    found = exact("ball-throw")
+    assert found.cost == pytest.approx(peer.fun, rel=1e-5)
+    assert found.data["u"].values[0, 0] == pytest.approx(peer.x, abs=1e-4)
+    assert np.abs(found.data["u"].values[0, 1:]).max() < 1e-4
+    assert cost(np.array([0.6, 3.0])) == pytest.approx(9 * p.w_speed, abs=1e-6), "in reach"
+
+
+def test_the_hopper_pushes_and_flies_as_the_maximum_principle_says() -> None:
+    found, p = exact("hopper-1d"), hopper_1d.Params()
+    assert found.cost == pytest.approx(-hopper_1d.highest(p), rel=1e-8)
+    force = found.data["lam"].values[0, :, 0] / p.h
+    assert force[:10] == pytest.approx(np.full(10, p.u_max + p.mf * p.g), rel=1e-6)
+    assert force[11:] == pytest.approx(np.zeros(9), abs=1e-6)
+
+
+@pytest.mark.parametrize("values", [{}, {"N": 13}, {"u_max": 70.0}, {"mb": 3.0, "w_v": 2.0}])
+def test_the_highest_jump_is_that_of_a_linear_program(values: dict) -> None:
+    """Over accelerations a_j in [-g, a] the problem is a QP."""
+    p = hopper_1d.Params(**values)
+    M, N, h = p.mb + p.mf, p.N, p.h
+    top = (p.u_max - p.mb * p.g) / M
+    count = N - np.arange(N)
+
+    def loss(a: np.ndarray) -> tuple[float, np.ndarray]:
+        return p.w_v * a.sum() ** 2 - count @ a, 2 * p.w_v * a.sum() - count
+
+    found = minimize(loss, np.zeros(N), jac=True, method="SLSQP", bounds=[(-p.g, top)] * N,
+                     options={"ftol": 1e-13, "maxiter": 1000})  # fmt: skip
+    assert hopper_1d.highest(p) == pytest.approx(-(h**2) * found.fun, rel=1e-8)
+
+
+def test_the_highest_jump_tends_to_half_the_largest_velocity_times_the_time() -> None:
+    p = hopper_1d.Params(N=2000, h=0.5 / 2000, w_v=1e4)
+    a = (p.u_max - p.mb * p.g) / (p.mb + p.mf)
+    assert hopper_1d.highest(p) == pytest.approx(a * 0.25 * 0.5 / 2, rel=1e-4)
+
+
+@pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
+@pytest.mark.parametrize("name", ["box-slide", "cart-transport"])
+def test_methods_agree_on_the_barrier_optimum(name: str, method) -> None:
+    direct, found = (solve(get(name), Barrier(mu=1e-3), m) for m in (Direct(), method))
+    assert direct.success
+    assert found.success
+    assert found.cost == pytest.approx(direct.cost, rel=1e-6)
+    np.testing.assert_allclose(found.data["lam"] * found.data["gap"], 1e-3, atol=1e-9)
+
+
+def test_shooting_throws_as_well_without_any_homotopy() -> None:
+    """The bounce is differentiated rightly, so its exact gradient leads to the best throw."""
+    found = solve(get("ball-throw"), Exact(), SingleShooting(), settings={"homotopy": False})
+    assert found.success
+    assert found.cost == pytest.approx(exact("ball-throw").cost, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["box-slide", "cart-transport", "hopper-1d"])
+def test_shaken_guesses_end_at_the_same_optimum(name: str) -> None:
+    session = new_session(get(name), Exact(), Direct())
+    for guess in guesses(session, 4, 7)[1:]:
+        found = judged(session, session.solve(guess=guess), 7)
+        assert found.success
+        assert found.cost == pytest.approx(exact(name).cost, rel=1e-6)
+
+
+def test_a_push_that_friction_holds_is_no_progress_for_a_gradient() -> None:
+    found = solve(get("box-slide"), Exact(), SingleShooting(), settings={"homotopy": False})
+    assert found.status is Status.NO_PROGRESS
+    assert np.all(found.data["x"].values[0] == pytest.approx(0, abs=1e-9))
