@@ -27,6 +27,7 @@ from dynamics.systems.elimination import solve_without_pivoting
 NEWTON_ITERATIONS = 12
 # Newton's error after a step is of the order of its square over sqrt(mu); mu is 1e-14 or more.
 _SETTLED = 1e-11
+_FOLLOWED = 1e-7
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class InnerLoop:
     - `newton: (lam, data) -> (lam, open)`, open 1 while the iteration has not come to rest
     - `settled: (lam, data) -> lam` [N s], the end of Newton's method out of the scaling
     - `path: (pair, data) -> pair`, from ones until nothing changes, `path_iterations` at most
-    - `followed: (pair, data) -> lam` [N s], the end of the path out of the scaling
+    - `followed: (pair, data) -> lam` [N s], the end of the path out of the scaling, infinite where
+      that is no solution, so that the sample is reported with those that are not finite
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
     """
 
@@ -111,7 +113,7 @@ def loop_graphs(pattern: ca.Sparsity, exact: bool) -> dict[str, ca.Function]:
         "newton": ([lam, problem.data], list(stepped)),
         "settled": ([lam, problem.data], [at_rest * problem.c * problem.D]),
         "path": ([pair, problem.data], [ca.vertcat(*moved)]),
-        "followed": ([pair, problem.data], [ends[0]]),
+        "followed": ([pair, problem.data], [_solved(ends[0], ends[2])]),
     }
     return {
         name: ca.Function(name, inputs, [ca.densify(value) for value in outputs])
@@ -123,12 +125,18 @@ def path_graphs(path: NonlinearPath) -> dict[str, ca.Function]:
     """The graphs of an `InnerLoop` that follows the path from its start, with no Newton method."""
     lam, data = ca.SX.sym("lam", path.n), path.data
     pair = ca.SX.sym("pair", 2 * path.n + 1)
+    ends = path.ending()(pair, data)
     return {
         "newton": ca.Function("newton", [lam, data], [lam, ca.SX(ca.DM.ones(1))]),
         "settled": ca.Function("settled", [lam, data], [lam]),
         "path": path.iteration(),
-        "followed": ca.Function("followed", [pair, data], [path.ending()(pair, data)[0]]),
+        "followed": ca.Function("followed", [pair, data], [_solved(ends[0], ends[2])]),
     }
+
+
+def _solved(lam: ca.SX, error: ca.SX) -> ca.SX:
+    """``lam``, or infinity where the path was not followed to its end: no sample counts then."""
+    return lam / (ca.mmax(error) <= _FOLLOWED)
 
 
 def _newton(lam: ca.SX, problem: ScaledProblem) -> tuple[ca.SX, ca.SX]:

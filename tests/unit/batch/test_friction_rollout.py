@@ -8,10 +8,17 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import Gaussian, RolloutFunction
+from dynamics.batch import BatchWarning, Gaussian, RolloutFunction
 from dynamics.batch.policy import open_loop
 from dynamics.contact import Barrier, Exact, Randomized, Step
-from dynamics.systems import Mechanism, ParameterTable, Touching, frictional_time_stepping, signals
+from dynamics.systems import (
+    ContactSystem,
+    Mechanism,
+    ParameterTable,
+    Touching,
+    frictional_time_stepping,
+    signals,
+)
 from tests.unit.batch.backends import BACKENDS
 
 H = 6
@@ -97,3 +104,25 @@ def test_the_foot_lands_and_slips():
         slipped = max(slipped, lam[3] if lam[0] > 1e-6 else 0.0)
     assert landed >= 2
     assert slipped > 1e-4
+
+
+@pytest.mark.parametrize("backend", [b for b in BACKENDS if b != "casadi"])
+@pytest.mark.parametrize("redundant", [False, True])
+def test_a_contact_that_is_not_solved_is_reported(backend, redundant):
+    """Two contacts that pull each other in: for large gaps no impulse closes both."""
+    x, x_next = ca.SX.sym("x", 2), ca.SX.sym("x_next", 2)
+    u, lam = ca.SX.sym("u", 2), ca.SX.sym("lam", 2)
+    system = ContactSystem(
+        name="hopeless", x=x, u=u, x_next=x_next, lam=lam, residual=x_next - x - u - lam,
+        gap=x_next - 3 * ca.vertcat(lam[1], lam[0]), states=signals("a [m]; b [m]"),
+        inputs=signals("c [m]; d [m]"), contacts=signals("e [N s]; f [N s]"), h=1.0,
+        redundant=redundant,
+    )  # fmt: skip
+    step = Barrier(mu=1e-4).close(system)
+    cost = ca.Function("cost", [x, u, step.p.vector], [ca.sumsqr(x)])
+    end = ca.Function("end", [x, step.p.vector], [ca.sumsqr(x)])
+    f = RolloutFunction(step, cost, end, 1, open_loop(2, 2), backend=backend)
+    starts = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, 1.0]])
+    with pytest.warns(BatchWarning, match="1 non-finite sample, at index 1"):
+        got = f(starts, np.zeros((1, 2)))
+    assert list(got.nonfinite.indices) == [1]
