@@ -19,7 +19,7 @@ from problems.parameters import (
     structure,
     table,
 )
-from problems.spec import Citation
+from problems.spec import Citation, Golden
 
 name = "half-cheetah"
 title = "Half-cheetah: a periodic gait at a given speed"
@@ -51,6 +51,10 @@ _SPHERES = {
     "feet": ("bfoot", "ffoot"),
 }
 
+golden = {
+    "exact": Golden("exact", "direct", 0.0517645430, 1e-6, "the same optimum from 8 starts"),
+    "barrier mu=1e-3": Golden("barrier", "direct", 0.0402715748, 1e-4, "found from the own guess"),
+}
 _PICTURED = machine_of()
 
 

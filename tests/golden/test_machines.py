@@ -8,7 +8,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.contact import Barrier
+import problems
+from dynamics.contact import Barrier, ContactLaw, Exact
+from ocp import Direct, Solution, solve
 from problems.machines.hopper import hopper
 from problems.machines.simulation import simulate, simulation
 from tests.golden.coulomb_steps import ModeStepper
@@ -100,3 +102,55 @@ def test_what_the_energy_book_lacks_falls_with_the_square_of_the_step():
         np.max(f["change"] - f["contact"]) for f in (books("hopper", h) for h in (0.05, 0.0125))
     ]
     assert 0 < gained[1] < gained[0] / 8 < 1e-4
+
+
+LAWS: dict[str, ContactLaw] = {"exact": Exact(), "barrier mu=1e-3": Barrier(mu=1e-3)}
+
+
+def check_golden(name: str, key: str) -> Solution:
+    golden = problems.spec(name).golden[key]
+    found = solve(problems.get(name), LAWS[key], Direct(), starts=golden.starts)
+    assert golden.law == LAWS[key].name
+    assert found.success
+    assert found.cost == pytest.approx(golden.cost, rel=golden.tolerance)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
+def test_the_stated_barrier_optimum_is_found(name: str):
+    check_golden(name, "barrier mu=1e-3")
+
+
+@pytest.mark.slow
+def test_the_hopper_hops_a_metre_and_lands_at_rest():
+    found = check_golden("hopper", "exact")
+    x, nq = found.data["x"].values[0], 6
+    assert np.abs(x[-1, :nq] - [1, 1.21, 0, 0, 0, 0]).max() < 0.02
+    assert np.abs(x[-1, nq:]).max() < 0.1
+    in_the_air = found.data["phi"].values[0].min(axis=1) > 0.02
+    assert in_the_air.sum() >= 5
+    assert found.audit.state_gap < 1e-2
+
+
+def check_gait(found: Solution, speed: float):
+    """A stride that repeats itself, at the speed, in the motors' bounds, and the same replayed."""
+    assert found.success
+    x, u = found.data["x"].values[0], found.data["u"].values[0]
+    stride = len(u) * x[0, -1]
+    assert (x[-1, 0] - x[0, 0]) / stride == pytest.approx(speed, abs=1e-6)
+    assert np.allclose(x[-1, 1:], x[0, 1:], atol=1e-6)
+    assert np.abs(u).max() <= 1 + 1e-8
+    assert found.audit.penetration < 1e-8
+    assert found.audit.state_gap < 1e-2
+    assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-3)
+
+
+def test_the_half_cheetah_walks_at_a_metre_a_second():
+    check_gait(check_golden("half-cheetah", "exact"), 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [0.5, 1.5, 2.0])
+def test_the_half_cheetah_has_a_gait_at_other_speeds(speed: float):
+    check_gait(solve(problems.get("half-cheetah", speed=speed), Exact(), Direct()), speed)
