@@ -55,7 +55,7 @@ class Params(Parameters):
     x0: float = quantity(0.0, "m", "the hand, x")
     z0: float = quantity(1.0, "m", "the hand, height above the floor", least=0)
     goal_x: float = quantity(2.476, "m", "goal, x")
-    goal_z: float = quantity(0.5547, "m", "goal, height")
+    goal_z: float = quantity(0.5547, "m", "goal, height", least=0)
     goal_vx: float = quantity(2.476, "m/s", "velocity at the goal, x")
     goal_vz: float = quantity(0.4327, "m/s", "velocity at the goal, upwards")
     w_speed: float = quantity(1e-3, "s^2/m^2", "weight of the throw", least=0)

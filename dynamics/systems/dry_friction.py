@@ -77,5 +77,4 @@ def dry_friction(
         forces=ContactForces(
             (contact,), ca.SX(h * load), f, slide @ v_next, ca.SX.ones(1) * friction
         ),
-        redundant=True,
     )

@@ -97,7 +97,11 @@ def test_mirrored_noise_is_the_noise_turned_round(policy):
 
 
 # Differences along every input of a long horizon would take minutes.
-SHORT = {"planar-push": {"N": 4}, "planar-hand": {"N": 2}}
+SHORT = {
+    **{name: {"N": 6} for name in ("box-slide", "ball-throw", "cart-transport", "hopper-1d")},
+    "planar-push": {"N": 4},
+    "planar-hand": {"N": 2},
+}
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
