@@ -16,6 +16,9 @@ from problems import get, names
 from tests.unit.batch.backends import FAST
 
 HORIZON = 4
+# Their kernels take a compiler a good part of a minute.
+LARGE = ("hopper", "half-cheetah")
+NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n in names()]
 LAWS = {
     "barrier": lambda: Barrier(mu=1e-3),
     "adaptive": lambda: Adaptive(sigma=0.2),
@@ -47,15 +50,16 @@ def prepared(name: str, law: str):
         x, last = step.map(x, u, step.p.values)[0], u
     cost += costs[1](x, step.p.values)
     reference = ca.Function("reference", [start, inputs], [cost, ca.gradient(cost, inputs)])
-    return made, reference, x0, before if change else None, problem.reference
+    redundant = None if not system.redundant else law
+    return made, reference, x0, before if change else None, problem.reference, redundant
 
 
 @pytest.mark.parametrize("law", list(LAWS))
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_agrees_with_casadi(name, law, seed):
-    made, reference, x0, before, scale = prepared(name, law)
+    made, reference, x0, before, scale, redundant = prepared(name, law)
     rng = np.random.default_rng(seed)
     n = 4
     starts = x0 + 0.2 * scale.x * rng.standard_normal((n, len(x0)))
@@ -67,5 +71,12 @@ def test_agrees_with_casadi(name, law, seed):
     size = np.abs(gradients).max()
     for f in made:
         got = f(starts, inputs, u_before=before)
-        np.testing.assert_allclose(got.cost, costs, rtol=1e-12)
-        np.testing.assert_allclose(got.gradient, gradients, rtol=1e-10, atol=1e-12 * size)
+        if redundant is None:
+            np.testing.assert_allclose(got.cost, costs, rtol=1e-12)
+            np.testing.assert_allclose(got.gradient, gradients, rtol=1e-10, atol=1e-12 * size)
+            continue
+        # The path of frictional contact ends at a relative violation of 1e-12; at mu = 0, where
+        # forces may be open and derivatives jump, gradients are compared elsewhere, off the kinks.
+        np.testing.assert_allclose(got.cost, costs, rtol=1e-9)
+        if redundant != "exact":
+            np.testing.assert_allclose(got.gradient, gradients, rtol=1e-7, atol=1e-8 * size)
