@@ -37,11 +37,14 @@ bench-solve: setup
 	$(BIN)/python -m tests.benchmarks.ocp.dependability $(PROBLEMS)
 
 # Pictures of the README: these problems in this order, solved under the exact law, or as
-# SOLVE_<problem> says.
-GALLERY := wall-1d push-1d push-disc ball-bounce cart-walls
+# SOLVE_<problem> says; those of MOVING also as animations.
+GALLERY := wall-1d push-1d box-slide ball-bounce ball-throw cart-transport \
+	push-disc planar-push planar-hand cart-walls hopper-1d hopper half-cheetah
+MOVING := cart-walls cart-transport planar-push planar-hand hopper half-cheetah
 SOLVE_cart-walls := --contact barrier -c mu=1e-3
 
 gallery: setup
 	$(foreach name,$(GALLERY),$(BIN)/ocp solve $(name) $(or $(SOLVE_$(name)),--contact exact) \
 		--out runs/gallery --quiet &&) true
-	$(BIN)/python -m reports.gallery runs/gallery reports/gallery $(GALLERY)
+	$(BIN)/python -m reports.gallery runs/gallery reports/gallery --still $(GALLERY) \
+		--moving $(MOVING)

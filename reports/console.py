@@ -238,9 +238,12 @@ def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
     """A problem's parameters with default, unit and meaning."""
     table = _table(("parameter", "left"), ("default", "right"), ("unit", "left"), ("", "left"))
     for row in parameters:
-        value = row["value"]
+        value, meaning = row["value"], row["description"]
+        if isinstance(value, str):
+            table.add_row(row["name"], value, "", f"{meaning} ({row['range']})")
+            continue
         shown = number(value) if isinstance(value, int | float) else "required"
-        table.add_row(row["name"], shown, row["unit"], row["description"])
+        table.add_row(row["name"], shown, row["unit"], meaning)
     return table
 
 

@@ -1,41 +1,58 @@
-"""Draw the README's pictures from stored runs: ``python -m reports.gallery ROOT FOLDER NAME...``.
+"""Draw the README's pictures from stored runs.
 
-``strobes.png`` has every named problem, ``<name>.gif`` each in motion.
+``python -m reports.gallery ROOT FOLDER --still NAME... --moving NAME...`` draws ``strobes.png`` of
+all that are still, and ``<name>.gif`` of each that moves.
 """
 
 from __future__ import annotations
 
 import sys
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ocp.errors import InputError
 from ocp.studies.store import list_runs, load
 from reports.animation import Animation
 from reports.movie import write
+from reports.strides import is_periodic, repeated
 from reports.strobe import draw_strobe
 from reports.style import styled
 from reports.view import RunView
 
-_COLUMNS = 3
+_COLUMNS, _WIDTH = 3, 10.5
+_STRIDES = 4
 LARGEST = 1_500_000
 """Bytes that a page can carry for one animation."""
 
 
 def picture(views: Sequence[RunView]) -> Figure:
-    """Strobes in rows of three, each under the title of its problem."""
-    rows = -(-len(views) // _COLUMNS)
-    figure = Figure(figsize=(10.5, 3.0 * rows), layout="constrained")
-    axes = figure.subplots(rows, min(_COLUMNS, len(views)), squeeze=False).ravel()
-    for axis, view in zip(axes, views, strict=False):
+    """Strobes in rows of three, each under the title of its problem; rows as high as they need."""
+    columns = min(_COLUMNS, len(views))
+    rows = -(-len(views) // columns)
+    figure = Figure(layout="constrained")
+    grid = figure.add_gridspec(rows, columns)
+    heights = np.zeros(rows)
+    for index, view in enumerate(views):
+        row, column = divmod(index, columns)
+        axis = figure.add_subplot(grid[row, column])
         draw_strobe(axis, view)
         axis.set_title("", loc="left")
         axis.set_title(view.title, fontsize=10)
-    for axis in axes[len(views) :]:
-        axis.set_axis_off()
+        heights[row] = max(heights[row], _height(axis, _WIDTH / columns - 0.7))
+    grid.set_height_ratios(heights)
+    figure.set_size_inches(_WIDTH, float(heights.sum()))
     return figure
+
+
+def _height(axis: Axes, width: float) -> float:
+    """Height [inch] of a picture ``width`` wide, with its labels."""
+    ratio = np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim())
+    return 0.9 + width * float(np.clip(ratio, 0.2, 1.1))
 
 
 def newest(root: Path, name: str) -> RunView:
@@ -49,18 +66,23 @@ def newest(root: Path, name: str) -> RunView:
     return RunView.of(load(found[-1]))
 
 
-def draw(root: Path, folder: Path, names: Sequence[str]) -> list[Path]:
+def moving(view: RunView) -> Animation:
+    """Animate a run; of a periodic one several strides, slowed down since they are quick."""
+    return Animation(repeated(view, _STRIDES), speed=0.5) if is_periodic(view) else Animation(view)
+
+
+def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -> list[Path]:
     """Draw the newest run of every problem and return the files, the strobes first.
 
     Raises :class:`~ocp.errors.InputError` for a problem without a run and for an animation that
     came out too large.
     """
-    files = [folder / "strobes.png", *(folder / f"{name}.gif" for name in names)]
-    views = [newest(root, name) for name in names]
+    files = [folder / "strobes.png", *(folder / f"{name}.gif" for name in moved)]
     with styled():
-        picture(views).savefig(files[0], dpi=110, metadata={"Software": None})
-        for view, file in zip(views, files[1:], strict=True):
-            write(Animation(view), file)
+        strobes = picture([newest(root, name) for name in still])
+        strobes.savefig(files[0], dpi=110, metadata={"Software": None})
+        for name, file in zip(moved, files[1:], strict=True):
+            write(moving(newest(root, name)), file)
             if file.stat().st_size > LARGEST:
                 raise InputError(
                     f"{file} has {file.stat().st_size / 1e6:.1f} MB, expected at most"
@@ -71,9 +93,14 @@ def draw(root: Path, folder: Path, names: Sequence[str]) -> list[Path]:
 
 def main() -> None:
     """Draw what the command line names, and tell the size of every file."""
-    root, folder, *names = sys.argv[1:]
+    parser = ArgumentParser(prog="python -m reports.gallery", description=__doc__)
+    parser.add_argument("root", type=Path, metavar="ROOT")
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--still", nargs="+", required=True, metavar="NAME")
+    parser.add_argument("--moving", nargs="*", default=[], metavar="NAME")
+    asked = parser.parse_args()
     try:
-        for file in draw(Path(root), Path(folder), names):
+        for file in draw(asked.root, asked.folder, asked.still, asked.moving):
             print(f"{file}  {file.stat().st_size / 1e3:.0f} kB")
     except InputError as error:
         sys.exit(f"error: {error}")

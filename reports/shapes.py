@@ -37,9 +37,10 @@ def _corners(shape: Shape) -> list[tuple[float, float]]:
     match shape:
         case Disc(x, y, r):
             return [(x - r, y - r), (x + r, y + r)]
-        case Box(x, y, width, height):
-            reach = math.hypot(width, height) / 2
-            return [(x - reach, y - reach), (x + reach, y + reach)]
+        case Box(x, y, width, height, angle):
+            c, s = abs(math.cos(angle)), abs(math.sin(angle))
+            a, b = (c * width + s * height) / 2, (s * width + c * height) / 2
+            return [(x - a, y - b), (x + a, y + b)]
         case Capsule(x1, y1, x2, y2, r):
             low = min(x1, x2) - r, min(y1, y2) - r
             return [low, (max(x1, x2) + r, max(y1, y2) + r)]

@@ -13,7 +13,7 @@ from reports.shapes import bounds, draw
 from reports.style import INK, WIDTH
 from reports.view import RunView
 
-_INSTANTS = 7
+_FEWEST, _MOST = 3, 7
 _TALLEST = 3.3
 
 
@@ -35,8 +35,7 @@ def draw_strobe(axis: Axes, view: RunView) -> None:
     spec, x = view.spec, view.array("x")
     assert spec is not None and spec.draw is not None and x is not None
     path = x[0]
-    chosen = np.unique(np.linspace(0, len(path) - 1, min(_INSTANTS, len(path))).round().astype(int))
-    frames = [spec.draw(view.params, path[node]) for node in chosen]
+    frames, chosen = _instants([spec.draw(view.params, state) for state in path])
     fixed = set.intersection(*(set(shapes) for shapes in frames))
     _extent(axis, [shape for shapes in frames for shape in shapes])
     for shape in frames[0]:
@@ -50,6 +49,19 @@ def draw_strobe(axis: Axes, view: RunView) -> None:
     axis.set_xlabel(spec.axes[0])
     axis.set_ylabel(spec.axes[1])
     axis.set_axisbelow(True)
+
+
+def _instants(plays: list[list[Shape]]) -> tuple[list[list[Shape]], np.ndarray]:
+    """Shapes of a few nodes evenly apart, and the nodes: fewer where bodies hardly move away."""
+    still = set.intersection(*(set(shapes) for shapes in plays))
+    boxes = np.array([bounds(s for s in shapes if s not in still) for shapes in plays])
+    count = _FEWEST
+    if np.isfinite(boxes).all():
+        way = np.abs(np.diff(boxes.mean(axis=1), axis=0)).sum(axis=0)
+        size = np.maximum((boxes[:, 1] - boxes[:, 0]).max(axis=0), 1e-9)
+        count = int(min(_MOST, _FEWEST + 4 * np.max(way / size)))
+    chosen = np.unique(np.linspace(0, len(plays) - 1, count).round().astype(int))
+    return [plays[node] for node in chosen], chosen
 
 
 def _extent(axis: Axes, shapes: list[Shape]) -> None:

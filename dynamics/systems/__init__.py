@@ -12,6 +12,7 @@ from dynamics.systems.geometry import (
     disc_half_plane,
 )
 from dynamics.systems.lcs import is_p_matrix, lcs, linearise
+from dynamics.systems.machine import Machine, Sphere
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
 from dynamics.systems.parameters import Parameter, ParameterTable, Signal, signals
 from dynamics.systems.planar import Link
@@ -26,6 +27,7 @@ __all__ = [
     "ContactSystem",
     "EnergyBook",
     "Link",
+    "Machine",
     "Mechanism",
     "Pair",
     "Parameter",
@@ -33,6 +35,7 @@ __all__ = [
     "Pose",
     "ReducedContact",
     "Signal",
+    "Sphere",
     "Touching",
     "disc_box",
     "disc_capsule",

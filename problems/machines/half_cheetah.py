@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dynamics.systems.planar import Link, Number
-from problems.machines.machine import Machine, Sphere
+from dynamics.systems import Link, Sphere
+from dynamics.systems.planar import Number
+from problems.machines.machine import PublishedMachine
 
 CITATION = (
     "Dojo halfcheetah.urdf and its environment (Howell et al., Dojo, 2022), as decoded in the plane"
@@ -35,7 +36,7 @@ def half_cheetah(
     spring_scale: Number = 1.0,
     damping: Number = 1.0,
     limits: bool = True,
-) -> Machine:
+) -> PublishedMachine:
     """Half-cheetah of adaptive barrier smoothing, sec. 7: 9 coordinates, 6 motors, 14.000 kg.
 
     ``spring_scale`` multiplies the springs of the six joints (60 to 240 N m/rad), ``damping``
@@ -50,7 +51,7 @@ def half_cheetah(
              limits=bounds if limits else None)
         for name, parent, mass, inertia, com, _, anchor, offset, bounds, stiffness, gear in _LEGS
     )  # fmt: skip
-    return Machine(
+    return PublishedMachine(
         links=(torso, *legs),
         spheres=(
             Sphere("fore end", "torso", (0.5, 0.0), _RADIUS),

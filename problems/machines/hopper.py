@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from math import pi
 
-from dynamics.systems.planar import Link, Number
-from problems.machines.machine import Machine, Sphere
+from dynamics.systems import Link, Sphere
+from dynamics.systems.planar import Number
+from problems.machines.machine import PublishedMachine
 
 CITATION = (
     "Dojo hopper_good.urdf and its environment (Howell et al., Dojo, 2022), as decoded in the plane"
@@ -18,7 +19,7 @@ def hopper(
     spring: Number = 10.0,
     damping: Number = 1.0,
     limits: bool = False,
-) -> Machine:
+) -> PublishedMachine:
     """Hopper of adaptive barrier smoothing, sec. 7: 6 coordinates, 3 motors, 15.265 kg.
 
     ``spring`` [N m/rad] and ``damping`` [N m s/rad] act in the three joints, ``limits`` are those
@@ -29,7 +30,7 @@ def hopper(
     joint = {"spring": spring, "damping": damping, "gear": 200.0}
     knee = (0.0, pi * 150 / 180) if limits else None
     ankle = (-pi / 4, pi / 4) if limits else None
-    return Machine(
+    return PublishedMachine(
         links=(
             Link("torso", None, 3.53429, 0.06185, joint="free", damping=base_damping),
             Link("thigh", "torso", 3.92699, 0.08426, com=(0.0, -0.225), anchor=(0.0, -0.20),

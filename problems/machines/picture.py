@@ -9,8 +9,8 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from dynamics.systems import Machine
 from problems.drawing import Capsule, ContactFrame, Disc, HalfPlane, Shape
-from problems.machines.machine import Machine
 
 _THICKNESS = 0.03
 _JOINT = (0.0, 0.0)

@@ -12,7 +12,7 @@ from ocp.problem import Problem
 from ocp.rollout import Rollout, roll_out
 from problems.machines.half_cheetah import half_cheetah
 from problems.machines.hopper import hopper
-from problems.machines.machine import Machine
+from problems.machines.machine import PublishedMachine
 from problems.registry import get
 
 _MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
@@ -30,7 +30,7 @@ def simulation(name: str, steps: int = 50, seed: int = 0, **params: Any) -> tupl
     """
     if name not in _MACHINES:
         raise InputError(f"{name!r} is no machine to simulate; there are {', '.join(_MACHINES)}")
-    machine: Machine = _MACHINES[name]()
+    machine: PublishedMachine = _MACHINES[name]()
     given: dict[str, Any] = {"spheres": "all", "N": steps, **params}
     x0 = machine.reset(seed)
     if name == "hopper":

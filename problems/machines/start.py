@@ -6,8 +6,7 @@ from collections.abc import Collection, Sequence
 
 import casadi as ca
 
-from dynamics.systems import ParameterTable
-from problems.machines.machine import Machine
+from dynamics.systems import Machine, ParameterTable
 from problems.machines.picture import sphere_centres
 
 _ROUNDING = 1e-9

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from problems.machines.machine import Machine
+from dynamics.systems import Machine
 
 OPEN, STICK, FORWARD, BACKWARD = range(4)
 _FAR = 0.3

@@ -63,7 +63,7 @@ def test_titles_and_axes_say_what_is_seen() -> None:
     plan, replay = animation.figure.axes
     assert plan.get_title("left") == "planned under the barrier law"
     assert replay.get_title("left") == "replayed under the exact law"
-    assert [plan.get_xlabel(), plan.get_ylabel()] == ["x [m]", "y [m]"]
+    assert [replay.get_xlabel(), plan.get_ylabel()] == ["x [m]", "y [m]"]
     animation.draw(0)
     assert animation._clock.get_text() == "t = 0.00 s   0.5 × real time"
     assert len(animation.times) == 5
