@@ -13,9 +13,7 @@ from problems.spec import Citation, Golden
 
 name = "ball-throw"
 title = "A ball thrown to a goal by way of the floor"
-citation = Citation(
-    "zhang2023adaptive", "Adaptive barrier smoothing, fig. 7a; the numbers are ours"
-)
+citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 7a; numbers are ours")
 axes = ("x [m]", "z [m]")
 equations = (
     "w = v + hand speed (cos theta, sin theta) + hand (0, g h/2),  hand = 1 at first, then 0",
@@ -67,7 +65,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Time stepping with restitution after Paoli and Schatzman (2002); lam is an impulse [N s].
+    """Time stepping with restitution after Paoli and Schatzman; lam is an impulse [N s].
 
     In free flight the nodes lie on a parabola, the velocity of a step being that in its middle. The
     pair keeps the next node from falling below ``-R(s)``, s the height one step before: two steps
@@ -77,6 +75,8 @@ def build(params: Params) -> Problem:
     over the place of the impact, whose slope has the wrong sign however small h is, and every tooth
     would be a local minimum. The quadratic term reflects the parabola instead of its tangent,
     which leaves a delay of two steps. The node in between lies below the floor, by at most e h V.
+
+    Paoli and Schatzman, SIAM J. Numer. Anal. 40(2), 702-733, 2002 (paoli2002numerical).
     """
     p = table(params)
     system = _system(p)
