@@ -21,7 +21,7 @@ from reports.view import RunView
 
 _MOST_FRAMES = 1500
 _WIDTH = 8.0
-_SAME = 1e-4
+_SAME = 2e-4
 """Of the largest state: less than a pixel of the picture."""
 
 
