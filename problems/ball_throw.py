@@ -97,7 +97,7 @@ def build(params: Params) -> Problem:
         u_lower=ca.SX([-1.5, 0]),
         u_upper=ca.vertcat(1.5, p["speed_max"]),
         guess=_guess(params),
-        reference=Reference(impulse=1.0, gap=0.01, x=0.5, u=1.0),
+        reference=Reference(impulse=1.0, gap=0.1, x=0.5, u=1.0),
         settings=structural_settings(params),
         citation=citation.key,
     )
