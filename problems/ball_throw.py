@@ -35,7 +35,7 @@ golden = {
         law="exact",
         method="direct",
         cost=0.00898211,
-        tolerance=1e-6,
+        tolerance=1e-5,
         source="Nelder-Mead over angle and speed of a simulation in closed form",
     ),
 }
