@@ -195,7 +195,7 @@ def _moved_by_contact_alone(problem: Problem) -> np.ndarray:
     reached = by_u.any(axis=1)
     for _ in range(system.nx):
         reached = reached | (by_x @ reached > 0)
-    return 1.0 - reached
+    return np.where(reached, 0.0, 1.0)
 
 
 def _slopes(

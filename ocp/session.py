@@ -232,7 +232,17 @@ class Session:
             raise InputError(
                 f"unknown strategy {self.strategy!r}; there are {', '.join(STRATEGIES)}"
             )
-        strategy, reference = STRATEGIES[self.strategy](), self.problem.reference
+        outcome = self._by_strategy(self.strategy, follower, guess)
+        if outcome.finished or self.strategy != DEFAULT_STRATEGY:
+            return outcome
+        # Slower, but it keeps to the constraints where many pairs pull off the central path.
+        second = self._by_strategy(AVERAGED_STRATEGY, follower, guess)
+        return second if second.finished else outcome
+
+    def _by_strategy(
+        self, name: str, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None
+    ) -> Outcome:
+        strategy, reference = STRATEGIES[name](), self.problem.reference
         paths = strategy.paths(reference)
         source = self.nlp_of(paths[0].plan(paths[0].values[0]).form)
         result, source = self._along(follower, paths, self.first_point(source, guess), source)

@@ -292,8 +292,10 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     goal = Disc(params.goal_x, params.goal_y, params.R, "goal")
     shapes: list[Shape] = [goal, _hand(goal, params.goal_angle), ball, _hand(ball, float(state[2]))]
     for link in _links(ca.SX(ca.DM(state)), params):
-        ends = (float(v) for point in (link.start, link.end) for v in ca.vertsplit(point))
-        shapes.append(Capsule(*ends, params.r, "actuator"))
+        (x1, y1), (x2, y2) = (
+            (float(point[0]), float(point[1])) for point in (link.start, link.end)
+        )
+        shapes.append(Capsule(x1, y1, x2, y2, params.r, "actuator"))
     return shapes
 
 

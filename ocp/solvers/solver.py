@@ -143,6 +143,9 @@ class Solver:
 
     def _instance(self, nlp: NLP, overrides: dict[str, Any]) -> ca.Function:
         options = {**self.options, **overrides}
+        limits = [given["max_iter"] for given in (self.options, overrides) if "max_iter" in given]
+        if limits:
+            options["max_iter"] = min(limits)
         key = json.dumps([self.name, options], sort_keys=True, default=str)
         if key not in nlp.solvers:
             nlp.solvers[key] = self._create(nlp, options)

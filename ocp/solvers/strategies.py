@@ -21,7 +21,7 @@ from ocp.transcription.nlp import NLP
 T_SHARP = 1e-8
 """Relaxation at which the textbook paths end."""
 _SHORT = 300
-"""Iterations after which a stage with an adaptive barrier is rather retried at a larger t."""
+"""Iterations after which a stage is rather retried at a larger t."""
 T_LOOSE = 1e-4
 """Fraction of impulse times distance at which the active set shows, and polishing can begin."""
 
@@ -75,19 +75,31 @@ class CentralPath:
         return [Path(geometric(start, T_SHARP, 0.1), self._plan)]
 
     def _plan(self, t: float) -> Plan:
-        return Plan("t", t, contact=(t, t), options=_inexact(t))
+        return Plan("t", t, contact=(t, t), options={**_inexact(t), "max_iter": _SHORT})
 
 
 @dataclass(frozen=True)
 class ScholtesAdaptive(CentralPath):
-    """``lam gap <= t``, t falling fast, IPOPT's own barrier adaptive, then the active set.
+    """``lam gap <= t``, t falling fast, IPOPT's barrier adaptive after the first, then active set.
 
     For laws that average exact steps over noise: each of their many nodes has contacts of its own,
-    and to hold all of those on the central path costs more than it guides.
+    and to hold all of those on the central path costs more than it guides. Also the second try
+    where the central path was not followed to its end.
     """
 
     name: ClassVar[str] = "scholtes-adaptive"
     summary: ClassVar[str] = "lam gap <= t, adaptive barrier, then the active set (if averaged)"
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """One path; from far away, as the first stage starts, a barrier that falls is steadier."""
+        start = reference.impulse * reference.gap
+
+        def plan(t: float) -> Plan:
+            steady = {} if t < start else {"mu_strategy": "monotone"}
+            found = self._plan(t)
+            return replace(found, options={**found.options, **steady})
+
+        return [Path(geometric(start, T_LOOSE * start, self.factor), plan)]
 
     def _plan(self, t: float) -> Plan:
         options = {**_inexact(t), "mu_strategy": "adaptive", "max_iter": _SHORT}

@@ -141,7 +141,7 @@ def test_weight_pulls_the_ball_down():
     problem = problems.get(HAND, g=9.81, r1=1.5, l1=-1.5, r2=0, l2=0, oy0=1.0)
     x = problem.initial_states(problem.parameters.values)[0]
     x_next, lam = stepped(problem, x, x[3:])
-    np.testing.assert_allclose(x_next - x, [0, -0.1**2 * 9.81, 0, 0, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(x_next - x, [0, -(0.1**2) * 9.81, 0, 0, 0, 0, 0], atol=1e-9)
     assert lam.max() < 1e-9
 
 

@@ -90,7 +90,7 @@ def test_every_study_says_where_its_values_come_from() -> None:
     for identifier in studies.ids():
         study = studies.get(identifier)
         assert study.id == identifier
-        assert study.citation.key in ("suh2022pathologies", "zhang2023adaptive")
+        assert study.citation.key in ("suh2023noising", "suh2022pathologies", "zhang2023adaptive")
         for name, about in study.Params.model_fields.items():
             extra = about.json_schema_extra
             assert isinstance(extra, dict) and extra["origin"] in (PAPER, CODE, CHOICE), name
