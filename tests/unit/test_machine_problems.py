@@ -193,3 +193,45 @@ def test_show_has_equations_that_typeset_and_a_citation_that_exists(name: str):
     assert len(spec.equations) >= 4
     for row in problems.describe(spec):
         assert row["description"] and row["unit"], row
+
+
+OWN = """
+import casadi as ca
+from dynamics.systems import Link, Machine, Sphere
+from ocp.problem import Problem
+from problems import Parameters, table
+
+name, title = "own", "A machine of one's own"
+
+
+class Params(Parameters):
+    pass
+
+
+def build(params):
+    p = table(params)
+    links = (Link("body", PARENT, MASS, 0.1), Link("leg", "body", 1.0, 0.1))
+    machine = Machine(links, (Sphere("tip", "leg", (0, -0.5), 0.1),))
+    system = machine.system(name, p, h=0.1, friction=0.5)
+    return Problem(
+        name=name, system=system, N=2, stage_cost=ca.sumsqr(system.x), terminal_cost=ca.SX(0),
+        x0=ca.SX.zeros(4), parameters=p,
+    )
+"""
+
+
+@pytest.mark.parametrize(
+    ("parent", "mass", "sentence"),
+    [
+        ("None", "0.0", "link 'body' has mass 0; expected a positive number"),
+        ('"leg"', "1.0", "the links form a cycle, .*; a tree needs a link without parent"),
+    ],
+)
+def test_a_users_machine_that_cannot_be_gets_its_sentence(tmp_path, parent, mass, sentence):
+    path = tmp_path / "own.py"
+    path.write_text(OWN.replace("PARENT", "None").replace("MASS", "1.0"))
+    assert problems.load(path).name == "own"
+    path.write_text(OWN.replace("PARENT", parent).replace("MASS", mass))
+    with pytest.raises(InputError, match=sentence) as raised:
+        problems.get(str(path))
+    assert "\n" not in str(raised.value)
