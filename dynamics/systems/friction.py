@@ -43,8 +43,7 @@ class Touching:
     ``distance(q)`` (nc, 1) [m]; ``sliding(q)`` (nc, nq) the rows J_t with slip velocity J_t v
     [m/s]; ``friction`` Coulomb's coefficient (a scalar, or (nc, 1)), or None for frictionless;
     ``limits(q)`` (nl, 1) the way left to every joint limit; ``names`` those of the contacts,
-    ``limit_names`` those of the limits. ``restitution`` e asks for ``v_n+ >= -e v_n`` where a
-    contact is closed. ``cone`` is how friction's cone is written, see
+    ``limit_names`` those of the limits. ``cone`` is how friction's cone is written, see
     :func:`frictional_time_stepping`.
     """
 
@@ -54,7 +53,6 @@ class Touching:
     friction: ca.SX | float | None = None
     limits: Callable[[ca.SX], ca.SX] | None = None
     limit_names: tuple[str, ...] = ()
-    restitution: ca.SX | float = 0.0
     cone: Cone = "linearised"
 
 
@@ -92,7 +90,7 @@ def frictional_time_stepping(
     ``M(q) (v+ - v) = impulse(q, v, u) - h (D v+ + K q+) + J_n' gamma + J_t' (beta+ - beta-)
     + J_l' nu`` and ``q+ = q + h v+``, with gamma, beta±, nu impulses [N s] and the pairs
 
-    - normal ``0 <= gamma ⟂ phi(q + h (v+ + e v)) >= 0``: no penetration at the next position,
+    - normal ``0 <= gamma ⟂ phi(q+) >= 0``: no penetration at the next position, plastic impacts,
     - friction ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and slip ``0 <= psi ⟂ f gamma - beta+ - beta- >=
       0``: maximum dissipation over the linearised cone, psi [m] the way slid in a step,
     - limit ``0 <= nu ⟂ limits(q+) >= 0``.
@@ -162,7 +160,7 @@ def frictional_time_stepping(
 def _contact_rows(
     name: str, touching: Touching, x: ca.SX, x_next: ca.SX, h: ca.SX | float, linearised: bool
 ) -> tuple[_Rows, ContactForces | None, ca.SX]:
-    q, v, q_next, v_next = _halves(x, x_next)
+    q, _, q_next, v_next = _halves(x, x_next)
     nq = q.numel()
     nc, nl = len(touching.names), len(touching.limit_names)
     phi = touching.distance(q)
@@ -174,8 +172,7 @@ def _contact_rows(
         return here + ca.jacobian(here, q) @ (there - q) if linearised else distance(there)
 
     rows = _Rows()
-    bounced = q_next + h * touching.restitution * v
-    gap, names = ahead(touching.distance, bounced), list(touching.names)
+    gap, names = ahead(touching.distance, q_next), list(touching.names)
     J_t, f, rough = ca.SX(nc, nq), ca.SX.zeros(nc), False
     if touching.friction is not None and touching.sliding is not None:
         J_t, f, rough = touching.sliding(q), ca.SX.ones(nc) * touching.friction, True
