@@ -30,11 +30,17 @@ axes = ("x [m]", "z [m]")
 equations = (
     "M(q) (v+ - v) = h (B u - bias(q, v) - D v+ - K q+) + J_n' gamma + J_t' (beta+ - beta-)"
     " + J_l' nu",
-    "q+ = q + h v+,  q = (x, z, pitch, three joints of the hind leg, three of the fore leg)",
+    "q+ = q + h v+,  q = (x, z, pitch, three joints of the hind leg, three of the fore leg),"
+    " angles clockwise",
+    "  M: masses; bias: gravity and centrifugal forces; B: motors; D, K: dampers and springs of"
+    " the joints; gamma, beta±: normal and friction impulses of each sphere on the ground; nu:"
+    " of the joints' limits",
     "0 <= gamma ⟂ phi(q+) >= 0,  0 <= beta± ⟂ psi ± h J_t v+ >= 0,"
     "  0 <= psi ⟂ friction gamma - beta+ - beta- >= 0,  0 <= nu ⟂ way to a joint's limit >= 0",
+    "  phi: height of a sphere above the ground, psi: the way it slides in a step, against"
+    " friction",
     "minimise  (1/N) sum_k (w_u |u_k|² + w_v |v_k|²)  over a stride that ends as it began,"
-    " speed N h further on; the step size h is chosen too",
+    " speed N h further on; the start and the step size h are chosen too; |u| <= u_max",
 )
 typst = (
     "M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma"

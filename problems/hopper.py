@@ -29,12 +29,16 @@ citation = Citation(
 axes = ("x [m]", "z [m]")
 equations = (
     "M(q) (v+ - v) = h (B u - bias(q, v) - D v+ - K q+) + J_n' gamma + J_t' (beta+ - beta-)",
-    "q+ = q + h v+,  q = (x, z, pitch, thigh, leg, foot), angles clockwise",
-    "  M masses, bias of gravity and rotation, B: 200 N m a unit of input; D, K: dampers and"
-    " springs of the joints; J: of the spheres' motion along the normal and the ground",
+    "q+ = q + h v+,  q = (x, z, pitch, thigh, leg, foot), angles clockwise; x, z, pitch of the"
+    " torso",
+    "  M: masses; bias: gravity and centrifugal forces; B: motors; D, K: dampers and springs of"
+    " the joints; gamma, beta±: normal and friction impulses of each sphere on the ground",
     "0 <= gamma ⟂ phi(q+) >= 0,  0 <= beta± ⟂ psi ± h J_t v+ >= 0,"
     "  0 <= psi ⟂ friction gamma - beta+ - beta- >= 0",
-    "minimise  sum_k h (w_u |u_k|² + w_v |v_k|²)  +  w_end |q_N - q_end|² + w_rest |v_N|²",
+    "  phi: height of a sphere above the ground, psi: the way it slides in a step, against"
+    " friction",
+    "minimise  sum_k h (w_u |u_k|² + w_v |v_k|²)  +  w_end |q_N - q_end|² + w_rest |v_N|²,"
+    "  q_end: upright at x = goal; |u| <= u_max",
 )
 typst = (
     "M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma"
