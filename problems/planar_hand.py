@@ -112,7 +112,7 @@ class Params(Parameters):
     goal_x: float = quantity(-0.3, "m", "goal of the ball, x")
     goal_y: float = quantity(0.35, "m", "goal of the ball, y")
     goal_angle: float = quantity(0.5, "rad", "goal of the ball, angle")
-    w: float = quantity(10.0, "1", "weight of the ball's distance and angle to the goal, in m and rad",
+    w: float = quantity(10.0, "1", "weight of the ball's distance to the goal, in m and rad",
                         least=0)  # fmt: skip
     w_a: float = quantity(1e-3, "1/rad^2", "weight of the joints' distance to their start", least=0)
     w_du: float = quantity(10.0, "1/rad^2", "stage weight of the input's increments", least=0)
