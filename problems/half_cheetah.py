@@ -59,7 +59,7 @@ _SPHERES = {
 
 golden = {
     "exact": Golden("exact", "direct", 0.0517645430, 1e-6, "the same optimum from 8 starts"),
-    "barrier mu=1e-3": Golden("barrier", "direct", 0.0402715748, 1e-4, "found from the own guess"),
+    "barrier mu=1e-3": Golden("barrier", "direct", 0.0402715748, 1e-4, "the same from 5 starts"),
 }
 _PICTURED = machine_of()
 
