@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
+from dynamics.batch.carrying import carried
 from dynamics.batch.hoisting import hoisted
 from dynamics.batch.inner import (
     NEWTON_ITERATIONS,
@@ -154,14 +155,16 @@ class _Closed:
         else:
             with_p |= {"opening": (loop.opening, 3), "closing": (loop.closing, 3)}
         derived, rest = hoisted(with_p, len(self.step.p))
-        if loop is not None:
+        if loop is None:
+            rest["forward"], rest["adjoint"] = carried(rest["forward"], rest["adjoint"])
+        else:
             loop = replace(loop, opening=rest["opening"], closing=rest["closing"])
         return RolloutTapes(
             nx=self.x.numel(),
             n_before=self.before.numel(),
             nu=self.step.system.nu,
             np=derived.numel_out(0),
-            nlam=self.step.n,
+            nlam=rest["adjoint"].numel_in(4),
             n_theta=self.theta.numel(),
             forward=loop or rest["forward"],
             adjoint=rest["adjoint"],
@@ -290,7 +293,11 @@ class _Closed:
             weights, slack = lam > gap, lam <= gap
         else:
             weights, slack = lam, gap
-        v = solve_without_pivoting(ca.diag(slack) + step.F.T @ ca.diag(weights), lambar)
+        if step.system.nlam == 1 and not step.exact:
+            # What slack + F lam is at the solution: the root that the forward step has taken.
+            v = lambar / _root(step.z, ca.diag(step.F), step.mu)
+        else:
+            v = solve_without_pivoting(ca.diag(slack) + step.F.T @ ca.diag(weights), lambar)
         held_v, held_weights = frozen = [ca.SX.sym(name, step.n) for name in ("v", "weights")]
         function = -ca.dot(held_v, held_weights * gap)
         if not (step.exact or step.law.frozen):
@@ -301,8 +308,12 @@ class _Closed:
 def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     """`interior_point.scalar_solution` with one division for both signs of z."""
     apart = z > 0
-    q = ca.fabs(z) + ca.sqrt(z * z + 4 * F * mu)
+    q = ca.fabs(z) + _root(z, F, mu)
     return ca.if_else(apart, 2 * mu, q) / ca.if_else(apart, q, 2 * F)
+
+
+def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
+    return ca.sqrt(z * z + 4 * F * mu)
 
 
 def _landing(step: Step) -> ca.SX:
