@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
+from dynamics.systems.friction import Cone
 from ocp.problem import Constraint, FreeStart, Problem, Reference
 from problems.drawing import ContactFrame, Shape
 from problems.machines.half_cheetah import half_cheetah as machine_of
@@ -80,6 +81,9 @@ class Params(Parameters):
     spheres: str = choice(
         tuple(_SPHERES), "which parts may touch: shins and feet, all nine, or the feet"
     )
+    cone: Cone = choice(
+        ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
+    )
     limits: int = structure(1, "1 for joint limits, 0 for none", most=1)
     w_u: float = quantity(1.0, "1", "weight of the inputs", least=0)
     w_v: float = quantity(1e-3, "s^2/m^2", "weight of the velocities", least=0)
@@ -103,6 +107,7 @@ def build(params: Params) -> Problem:
     )
     system = machine.system(
         name, p, h=step, friction=friction, spheres=_SPHERES[params.spheres], free_step=True,
+        cone=params.cone,
         citation=citation.key,
     )  # fmt: skip
     x, nx = system.x, system.nx

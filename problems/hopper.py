@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
+from dynamics.systems.friction import Cone
 from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Point, Shape
 from problems.machines.hopper import hopper as machine_of
@@ -82,6 +83,9 @@ class Params(Parameters):
     spheres: str = choice(
         tuple(_SPHERES), "which parts may touch: all but the hip, all, or toe and heel"
     )
+    cone: Cone = choice(
+        ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
+    )
     limits: int = structure(0, "1 for joint limits, as in the source's later version", most=1)
     z0: float = quantity(1.21, "m", "height of the torso at the start; 1.21 stands on the ground")
     pitch0: float = quantity(0.0, "rad", "angle of the torso at the start")
@@ -112,6 +116,7 @@ def build(params: Params) -> Problem:
     )  # fmt: skip
     system = machine.system(
         name, p, h=p["h"], friction=friction, spheres=_SPHERES[params.spheres],
+        cone=params.cone,
         citation=citation.key,
     )  # fmt: skip
     x, nq = system.x, system.nx // 2

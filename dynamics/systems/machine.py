@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynamics.systems.chain import Chain
-from dynamics.systems.friction import Mechanism, Touching, frictional_time_stepping
+from dynamics.systems.friction import Cone, Mechanism, Touching, frictional_time_stepping
 from dynamics.systems.geometry import ContactGeometry, Pose, disc_half_plane
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.planar import Link, Number
@@ -57,6 +57,7 @@ class Machine:
         friction: ca.SX | float | None,
         spheres: Collection[str] | None = None,
         scale: float = 1.0,
+        cone: Cone = "linearised",
         linearised: bool = False,
         free_step: bool = False,
         citation: str = "",
@@ -64,11 +65,11 @@ class Machine:
         """One step of the machine over the ground z = 0, with friction and joint limits.
 
         ``spheres`` are the parts that may touch, by default all; ``friction`` None is frictionless;
-        one unit of input is ``scale`` times the gear [N m]. With ``free_step`` h is a symbol and
-        one state more. Names of contacts are those of the spheres, of limits ``<joint> low`` and
-        ``<joint> high``.
+        one unit of input is ``scale`` times the gear [N m]; ``cone`` is how friction's is written.
+        With ``free_step`` h is a symbol and one state more. Names of contacts are those of the
+        spheres, of limits ``<joint> low`` and ``<joint> high``.
         """
-        chain, touching = self.chain(), self._touching(friction, spheres)
+        chain, touching = self.chain(), self._touching(friction, spheres, cone)
         more = (Signal("h", "s", "step size"),) if free_step else ()
         v = ca.SX.sym("v", chain.nq)
         damping = -ca.jacobian(chain.damping(v), v)
@@ -102,7 +103,7 @@ class Machine:
         )
 
     def _touching(
-        self, friction: ca.SX | float | None, spheres: Collection[str] | None
+        self, friction: ca.SX | float | None, spheres: Collection[str] | None, cone: Cone
     ) -> Touching:
         chain = self.chain()
         kept = [s for s in self.spheres if spheres is None or s.name in spheres]
@@ -127,6 +128,7 @@ class Machine:
             ),
             sliding=sliding,
             friction=friction,
+            cone=cone,
             limits=left if limits else None,
             limit_names=tuple(f"{joint} {end}" for end in ("low", "high") for joint in names),
         )

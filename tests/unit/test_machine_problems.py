@@ -8,6 +8,8 @@ import pytest
 import typst
 
 import problems
+from dynamics.contact import Exact
+from ocp import Direct, solve
 from ocp.errors import InputError
 from problems.drawing import Capsule, Disc, HalfPlane, Shape
 from problems.machines.half_cheetah import half_cheetah
@@ -235,3 +237,15 @@ def test_a_users_machine_that_cannot_be_gets_its_sentence(tmp_path, parent, mass
     with pytest.raises(InputError, match=sentence) as raised:
         problems.get(str(path))
     assert "\n" not in str(raised.value)
+
+
+def test_a_gait_over_the_second_order_cone():
+    problem = problems.get("half-cheetah", cone="second-order")
+    assert problem.system.nlam == 4 + 12 + 2 * 4
+    solution = solve(problem, contact=Exact(), transcription=Direct())
+    assert solution.success
+    way = solution.data["x"].sel(state="torso_x").values[0, -1]
+    duration = solution.data["time"].values[-1]
+    np.testing.assert_allclose(way / duration, 1.0, rtol=1e-6)
+    assert solution.audit.cone_violation < 1e-8
+    assert solution.audit.dissipation_residual < 1e-8
