@@ -170,10 +170,15 @@ def c_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> CompiledR
     return CompiledRolloutEngine(tapes.nu, threads, make)
 
 
-class ChunkEngine:
-    """Rollouts whose loops run in Python, over chunks of samples."""
+_SHORT = 300
 
-    chunk = 4096
+
+class ChunkEngine:
+    """Rollouts whose loops run in Python, over chunks of samples.
+
+    An operation on a chunk must outlast Python's part in it, so that threads run side by side; the
+    arrays of a long graph must stay in cache.
+    """
 
     def __init__(
         self,
@@ -184,6 +189,7 @@ class ChunkEngine:
         make: Callable[[ca.Function], Kernel],
     ) -> None:
         self._tapes, self._threads = tapes, threads
+        self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
         self._rollout = ChunkRollout(tapes, horizon, per_step, make)
 
     def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:

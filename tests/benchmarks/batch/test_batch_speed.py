@@ -111,7 +111,7 @@ def test_against_casadi(name):
     runners = {
         "map": mapped(graph, case.x0, before, few),
         **{name: case.runner(f, theta) for name, f in compiled.items()},
-        "numpy": case.runner(plain, few),
+        "numpy": case.runner(plain, theta),
     }
     seconds = race(runners)
     wanted = runners["map"]()
@@ -133,7 +133,7 @@ def test_against_casadi(name):
     rows += [
         (
             "NumPy / CasADi map",
-            case.n_map / seconds["numpy"] / base,
+            case.n / seconds["numpy"] / base,
             "x",
             4.0 if name == "wall-1d" else None,
         ),
