@@ -32,9 +32,7 @@ from ocp.solution import Audit, ContactSummary, Solution, StageRecord, Status, V
 from ocp.studies.plain import content_hash, number, plain, read
 from ocp.studies.provenance import git_revision, versions
 
-SCHEMA = 2
-READABLE = {1, 2}
-"""Runs of schema 1 lack multipliers and the split of the time, nothing else."""
+SCHEMA = 1
 DATA_FILE, META_FILE = "solution.nc", "meta.json"
 _PARTIAL = ".partial-"
 
@@ -77,7 +75,7 @@ class StoredRun:
         with self._described():
             found = self.meta["audit"]
             worst = [Violation(**item) for item in found["worst"]]
-            contacts = [read(ContactSummary, item) for item in found.get("contacts", [])]
+            contacts = [read(ContactSummary, item) for item in found["contacts"]]
             lists = {"worst": worst, "contacts": contacts}
             return read(Audit, {**found, **lists})
 
@@ -241,19 +239,15 @@ def read_meta(directory: Path) -> dict[str, Any]:
         raise DamagedRun(f"{file} is not JSON: {error}") from error
     if not isinstance(meta, dict) or "schema" not in meta:
         raise DamagedRun(f"{file} has no schema version, so it describes no run")
-    if meta["schema"] not in READABLE:
+    if meta["schema"] != SCHEMA:
         raise DamagedRun(
-            f"{file} has schema version {meta['schema']}, this program reads {_schemas()}; read it"
-            " with the program that wrote it"
+            f"{file} has schema version {meta['schema']}, this program reads {SCHEMA}; read it with"
+            " the program that wrote it"
         )
     missing = sorted({"kind", "problem", "created", "hash", "checksum"} - set(meta))
     if missing:
         raise DamagedRun(f"{file} lacks {', '.join(missing)}")
     return meta
-
-
-def _schemas() -> str:
-    return " and ".join(map(str, sorted(READABLE)))
 
 
 def list_runs(root: Path | str) -> list[RunEntry]:

@@ -253,7 +253,7 @@ def test_a_damaged_run(ocp, tmp_path: Path, store_of_runs: Path, command: str, h
     elif harm == "not json":
         meta.write_text("{")
     elif harm == "schema":
-        meta.write_text(meta.read_text().replace('"schema": 2', '"schema": 7'))
+        meta.write_text(meta.read_text().replace('"schema": 1', '"schema": 7'))
     else:
         kept = json.loads(meta.read_text())
         del kept["audit"], kept["checksum"]

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import textwrap
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -189,18 +189,6 @@ def test_a_solution_with_a_part_missing_is_damaged(tmp_path: Path, part: str) ->
     edit(**{part: "gone"})(path / "meta.json")
     with pytest.raises(DamagedRun, match=r"meta\.json.*incomplete"):
         store.load(path).solution(get("wall-1d"))
-
-
-def test_a_run_of_the_first_schema_is_read(tmp_path: Path) -> None:
-    """It lacks multipliers and the split of the time, which says nothing about the rest."""
-    original = solution()
-    path = store.save(original, tmp_path, [])
-    stages = [{k: v for k, v in asdict(s).items() if k != "evaluation_s"} for s in original.stages]
-    edit(schema=1, evaluation_s="gone", solver_s="gone", stages=stages)(path / "meta.json")
-    again = store.load(path).solution(original.problem)
-    assert again.cost == original.cost
-    assert math.isnan(again.evaluation_s) and math.isnan(again.solver_s)
-    assert again.stages == original.stages
 
 
 def test_the_split_of_the_time_is_stored_and_no_part_of_the_hash(tmp_path: Path) -> None:
