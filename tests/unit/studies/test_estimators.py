@@ -101,11 +101,16 @@ SHORT = {
     **{name: {"N": 6} for name in ("box-slide", "ball-throw", "cart-transport", "hopper-1d")},
     "planar-push": {"N": 4},
     "planar-hand": {"N": 2},
+    "hopper": {"N": 2},
+    "half-cheetah": {"N": 2},
 }
+# Their kernels take a compiler a good part of a minute.
+LARGE = ("hopper", "half-cheetah")
+NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n in names()]
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", NAMES)
 def test_first_order_gradients_equal_differences(name, backend):
     """FoBG through contact: each sample's gradient against central differences of its cost."""
     problem = get(name, **SHORT.get(name, {}))
