@@ -55,10 +55,16 @@ def test_the_exact_step_is_the_qps_minimum(name, shift, command):
     u = np.array(problem.limits(p)[1]).ravel() + np.array(command)[: problem.system.nu]
     data, solver = qp_of(name)
     P, b, A, phi = data(x, u, p)
+    x_next, lam, _, error = (np.array(v).ravel() for v in step.solve(x, u, step.p.values))
+    moved = x_next - x
+    assert error.max() < 1e-9
+    # The QP's own optimality: stationary, feasible, complementary.
+    np.testing.assert_allclose(np.array(P @ moved - b - A.T @ lam), 0, atol=1e-9)
+    left = np.array(phi + A @ moved).ravel()
+    assert min(left.min(), lam.min()) > -1e-9
+    assert np.abs(left * lam).max() < 1e-9
     found = solver(h=P, g=-b, a=A, lba=-phi, uba=np.inf)
-    # The active-set solver gives up on a few degenerate ones; a wrong answer it does not give.
-    assume(solver.stats()["success"])
-    x_next, _, _, error = step.solve(x, u, step.p.values)
-    assert float(ca.mmax(error)) < 1e-9
-    np.testing.assert_allclose(np.array(x_next).ravel(), x + np.array(found["x"]).ravel(),
-                               atol=1e-6)  # fmt: skip
+    # On a few degenerate ones the QP solver gives up, or calls solved what leaves the constraints.
+    dq = np.array(found["x"]).ravel()
+    assume(solver.stats()["success"] and float(ca.mmin(phi + A @ dq)) > -1e-7)
+    np.testing.assert_allclose(moved, dq, atol=1e-6)
