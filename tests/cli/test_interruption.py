@@ -75,10 +75,11 @@ def test_kill_leaves_no_half_run(tmp_path: Path, lines: int) -> None:
 def test_an_interrupt_that_compiled_code_swallowed_is_raised_again() -> None:
     from reports.cli import interrupt
 
+    before = signal.getsignal(signal.SIGINT)
     with interrupt.watched():
         interrupt.check()
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
             interrupt.check()
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is before
