@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.contact_book import contact_book
+from ocp.contact_book import ContactBook, contact_book
 from ocp.errors import NotConverged
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
@@ -102,10 +102,11 @@ def signed_distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> n
 def audit(
     nlp: NLP, result: Result, plan: Trajectories, values: dict[str, float], p: np.ndarray,
     bounds: dict[str, np.ndarray],
-) -> tuple[Audit, Rollout]:  # fmt: skip
+) -> tuple[Audit, Rollout, ContactBook]:  # fmt: skip
     """Judge a result by its trajectories, and replay it under the exact law.
 
-    Open loop: the same inputs. Feedback: the same policy from each scenario.
+    Open loop: the same inputs. Feedback: the same policy from each scenario. The book is that of
+    the plan's contacts.
     """
     problem = nlp.problem
     physical = np.array([values[name] for name in problem.parameters.names])
@@ -137,7 +138,7 @@ def audit(
         momentum_residual=book.momentum_residual,
         contacts=book.contacts,
     )
-    return found, replay
+    return found, replay, book
 
 
 def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Rollout:

@@ -7,7 +7,7 @@ import xarray as xr
 
 from dynamics.systems import Signal
 from ocp.audit import Trajectories, signed_distances
-from ocp.contact_book import contact_book
+from ocp.contact_book import ContactBook, contact_book
 from ocp.problem import Problem
 from ocp.rollout import Rollout
 from ocp.session import Outcome
@@ -16,7 +16,12 @@ from ocp.warm_start import multipliers, node_times
 
 
 def label(
-    nlp: NLP, plan: Trajectories, replay: Rollout, outcome: Outcome, values: dict[str, float]
+    nlp: NLP,
+    plan: Trajectories,
+    replay: Rollout,
+    book: ContactBook,
+    outcome: Outcome,
+    values: dict[str, float],
 ) -> xr.Dataset:
     """Return the dataset that :class:`~ocp.solution.Solution` documents."""
     problem = nlp.problem
@@ -36,7 +41,7 @@ def label(
         if phi is not None:
             data[name] = (("scenario", "node", "distance"), phi)
     if problem.system.forces is not None:
-        _add_forces(data, nlp, plan, replay, physical)
+        _add_forces(data, book, _exact_book(problem, replay, physical))
     if plan.gains is not None:
         N = problem.N
         K = np.broadcast_to(plan.gains.K, (N, *plan.gains.K.shape[1:]))
@@ -49,14 +54,13 @@ def label(
     return data
 
 
-def _add_forces(
-    data: xr.Dataset, nlp: NLP, plan: Trajectories, replay: Rollout, physical: np.ndarray
-) -> None:
-    problem = nlp.problem
-    planned = contact_book(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
-    exact = contact_book(
-        problem, problem.exact_step, replay.x, replay.u, replay.lam, replay.gap, physical
-    )
+def _exact_book(problem: Problem, replay: Rollout, physical: np.ndarray) -> ContactBook:
+    """Keep the books of a replay under the exact law."""
+    step = problem.exact_step
+    return contact_book(problem, step, replay.x, replay.u, replay.lam, replay.gap, physical)
+
+
+def _add_forces(data: xr.Dataset, planned: ContactBook, exact: ContactBook) -> None:
     data.coords["point"] = list(planned.names)
     for suffix, book in (("", planned), ("_replay", exact)):
         parts = (

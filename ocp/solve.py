@@ -175,11 +175,11 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
     values = session.values
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     plan = trajectories(nlp, result, p)
-    found, replay = audit(nlp, result, plan, values, p, bounds)
+    found, replay, book = audit(nlp, result, plan, values, p, bounds)
     status = judge(nlp, result, found, outcome.finished)
     # Not the solver's f, which may hold a penalty on gains or on products of contact.
     physical = np.array([values[name] for name in session.problem.parameters.names])
-    data = label(nlp, plan, replay, outcome, values)
+    data = label(nlp, plan, replay, book, outcome, values)
     return Solution(
         data=data,
         cost=float(trajectory_costs(session.problem, plan.x, plan.u, physical).mean()),

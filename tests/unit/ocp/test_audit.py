@@ -46,7 +46,7 @@ def planted(block: str, index: tuple[int, ...], amount: float, law: str = "exact
     values = session.values
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     plan = trajectories(nlp, moved, p)
-    found, _ = audit(nlp, moved, plan, values, p, bounds)
+    found, _, _ = audit(nlp, moved, plan, values, p, bounds)
     return found, plan, judge(nlp, moved, found, True)
 
 
