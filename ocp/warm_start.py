@@ -25,7 +25,7 @@ _KINDS = {
     "control": ("u", "policy", "u_bound"),
     "contact": ("lam", "gap", "gap_definition", "contact", "separation"),
 }
-_AXES = {name: kind for kind, names in _KINDS.items() for name in names} | {"x0": "state"}
+_AXES = {name: kind for kind, names in _KINDS.items() for name in names}
 _ONCE = {"terminal", "x0", "periodic"}
 """Blocks that belong to no step."""
 _WHOLE = {"dynamics", "contact", "separation", "K", "k"}
