@@ -1,4 +1,4 @@
-"""Recompute everything a solver claims, replay the plan under the exact law, and judge."""
+"""Recompute everything a solver claims, and replay the plan under the exact law."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from dynamics.contact import Step
 from ocp.contact_book import ContactBook, contact_book
 from ocp.errors import NotConverged
+from ocp.findings import Audit, Violation
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
-from ocp.solution import Audit, Status, Violation
 from ocp.solvers.solver import Result
 from ocp.transcription.nlp import NLP
 
@@ -24,7 +24,6 @@ TOLERANCES = {
 }
 """What ``success`` demands; complementarity only of the exact law."""
 _ACTIVE = 1e-7
-_FLAT = 1e-7
 
 
 @dataclass(frozen=True)
@@ -230,21 +229,14 @@ def _slopes(
     return largest, size
 
 
-def judge(nlp: NLP, result: Result, found: Audit, finished: bool) -> Status:
-    """Turn the solver's word and the audit into one status."""
-    if not result.ok:
-        return result.status
+def feasible(nlp: NLP, found: Audit) -> bool:
+    """Whether the audited residuals are below tolerance: complementarity of the exact law only."""
     limits = {key: getattr(found, key) for key in TOLERANCES}
     if not nlp.step.exact:
         limits.pop("complementarity")
     elif nlp.method == "direct":
         limits.pop("law_residual")
-    good = all(np.isfinite(v) and v <= TOLERANCES[key] for key, v in limits.items())
-    if not (good and finished):
-        return Status.INEXACT
-    if found.active_steps == 0 and found.task_gradient < _FLAT and nlp.problem.system.nlam:
-        return Status.NO_PROGRESS
-    return Status.SOLVED
+    return all(np.isfinite(v) and v <= TOLERANCES[key] for key, v in limits.items())
 
 
 def worst_constraints(

@@ -9,8 +9,8 @@ import numpy as np
 
 from dynamics.contact import Step
 from dynamics.systems import EnergyBook
+from ocp.findings import ContactSummary
 from ocp.problem import Problem
-from ocp.solution import ContactSummary
 
 _ACTS = 1e-6
 """Share of the characteristic impulse above which a contact counts as acting."""

@@ -10,9 +10,9 @@ import numpy as np
 
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from ocp.errors import InputError
+from ocp.landing import land
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
-from ocp.rollout import Gains, roll_out
 from ocp.solvers.homotopy import (
     PRIMAL,
     Homotopy,
@@ -72,7 +72,8 @@ class Session:
 
     def __post_init__(self) -> None:
         began = time.perf_counter()
-        self.step: Step = self.law.close(self.problem.system)
+        plain = isinstance(self.law, Exact)
+        self.step: Step = self.problem.exact_step if plain else self.law.close(self.problem.system)
         if self.step.branches > 1 and self.strategy == DEFAULT_STRATEGY:
             self.strategy = AVERAGED_STRATEGY
         self.nlps: dict[str, NLP] = {}
@@ -199,28 +200,35 @@ class Session:
         smooth = helper.solve(guess=guess, progress=follower.progress)
         result, source, finished = smooth.result, smooth.nlp, smooth.finished
         follower.trace.absorb(smooth.trace)
-        blocks = source.variables.unpack(result.point.x)
-        plan = Gains(blocks["K"], blocks["k"]) if "K" in blocks else blocks["u"]
-        start = blocks["x0"][:, 0] if "x0" in blocks else None
-        exact = roll_out(self.problem, plan, self.values, self.step, start)
-        own = {**blocks, "x": exact.x[:, 1:], "u": exact.u}
-        x = nlp.variables.pack({
-            name: own[name][:1] if name == "u" and nlp.variables[name].shape[0] == 1 else own[name]
-            for name in nlp.variables.blocks
-        })  # fmt: skip
-        f, g = nlp.f_g(x, nlp.parameter_vector(self.values))
-        landed = replace(result, point=Point(x), f=float(f), g=np.array(g).ravel())
+        settling = Homotopy(lambda _: direct, self.solver, self.values, follower.progress)
+        direct = self.judging_nlp()
+        landed = land(source, result.point.x, nlp, direct, settling, self.step)
+        follower.trace.absorb(settling.trace)
+        landed = replace(landed, status=result.status, word=result.word)
         return Outcome(landed, nlp, finished, follower.trace)
 
     def _helper(self, law: ContactLaw, method: Method) -> Session:
         """Return the session of the same problem under another law, at the same values."""
-        if law.name not in self.helpers:
-            self.helpers[law.name] = Session(
+        key = f"{law.name} {method.name}"
+        if key not in self.helpers:
+            self.helpers[key] = Session(
                 self.problem, law, method, self.policy, self.solver, compiled=self.compiled
             )
-        helper = self.helpers[law.name]
+        helper = self.helpers[key]
         helper.values |= {name: self.values[name] for name in self.problem.parameters.names}
         return helper
+
+    def judging_nlp(self) -> NLP:
+        """Return the NLP in which an answer is judged: the one that was asked.
+
+        Under the exact law that is the complementarity problem by direct transcription, whatever
+        the method: only there do the pairs stand, and a kink of shooting is seen for what it is.
+        """
+        if not self.step.exact:
+            return self.nlp_of("product")
+        direct = self if isinstance(self.method, Direct) else self._helper(self.law, Direct())
+        direct.values |= {name: self.values[name] for name in self.step.p.names}
+        return direct.nlp_of("none")
 
     @property
     def total_build_s(self) -> float:

@@ -10,18 +10,23 @@ from typing import Any
 import xarray as xr
 
 from dynamics.contact import ContactLaw
+from ocp.certificate import Certificate
+from ocp.findings import Audit
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
+from ocp.verdict import Grade, grade, verdict
 
 
 class Status(Enum):
     """Outcome of a solve; the value is the sentence a person reads."""
 
-    SOLVED = "solved: the audited residuals are below tolerance"
+    SOLVED = "solved: feasible by the audit, and certified stationary"
+    NOT_OPTIMAL = "feasible, not optimal"
+    UNDECIDED = "feasible, but whether it is optimal was not decided"
     INEXACT = "not solved: the solver stopped, but the audited residuals are above tolerance"
     NO_PROGRESS = (
-        "no-progress: the contacts never act and the gradient of the task cost is zero there;"
-        " start from a smoothing law and follow it (--contact exact -s homotopy=true)"
+        "no-progress: it does no better than standing still; start from a smoothing law and"
+        " follow it (--contact exact -s homotopy=true)"
     )
     ITERATION_LIMIT = "not converged: the iteration limit was reached"
     INFEASIBLE = "not converged: the constraints could not be met from this guess"
@@ -55,77 +60,11 @@ class StageRecord:
 
 
 @dataclass(frozen=True)
-class Violation:
-    """One violated constraint by name, with scenario, step, and how far it is off."""
-
-    name: str
-    component: str
-    scenario: int
-    step: int
-    amount: float
-
-
-@dataclass(frozen=True)
-class ContactSummary:
-    """One contact over all scenarios and steps.
-
-    ``steps`` in contact, of them ``slipping``; ``peak_force`` [N] of the normal force;
-    ``slid`` [m] the way slid while in contact; ``weak`` the steps at which complementarity is not
-    strict (impulse and gap both near zero), where gradients are not to be trusted; ``spans``
-    (first, last) steps of the first scenario's contacts.
-    """
-
-    name: str
-    steps: int
-    slipping: int
-    peak_force: float
-    slid: float
-    weak: int
-    spans: list[tuple[int, int]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Audit:
-    """Residuals recomputed from the trajectories, and the replay under the exact law.
-
-    ``complementarity`` is max lam gap [N s m], ``complementarity_min`` max min(lam, gap), both
-    over all contacts and steps; ``dynamics_residual`` max |residual|, ``law_residual`` max
-    |lam gap - mu|, ``constraint_violation`` of bounds, path and terminal constraints,
-    ``penetration`` max(0, -phi) with phi the true signed distance, ``exact_cost`` the cost of the
-    replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts (step, contact) pairs in
-    contact; ``task_gradient`` is the largest change of the cost per unit input.
-
-    With friction, largest over contacts and steps: ``cone_violation`` max(0, |tangential| -
-    friction normal) [N s] and ``dissipation_residual`` [J], what friction misses of the most it
-    could take. Where energy is known: ``energy_gain`` [J] the largest rise in one step beyond the
-    work done, contact's and the integrator's, ``dissipated`` [J] what contact took in all,
-    ``momentum_residual`` [N s]. ``contacts`` tells of each contact when it acts, how hard, and how
-    far it slides.
-    """
-
-    complementarity: float
-    complementarity_min: float
-    dynamics_residual: float
-    law_residual: float
-    constraint_violation: float
-    penetration: float
-    exact_penetration: float
-    exact_cost: float
-    state_gap: float
-    active_steps: int
-    task_gradient: float
-    worst: list[Violation] = field(default_factory=list)
-    cone_violation: float = math.nan
-    dissipation_residual: float = math.nan
-    energy_gain: float = math.nan
-    dissipated: float = math.nan
-    momentum_residual: float = math.nan
-    contacts: list[ContactSummary] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
 class Solution:
     """A solved (or not) problem.
+
+    ``certificate`` says whether the point is stationary for the problem that was asked,
+    ``referee`` what the sharpest contact makes of it, ``idle_cost`` what holding the input before the first would cost under the same law.
 
     ``data`` holds, labelled and with units, over dimensions scenario, node (N+1), interval (N),
     state, control, contact: ``x`` (scenario, node, state), ``u`` (scenario, interval, control),
@@ -152,6 +91,9 @@ class Solution:
     cost: float
     status: Status
     audit: Audit
+    certificate: Certificate
+    referee: Refereed
+    idle_cost: float
     stages: list[StageRecord]
     iterations: int
     build_s: float
@@ -189,22 +131,13 @@ class Solution:
 
     @property
     def verdict(self) -> str:
-        """One or two sentences: solved or not, and whether the plan survives exact physics."""
-        if not self.success:
-            return self.status.value.capitalize() + "."
-        return f"Solved: cost {self.cost:.6g}; {self._survival()}."
+        """Headline with all costs and survival, then a line a finding (:mod:`ocp.verdict`)."""
+        return verdict(self)
 
-    def _survival(self) -> str:
-        exact, off = self.audit.exact_cost, self.audit.exact_cost - self.cost
-        if not math.isfinite(exact):
-            return "but under exact physics the motion runs away"
-        if abs(off) <= 1e-5 * max(abs(self.cost), 1e-9):
-            return "the plan survives exact physics unchanged"
-        if off <= 0.1 * abs(self.cost):
-            return f"the plan survives exact physics at cost {exact:.6g}"
-        if self.record.get("contact") == "exact":
-            return f"but its inputs, replayed, cost {exact:.6g}: the motion is unstable"
-        return f"but under exact physics it costs {exact:.6g}: the plan leans on the smoothing"
+    @property
+    def grade(self) -> Grade:
+        """``survives``, ``certified`` (and no more) or ``failed``: what the verdict's colour is."""
+        return grade(self)
 
 
 class Interrupted(KeyboardInterrupt):

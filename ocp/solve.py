@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 
 from dynamics.contact import ContactLaw, Exact
-from ocp.audit import audit, judge, trajectories
 from ocp.errors import InputError
-from ocp.labelled import label
+from ocp.judgement import judged
 from ocp.policy import OpenLoop, Policy
 from ocp.problem import Problem
-from ocp.rollout import trajectory_costs
 from ocp.session import Outcome, Session
 from ocp.settings import Settings
 from ocp.solution import Interrupted, Solution, StageRecord, Status
 from ocp.solvers.solver import Solver
-from ocp.studies.provenance import versions
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.warm_start import carried_guess, carry
 
 _SPREAD = 0.3
+Rank = Literal["planned", "referee"]
+"""What orders several answers: their cost under the law, or what the referee makes of them."""
 
 
 def solve(
@@ -39,12 +37,14 @@ def solve(
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
     start: Solution | None = None,
+    rank_by: Rank = "planned",
 ) -> Solution:
-    """Solve ``problem`` and audit the answer.
+    """Solve ``problem``, audit the answer, certify it and have it refereed.
 
     ``starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
-    by seeded noise of 0.3 characteristic units; the best audited answer wins and the others are
-    listed in ``Solution.others``.
+    by seeded noise of 0.3 characteristic units; the best certified answer wins, by its own cost or,
+    with ``rank_by="referee"``, by what it costs there, and the others are listed in
+    ``Solution.others``.
 
     ``start`` is a solution of the same problem, at other parameters, on another mesh or horizon,
     under another law or by another method: its trajectories and multipliers are what the solver
@@ -59,24 +59,29 @@ def solve(
     if start is not None:
         if starts != 1:
             raise InputError("a start and several starts exclude each other; leave starts at 1")
-        found = judged(session, from_solution(session, start, progress), seed)
+        outcome, resumed = from_solution(session, start, progress)
+        found = judged(session, outcome, seed)
         origin = start.record.get("hash", "a solution in memory")
-        return replace(found, record={**found.record, "from": origin})
-    return solve_session(session, starts, seed, progress)
+        return replace(found, record={**found.record, "from": origin, "resumed": resumed})
+    return solve_session(session, starts, seed, progress, rank_by)
 
 
 def from_solution(
     session: Session, start: Solution, progress: Callable[[StageRecord], None] | None = None
-) -> Outcome:
-    """Solve a session from a solution; raises as :func:`~ocp.warm_start.carry` does."""
+) -> tuple[Outcome, bool]:
+    """Solve a session from a solution, and say whether it converged from there.
+
+    Where it did not, the usual path was followed with its trajectories as the guess. Raises as
+    :func:`~ocp.warm_start.carry` does.
+    """
     nlp = session.nlp_of("product")
     outcome = session.resume(carry(start, nlp, session.values), progress)
     if outcome.finished:
-        return outcome
+        return outcome, True
     guess = carried_guess(start, session.problem, session.values)
     again = session.solve(progress=progress, guess=guess)
     again.trace.absorb(outcome.trace)
-    return again
+    return again, False
 
 
 def new_session(
@@ -108,6 +113,7 @@ def solve_session(
     starts: int = 1,
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
+    rank_by: Rank = "planned",
 ) -> Solution:
     """Solve a session from one or several guesses.
 
@@ -122,19 +128,20 @@ def solve_session(
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
-        raise Interrupted(best_of(solutions)) from stop
-    return solutions[0] if starts == 1 else best_of(solutions)
+        raise Interrupted(best_of(solutions, rank_by)) from stop
+    return solutions[0] if starts == 1 else best_of(solutions, rank_by)
 
 
-def best_of(solutions: list[Solution]) -> Solution:
-    """Return the best audited answer, with the others listed and the work of all counted."""
-    best = min(solutions, key=rank)
+def best_of(solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
+    """Return the best certified answer, with the others listed and the work of all counted."""
+    best = min(solutions, key=lambda found: rank(found, rank_by))
     others = [
         {
             "start": index,
             "status": found.status.label,
             "cost": found.cost,
             "exact_cost": found.audit.exact_cost,
+            "referee_cost": getattr(getattr(found,"referee",None),"cost",float("nan")),
             "iterations": found.iterations,
             "chosen": found is best,
         }
@@ -147,10 +154,11 @@ def best_of(solutions: list[Solution]) -> Solution:
     return replace(best, others=others, iterations=iterations, **spent)
 
 
-def rank(found: Solution) -> tuple[int, float]:
-    """Order answers: audited ones first, then by cost."""
-    order = {Status.SOLVED: 0, Status.NO_PROGRESS: 1}
-    return order.get(found.status, 2), found.cost if np.isfinite(found.cost) else np.inf
+def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
+    """Order answers: certified ones first, then the others that are feasible, then by cost."""
+    order = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Status.NO_PROGRESS: 2}
+    cost = found.cost if by == "planned" else found.referee.cost
+    return order.get(found.status, 3), cost if np.isfinite(cost) else np.inf
 
 
 def guesses(session: Session, starts: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -166,59 +174,3 @@ def guesses(session: Session, starts: int, seed: int) -> list[tuple[np.ndarray, 
         shaken[0] = X[0]
         found.append((shaken, U + _SPREAD * size_u * noise.standard_normal(U.shape)))
     return found
-
-
-def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
-    """Audit an outcome, label it, and say what came of it."""
-    began = time.perf_counter()
-    nlp, result = outcome.nlp, outcome.result
-    values = session.values
-    p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
-    plan = trajectories(nlp, result, p)
-    found, replay, book = audit(nlp, result, plan, values, p, bounds)
-    status = judge(nlp, result, found, outcome.finished)
-    # Not the solver's f, which may hold a penalty on gains or on products of contact.
-    physical = np.array([values[name] for name in session.problem.parameters.names])
-    data = label(nlp, plan, replay, book, outcome, values)
-    return Solution(
-        data=data,
-        cost=float(trajectory_costs(session.problem, plan.x, plan.u, physical).mean()),
-        status=status,
-        audit=found,
-        stages=outcome.trace.records,
-        iterations=outcome.trace.iterations,
-        build_s=session.total_build_s,
-        solve_s=outcome.trace.seconds,
-        record={**record(session, seed), "audit_s": time.perf_counter() - began},
-        problem=session.problem,
-        values=dict(values),
-        gains=plan.gains,
-        evaluation_s=outcome.trace.evaluation_s,
-    )
-
-
-def record(session: Session, seed: int) -> dict[str, Any]:
-    """Everything that tells how an answer came about, ready for JSON."""
-    problem, policy = session.problem, session.policy
-    return {
-        "problem": problem.name,
-        "contact": session.law.name,
-        "contact_settings": session.law.settings(),
-        "method": session.method.name,
-        "policy": policy.name,
-        "policy_settings": asdict(policy),
-        "solver": session.solver.name,
-        "solver_options": session.solver.options,
-        "strategy": session.strategy if session.complementary else None,
-        "jit": session.compiled.outcome if session.compiled else None,
-        "params": {
-            **{name: session.values[name] for name in problem.parameters.names},
-            **problem.settings,
-        },
-        "knobs": {name: session.values[name] for name in session.step.p.names
-                  if name not in problem.parameters},
-        "N": problem.N,
-        "seed": seed,
-        "versions": versions(),
-        "citation": problem.citation,
-    }  # fmt: skip

@@ -16,7 +16,8 @@ from rich.text import Text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ocp.solution import Audit, Solution, StageRecord
+    from ocp.findings import Audit
+    from ocp.solution import Solution, StageRecord
     from ocp.studies.store import StoredRun
     from problems.spec import Golden
     from problems.studies import Claim

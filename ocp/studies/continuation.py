@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError
+from ocp.judgement import judged
 from ocp.session import Outcome, Session
 from ocp.solution import Solution, Status
-from ocp.solve import judged
 
 SMALLEST = 1e-3
 """The step along the path is never smaller than this fraction of the asked one."""

@@ -25,10 +25,12 @@ from typing import Any, NoReturn
 
 import xarray as xr
 
+from ocp.certificate import Certificate, Move
 from ocp.errors import DamagedRun, InputError
+from ocp.findings import Audit, ContactSummary, Violation
 from ocp.problem import Problem
 from ocp.rollout import Gains
-from ocp.solution import Audit, ContactSummary, Solution, StageRecord, Status, Violation
+from ocp.solution import Solution, StageRecord, Status
 from ocp.studies.plain import content_hash, number, plain, read
 from ocp.studies.provenance import git_revision, versions
 
@@ -42,8 +44,8 @@ class StoredRun:
     """A run read back: labelled arrays, and everything else as plain JSON values.
 
     ``meta`` holds ``schema kind problem created argv versions revision seed hash checksum`` and,
-    for ``kind == "solve"``, ``record audit cost status verdict stages iterations build_s solve_s
-    others``.
+    for ``kind == "solve"``, ``record audit certificate idle_cost cost status verdict stages
+    iterations build_s solve_s others``.
     """
 
     path: Path
@@ -80,6 +82,13 @@ class StoredRun:
             return read(Audit, {**found, **lists})
 
     @cached_property
+    def certificate(self) -> Certificate:
+        """Certificate of the solve; raises as :attr:`audit` does."""
+        with self._described():
+            found = self.meta["certificate"]
+            return read(Certificate, {**found, "moves": [Move(**item) for item in found["moves"]]})
+
+    @cached_property
     def stages(self) -> list[StageRecord]:
         """Homotopy table of the solve; raises as :attr:`audit` does."""
         with self._described():
@@ -102,6 +111,8 @@ class StoredRun:
                 cost=number(meta["cost"]),
                 status=self.status,
                 audit=self.audit,
+                certificate=self.certificate,
+                idle_cost=number(meta["idle_cost"]),
                 stages=self.stages,
                 iterations=meta["iterations"],
                 build_s=number(meta["build_s"]),
@@ -142,6 +153,8 @@ def save(solution: Solution, root: Path | str, argv: Sequence[str]) -> Path:
         "seed": record.get("seed"),
         "record": record,
         "audit": asdict(solution.audit),
+        "certificate": asdict(solution.certificate),
+        "idle_cost": solution.idle_cost,
         "cost": solution.cost,
         "status": solution.status.label,
         "verdict": solution.verdict,

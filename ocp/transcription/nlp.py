@@ -166,6 +166,20 @@ class NLP:
             "ubg": g_upper,
         }
 
+    def sizes(self) -> np.ndarray:
+        """Characteristic size of every variable, in its unit, from the problem's reference.
+
+        States and inputs have theirs; an impulse or a gap its own, the two exchanged for a slip
+        pair, whose multiplier is a way and whose gap an impulse; gains are inputs over states.
+        """
+        reference = self.problem.reference
+        slips = [pair.kind == "slip" for pair in self.problem.system.pairs] * self.step.branches
+        impulse = np.where(slips, reference.gap, reference.impulse)
+        gap = np.where(slips, reference.impulse, reference.gap)
+        known = {"x": reference.x, "x0": reference.x, "u": reference.u, "k": reference.u,
+                 "K": reference.u / reference.x, "lam": impulse, "gap": gap}  # fmt: skip
+        return self.variables.pack({name: known[name] for name in self.variables.blocks})
+
     def _largest_multipliers(self) -> np.ndarray:
         """No bound, but for the slip of a contact: without a normal force nothing else holds it."""
         kinds = [pair.kind for pair in self.problem.system.pairs] * self.step.branches

@@ -121,7 +121,7 @@ def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[st
     from ocp.studies import store
 
     meta = store.read_meta(path)
-    record, audit = solution.record, asdict(solution.audit)
+    record, audit, certificate = solution.record, asdict(solution.audit), solution.certificate
     return {
         **{key: record.get(key) for key in ("problem", "contact", "method", "policy", "solver")},
         "status": solution.status.label,
@@ -135,6 +135,13 @@ def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[st
         "solver_s": solution.solver_s,
         "iteration_s": solution.iteration_s,
         **audit,
+        "stationarity": certificate.stationarity,
+        "stationarity_kind": certificate.kind,
+        **{key: getattr(certificate, key) for key in ("biactive", "lpec_decrease", "kkt_residual",
+                                                      "negative_curvature")},
+        "moves": [str(move) for move in certificate.moves],
+        "certificate_s": certificate.seconds,
+        "idle_cost": solution.idle_cost,
         "stages": [asdict(stage) for stage in solution.stages],
         "others": solution.others,
         "run": str(path),

@@ -10,7 +10,8 @@ from scipy.optimize import minimize
 
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, MultipleShooting, SingleShooting, Solution, Status, solve
-from ocp.solve import guesses, judged, new_session
+from ocp.judgement import judged
+from ocp.solve import guesses, new_session
 from problems import ball_throw, get, hopper_1d, spec
 from tests.golden import schedules
 

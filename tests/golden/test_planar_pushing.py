@@ -7,7 +7,8 @@ import pytest
 import problems
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solve
-from ocp.solve import guesses, judged, new_session
+from ocp.judgement import judged
+from ocp.solve import guesses, new_session
 from problems.studies import n2
 from tests.golden.test_known_optima import LAWS
 

@@ -20,8 +20,10 @@ import xarray as xr
 
 from dynamics.contact import Barrier
 from ocp import solve
+from ocp.certificate import Certificate, Move
 from ocp.errors import DamagedRun, InputError
-from ocp.solution import Audit, Solution, StageRecord, Status, Violation
+from ocp.findings import Audit, Violation
+from ocp.solution import Solution, StageRecord, Status
 from ocp.studies import store
 from problems import get
 
@@ -48,8 +50,9 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
     record = {"problem": "toy", "contact": "exact", "seed": 4, "knobs": {"contact.mu": 1e-3}}
     problem = get("wall-1d")
     values = dict(zip(problem.parameters.names, problem.parameters.values.tolist(), strict=True))
+    certificate = Certificate("not", moves=[Move("opening contact", "wall", 0, 2, 4)])
     return Solution(
-        dataset(), cost, Status.SOLVED, audit, [stage], 7, seconds, 2 * seconds, record,
+        dataset(), cost, Status.SOLVED, audit, certificate, 9.0, [stage], 7, seconds, 2 * seconds, record,
         problem=problem, values={**values, "contact.mu": 1e-3},
         others=[{"start": 1, "cost": 3.0, "seconds": seconds}],
     )  # fmt: skip
@@ -67,6 +70,8 @@ def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
     assert run.meta["verdict"] == original.verdict
     assert (again.cost, again.status, again.iterations) == (2.5, Status.SOLVED, 7)
     assert again.audit.worst == original.audit.worst
+    assert again.certificate.moves == original.certificate.moves
+    assert (again.certificate.stationarity, again.idle_cost) == ("not", 9.0)
     assert math.isnan(again.audit.exact_cost), "what JSON cannot hold comes back as NaN"
     assert run.meta["argv"] == ["ocp", "solve", "toy"]
     assert run.meta["seed"] == 4

@@ -18,8 +18,9 @@ from pathlib import Path
 from statistics import median
 
 from dynamics.contact import Exact
+from ocp.judgement import judged
 from ocp.solution import Solution
-from ocp.solve import guesses, judged, new_session
+from ocp.solve import guesses, new_session
 from problems import get, names, spec
 
 README = Path(__file__).parents[3] / "README.md"

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from dynamics.contact import Exact
 from ocp import solve
-from ocp.solution import Audit, ContactSummary
+from ocp.findings import Audit, ContactSummary
 from ocp.studies import store
 from problems import spec
 from reports import console, pages

@@ -1,0 +1,107 @@
+"""Words for what three judges found: certificate and referee first, the solver's word last."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from ocp.solution import Solution
+
+Grade = Literal["survives", "certified", "failed"]
+"""Certified and surviving; certified alone; neither. Shown green, amber and red."""
+_SAME = 1e-5
+_NOTABLE = 0.1
+
+
+def verdict(found: Solution) -> str:
+    """Return the headline, with every cost in it, and below it one finding a line."""
+    return "\n".join([headline(found), *findings(found)])
+
+
+def headline(found: Solution) -> str:
+    """Status, cost under the law, under the model's exact law and under the referee; survival."""
+    word = found.status.value.partition(":")[0]
+    parts = [f"{word.capitalize()}: cost {found.cost:.6g}", _exact(found), _refereed(found)]
+    ending = {True: "survives", False: "does not survive", None: ""}[found.referee.survives]
+    return ", ".join(part for part in parts if part) + (f"; {ending}." if ending else ".")
+
+
+def _exact(found: Solution) -> str:
+    cost = found.audit.exact_cost
+    return f"exact law {cost:.6g}" if math.isfinite(cost) else "exact law not replayed"
+
+
+def _refereed(found: Solution) -> str:
+    if found.referee.survives is None:
+        return "no referee"
+    cost = found.referee.cost
+    return f"referee {cost:.6g}" if math.isfinite(cost) else "referee not replayed"
+
+
+def findings(found: Solution) -> list[str]:
+    """What stands behind the headline, each in a sentence."""
+    explained = found.status.value.partition(": ")[2]
+    lines = [] if found.success or not explained else [_sentence(explained)]
+    if found.status.label == "no-progress" and found.audit.active_steps == 0:
+        lines = [_sentence(f"the contacts never act; {explained}")]
+    if found.certificate.reason != UNJUDGED:
+        lines.append(_sentence(found.certificate.sentence))
+    lines += [_sentence(line) for line in (_referee(found), _replay(found), _parting(found))
+              if line]  # fmt: skip
+    if not found.record.get("resumed", True):
+        lines.append(
+            "From the run to start at the solver did not converge: solved anew, with that run's"
+            " trajectories as the guess."
+        )
+    return lines
+
+
+UNJUDGED = "the point is not feasible"
+"""The certificate's reason where there was nothing to certify."""
+
+
+def _referee(found: Solution) -> str:
+    heard = found.referee
+    if heard.survives is None:
+        return "no referee: the system has no geometry"
+    who = f"referee: {heard.note}"
+    if not heard.survives:
+        who += "; it does not survive: " + "; ".join(heard.reasons[:3])
+    if math.isfinite(heard.refined_cost) and abs(
+        heard.refined_cost - heard.cost
+    ) > _NOTABLE * abs(heard.cost):
+        who += f"; at a quarter of the step size it costs {heard.refined_cost:.6g}"
+    return who
+
+
+def _replay(found: Solution) -> str:
+    """What the model's own exact law makes of the plan, where that is worth a sentence."""
+    audit, off = found.audit, found.audit.exact_cost - found.cost
+    if audit.replay_failed:
+        return f"not replayed under the exact law: {audit.replay_failed}"
+    if not math.isfinite(audit.exact_cost):
+        return "under the exact law the motion runs away"
+    if found.referee.parting or abs(off) <= max(_NOTABLE * abs(found.cost), _SAME):
+        return ""
+    if found.record.get("contact") == "exact":
+        remedy = "" if found.record.get("policy") == "feedback" else (
+            "; feedback gains may hold it (--policy feedback)"
+        )  # fmt: skip
+        return f"the motion is unstable: replayed, it parts from the plan{remedy}"
+    return "the plan leans on the smoothing: under the exact law it costs another sum"
+
+
+def _parting(found: Solution) -> str:
+    return found.referee.parting
+
+
+def grade(found: Solution) -> Grade:
+    """What the verdict is coloured by."""
+    if not found.success:
+        return "failed"
+    return "survives" if found.referee.survives else "certified"
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "."

@@ -1,0 +1,72 @@
+"""Small complementarity problems in CasADi, in the shape that a certificate reads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import Pair, signals
+
+
+@dataclass
+class SmallMPCC:
+    """``min f`` subject to ``g_lower <= g <= g_upper`` and ``0 <= x_i ⟂ x_j >= 0`` for pairs."""
+
+    x: ca.SX
+    f: ca.SX
+    g: ca.SX
+    g_lower: list[float]
+    g_upper: list[float]
+    pairs: np.ndarray
+    form: str = "none"
+
+    def __post_init__(self) -> None:
+        p, lam_f, lam_g = ca.SX.sym("p"), ca.SX.sym("lf"), ca.SX.sym("lg", self.g.numel())
+        inputs = [self.x, p]
+        self.gradient = ca.Function("df", inputs, [self.f, ca.gradient(self.f, self.x)])
+        self.jacobian = ca.Function("dg", inputs, [self.g, ca.jacobian(self.g, self.x)])
+        lagrangian = lam_f * self.f + ca.dot(lam_g, self.g)
+        hessian = ca.triu(ca.hessian(lagrangian, self.x)[0])
+        self.hessian = ca.Function("h", [*inputs, lam_f, lam_g], [hessian])
+        self.pairs = np.asarray(self.pairs, dtype=int).reshape(2, -1)
+        count = self.pairs.shape[1]
+        names = "; ".join(f"c{i} [N s] pair" for i in range(count))
+        self.step = SimpleNamespace(contacts=signals(names))
+        kinds = tuple(Pair("normal", i) for i in range(count))
+        self.problem = SimpleNamespace(system=SimpleNamespace(pairs=kinds))
+        self.variables = SimpleNamespace(
+            locate=lambda at: (None, (0, 0, int(np.flatnonzero(self.pairs[0] == at)[0])))
+        )
+
+    def sizes(self) -> np.ndarray:
+        return np.ones(self.x.numel())
+
+    def bounds(self) -> dict[str, np.ndarray]:
+        lower = np.full(self.x.numel(), -np.inf)
+        lower[self.pairs.ravel()] = 0.0
+        return {
+            "lbx": lower,
+            "ubx": np.full(self.x.numel(), np.inf),
+            "lbg": np.asarray(self.g_lower, dtype=float),
+            "ubg": np.asarray(self.g_upper, dtype=float),
+        }
+
+
+def free_pair(f) -> SmallMPCC:
+    """Two complementary variables and a cost ``f(x1, x2)`` on them."""
+    x = ca.SX.sym("x", 2)
+    return SmallMPCC(x, f(x[0], x[1]), ca.SX(0, 1), [], [], [[0], [1]])
+
+
+def scheel_scholtes() -> SmallMPCC:
+    """``min z1 + z2 - z0``, ``-4 z1 + z0 <= 0``, ``-4 z2 + z0 <= 0``, ``0 <= z1 ⟂ z2 >= 0``.
+
+    Its only minimiser, the origin, is B-stationary and, as LICQ fails, only M-stationary (Scheel
+    and Scholtes 2000, example 3).
+    """
+    z = ca.SX.sym("z", 3)
+    g = ca.vertcat(-4 * z[1] + z[0], -4 * z[2] + z[0])
+    return SmallMPCC(z, z[1] + z[2] - z[0], g, [-np.inf] * 2, [0.0] * 2, [[1], [2]])

@@ -1,0 +1,192 @@
+"""Certificates against enumerated branches, textbook examples, and trouble of their own."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+import ocp.lpec
+from ocp.certificate import certify
+from ocp.curvature import negative_curvature
+from ocp.lpec import LinearModel
+from tests.unit.ocp.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
+
+RADIUS = 1e-3
+
+
+def judge(case: SmallMPCC, x: list[float], **more):
+    return certify(case, np.array(x), np.zeros(1), case.bounds(), **more)
+
+
+def random_model(seed: int, biactive: bool) -> LinearModel:
+    """Five variables and three pairs near zero, three equations and two inequalities."""
+    rng = np.random.default_rng(seed)
+    n, pairs = 11, np.array([[5, 6, 7], [8, 9, 10]])
+    x = rng.standard_normal(n)
+    x[pairs] = 0.0 if biactive else rng.uniform(0, RADIUS, (2, 3)) * rng.integers(0, 2, (1, 3))
+    x[pairs[1]] *= x[pairs[0]] == 0
+    J = sp.csr_matrix(rng.standard_normal((5, n)) * (rng.random((5, n)) < 0.7))
+    ends = np.array([0, 0, 0, -np.inf, -np.inf]), np.zeros(5)
+    lower = np.full(n, -np.inf)
+    lower[pairs.ravel()] = 0.0
+    bounds = {"lbx": lower, "ubx": np.full(n, np.inf), "lbg": ends[0], "ubg": ends[1]}
+    return LinearModel.at(x, rng.standard_normal(n), np.zeros(5), J, bounds, np.ones(n), pairs)
+
+
+def enumerated(model: LinearModel) -> float:
+    """The steepest decrease over all branches, each a linear program of its own."""
+    near = np.flatnonzero(model.near(RADIUS))
+    lower, upper = model.box(RADIUS)
+    equal = model.row_lower == model.row_upper
+    best = 0.0
+    for sides in itertools.product((0, 1), repeat=near.size):
+        low, high = lower.copy(), upper.copy()
+        held = model.pairs[list(sides), near]
+        high[held] = low[held] = -model.members[list(sides), near] / RADIUS
+        found = linprog(
+            model.cost, model.rows[~equal], model.row_upper[~equal] / RADIUS, model.rows[equal],
+            np.zeros(equal.sum()), np.stack([low, high], axis=1),
+        )  # fmt: skip
+        best = max(best, -found.fun) if found.status == 0 else best
+    return best
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.booleans())
+def test_the_lpec_finds_a_descent_exactly_where_a_branch_has_one(seed: int, biactive: bool) -> None:
+    model = random_model(seed, biactive)
+    known, cut = enumerated(model), 1e-6
+    found = model.descend(RADIUS, True, 10.0, cut)
+    assert (found.decrease > cut) == (known > cut)
+    assert found.decrease <= known + 1e-7
+    assert found.decrease >= 0.5 * known - 1e-6, "the gap at which the search may stop"
+    after = model.members + RADIUS * found.step[model.pairs]
+    assert np.abs(np.minimum(after[0], after[1])).max() <= 1e-8, "the direction keeps the pairs"
+    assert np.abs((model.rows @ found.step)[:3]).max() <= 1e-6
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.booleans())
+def test_weak_duality_bounds_the_relaxed_descent(seed: int, biactive: bool) -> None:
+    model = random_model(seed, biactive)
+    relaxed = model.descend(RADIUS, False, 10.0, 0.0)
+    rng = np.random.default_rng(seed)
+    y = rng.standard_normal(5)
+    y[3:] = np.abs(y[3:])
+    assert model.dual_bound(y, RADIUS) >= relaxed.decrease - 1e-7
+    assert relaxed.decrease >= enumerated(model) - 1e-7, "relaxing pairs only adds directions"
+
+
+def test_the_bound_is_attained_at_the_programs_own_multipliers() -> None:
+    model = random_model(3, True)
+    lower, upper = model.box(RADIUS)
+    rows = model.rows
+    found = linprog(
+        model.cost, rows[3:], model.row_upper[3:] / RADIUS, rows[:3], np.zeros(3),
+        np.stack([lower, upper], axis=1),
+    )  # fmt: skip
+    y = -np.concatenate([found.eqlin.marginals, found.ineqlin.marginals]) * model.row_scale
+    assert model.dual_bound(y, RADIUS) == pytest.approx(-found.fun, abs=1e-9)
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.integers(2, 12), st.integers(0, 6))
+def test_inertia_counts_the_reduced_hessians_negative_eigenvalues(
+    seed: int, n: int, m: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    m = min(m, n - 1)
+    H = rng.standard_normal((n, n))
+    H, A = H + H.T, rng.standard_normal((m, n))
+    Z = la.null_space(A) if m else np.eye(n)
+    values = np.linalg.eigvalsh(Z.T @ H @ Z)
+    if np.abs(values).min() < 1e-3:
+        return
+    found = negative_curvature(sp.csr_matrix(H), sp.csr_matrix(A))
+    assert found in (int((values < 0).sum()), -1)
+
+
+def test_inertia_is_found_and_not_given_up() -> None:
+    rng = np.random.default_rng(0)
+    H, A = np.diag([1.0, -2.0, 3.0, -4.0]), rng.standard_normal((1, 4))
+    Z = la.null_space(A)
+    known = int((np.linalg.eigvalsh(Z.T @ H @ Z) < 0).sum())
+    assert negative_curvature(sp.csr_matrix(H), sp.csr_matrix(A)) == known
+
+
+def test_a_corner_that_both_branches_leave_is_c_stationary_and_not_b() -> None:
+    corner = free_pair(lambda a, b: (a - 1) ** 2 + (b - 1) ** 2)
+    found = judge(corner, [0.0, 0.0])
+    assert found.stationarity == "not"
+    assert found.biactive == 1
+    assert found.lpec_decrease == pytest.approx(2.0, rel=1e-6)
+    assert "contact 'c0'" in found.sentence
+    assert judge(corner, [1.0, 0.0]).stationarity == "B"
+
+
+def test_a_corner_with_both_multipliers_positive_is_strongly_stationary() -> None:
+    found = judge(free_pair(lambda a, b: (a + 1) ** 2 + (b + 1) ** 2), [0.0, 0.0])
+    assert (found.stationarity, found.kind, found.biactive) == ("B", "S", 1)
+    assert found.negative_curvature == 0
+
+
+def test_one_multiplier_of_the_wrong_sign_is_no_minimum() -> None:
+    """Weakly stationary only: the second member wants to grow."""
+    assert judge(free_pair(lambda a, b: a - b + a**2 + b**2), [0.0, 0.0]).stationarity == "not"
+
+
+def test_b_stationary_without_strong_stationarity_needs_the_branches() -> None:
+    """Scheel and Scholtes: relaxed, the origin has a descent; in every branch it has none."""
+    case = scheel_scholtes()
+    found = judge(case, [0.0, 0.0, 0.0])
+    assert (found.stationarity, found.biactive) == ("B", 1)
+    assert found.kind in ("M", "C", "W")
+    assert found.kind != "S"
+
+
+def test_a_smooth_point_is_judged_by_its_gradient() -> None:
+    bowl = free_pair(lambda a, b: (a - 1) ** 2 + 2 * (b + 3) ** 2)
+    smooth = replace(bowl, pairs=np.zeros((2, 0)), form="product")
+    at = judge(smooth, [1.0, -3.0])
+    assert (at.stationarity, at.kind, at.lpec_decrease) == ("KKT", "", 0.0)
+    off = judge(smooth, [1.0, -2.0])
+    assert off.stationarity == "not"
+    assert off.lpec_decrease == pytest.approx(4.0)
+    assert off.kkt_residual == pytest.approx(4.0)
+
+
+def test_negative_curvature_is_told_at_a_saddle() -> None:
+    saddle = free_pair(lambda a, b: a**2 - b**2)
+    smooth = replace(saddle, pairs=np.zeros((2, 0)), form="product")
+    found = judge(smooth, [0.0, 0.0])
+    assert (found.stationarity, found.negative_curvature) == ("KKT", 1)
+
+
+def test_no_time_left_is_undecided() -> None:
+    found = judge(free_pair(lambda a, b: a + b), [0.0, 0.0], seconds=0.0)
+    assert found.stationarity == "undecided"
+    assert "time limit" in found.sentence
+    assert not found.certified
+
+
+def test_a_failing_program_is_undecided_with_its_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = SimpleNamespace(status=4, x=None, message="Solve error")
+    monkeypatch.setattr(ocp.lpec, "milp", lambda *_, **__: said)
+    found = judge(free_pair(lambda a, b: a + b), [0.0, 0.0])
+    assert found.stationarity == "undecided"
+    assert "Solve error" in found.sentence
+
+
+def test_no_number_is_undecided() -> None:
+    found = judge(free_pair(lambda a, b: a + b), [np.nan, 0.0])
+    assert found.stationarity == "undecided"
+    assert "no number" in found.sentence
