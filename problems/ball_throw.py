@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import ContactSystem, ParameterTable, signals
+from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
 from problems.parameters import Parameters, quantity, structural_settings, structure, table
@@ -139,6 +139,8 @@ def _system(p: ParameterTable) -> ContactSystem:
         phi=q[1],
         mu_per_kappa=h,
         citation=citation.key,
+        # The law of the bounce is in the gap, which is therefore no expansion of the distance.
+        sharp=Sharp(),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import ContactSystem, ParameterTable, signals
+from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, Point, Segment, Shape, Spring
 from problems.parameters import Parameters, quantity, structural_settings, structure, table
@@ -130,6 +130,9 @@ def _system(p: ParameterTable) -> ContactSystem:
         h=p["h"],
         parameters=p,
         citation=citation.key,
+        # A spring has no gap that could be truer.
+        sharp=Sharp(),
+        refinable=True,
     )
 
 

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from dynamics.systems.friction import Cone
+from dynamics.systems.contact_rows import Cone
 from ocp.problem import Constraint, FreeStart, Problem, Reference
 from problems.drawing import ContactFrame, Shape
 from problems.machines.half_cheetah import half_cheetah as machine_of

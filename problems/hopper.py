@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from dynamics.systems.friction import Cone
+from dynamics.systems.contact_rows import Cone
 from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Point, Shape
 from problems.machines.hopper import hopper as machine_of

@@ -48,11 +48,12 @@ def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
     """Compliance of every pair that has one.
 
     Friction that drags along the normal may leave little of F_ii, or turn its sign; the compliance
-    across the contact is of the size that the normal's was.
+    across the contact is of the size that the normal's was. So it is for a pair of friction whose
+    coefficient is zero, which has no compliance of its own.
     """
     own = [i for i in range(len(pairs)) if not F[i, i].is_zero()]
     contact = {"normal", "friction"}
-    return {
+    sizes = {
         i: ca.mmax(ca.vertcat(*(
             ca.fabs(F[i, j]) for j in own
             if j == i or (pairs[i].contact == pairs[j].contact
@@ -60,6 +61,12 @@ def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
         )))
         for i in own
     }  # fmt: skip
+    normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
+    for i, pair in enumerate(pairs):
+        if pair.kind == "friction" and normal[pair.contact] in sizes:
+            across = sizes[normal[pair.contact]]
+            sizes[i] = ca.if_else(sizes[i] > 0, sizes[i], across) if i in sizes else across
+    return sizes
 
 
 class NonlinearPath:

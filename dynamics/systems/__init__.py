@@ -1,8 +1,9 @@
 """What moves: systems as one implicit step with contact multipliers and gaps."""
 
 from dynamics.systems.chain import Chain
+from dynamics.systems.contact_rows import Touching
 from dynamics.systems.dry_friction import dry_friction
-from dynamics.systems.friction import Mechanism, Touching, frictional_time_stepping
+from dynamics.systems.friction import Mechanism, frictional_time_stepping
 from dynamics.systems.geometry import (
     ContactGeometry,
     Pose,
@@ -17,6 +18,7 @@ from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
 from dynamics.systems.parameters import Parameter, ParameterTable, Signal, signals
 from dynamics.systems.planar import Link
 from dynamics.systems.quasidynamic import quasi_dynamic
+from dynamics.systems.sharp import Sharp
 from dynamics.systems.system import ContactSystem, ReducedContact
 from dynamics.systems.timestepping import time_stepping
 
@@ -34,6 +36,7 @@ __all__ = [
     "ParameterTable",
     "Pose",
     "ReducedContact",
+    "Sharp",
     "Signal",
     "Sphere",
     "Touching",

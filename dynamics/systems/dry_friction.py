@@ -8,6 +8,7 @@ import casadi as ca
 
 from dynamics.systems.pairs import ContactForces, Pair
 from dynamics.systems.parameters import ParameterTable, Signal
+from dynamics.systems.sharp import Sharp
 from dynamics.systems.system import ContactSystem, check_shape
 
 
@@ -77,4 +78,6 @@ def dry_friction(
         forces=ContactForces(
             (contact,), ca.SX(h * load), f, slide @ v_next, ca.SX.ones(1) * friction
         ),
+        sharp=Sharp(),
+        refinable=True,
     )

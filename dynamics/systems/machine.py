@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynamics.systems.chain import Chain
-from dynamics.systems.friction import Cone, Mechanism, Touching, frictional_time_stepping
+from dynamics.systems.contact_rows import Cone, Touching
+from dynamics.systems.friction import Mechanism, frictional_time_stepping
 from dynamics.systems.geometry import ContactGeometry, Pose, disc_half_plane
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.planar import Link, Number

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import casadi as ca
 
+from dynamics.systems.contact_rows import Touching, contact_rows
 from dynamics.systems.pairs import ContactForces, Pair
 from dynamics.systems.parameters import ParameterTable, Signal
+from dynamics.systems.sharp import COULOMB, TRUE_GAPS, Sharp, is_affine
 from dynamics.systems.system import ContactSystem, check_shape
 
 
@@ -41,7 +44,9 @@ def quasi_dynamic(
     ``sum (J ± friction J_t)' lam±``: the step stays a convex QP, at the price that a sliding
     contact opens at the rate ``friction |J_t dq|``. ``contacts`` name the contacts; the pairs are
     then ``<name>+`` of all contacts and ``<name>-`` of all. Without ``linearised`` phi is taken at
-    q+, which is no QP any more, and bodies that turn cannot cut a corner.
+    q+, which is no QP any more, and bodies that turn cannot cut a corner. The sharpest contact has
+    phi at q+ and Coulomb friction with maximum dissipation, as
+    :func:`~dynamics.systems.friction.frictional_time_stepping` writes it.
 
     As the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, the log-barrier weight converts as
     ``mu = 1 / kappa``.
@@ -69,20 +74,34 @@ def quasi_dynamic(
         plus, minus = lam[:nc], lam[nc:]
         names = tuple(contact.name for contact in contacts)
         forces = ContactForces(names, plus + minus, f * (plus - minus), J_t @ dq / h, f)
-    impulse = ca.vertcat(ca.SX(0, nq), *directions).T @ lam
     weight = ca.SX(n_free, 1) if load is None else load
     check_shape(name, "load", weight, (n_free, 1))
-    residual = ca.vertcat(
-        mass @ dq[:n_free] / h - impulse[:n_free] - h * weight,
-        h * stiffness @ (x_next[n_free:] - u) - impulse[n_free:],
-    )
-    return ContactSystem(
+
+    def residual(impulse: ca.SX) -> ca.SX:
+        return ca.vertcat(
+            mass @ dq[:n_free] / h - impulse[:n_free] - h * weight,
+            h * stiffness @ (x_next[n_free:] - u) - impulse[n_free:],
+        )
+
+    def sharpest() -> ContactSystem:
+        names = tuple(contact.name for contact in contacts)
+        touching = Touching(names, distance, sliding, None if sliding is None else friction)
+        rows = contact_rows(name, touching, x, x_next, dq / h, h)
+        return replace(
+            system, lam=rows.lam, residual=residual(rows.push), gap=rows.gap, pairs=rows.pairs,
+            contacts=contacts if sliding is None else rows.signals, forces=rows.forces,
+            sharp=Sharp(),
+        )  # fmt: skip
+
+    truer = [TRUE_GAPS] if linearised and not is_affine(phi, x) else []
+    rubs = [COULOMB] if sliding is not None else []
+    system = ContactSystem(
         name=name,
         x=x,
         u=u,
         x_next=x_next,
         lam=lam,
-        residual=residual,
+        residual=residual(ca.vertcat(ca.SX(0, nq), *directions).T @ lam),
         gap=ca.vertcat(ca.SX(0, 1), *gaps),
         states=states,
         inputs=inputs,
@@ -95,7 +114,9 @@ def quasi_dynamic(
         pairs=tuple(Pair("normal", i) for _ in directions for i in range(nc)),
         forces=forces,
         redundant=sliding is not None or nc > nq,
+        sharp=Sharp(", ".join(truer + rubs), sharpest) if truer or rubs else Sharp(),
     )
+    return system
 
 
 def _edges(contacts: tuple[Signal, ...]) -> tuple[Signal, ...]:

@@ -10,6 +10,7 @@ import casadi as ca
 from dynamics.systems.elimination import solve_without_pivoting
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, deciding_pairs
 from dynamics.systems.parameters import ParameterTable, Signal
+from dynamics.systems.sharp import Sharp, by_true_distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,9 @@ class ContactSystem:
     minors, as a mass matrix has. ``redundant`` says that contacts may leave single multipliers open
     (friction, more contacts than freedoms): the matrix F is then no P-matrix.
 
+    ``sharp`` leads to the sharpest contact that is known for the system, see :attr:`sharpest`.
+    ``refinable`` says that h only discretises: ``h / 4`` is the same system, looked at more often.
+
     Raises ``ValueError`` when a dimension does not fit or a symbol is not declared.
     """
 
@@ -76,6 +80,8 @@ class ContactSystem:
     book: EnergyBook | None = None
     implicit: bool = False
     redundant: bool = False
+    sharp: Sharp | None = None
+    refinable: bool = False
 
     def __post_init__(self) -> None:
         if not self.pairs:
@@ -122,6 +128,37 @@ class ContactSystem:
     def nlam(self) -> int:
         """Number of contacts."""
         return len(self.contacts)
+
+    @cached_property
+    def _sharp(self) -> Sharp | None:
+        return by_true_distance(self) if self.sharp is None else self.sharp
+
+    @cached_property
+    def sharpest(self) -> ContactSystem:
+        """The same system under the sharpest contact known for it, or the system itself.
+
+        True gaps at the next position and Coulomb friction with maximum dissipation, where the
+        model has expanded gaps or convex friction: same x, u, x_next, h and parameters, its own lam
+        and gap.
+        """
+        sharp = self._sharp
+        return self if sharp is None or sharp.build is None else sharp.build()
+
+    @property
+    def referee_note(self) -> str | None:
+        """What :attr:`sharpest` has that the model has not; None for a system without geometry."""
+        return None if self._sharp is None else self._sharp.note
+
+    @cached_property
+    def distance_names(self) -> tuple[str, ...]:
+        """Names of the entries of ``phi``: those of the contacts, then those of joint limits."""
+        count = 0 if self.phi is None else self.phi.numel()
+        kinds = [(pair.kind, signal.name) for pair, signal in zip(self.pairs, self.contacts,
+                                                                  strict=True)]  # fmt: skip
+        points = [name for kind, name in kinds if kind == "normal"]
+        points = points if self.forces is None else list(self.forces.names)
+        names = (*points, *(name for kind, name in kinds if kind == "limit"))
+        return names if len(names) == count else tuple(f"distance {i}" for i in range(count))
 
     @cached_property
     def deciding(self) -> list[int]:

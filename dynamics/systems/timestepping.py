@@ -7,6 +7,7 @@ from collections.abc import Callable
 import casadi as ca
 
 from dynamics.systems.parameters import ParameterTable, Signal
+from dynamics.systems.sharp import TRUE_GAPS, Sharp, is_affine, with_gap
 from dynamics.systems.system import ContactSystem, check_shape
 
 
@@ -31,7 +32,7 @@ def time_stepping(
     [N s], ``impulse`` the smooth impulse over one step [N s], ``distance`` maps q to phi [m].
 
     With gap = phi(q+) [m] the log-barrier weight converts as ``mu = h / kappa``
-    (pathologies, eq. 2-5).
+    (pathologies, eq. 2-5). Its sharpest contact has ``gap = phi(q+)``.
 
     Raises ``ValueError`` where a dimension does not fit.
     """
@@ -52,7 +53,11 @@ def time_stepping(
         q_next - q - h * v_next,
         mass @ (v_next - v) - smooth - J.T @ lam,
     )
-    return ContactSystem(
+
+    def with_true_gaps() -> ContactSystem:
+        return with_gap(system, distance(q_next), redundant=len(contacts) > nq)
+
+    system = ContactSystem(
         name=name,
         x=x,
         u=u,
@@ -68,4 +73,7 @@ def time_stepping(
         phi=phi,
         mu_per_kappa=h,
         citation=citation,
+        sharp=Sharp() if is_affine(phi, q) else Sharp(TRUE_GAPS, with_true_gaps),
+        refinable=True,
     )
+    return system

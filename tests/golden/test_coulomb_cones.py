@@ -20,7 +20,7 @@ from dynamics.systems import (
     quasi_dynamic,
     signals,
 )
-from dynamics.systems.friction import Cone
+from dynamics.systems.contact_rows import Cone
 
 H, G, FRICTION = 0.05, 9.81, 0.5
 CONES: tuple[Cone, ...] = ("linearised", "second-order")
