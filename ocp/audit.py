@@ -9,10 +9,9 @@ import numpy as np
 
 from dynamics.contact import Step
 from ocp.contact_book import ContactBook, contact_book
-from ocp.errors import NotConverged
 from ocp.findings import Audit, Violation
 from ocp.problem import Problem
-from ocp.rollout import Gains, Rollout, roll_out
+from ocp.rollout import Gains, Rollout, roll_on
 from ocp.solvers.solver import Result
 from ocp.transcription.nlp import NLP
 
@@ -109,7 +108,8 @@ def audit(
     """
     problem = nlp.problem
     physical = np.array([values[name] for name in problem.parameters.names])
-    replay = _replay(problem, plan, values)
+    inputs = plan.u if plan.gains is None else plan.gains
+    replay, unsolved = roll_on(problem, inputs, values, x0=plan.x[:, 0])
     products = np.abs(plan.lam * plan.gap)
     g = np.array(nlp.f_g(result.point.x, p)[1]).ravel()
     x_off = np.maximum(bounds["lbx"] - result.point.x, result.point.x - bounds["ubx"])
@@ -136,19 +136,9 @@ def audit(
         dissipated=book.dissipated,
         momentum_residual=book.momentum_residual,
         contacts=book.contacts,
+        replay_failed="" if unsolved is None else unsolved.brief,
     )
     return found, replay, book
-
-
-def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Rollout:
-    inputs = plan.u if plan.gains is None else plan.gains
-    try:
-        return roll_out(problem, inputs, values, x0=plan.x[:, 0])
-    except NotConverged:
-        empty = np.full_like(plan.x, np.nan), np.full_like(plan.u, np.nan)
-        shape = (*plan.u.shape[:2], problem.system.nlam)
-        nothing = np.full(shape, np.nan)
-        return Rollout(*empty, nothing, nothing, np.full(len(plan.x), np.nan))
 
 
 def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:

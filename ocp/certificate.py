@@ -17,7 +17,10 @@ Stationarity = Literal["B", "KKT", "not", "undecided"]
 RADII = (1e-3, 1e-4)
 """Trust regions, in characteristic sizes, in which a direction of descent is looked for."""
 _BIACTIVE = 1e-6
-_FLAT = 1e-5
+_FLAT = 1e-4
+_NOISE = 1e-9
+WITHIN = 1e-2
+"""How far, in characteristic sizes, a direction of descent is followed to tell what it gains."""
 SECONDS = 5.0
 """What the programs of one certificate may take in all."""
 
@@ -63,8 +66,10 @@ class Certificate:
     ``biactive`` counts pairs with both members below 1e-6 of their characteristic size;
     ``lpec_decrease`` is what the cost falls per unit of trust region, to first order, along the
     steepest direction that keeps complementarity, zero where certified; ``tolerance`` what counts
-    as zero: 1e-5 of the larger of |cost| and ``slope``, the scaled 1-norm of the cost's gradient,
-    which is what the cost would fall by without constraints. ``kkt_residual`` is the
+    as zero: 1e-4 of the larger of |cost| and ``slope``, the scaled 1-norm of the cost's gradient,
+    which is what the cost would fall by without constraints; within a hundredth of the sizes that
+    is a millionth of them. ``gain`` is what the direction gains within a hundredth of the sizes,
+    the Lagrangian's curvature counted. ``kkt_residual`` is the
     largest entry of the Lagrangian's projected gradient, over IPOPT's scale of the multipliers.
     ``negative_curvature`` counts directions along which the Lagrangian curves down on the active
     constraints' null space, -1 where that was not computed.
@@ -77,6 +82,7 @@ class Certificate:
     kkt_residual: float = float("nan")
     tolerance: float = float("nan")
     slope: float = float("nan")
+    gain: float = 0.0
     negative_curvature: int = -1
     moves: list[Move] = field(default_factory=list)
     reason: str = ""
@@ -96,11 +102,10 @@ class Certificate:
             return "stationary: no first-order move lowers the cost"
         if self.stationarity == "undecided":
             return f"stationarity undecided: {self.reason}"
-        gain = RADII[0] * 10 * self.lpec_decrease
         how = " and ".join(str(move) for move in self.moves[:3]) or "moving on as the contacts are"
         more = f" (and {len(self.moves) - 3} more)" if len(self.moves) > 3 else ""
         return (
-            f"not stationary: {how}{more} would lower the cost by about {gain:.2g}"
+            f"not stationary: {how}{more} would lower the cost by about {self.gain:.2g}"
             " within a hundredth of the characteristic sizes"
         )
 
@@ -111,6 +116,7 @@ def certify(
     p: np.ndarray,
     bounds: dict[str, np.ndarray],
     multipliers: np.ndarray | None = None,
+    cost_span: float = 0.0,
     seconds: float = SECONDS,
 ) -> Certificate:
     """Judge a feasible point ``x`` of ``nlp`` to first order, and count negative curvature.
@@ -128,6 +134,10 @@ def certify(
     B-stationary is a point at which the LPEC finds no descent for some rho; rho falls from 1e-3 to
     1e-4, so that a descent has to persist as the region shrinks (Leyffer and Munson 2007;
     Nurkanovic and Leyffer, arXiv 2501.13835). Constraints and bounds within 1e-4 count as active.
+
+    ``cost_span`` is what the cost changes by over characteristic sizes. A direction that gains less
+    than 1e-9 of that and of the cost, curvature counted, is none: at a cost of zero nothing else
+    tells a gradient from rounding.
     """
     began = time.perf_counter()
     f, gradient = (np.array(v).ravel() for v in nlp.gradient(x, p))
@@ -141,9 +151,14 @@ def certify(
     sizes = nlp.sizes()
     model = LinearModel.at(x, gradient, g, derivatives, bounds, sizes, pairs)
     slope = float(np.abs(model.cost).sum())
-    tolerance = _FLAT * max(abs(float(f[0])), slope, 1e-12)
+    tolerance = _FLAT * max(abs(float(f[0])), slope)
     verdict, strong, descent = _search(model, multipliers, tolerance, began + seconds)
     fitted = multipliers if multipliers is not None else fit_multipliers(model)
+    hessian, gain = _scaled_hessian(nlp, x, p, fitted, sizes), 0.0
+    if verdict == "not":
+        gain = _gain(descent, hessian)
+        if gain <= _NOISE * max(abs(float(f[0])), cost_span):
+            verdict, gain = "B", 0.0
     return Certificate(
         stationarity=verdict if complementary or verdict != "B" else "KKT",
         kind=("S" if strong else _kind(model, fitted)) if pairs.size and verdict == "B" else "",
@@ -152,7 +167,8 @@ def certify(
         kkt_residual=_kkt_residual(model, fitted, sizes),
         tolerance=tolerance,
         slope=slope,
-        negative_curvature=_curvature(nlp, model, x, p, fitted) if verdict == "B" else -1,
+        gain=gain,
+        negative_curvature=_curvature(model, hessian) if verdict == "B" else -1,
         moves=_moves(nlp, model, descent) if verdict == "not" else [],
         reason=descent.trouble,
         seconds=time.perf_counter() - began,
@@ -235,7 +251,7 @@ def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
     if not biactive.any():
         return "S"
     first, second = _reduced(model, multipliers)[model.pairs[:, biactive]]
-    zero = _FLAT * max(1e-12, float(np.abs(model.cost).max(initial=0.0)))
+    zero = _FLAT * float(np.abs(model.cost).max(initial=0.0))
     if np.all((first >= -zero) & (second >= -zero)):
         return "S"
     none = np.minimum(np.abs(first), np.abs(second)) <= zero
@@ -244,13 +260,22 @@ def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
     return "C" if np.all(none | (first * second >= 0)) else "W"
 
 
-def _curvature(
-    nlp: NLP, model: LinearModel, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray
-) -> int:
-    """Directions of negative curvature on the null space of the active constraints."""
+def _scaled_hessian(
+    nlp: NLP, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray
+) -> sp.csr_matrix:
     upper = sp.csr_matrix(nlp.hessian(x, p, 1.0, multipliers).sparse())
-    sizes = nlp.sizes()
-    hessian = sp.diags(sizes) @ (upper + sp.triu(upper, 1).T) @ sp.diags(sizes)
+    return sp.csr_matrix(sp.diags(sizes) @ (upper + sp.triu(upper, 1).T) @ sp.diags(sizes))
+
+
+def _gain(descent: Descent, hessian: sp.csr_matrix) -> float:
+    """Largest fall of ``decrease t - t² d'Hd / 2`` for t up to :data:`WITHIN`."""
+    bend = float(descent.step @ (hessian @ descent.step))
+    t = min(WITHIN, descent.decrease / bend) if bend > 0 else WITHIN
+    return descent.decrease * t - max(bend, 0.0) * t**2 / 2
+
+
+def _curvature(model: LinearModel, hessian: sp.csr_matrix) -> int:
+    """Directions of negative curvature on the null space of the active constraints."""
     free = (model.lower < 0) & (model.upper > 0)
     if model.pairs.size:
         held = model.pairs[np.argmin(model.members, axis=0), np.arange(model.pairs.shape[1])]

@@ -11,21 +11,27 @@ from typing import Any
 
 import numpy as np
 
-from ocp.audit import Trajectories, audit, feasible, trajectories
+from ocp.audit import audit, feasible, trajectories
 from ocp.certificate import Certificate, certify
-from ocp.errors import NotConverged
-from ocp.findings import Audit
+from ocp.findings import Audit, Refereed
 from ocp.labelled import label
 from ocp.landing import embedded
-from ocp.rollout import Rollout, roll_out, trajectory_costs
+from ocp.parting import Parting
+from ocp.physics import broken_constraints
+from ocp.problem import Problem
+from ocp.referee import Hearing, hear
+from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
 from ocp.session import Outcome, Session
 from ocp.solution import Solution, Status
 from ocp.solvers.homotopy import translate
 from ocp.studies.provenance import versions
+from ocp.verdict import UNJUDGED
 
 _FLAT = 1e-7
 _IDLE = 1e-6
 """Relative gain over standing still below which nothing was achieved."""
+_CONTENT = 1e-4
+"""Share of the cost's span below which its gradient wants nothing: standing still is the answer."""
 
 
 def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
@@ -38,18 +44,23 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
     found, replay, book = audit(nlp, result, plan, values, p, bounds)
     # Not the solver's f, which may hold a penalty on gains or on products of contact.
     physical = np.array([values[name] for name in session.problem.parameters.names])
-    cost = float(trajectory_costs(session.problem, plan.x, plan.u, physical).mean())
     kept = feasible(nlp, found)
-    certificate = certificate_of(session, outcome, plan) if kept else Certificate(
-        "undecided", reason="the point is not feasible"
-    )  # fmt: skip
-    idle = idle_cost(session, plan) if kept else float("nan")
+    costs = trajectory_costs(session.problem, plan.x, plan.u, physical)
+    rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, costs)
+    certificate = Certificate("undecided", reason=UNJUDGED)
+    idle, span = float("nan"), 0.0
+    if kept:
+        span = cost_span(session.problem, rolled, physical)
+        certificate = certificate_of(session, outcome, rolled, plan.gains, span)
+        idle = idle_cost(session, rolled)
+    heard = hear(session.problem, session.step, rolled, values, plan.gains)
     return Solution(
-        data=label(nlp, plan, replay, book, outcome, values),
-        cost=cost,
-        status=status_of(outcome, found, kept, certificate, cost, idle),
+        data=label(nlp, plan, replay, book, outcome, values, heard.referee.replay),
+        cost=rolled.cost,
+        status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
         audit=found,
         certificate=certificate,
+        referee=refereed(heard),
         idle_cost=idle,
         stages=outcome.trace.records,
         iterations=outcome.trace.iterations,
@@ -63,42 +74,90 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
     )
 
 
-def certificate_of(session: Session, outcome: Outcome, plan: Trajectories) -> Certificate:
+def certificate_of(
+    session: Session, outcome: Outcome, plan: Rollout, gains: Gains | None, span: float
+) -> Certificate:
     """Certify an outcome's point for the problem that was asked, see :func:`certify`."""
     nlp, point = session.judging_nlp(), outcome.result.point
     values = {**session.values, "penalty": 0.0}
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     if nlp is outcome.nlp:
-        return certify(nlp, point.x, p, bounds, point.lam_g)
+        return certify(nlp, point.x, p, bounds, point.lam_g, span)
     if nlp.method == outcome.nlp.method:
-        return certify(nlp, translate(point, outcome.nlp, nlp).x, p, bounds)
-    rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, np.zeros(0))
-    return certify(nlp, embedded(nlp, rolled, plan.gains), p, bounds)
+        return certify(nlp, translate(point, outcome.nlp, nlp).x, p, bounds, None, span)
+    return certify(nlp, embedded(nlp, plan, gains), p, bounds, None, span)
 
 
-def idle_cost(session: Session, plan: Trajectories) -> float:
+def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
+    """What the cost changes by, at most, as all states and inputs move by a characteristic size.
+
+    They move freely, not along a motion, so that no instability enters.
+    """
+    reference = problem.reference
+    costs = [
+        trajectory_costs(problem, plan.x + s * reference.x, plan.u + s * reference.u, physical)
+        for s in (-1.0, 1.0)
+    ]
+    return float(np.nan_to_num([np.abs(c - plan.costs).max() for c in costs]).max())
+
+
+def idle_cost(session: Session, plan: Rollout) -> float:
     """Cost under the law of holding the input before the first from where the plan starts.
 
-    NaN where that motion cannot be stepped through.
+    NaN where that motion cannot be stepped through, or breaks constraints that the plan keeps.
     """
     problem, values = session.problem, session.values
     physical = np.array([values[name] for name in problem.parameters.names])
     held = np.tile(np.array(problem.limits(physical)[1]).ravel(), (1, problem.N, 1))
-    try:
-        return roll_out(problem, held, values, session.step, plan.x[:, 0]).cost
-    except NotConverged:
+    idle, unsolved = roll_on(problem, held, values, session.step, plan.x[:, 0])
+    if unsolved is not None or broken_constraints(problem, idle.x, idle.u, physical):
         return float("nan")
+    return idle.cost
+
+
+def refereed(heard: Hearing) -> Refereed:
+    """What a run keeps of the referee's hearing; without geometry there is no referee."""
+    referee, survival, broken = heard.referee, heard.survival, list(heard.broken)
+    if referee.note is None:
+        return Refereed(note="no geometry", parting=_undetermined(heard.parting))
+    return Refereed(
+        cost=referee.cost,
+        gap=survival.state_gap,
+        survives=survival.survives,
+        reasons=list(survival.reasons),
+        note=referee.note,
+        refined_cost=referee.refined_cost,
+        refined_note=referee.refined_note,
+        penetration=heard.planned.penetration,
+        between=heard.planned.between,
+        force_distance=heard.planned.force_distance,
+        replay_penetration=heard.replayed.penetration,
+        replay_between=heard.replayed.between,
+        broken=[one.violation for one in broken],
+        parting=_undetermined(heard.parting),
+    )
+
+
+def _undetermined(parting: Parting | None) -> str:
+    if parting is None:
+        return ""
+    return (
+        f"the contact forces at step {parting.step} are not determined by the model"
+        f" ({', '.join(parting.contacts)}): from the same state and input it also goes elsewhere,"
+        f" {parting.distance:.2g} away"
+    )
 
 
 def status_of(
-    outcome: Outcome, found: Audit, kept: bool, certificate: Certificate, cost: float, idle: float
-) -> Status:
+    outcome: Outcome, found: Audit, kept: bool, certificate: Certificate, cost: float, idle: float,
+    span: float,
+) -> Status:  # fmt: skip
     """Turn audit, certificate and, where these find no answer, the solver's word into a status."""
     result, system = outcome.result, outcome.nlp.problem.system
     if not kept:
         return Status.INEXACT if result.ok else result.status
     blind = found.active_steps == 0 and found.task_gradient < _FLAT and system.nlam > 0
-    wants = certificate.slope > _IDLE * abs(cost)
+    wants = certificate.slope > _CONTENT * span
     if blind or (wants and cost >= idle - _IDLE * abs(idle)):
         return Status.NO_PROGRESS
     if certificate.certified:

@@ -22,6 +22,7 @@ def label(
     book: ContactBook,
     outcome: Outcome,
     values: dict[str, float],
+    refereed: Rollout,
 ) -> xr.Dataset:
     """Return the dataset that :class:`~ocp.solution.Solution` documents."""
     problem = nlp.problem
@@ -34,6 +35,8 @@ def label(
         data[name] = ((*along, "contact"), getattr(plan, name))
     data["x_replay"] = (("scenario", "node", "state"), replay.x)
     data["u_replay"] = ((*along, "control"), replay.u)
+    data["x_referee"] = (("scenario", "node", "state"), refereed.x)
+    data["u_referee"] = ((*along, "control"), refereed.u)
     data["lam_replay"] = ((*along, "contact_exact"), replay.lam)
     data["gap_replay"] = ((*along, "contact_exact"), replay.gap)
     for name, x in (("phi", plan.x), ("phi_replay", replay.x)):
@@ -121,7 +124,8 @@ def _add_units(data: xr.Dataset, problem: Problem) -> None:
     for dimension, values in units.items():
         data[f"{dimension}_unit"] = (dimension, values)
     per_entry = {
-        "x": "state_unit", "x_replay": "state_unit", "u": "control_unit",
+        "x": "state_unit", "x_replay": "state_unit", "x_referee": "state_unit",
+        "u": "control_unit", "u_referee": "control_unit",
         "u_replay": "control_unit", "lam": "contact_unit", "lam_replay": "contact_exact_unit",
     }  # fmt: skip
     contact_unit = system.contacts[0].unit if system.contacts else "1"

@@ -92,7 +92,9 @@ class LinearModel:
         reduced = self.cost + self.rows.T @ y
         lower, upper = self.box(radius)
         gained = -np.minimum(reduced * lower, reduced * upper).sum()
-        ends = np.stack([y * _finite(self.row_lower / radius), y * _finite(self.row_upper / radius)])
+        ends = np.stack(
+            [y * _finite(self.row_lower / radius), y * _finite(self.row_upper / radius)]
+        )
         return float(gained + ends.max(axis=0, initial=0.0).sum()) if y.size else float(gained)
 
     def descend(self, radius: float, branching: bool, seconds: float, cut: float) -> Descent:

@@ -11,7 +11,7 @@ import xarray as xr
 
 from dynamics.contact import ContactLaw
 from ocp.certificate import Certificate
-from ocp.findings import Audit
+from ocp.findings import Audit, Refereed
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.verdict import Grade, grade, verdict
@@ -64,12 +64,14 @@ class Solution:
     """A solved (or not) problem.
 
     ``certificate`` says whether the point is stationary for the problem that was asked,
-    ``referee`` what the sharpest contact makes of it, ``idle_cost`` what holding the input before the first would cost under the same law.
+    ``referee`` what the sharpest contact makes of it,
+    ``idle_cost`` what holding the input before the first would cost under the same law.
 
     ``data`` holds, labelled and with units, over dimensions scenario, node (N+1), interval (N),
     state, control, contact: ``x`` (scenario, node, state), ``u`` (scenario, interval, control),
     ``lam``, ``gap``, ``mu`` (scenario, interval, contact), their replay under the exact law
     ``x_replay``, ``u_replay``, ``lam_replay``, ``gap_replay`` (contact_exact: without branches),
+    under the referee ``x_referee``, ``u_referee``,
     ``phi``, ``phi_replay`` (scenario, node, distance) where the system knows its signed distance,
     with friction ``normal_impulse``, ``friction_impulse``, ``slip``, ``friction_bound`` (friction
     times normal impulse) and, as 0 or 1, ``acts``, ``slides``, ``weak`` (scenario, interval, point)

@@ -141,7 +141,7 @@ def best_of(solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
             "status": found.status.label,
             "cost": found.cost,
             "exact_cost": found.audit.exact_cost,
-            "referee_cost": getattr(getattr(found,"referee",None),"cost",float("nan")),
+            "referee_cost": found.referee.cost,
             "iterations": found.iterations,
             "chosen": found is best,
         }

@@ -24,6 +24,7 @@ def headline(found: Solution) -> str:
     word = found.status.value.partition(":")[0]
     parts = [f"{word.capitalize()}: cost {found.cost:.6g}", _exact(found), _refereed(found)]
     ending = {True: "survives", False: "does not survive", None: ""}[found.referee.survives]
+    ending = "" if found.status.label == "no-progress" else ending
     return ", ".join(part for part in parts if part) + (f"; {ending}." if ending else ".")
 
 
@@ -68,9 +69,9 @@ def _referee(found: Solution) -> str:
     who = f"referee: {heard.note}"
     if not heard.survives:
         who += "; it does not survive: " + "; ".join(heard.reasons[:3])
-    if math.isfinite(heard.refined_cost) and abs(
-        heard.refined_cost - heard.cost
-    ) > _NOTABLE * abs(heard.cost):
+    if math.isfinite(heard.refined_cost) and abs(heard.refined_cost - heard.cost) > _NOTABLE * abs(
+        heard.cost
+    ):
         who += f"; at a quarter of the step size it costs {heard.refined_cost:.6g}"
     return who
 

@@ -16,7 +16,8 @@ from rich.text import Text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ocp.findings import Audit
+    from ocp.certificate import Certificate
+    from ocp.findings import Audit, Refereed
     from ocp.solution import Solution, StageRecord
     from ocp.studies.store import StoredRun
     from problems.spec import Golden
@@ -126,11 +127,13 @@ def result_table(solution: Solution) -> Table:
     table.show_header = False
     rows = [
         ("cost under the chosen law", number(solution.cost, 8), ""),
-        ("cost under exact physics", number(audit.exact_cost, 8), "the plan replayed"),
+        ("cost under the exact law", number(audit.exact_cost, 8), "the plan replayed"),
+        *judged_rows(solution.certificate, solution.referee),
         ("complementarity", small(audit.complementarity), "max lam·gap"),
         ("", small(audit.complementarity_min), "max min(lam, gap)"),
         ("dynamics residual", small(audit.dynamics_residual), ""),
         ("penetration", small(audit.penetration), "m, by true signed distance"),
+        *distance_rows(solution.referee),
         ("state gap to the replay", small(audit.state_gap), "max |x - x_replay|"),
         ("iterations", str(solution.iterations), ""),
         ("build, solve", f"{solution.build_s:.2f}, {solution.solve_s:.2f}", "s"),
@@ -140,6 +143,40 @@ def result_table(solution: Solution) -> Table:
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def judged_rows(certificate: Certificate, referee: Refereed) -> list[tuple[str, str, str]]:
+    """What the referee and the certificate found, as name, number and explanation."""
+    rows = [("", "no referee", "the system has no geometry")]
+    if referee.survives is not None:
+        rows = [
+            ("cost under the referee", number(referee.cost, 8), referee.note),
+            ("largest state gap to it", small(referee.gap), ""),
+        ]
+    if math.isfinite(referee.refined_cost):
+        rows.append(("the same at h/4", number(referee.refined_cost, 8), "reported, not judged"))
+    kind = f", {certificate.kind}" if certificate.kind else ""
+    what = f"{certificate.biactive} pairs biactive" if certificate.kind else ""
+    rows += [
+        ("stationarity", f"{certificate.stationarity}{kind}", what),
+        ("KKT residual", small(certificate.kkt_residual), ""),
+    ]
+    if certificate.negative_curvature > 0:
+        rows.append(("negative curvature", str(certificate.negative_curvature), "directions"))
+    return rows
+
+
+def distance_rows(referee: Refereed) -> list[tuple[str, str, str]]:
+    """True lengths of the plan between nodes and at contact, with where they are largest."""
+    found = (
+        ("penetration between nodes", referee.between),
+        ("force acts at a distance of", referee.force_distance),
+    )
+    return [
+        (name, small(worst.amount), f"m, {worst.contact}, step {worst.step}" if worst.amount > 0
+         else "m")
+        for name, worst in found if worst is not None
+    ]  # fmt: skip
 
 
 def books(audit: Audit) -> list[tuple[str, float, str]]:
@@ -225,7 +262,7 @@ def violation_table(solution: Solution) -> Table:
 
 def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
     """The starts of a multi-start that did not win."""
-    keys = [key for key in ("start", "status", "cost", "exact_cost", "iterations") if
+    keys = [key for key in ("start", "status", "cost", "exact_cost", "referee_cost", "iterations") if
             any(key in other for other in others)]  # fmt: skip
     table = _table(*((key.replace("_", " "), "right") for key in keys), title="other starts")
     for other in others:

@@ -14,7 +14,9 @@ from reports.bibliography import full_citation
 from reports.console import (
     books,
     contact_rows,
+    distance_rows,
     idle_contacts,
+    judged_rows,
     knob_title,
     number,
     small,
@@ -34,7 +36,7 @@ def solve_page(view: RunView) -> Page:
     content = {
         **_head(view),
         "verdict": stored.meta["verdict"],
-        "success": solved,
+        "grade": stored.meta["grade"],
         "key": _key_numbers(view),
         "law": _law(view),
         "stages": [
@@ -102,7 +104,7 @@ def continuation_page(view: RunView) -> Page:
         "settings": [row for row in head["settings"] if row[0] != meta["over"]],
         "over": meta["over"],
         "verdict": meta["verdict"],
-        "success": bool(meta["success"]),
+        "grade": path_grade(meta["points"]) if meta["success"] else "failed",
         "points": rows,
         "law": _law(view),
         "key": [["iterations in all", str(meta["iterations"])], ["NLPs built",
@@ -110,6 +112,11 @@ def continuation_page(view: RunView) -> Page:
     }  # fmt: skip
     figures = {"path": path_figures.path(view), "states": path_figures.states(view)}
     return content, {name: figure for name, figure in figures.items() if figure is not None}
+
+
+def path_grade(points: list[dict[str, Any]]) -> str:
+    """Colour of a path that was followed to its end: whether every plan on it survives."""
+    return "survives" if all(point["survives"] for point in points) else "certified"
 
 
 def _head(view: RunView) -> dict[str, Any]:
@@ -149,12 +156,15 @@ def _key_numbers(view: RunView) -> list[list[str]]:
     meta, audit = view.run.meta, view.run.audit
     return [
         ["cost under the chosen law", number(meta["cost"], 8)],
-        ["cost under exact physics (replayed)", number(audit.exact_cost, 8)],
+        ["cost under the exact law (replayed)", number(audit.exact_cost, 8)],
+        *([name or "referee", value if not what or name.startswith("stat") else f"{value} ({what})"]
+          for name, value, what in judged_rows(view.run.certificate, view.run.referee)),
         ["complementarity, largest λ·gap", small(audit.complementarity)],
         ["complementarity, largest min(λ, gap)", small(audit.complementarity_min)],
         ["dynamics residual", small(audit.dynamics_residual)],
         ["constraint violation", small(audit.constraint_violation)],
         ["penetration by true signed distance [m]", small(audit.penetration)],
+        *([f"{name} [m]", value] for name, value, _ in distance_rows(view.run.referee)),
         ["largest distance of plan and replay, any state", small(audit.state_gap)],
         ["steps and contacts that are active", str(audit.active_steps)],
         *([f"{name} [{unit.partition(',')[0]}]", small(value)] for name, value, unit in

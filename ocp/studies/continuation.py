@@ -35,6 +35,9 @@ class PathPoint:
             "success": found.success,
             "cost": found.cost,
             "exact_cost": found.audit.exact_cost,
+            "referee_cost": found.referee.cost,
+            "survives": found.referee.survives,
+            "stationarity": found.certificate.stationarity,
             "iterations": found.iterations,
             "complementarity": found.audit.complementarity,
         }
@@ -122,7 +125,7 @@ def _add(path: Continuation, session: Session, outcome: Outcome, value: float, s
     point = PathPoint(value, solution)
     path.points.append(point)
     path.iterations += solution.iterations
-    good = solution.status in (Status.SOLVED, Status.NO_PROGRESS)
+    good = outcome.finished and solution.status in (Status.SOLVED, Status.NO_PROGRESS)
     if good and progress is not None:
         progress(point)
     return good

@@ -17,7 +17,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +27,7 @@ import xarray as xr
 
 from ocp.certificate import Certificate, Move
 from ocp.errors import DamagedRun, InputError
-from ocp.findings import Audit, ContactSummary, Violation
+from ocp.findings import Audit, ContactSummary, Refereed, Violation, Worst
 from ocp.problem import Problem
 from ocp.rollout import Gains
 from ocp.solution import Solution, StageRecord, Status
@@ -44,8 +44,8 @@ class StoredRun:
     """A run read back: labelled arrays, and everything else as plain JSON values.
 
     ``meta`` holds ``schema kind problem created argv versions revision seed hash checksum`` and,
-    for ``kind == "solve"``, ``record audit certificate idle_cost cost status verdict stages
-    iterations build_s solve_s others``.
+    for ``kind == "solve"``, ``record audit certificate referee idle_cost cost status verdict grade
+    stages iterations build_s solve_s others``.
     """
 
     path: Path
@@ -89,6 +89,19 @@ class StoredRun:
             return read(Certificate, {**found, "moves": [Move(**item) for item in found["moves"]]})
 
     @cached_property
+    def referee(self) -> Refereed:
+        """What the referee found; raises as :attr:`audit` does."""
+        with self._described():
+            found = self.meta["referee"]
+            lengths = {
+                field.name: Worst(**found[field.name]) if found[field.name] else None
+                for field in fields(Refereed)
+                if "Worst" in str(field.type)
+            }
+            broken = [Violation(**item) for item in found["broken"]]
+            return read(Refereed, {**found, **lengths, "broken": broken})
+
+    @cached_property
     def stages(self) -> list[StageRecord]:
         """Homotopy table of the solve; raises as :attr:`audit` does."""
         with self._described():
@@ -112,6 +125,7 @@ class StoredRun:
                 status=self.status,
                 audit=self.audit,
                 certificate=self.certificate,
+                referee=self.referee,
                 idle_cost=number(meta["idle_cost"]),
                 stages=self.stages,
                 iterations=meta["iterations"],
@@ -154,7 +168,9 @@ def save(solution: Solution, root: Path | str, argv: Sequence[str]) -> Path:
         "record": record,
         "audit": asdict(solution.audit),
         "certificate": asdict(solution.certificate),
+        "referee": asdict(solution.referee),
         "idle_cost": solution.idle_cost,
+        "grade": solution.grade,
         "cost": solution.cost,
         "status": solution.status.label,
         "verdict": solution.verdict,

@@ -35,6 +35,10 @@ SolverName = Annotated[str, typer.Option("--solver", help="ipopt, fatrop, uno or
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
 
 
+GRADES = {"survives": "green", "certified": "yellow", "failed": "red"}
+"""Colour of a verdict: certified and surviving, certified alone, neither."""
+
+
 class Output:
     """Results go to stdout, the rest to stderr; with ``--json`` stdout has JSON alone."""
 
@@ -57,6 +61,19 @@ class Output:
     def say(self, line: str) -> None:
         """Print a result line for people."""
         print(line, file=sys.stderr if self.as_json else sys.stdout)
+
+    def verdict(self, text: str, grade: str) -> None:
+        """Print a verdict, on a terminal its first line in its grade's colour."""
+        stream = sys.stderr if self.as_json else sys.stdout
+        if not stream.isatty():
+            self.say(text)
+            return
+        from rich.console import Console
+        from rich.text import Text
+
+        first, *others = text.split("\n")
+        lines = [Text(first, style=f"bold {GRADES[grade]}"), *map(Text, others)]
+        Console(file=stream, highlight=False).print(*lines, sep="\n")
 
     def document(self, content: dict[str, Any]) -> None:
         """Print the one JSON document, where it was asked for."""

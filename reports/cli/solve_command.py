@@ -26,8 +26,11 @@ from reports.cli.common import (
 
 if TYPE_CHECKING:
     from ocp.solution import Solution, StageRecord
+    from ocp.solve import Rank
 
 NOT_CONVERGED = 3
+RANKS: dict[str, Rank] = {"planned": "planned", "referee": "referee"}
+REQUIREMENTS = {"survives": "the referee's replay stays with the plan"}
 
 
 def run(
@@ -44,6 +47,13 @@ def run(
         typer.Option("--from", metavar="RUN", help="Start at a stored run of the same problem."),
     ] = None,
     starts: Annotated[int, typer.Option("--starts", min=1, help="Perturbed guesses.")] = 1,
+    rank: Annotated[
+        str, typer.Option("--rank", help="Several starts by their cost: planned or referee.")
+    ] = "planned",
+    require: Annotated[
+        str | None,
+        typer.Option("--require", metavar="survives", help="Exit 3 unless the plan survives."),
+    ] = None,
     seed: Seed = 0,
     out: Out = Path("runs"),
     pdf: Annotated[Path | None, typer.Option("--pdf", help="Write a report here.")] = None,
@@ -57,8 +67,12 @@ def run(
     from ocp.studies import store
     from reports import console
     from reports.cli import interrupt
+    from reports.cli.choices import choose
     from reports.cli.request import Request, check_pdf_place
 
+    rank_by = choose("rank", rank, RANKS)
+    if require is not None:
+        choose("requirement", require, REQUIREMENTS)
     asked = Request.read(
         problem=problem, params=params, contact=contact, law_settings=law_settings, method=method,
         policy_name=policy, solver=solver, settings=settings,
@@ -77,7 +91,7 @@ def run(
             solution = solve(
                 asked.problem, contact=asked.law, transcription=asked.method,
                 policy=asked.policy, solver=asked.solver, settings=asked.settings, starts=starts,
-                seed=seed, progress=told, start=origin,
+                seed=seed, progress=told, start=origin, rank_by=rank_by,
             )  # fmt: skip
         except Interrupted as stop:
             kept = store.save(asked.described(stop.solution), out, ["ocp", *sys.argv[1:]])
@@ -88,7 +102,7 @@ def run(
     show(output, solution)
     if solution.record["jit"] not in (None, "compiled"):
         output.say(f"jit: {solution.record['jit']}")
-    output.say(solution.verdict)
+    output.verdict(solution.verdict, solution.grade)
     output.say(f"run: {path}")
     if pdf is not None:
         from reports.pdf import write_pdf
@@ -96,7 +110,8 @@ def run(
         write_pdf([store.load(path)], pdf)
         output.say(f"PDF: {pdf}")
     output.document(document(solution, path, pdf))
-    return 0 if solution.success else NOT_CONVERGED
+    survives = require is None or bool(solution.referee.survives)
+    return 0 if solution.success and survives else NOT_CONVERGED
 
 
 def show(output: Output, solution: Solution) -> None:
@@ -137,11 +152,19 @@ def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[st
         **audit,
         "stationarity": certificate.stationarity,
         "stationarity_kind": certificate.kind,
-        **{key: getattr(certificate, key) for key in ("biactive", "lpec_decrease", "kkt_residual",
-                                                      "negative_curvature")},
+        **{
+            key: getattr(certificate, key)
+            for key in ("biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
+        },
         "moves": [str(move) for move in certificate.moves],
         "certificate_s": certificate.seconds,
         "idle_cost": solution.idle_cost,
+        "referee_cost": solution.referee.cost,
+        "referee_gap": solution.referee.gap,
+        "survives": solution.referee.survives,
+        "refined_cost": solution.referee.refined_cost,
+        "referee": asdict(solution.referee),
+        "grade": solution.grade,
         "stages": [asdict(stage) for stage in solution.stages],
         "others": solution.others,
         "run": str(path),

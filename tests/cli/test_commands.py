@@ -19,7 +19,7 @@ SOLVE_KEYS = {
     "dynamics_residual", "penetration", "run", "params", "seed", "versions",
 }  # fmt: skip
 POINT_KEYS = {"value", "status", "success", "cost", "exact_cost", "iterations", "complementarity"}
-TIMES = {
+TIMES = {"certificate_s",
     "build_s", "solve_s", "audit_s", "seconds", "evaluation_s", "solver_s", "iteration_s", "run",
     "pdf", "created",
 }  # fmt: skip

@@ -22,7 +22,7 @@ from dynamics.contact import Barrier
 from ocp import solve
 from ocp.certificate import Certificate, Move
 from ocp.errors import DamagedRun, InputError
-from ocp.findings import Audit, Violation
+from ocp.findings import Audit, Refereed, Violation, Worst
 from ocp.solution import Solution, StageRecord, Status
 from ocp.studies import store
 from problems import get
@@ -51,8 +51,12 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
     problem = get("wall-1d")
     values = dict(zip(problem.parameters.names, problem.parameters.values.tolist(), strict=True))
     certificate = Certificate("not", moves=[Move("opening contact", "wall", 0, 2, 4)])
+    refereed = Refereed(
+        3.0, 0.5, False, ["it costs 3"], "true gaps", force_distance=Worst(0.1, "wall", 0, 2)
+    )
     return Solution(
-        dataset(), cost, Status.SOLVED, audit, certificate, 9.0, [stage], 7, seconds, 2 * seconds, record,
+        dataset(), cost, Status.SOLVED, audit, certificate, refereed, 9.0, [stage], 7, seconds,
+        2 * seconds, record,
         problem=problem, values={**values, "contact.mu": 1e-3},
         others=[{"start": 1, "cost": 3.0, "seconds": seconds}],
     )  # fmt: skip
@@ -70,6 +74,7 @@ def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
     assert run.meta["verdict"] == original.verdict
     assert (again.cost, again.status, again.iterations) == (2.5, Status.SOLVED, 7)
     assert again.audit.worst == original.audit.worst
+    assert replace(again.referee, refined_cost=0.0) == replace(original.referee, refined_cost=0.0)
     assert again.certificate.moves == original.certificate.moves
     assert (again.certificate.stationarity, again.idle_cost) == ("not", 9.0)
     assert math.isnan(again.audit.exact_cost), "what JSON cannot hold comes back as NaN"
