@@ -8,8 +8,9 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from dynamics.systems import EnergyBook
-from ocp.problem import Problem
+from dynamics.systems import ContactSystem, EnergyBook
+from ocp.along import Along, mean_multipliers
+from ocp.problem import Problem, Reference
 from ocp.solution import ContactSummary
 
 _ACTS = 1e-6
@@ -55,13 +56,12 @@ def contact_book(
 ) -> ContactBook:  # fmt: skip
     """Keep the books of trajectories x (S, N+1, nx), u (S, N, nu), lam and gap (S, N, n).
 
-    Multipliers of a law with branches are averaged with the branches' weights.
+    Multipliers of a law with branches are averaged with the branches' weights. The contacts are
+    those of the step's system, which may be another than the problem's.
     """
-    system = problem.system
-    weights = np.array([node.weight for node in step.nodes])
-    branches = lam.reshape(*lam.shape[:2], len(weights), system.nlam)
-    mean = np.einsum("snbl,b->snl", branches, weights)
-    at = _Evaluation(problem, x, u, mean, physical)
+    system = step.system
+    mean = mean_multipliers(step, lam)
+    at = Along(problem, system, x, u, mean, physical)
     forces = system.forces
     if forces is None:
         names = tuple(signal.name for signal in system.contacts)
@@ -72,7 +72,7 @@ def contact_book(
         normal, tangential, slip, friction = at(
             forces.normal, forces.tangential, forces.slip, forces.friction
         )
-    weak = _weak_steps(problem, lam, gap, len(names))
+    weak = _weak_steps(system, problem.reference, lam, gap, len(names))
     h = at(ca.SX(system.h))[0]
     acts = normal > _ACTS * problem.reference.impulse
     slides = acts & (np.abs(slip) * h > _SLIDES * problem.reference.gap)
@@ -89,29 +89,11 @@ def contact_book(
     )  # fmt: skip
 
 
-class _Evaluation:
-    """Evaluates expressions in (x, u, x_next, lam, p) along trajectories, each (S, N, size)."""
-
-    def __init__(self, problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
-                 physical: np.ndarray) -> None:  # fmt: skip
-        system = problem.system
-        self.symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
-        self.shape = u.shape[:2]
-        columns = (x[:, :-1], u, x[:, 1:], lam)
-        self.values = [value.reshape(-1, value.shape[2]).T for value in columns]
-        self.physical = physical
-
-    def __call__(self, *expressions: ca.SX) -> list[np.ndarray]:
-        outputs = [ca.densify(expression) for expression in expressions]
-        function = ca.Function("along", self.symbols, outputs)
-        count = int(np.prod(self.shape))
-        found = function.map(count).call([*map(ca.DM, self.values), ca.DM(self.physical)])
-        return [np.array(value).T.reshape(*self.shape, -1) for value in found]
-
-
-def _weak_steps(problem: Problem, lam: np.ndarray, gap: np.ndarray, points: int) -> np.ndarray:
+def _weak_steps(
+    system: ContactSystem, reference: Reference, lam: np.ndarray, gap: np.ndarray, points: int
+) -> np.ndarray:
     """Whether a pair of the contact has both members near zero, (S, N, points)."""
-    pairs, reference = problem.system.pairs, problem.reference
+    pairs = system.pairs
     both = np.maximum(np.abs(lam) / reference.impulse, np.abs(gap) / reference.gap) < _WEAK
     weak = np.zeros((*lam.shape[:2], points), dtype=bool)
     for i in range(lam.shape[2]):
@@ -146,7 +128,7 @@ def _spans(acts: np.ndarray) -> list[tuple[int, int]]:
     return [(int(first), int(end) - 1) for first, end in pairs]
 
 
-def _books(book: EnergyBook | None, at: _Evaluation) -> tuple[float, float, float]:
+def _books(book: EnergyBook | None, at: Along) -> tuple[float, float, float]:
     """``energy_gain``, ``dissipated`` and ``momentum_residual``."""
     if book is None:
         return float("nan"), float("nan"), float("nan")

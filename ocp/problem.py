@@ -158,6 +158,12 @@ class Problem:
         return Exact().close(self.system)
 
     @cached_property
+    def referee_step(self) -> Step:
+        """The exact step under the sharpest contact that the system has, which referees plans."""
+        sharpest = self.system.sharpest
+        return self.exact_step if sharpest is self.system else Exact().close(sharpest)
+
+    @cached_property
     def signed_distance(self) -> ca.Function | None:
         """Map ``(x, p)`` to the true signed distance phi of every contact, or None if unknown."""
         if self.system.phi is None:

@@ -46,6 +46,27 @@ class Rollout:
         return float(self.costs.mean())
 
 
+@dataclass(frozen=True)
+class Unsolved:
+    """A step whose path could not be followed to its end: where, and how far its worst pair is off.
+
+    ``contact`` names that pair; ``violation`` is the step solver's scaled error, infinite where it
+    came to no number.
+    """
+
+    step: int
+    contact: str
+    scenario: int
+    violation: float
+
+    def __str__(self) -> str:
+        return (
+            f"contact {self.contact!r} was not solved at step {self.step} of scenario"
+            f" {self.scenario}: violation {self.violation:.1e}; the state there may be far out of"
+            " range"
+        )
+
+
 def roll_out(
     problem: Problem,
     inputs: np.ndarray | Gains,
@@ -62,41 +83,89 @@ def roll_out(
     Raises :class:`~ocp.errors.NotConverged`, naming contact, step and scenario, where the step's
     path could not be followed to its end.
     """
+    rolled, unsolved = roll_on(problem, inputs, values, law, x0)
+    if unsolved is not None:
+        raise NotConverged(str(unsolved))
+    return rolled
+
+
+def roll_on(
+    problem: Problem,
+    inputs: np.ndarray | Gains,
+    values: dict[str, float],
+    law: ContactLaw | Step | None = None,
+    x0: np.ndarray | None = None,
+    substeps: int = 1,
+) -> tuple[Rollout, Unsolved | None]:
+    """Roll out as :func:`roll_out` does, and say where it ended instead of raising.
+
+    A closed step may be that of another system with the same states, inputs and parameters as the
+    problem's, such as its ``sharpest``. A scenario whose step was not solved is NaN from the next
+    node on, and so is its cost; the first such step is returned, None where there is none.
+
+    With ``substeps`` every input, or the policy's answer at a node, is held over so many steps, and
+    what is returned are the problem's nodes and the last step before each; the step size must then
+    have been divided already, in ``values`` or in ``x0``.
+    """
     if law is None:
         step = problem.exact_step
     else:
         step = law if isinstance(law, Step) else law.close(problem.system)
-    own = problem.parameters if step is not law else problem.parameters + step.p
-    known = {name: value for name, value in values.items() if name in own}
-    p = np.array([known.get(parameter.name, parameter.value) for parameter in step.p])
+    p = step_values(problem, step, values, own=step is law)
     physical = np.array([values[name] for name in problem.parameters.names])
     start = problem.initial_states(physical) if x0 is None else np.atleast_2d(x0)
     lower, upper = (np.array(v).ravel() for v in problem.limits(physical)[2:4])
     S, N = len(start), problem.N
-    x = np.empty((S, N + 1, problem.system.nx))
-    u = np.empty((S, N, problem.system.nu))
-    lam, gap = np.empty((S, N, step.n)), np.empty((S, N, step.n))
+    x, u = np.full((S, N + 1, problem.system.nx), np.nan), np.empty((S, N, problem.system.nu))
+    lam, gap = np.full((S, N, step.n), np.nan), np.full((S, N, step.n), np.nan)
+    u[:] = np.nan if isinstance(inputs, Gains) else inputs
     x[:, 0] = start
-    for k in range(N):
-        for s in range(S):
+    lost: list[Unsolved] = []
+    for s in range(S):
+        for k in range(N):
             if isinstance(inputs, Gains):
                 u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
-            else:
-                u[s, k] = inputs[min(s, len(inputs) - 1), k]
-            after, lam_k, gap_k, error = step.solve(x[s, k], u[s, k], p)
-            _check(step, np.array(error).ravel(), s, k)
-            x[s, k + 1] = np.array(after).ravel()
-            lam[s, k], gap[s, k] = np.array(lam_k).ravel(), np.array(gap_k).ravel()
-    return Rollout(x, u, lam, gap, trajectory_costs(problem, x, u, physical))
+            after, lam_k, gap_k, error = _ahead(step, x[s, k], u[s, k], p, substeps)
+            if not np.all(error <= STEP_TOLERANCE):
+                worst = int(np.argmax(error))
+                lost.append(Unsolved(k, step.contacts[worst].name, s, float(error[worst])))
+                break
+            x[s, k + 1], lam[s, k], gap[s, k] = after, lam_k, gap_k
+    rolled = Rollout(x, u, lam, gap, trajectory_costs(problem, x, u, physical))
+    for one in lost:
+        rolled.costs[one.scenario] = np.nan
+    return rolled, min(lost, key=lambda one: one.step, default=None)
 
 
-def _check(step: Step, error: np.ndarray, scenario: int, k: int) -> None:
-    if not np.all(error <= STEP_TOLERANCE):
-        worst = int(np.nanargmax(np.where(np.isfinite(error), error, np.inf)))
-        raise NotConverged(
-            f"contact {step.contacts[worst].name!r} was not solved at step {k} of scenario"
-            f" {scenario}: violation {error[worst]:.1e}; the state there may be far out of range"
-        )
+def step_values(
+    problem: Problem, step: Step, values: dict[str, float], own: bool = True
+) -> np.ndarray:
+    """Values of a step's parameters: by name, and the law's own where ``values`` has none.
+
+    Without ``own`` the law's knobs are taken as the law was given them, whatever ``values`` says.
+    """
+    known = problem.parameters + step.p if own else problem.parameters
+    return np.array([
+        values.get(parameter.name, parameter.value) if parameter.name in known else parameter.value
+        for parameter in step.p
+    ])  # fmt: skip
+
+
+def _ahead(
+    step: Step, x: np.ndarray, u: np.ndarray, p: np.ndarray, substeps: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """State after the steps, multipliers and gaps of the last, and the largest error of any.
+
+    The error is infinite where a step came to no number: a single contact, solved in closed form,
+    has no error of its own that would tell.
+    """
+    lam, gap, largest = np.empty(step.n), np.empty(step.n), np.zeros(step.n)
+    for _ in range(substeps):
+        found = step.solve(x, u, p)
+        x, lam, gap, error = (np.array(value).ravel() for value in found)
+        right = np.isfinite(error) & np.isfinite(x).all()
+        largest = np.maximum(largest, np.where(right, error, np.inf))
+    return x, lam, gap, largest
 
 
 def trajectory_costs(
