@@ -26,6 +26,7 @@ class Along:
         self.physical = physical
 
     def __call__(self, *expressions: ca.SX) -> list[np.ndarray]:
+        """Evaluate the expressions at every scenario and step."""
         outputs = [ca.densify(expression) for expression in expressions]
         function = ca.Function("along", self.symbols, outputs)
         count = int(np.prod(self.shape))

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg as sla
 
 from ocp.curvature import negative_curvature
 from ocp.lpec import Descent, LinearModel
@@ -182,7 +183,7 @@ def _search(
 
     The flag tells strong stationarity: not even both members of near pairs may grow.
     """
-    nothing = Descent(0.0, np.zeros_like(model.cost), np.zeros(0, int), np.zeros(0), "", 0.0)
+    nothing = Descent(0.0, np.zeros_like(model.cost), np.zeros(0, int), np.zeros(0))
     if multipliers is not None and model.dual_bound(multipliers, RADII[0]) <= tolerance:
         return "B", True, nothing
     found = nothing
@@ -202,7 +203,7 @@ def _search(
 
 
 def _untold(reason: str) -> Descent:
-    return Descent(float("nan"), np.zeros(0), np.zeros(0, int), np.zeros(0), reason, 0.0)
+    return Descent(float("nan"), np.zeros(0), np.zeros(0, int), np.zeros(0), reason)
 
 
 def fit_multipliers(model: LinearModel) -> np.ndarray:
@@ -215,13 +216,15 @@ def fit_multipliers(model: LinearModel) -> np.ndarray:
     free[model.pairs[np.argmin(model.members, axis=0), np.arange(model.pairs.shape[1])]] = False
     at_lower, at_upper = model.row_lower == 0, model.row_upper == 0
     active = at_lower | at_upper
-    y = np.zeros(model.rows.shape[0])
+    y, inside = np.zeros(model.row_scale.size), np.flatnonzero(free)
     for _ in range(4):
-        A = model.rows[active][:, free]
-        augmented = sp.bmat([[sp.identity(A.shape[1]), A.T], [A, -1e-10 * sp.identity(A.shape[0])]])
-        right = np.concatenate([-model.cost[free], np.zeros(A.shape[0])])
+        acting = np.flatnonzero(active)
+        A = sp.csr_matrix(model.rows[acting][:, inside])
+        corner = -1e-10 * sp.identity(acting.size)
+        augmented = sp.csc_matrix(sp.bmat([[sp.identity(inside.size), A.T], [A, corner]]))
+        right = np.concatenate([-model.cost[inside], np.zeros(acting.size)])
         y[:] = 0.0
-        y[active] = sp.linalg.spsolve(sp.csc_matrix(augmented), right)[A.shape[1] :]
+        y[acting] = np.asarray(sla.spsolve(augmented, right))[inside.size :]
         wrong = active & (((y > 0) & ~at_upper) | ((y < 0) & ~at_lower))
         if not wrong.any():
             break

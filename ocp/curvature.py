@@ -10,7 +10,7 @@ _REGULAR = 1e-8
 _NOISE = 1e-7
 
 
-def negative_curvature(hessian: sp.spmatrix, constraints: sp.spmatrix) -> int:
+def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> int:
     """Count the negative eigenvalues of H on the null space of A; -1 where that failed.
 
     H (n, n) symmetric, A (m, n). By Haynsworth and Sylvester the matrix ``[[H + e I, A'],
@@ -18,10 +18,10 @@ def negative_curvature(hessian: sp.spmatrix, constraints: sp.spmatrix) -> int:
     small e; they are counted on the diagonal of its triangular factors, taken with symmetric
     pivots. Eigenvalues above -1e-7 of the largest entry of H do not count as negative.
     """
-    n, m = hessian.shape[0], constraints.shape[0]
+    n, m = hessian.indptr.size - 1, constraints.indptr.size - 1
     if n == 0:
         return 0
-    size = max(float(abs(hessian).max()), 1e-300)
+    size = max(float(np.abs(hessian.data).max(initial=0.0)), 1e-300)
     top = sp.identity(n) * _NOISE + hessian / size
     whole = sp.bmat([[top, constraints.T], [constraints, -_REGULAR * sp.identity(m)]], format="csc")
     try:

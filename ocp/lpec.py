@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -92,10 +92,8 @@ class LinearModel:
         reduced = self.cost + self.rows.T @ y
         lower, upper = self.box(radius)
         gained = -np.minimum(reduced * lower, reduced * upper).sum()
-        ends = np.stack(
-            [y * _finite(self.row_lower / radius), y * _finite(self.row_upper / radius)]
-        )
-        return float(gained + ends.max(axis=0, initial=0.0).sum()) if y.size else float(gained)
+        ends = [y * _finite(end / radius) for end in (self.row_lower, self.row_upper)]
+        return float(gained + np.maximum(*ends).sum())
 
     def descend(self, radius: float, branching: bool, seconds: float, cut: float) -> Descent:
         """Find the steepest feasible direction with ``|d_i| <= radius``.
@@ -104,42 +102,40 @@ class LinearModel:
         with it one member of each stays zero, by one binary a pair, and the search ends at the
         first direction that falls by more than ``cut`` per radius.
         """
-        began = time.perf_counter()
-        size = max(float(np.abs(self.cost).max(initial=0.0)), 1e-300)
-        lower, upper = self.box(radius)
         near = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
         n, count = self.cost.size, near.size
-        rows = [sp.hstack([self.rows, sp.csr_matrix((self.rows.shape[0], count))])]
+        found = _solved(*self._program(radius, near, cut), seconds)
+        if found.status == 2 and count:
+            return Descent(0.0, np.zeros(n), near, np.zeros(count))
+        if found.x is None:
+            return Descent(np.nan, np.zeros(n), near, np.zeros(count), str(found.message))
+        step = found.x[:n]
+        fall = max(0.0, -float(self.cost @ step))
+        return Descent(fall, step, near, np.round(found.x[n:]))
+
+    def _program(
+        self, radius: float, near: np.ndarray, cut: float
+    ) -> tuple[np.ndarray, tuple[Any, ...], tuple[Any, ...], np.ndarray]:
+        """Objective, rows, bounds and integrality over the direction and one binary a near pair."""
+        count, size = near.size, max(float(np.abs(self.cost).max(initial=0.0)), 1e-300)
+        none, one = np.zeros(count), np.ones(count)
+        lower, upper = self.box(radius)
+        objective = np.concatenate([self.cost / size, none])
+        rows = [sp.hstack([self.rows, sp.csr_matrix((self.row_scale.size, count))])]
         ends = [(self.row_lower / radius, self.row_upper / radius)]
         if count:
-            rows += self._branches(near, radius)
-            free = np.full(count, -np.inf)
             members = self._snapped()[:, near] / radius
-            ends += [(free, -members[0]), (free, np.ones(count))]
-            rows.append(sp.csr_matrix(np.concatenate([self.cost / size, np.zeros(count)])))
-            ends.append((np.array([-np.inf]), np.array([-cut / size])))
+            free = np.full(count, -np.inf)
+            rows += [*self._branches(near, members), sp.csr_matrix(objective)]
+            ends += [(free, -members[0]), (free, one), (free[:1], np.array([-cut / size]))]
         low, high = (np.concatenate(part) for part in zip(*ends, strict=True))
-        limits = Bounds(
-            np.concatenate([lower, np.zeros(count)]), np.concatenate([upper, np.ones(count)])
-        )
-        objective = np.concatenate([self.cost / size, np.zeros(count)])
-        whole = np.concatenate([np.zeros(n), np.ones(count)])
-        found = _solved(objective, LinearConstraint(sp.vstack(rows), low, high), limits, whole,
-                        seconds)  # fmt: skip
-        elapsed = time.perf_counter() - began
-        if found.status == 2 and count:
-            return Descent(0.0, np.zeros(n), near, np.zeros(count), "", elapsed)
-        if found.x is None:
-            return Descent(np.nan, np.zeros(n), near, np.zeros(count), found.message, elapsed)
-        step = found.x[:n]
-        return Descent(
-            max(0.0, -float(self.cost @ step)), step, near, np.round(found.x[n:]), "", elapsed
-        )
+        box = np.concatenate([lower, none]), np.concatenate([upper, one])
+        whole = np.concatenate([np.zeros(self.cost.size), one])
+        return objective, (sp.vstack(rows), low, high), box, whole
 
-    def _branches(self, near: np.ndarray, radius: float) -> list[sp.csr_matrix]:
+    def _branches(self, near: np.ndarray, members: np.ndarray) -> list[sp.csr_matrix]:
         """``l + d_l <= z (l + 1)`` and ``g + d_g <= (1 - z) (g + 1)``, all over the radius."""
         count, n = near.size, self.cost.size
-        members = self._snapped()[:, near] / radius
         at = np.arange(count), np.ones(count)
 
         def chosen(which: int) -> sp.csr_matrix:
@@ -163,8 +159,7 @@ class Descent:
     step: np.ndarray
     near: np.ndarray
     acts: np.ndarray
-    trouble: str
-    seconds: float
+    trouble: str = ""
 
 
 def _active(negative_slack: np.ndarray) -> np.ndarray:
@@ -177,12 +172,13 @@ def _finite(values: np.ndarray) -> np.ndarray:
 
 
 def _solved(
-    objective: np.ndarray, rows: LinearConstraint, limits: Bounds, whole: np.ndarray, seconds: float
-) -> OptimizeResult:
+    objective: np.ndarray, rows: tuple[Any, ...], box: tuple[Any, ...], whole: np.ndarray,
+    seconds: float,
+) -> OptimizeResult:  # fmt: skip
     """Solve by HiGHS; a second time without presolve where it ran into numerical trouble."""
     options = {"time_limit": seconds, "mip_rel_gap": 0.5}
-    found = milp(objective, constraints=rows, bounds=limits, integrality=whole, options=options)
+    given = {"constraints": LinearConstraint(*rows), "bounds": Bounds(*box), "integrality": whole}
+    found = milp(objective, options=options, **given)
     if found.status == 4:
-        options["presolve"] = False
-        found = milp(objective, constraints=rows, bounds=limits, integrality=whole, options=options)
+        found = milp(objective, options={**options, "presolve": False}, **given)
     return found

@@ -146,7 +146,7 @@ def _worst_entries(
     name: str, components: Sequence[str], off: np.ndarray, size: np.ndarray | float, first: int = 0
 ) -> list[Broken]:
     """Every component's worst violation of off (S, steps, n), the steps counted from ``first``."""
-    amounts = np.nan_to_num(off, nan=0.0)
+    amounts = np.maximum(np.nan_to_num(off, nan=0.0), 0.0)
     shares = amounts / size
     found = []
     for i, component in enumerate(components):
@@ -181,8 +181,7 @@ def _constraints_off(
     off, sizes = function.map(states.shape[1])(states, inputs, physical)
     shape = (*x.shape[:2], value.numel())
     # Where nothing changes a constraint to first order, any violation of it is a large one.
-    least = np.finfo(float).tiny
-    return np.array(off).T.reshape(shape), np.fmax(np.array(sizes).T.reshape(shape), least)
+    return np.array(off).T.reshape(shape), np.fmax(np.array(sizes).T.reshape(shape), 1e-12)
 
 
 def _row_sizes(value: ca.SX, of: ca.SX) -> ca.SX:

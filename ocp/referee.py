@@ -35,6 +35,10 @@ At the nodes true gaps leave none but rounding. In between the straight way cuts
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
 _LEAST_COST = 1e-9
+_KINDS = {
+    "bound on x": "bound on", "bound on u": "bound on", "path": "constraint",
+    "terminal": "terminal constraint", "periodic": "periodicity of",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -178,13 +182,7 @@ def survival(
         _, k, i = (int(v) for v in np.unravel_index(int(off.argmax()), off.shape))
         signal = problem.system.states[i]
         reasons.append(f"{signal.name} is {off.max():.2g} {signal.unit} off at node {k}")
-    for one in broken:
-        if one.share > CONSTRAINT_SHARE:
-            v = one.violation
-            reasons.append(
-                f"its {v.name} constraint on {v.component} is broken by {v.amount:.2g} at step"
-                f" {v.step}"
-            )
+    reasons += _what_breaks(broken)
     for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
         if worst is not None and worst.amount > PENETRATION_SHARE * problem.reference.gap:
             reasons.append(
@@ -192,3 +190,15 @@ def survival(
             )
             break
     return Survival(not reasons, tuple(reasons), float(excess), float(off.max()), share)
+
+
+def _what_breaks(broken: Sequence[Broken]) -> list[str]:
+    """One half sentence for every kind of constraint that is broken: its worst entry."""
+    worst: dict[str, Broken] = {}
+    for one in broken:
+        if one.share > CONSTRAINT_SHARE:
+            worst.setdefault(one.violation.name, one)
+    return [
+        f"its {_KINDS[v.name]} {v.component} is broken by {v.amount:.2g} at step {v.step}"
+        for v in (one.violation for one in worst.values())
+    ]

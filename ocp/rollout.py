@@ -130,15 +130,12 @@ def roll_on(
         for k in range(N):
             if isinstance(inputs, Gains):
                 u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
-            now, unsolved = x[s, k], None
-            for _ in range(substeps):
-                found = step.solve(now, u[s, k], p)
-                now, lam_k, gap_k, error = (np.array(value).ravel() for value in found)
-                unsolved = unsolved or _unsolved(step, error, s, k)
-            if unsolved is not None:
-                lost.append(unsolved)
+            after, lam_k, gap_k, error = _ahead(step, x[s, k], u[s, k], p, substeps)
+            if not np.all(error <= STEP_TOLERANCE):
+                worst = int(np.argmax(error))
+                lost.append(Unsolved(k, step.contacts[worst].name, s, float(error[worst])))
                 break
-            x[s, k + 1], lam[s, k], gap[s, k] = now, lam_k, gap_k
+            x[s, k + 1], lam[s, k], gap[s, k] = after, lam_k, gap_k
     rolled = Rollout(x, u, lam, gap, trajectory_costs(problem, x, u, physical))
     for one in lost:
         rolled.costs[one.scenario] = np.nan
@@ -159,12 +156,21 @@ def step_values(
     ])  # fmt: skip
 
 
-def _unsolved(step: Step, error: np.ndarray, scenario: int, k: int) -> Unsolved | None:
-    if np.all(error <= STEP_TOLERANCE):
-        return None
-    size = np.where(np.isfinite(error), error, np.inf)
-    worst = int(np.argmax(size))
-    return Unsolved(k, step.contacts[worst].name, scenario, float(size[worst]))
+def _ahead(
+    step: Step, x: np.ndarray, u: np.ndarray, p: np.ndarray, substeps: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """State after the steps, multipliers and gaps of the last, and the largest error of any.
+
+    The error is infinite where a step came to no number: a single contact, solved in closed form,
+    has no error of its own that would tell.
+    """
+    lam, gap, largest = np.empty(step.n), np.empty(step.n), np.zeros(step.n)
+    for _ in range(substeps):
+        found = step.solve(x, u, p)
+        x, lam, gap, error = (np.array(value).ravel() for value in found)
+        right = np.isfinite(error) & np.isfinite(x).all()
+        largest = np.maximum(largest, np.where(right, error, np.inf))
+    return x, lam, gap, largest
 
 
 def trajectory_costs(

@@ -262,8 +262,8 @@ def violation_table(solution: Solution) -> Table:
 
 def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
     """The starts of a multi-start that did not win."""
-    keys = [key for key in ("start", "status", "cost", "exact_cost", "referee_cost", "iterations") if
-            any(key in other for other in others)]  # fmt: skip
+    known = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")
+    keys = [key for key in known if any(key in other for other in others)]
     table = _table(*((key.replace("_", " "), "right") for key in keys), title="other starts")
     for other in others:
         table.add_row(

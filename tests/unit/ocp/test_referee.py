@@ -1,0 +1,391 @@
+"""The referee: what plans are worth under the sharpest contact, and what it says where not."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.contact import Barrier, Exact
+from dynamics.systems import ContactSystem
+from ocp import Constraint, Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
+from ocp.along import distances
+from ocp.parting import find_parting
+from ocp.physics import broken_constraints, least_between, measure
+from ocp.referee import Hearing, Referee, hear, referee, survival
+from ocp.rollout import Rollout, roll_on
+from problems import get
+from tests.unit.ocp.user_problems import defaults, rough_slope, round_a_post, two_grippers
+
+
+def plan_of(found: Solution) -> Rollout:
+    x, u, lam, gap = (found.data[name].values for name in ("x", "u", "lam", "gap"))
+    return Rollout(x, u, lam, gap, np.array([found.cost]))
+
+
+@functools.cache
+def solved(problem_of, law=None) -> tuple[Solution, Hearing]:
+    problem, law = problem_of(), law or Exact()
+    found = solve(problem, law, Direct(), starts=3)
+    assert found.success
+    return found, hear(problem, law.close(problem.system), plan_of(found), found.values)
+
+
+def physical(problem: Problem) -> np.ndarray:
+    return np.array([parameter.value for parameter in problem.parameters])
+
+
+# --- problems of users -----------------------------------------------------------------------
+
+
+def test_a_disc_pulled_round_a_post_survives_its_model_but_not_the_referee() -> None:
+    found, heard = solved(round_a_post)
+    assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-4)
+    assert heard.referee.note == "true gaps"
+    assert heard.referee.cost > 20 * found.cost
+    assert not heard.survival.survives
+    assert any("it costs" in reason for reason in heard.survival.reasons)
+    far, near = heard.planned.force_distance, heard.replayed.force_distance
+    assert far is not None
+    assert near is not None
+    assert far.amount > 0.05, "the model's contacts act at a distance"
+    x, k = found.data["x"].values[0], far.step + 1
+    names = {"push": (x[k, :2] - x[k, 2:], 0.3), "post": (x[k, :2], 0.5)}
+    between, radii = names[far.contact]
+    assert far.amount == pytest.approx(np.linalg.norm(between) - radii, rel=1e-9)
+    assert near.amount < 1e-6
+
+
+def test_with_true_gaps_the_same_problem_is_its_own_referee() -> None:
+    problem = round_a_post(linearised=False)
+    assert problem.system.sharpest is problem.system
+    assert problem.referee_step is problem.exact_step
+    inputs = np.random.default_rng(0).normal(scale=0.3, size=(1, problem.N, 2))
+    judged = referee(problem, inputs, defaults(problem), problem.initial_states(physical(problem)))
+    by_model = referee(round_a_post(), inputs, defaults(problem), judged.replay.x[:, 0])
+    np.testing.assert_allclose(judged.replay.x, by_model.replay.x, atol=1e-9)
+
+
+def off_the_slopes_laws(problem: Problem, v: float, v_next: float, u: float) -> float:
+    """How far cart and block, 1 kg each and moving as one, break Coulomb's laws; zero for none.
+
+    From ``2 (v+ - v) = h (u - 2 g sin) - T``, T the friction of the slope, and ``P = v+ - v + h g
+    sin + T`` the push of the face, whose own friction is what the slope's N leaves of the weight.
+    """
+    p = defaults(problem)
+    h, f, face = p["h"], p["friction"], p["face"]
+    along, across = (9.81 * trig(p["slope"]) for trig in (np.sin, np.cos))
+    rub = h * (u - 2 * along) - 2 * (v_next - v)
+    push = v_next - v + h * along + rub
+    # Sliding decides N; a block that rests may take the N that suits the face best.
+    normal = rub / f if v_next > 1e-6 else max(abs(rub) / f, h * across - face * push)
+    return max(0.0, -normal, -push, abs(rub) - f * normal, abs(h * across - normal) - face * push)
+
+
+def test_a_push_up_a_rough_slope_is_not_determined_and_the_step_is_named() -> None:
+    found, heard = solved(rough_slope)
+    parting = heard.parting
+    assert parting is not None
+    assert set(parting.contacts) <= {"slope", "face"}
+    assert parting.distance > 0.01
+    assert heard.referee.note == "the model itself"
+    assert heard.referee.cost > 2 * found.cost
+    assert not heard.survival.survives
+    # Both ends are the model's: by hand, the slope and the face allow either.
+    problem, k = found.problem, parting.step
+    x, u = found.data["x"].values[0], float(found.data["u"].values[0, k, 0])
+    solved_step = np.array(problem.exact_step.solve(x[k], u, physical(problem))[0]).ravel()
+    ends = x[k + 1], solved_step
+    for end in ends:
+        assert end[3] == pytest.approx(end[4], abs=1e-6)
+        assert off_the_slopes_laws(problem, x[k, 4], end[4], u) < 1e-5
+    assert ends[0][4] - ends[1][4] == pytest.approx(parting.distance, rel=1e-6)
+    assert off_the_slopes_laws(problem, x[k, 4], x[k + 1, 4] + 1.0, u) > 1e-2
+
+
+def test_a_determined_plan_does_not_part() -> None:
+    for name in ("push-1d", "planar-push", "hopper-1d"):
+        found = solve(get(name), Exact(), Direct())
+        plan = plan_of(found)
+        assert find_parting(found.problem, plan.x, plan.u, plan.lam, found.values) is None
+
+
+def test_a_smoothed_plan_is_no_second_solution() -> None:
+    """It obeys its own law, so that its way off the exact step is no freedom of the model."""
+    found = solve(rough_slope(), Barrier(mu=1e-2), Direct())
+    plan = plan_of(found)
+    assert find_parting(found.problem, plan.x, plan.u, plan.lam, found.values) is None
+
+
+def test_an_oiled_finger_grips_nothing() -> None:
+    found, heard = solved(two_grippers)
+    assert heard.survival.survives
+    assert heard.referee.note == "Coulomb friction with maximum dissipation"
+    assert found.data["x"].values[0, -1, 1] == pytest.approx(0.3, abs=0.02)
+    forces = found.problem.system.sharpest.forces
+    assert forces is not None
+    replay = heard.referee.replay
+    of = ca.Function("t", [found.problem.system.sharpest.lam], [ca.substitute(
+        forces.tangential, found.problem.parameters.vector, ca.SX(physical(found.problem))
+    )])  # fmt: skip
+    along = np.array(of.map(replay.lam.shape[1])(replay.lam[0].T))
+    assert np.abs(along[1]).max() == 0.0
+    assert np.abs(along[0]).max() > 0.01
+
+
+# --- replays that end ------------------------------------------------------------------------
+
+
+def test_a_replay_that_fails_is_kept_up_to_there() -> None:
+    problem = get("planar-push")
+    inputs = np.zeros((1, problem.N, 2))
+    inputs[0, 7] = np.nan
+    values, x0 = defaults(problem), problem.initial_states(physical(problem))
+    heard = referee(problem, inputs, values, x0)
+    assert heard.failed is not None
+    assert (heard.failed.step, heard.failed.scenario) == (7, 0)
+    assert heard.failed.contact.startswith("push")
+    assert np.isnan(heard.cost)
+    assert np.isfinite(heard.replay.x[0, :8]).all()
+    assert np.isnan(heard.replay.x[0, 8:]).all()
+    with pytest.raises(NotConverged, match="at step 7 of scenario 0"):
+        roll_out(problem, inputs, values, problem.referee_step, x0)
+    plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
+    verdict = survival(problem, plan, heard, measured(problem, heard), [])
+    assert not verdict.survives
+    assert verdict.reasons[0].startswith("step 7 did not solve, contact 'push")
+
+
+def measured(problem: Problem, heard: Referee):
+    r = heard.replay
+    return measure(problem, problem.referee_step, r.x, r.u, r.lam, physical(problem))
+
+
+def test_other_scenarios_go_on_where_one_fails() -> None:
+    problem = get("push-disc", scenarios=3)
+    inputs = np.zeros((3, problem.N, 2))
+    inputs[1, 4] = np.nan
+    rolled, unsolved = roll_on(problem, inputs, defaults(problem))
+    assert unsolved is not None
+    assert (unsolved.step, unsolved.scenario) == (4, 1)
+    assert list(np.isnan(rolled.costs)) == [False, True, False]
+
+
+# --- refinement ------------------------------------------------------------------------------
+
+
+def test_the_refined_cost_is_that_of_a_quarter_of_the_step() -> None:
+    problem, fine = get("ball-bounce"), get("ball-bounce", N=160)
+    inputs = np.random.default_rng(1).normal(size=(1, problem.N, 2))
+    values = defaults(problem)
+    x0 = problem.initial_states(physical(problem))
+    rolled = roll_out(fine, np.repeat(inputs, 4, axis=1), values | {"h": values["h"] / 4}, x0=x0)
+    coarse = rolled.x[:, ::4]
+    stage = sum(
+        float(problem.cost_terms(coarse[0, k], inputs[0, k], 0, physical(problem))[0])
+        for k in range(problem.N)
+    )
+    end = float(problem.cost_terms(coarse[0, -1], 0, 0, physical(problem))[1])
+    heard = referee(problem, inputs, values, x0)
+    assert heard.refined_cost == pytest.approx(stage + end, rel=1e-12)
+    assert heard.refined_cost != pytest.approx(heard.cost, rel=1e-6)
+
+
+def test_a_step_size_that_is_a_state_is_refined_too() -> None:
+    problem, fine = get("half-cheetah", N=3), get("half-cheetah", N=12)
+    x0 = problem.initial_states(physical(problem))
+    inputs = np.random.default_rng(2).uniform(-0.2, 0.2, size=(1, 3, 6))
+    quarter = x0.copy()
+    quarter[0, -1] /= 4
+    rolled = roll_out(fine, np.repeat(inputs, 4, axis=1), defaults(fine), x0=quarter)
+    v = rolled.x[0, :-1:4, 9:18]
+    cost = ((inputs**2).sum() + 1e-3 * (v**2).sum()) / 3
+    heard = referee(problem, inputs, defaults(problem), x0)
+    assert heard.refined_cost == pytest.approx(cost, rel=1e-9)
+    assert heard.replay.x[0, -1, -1] == x0[0, -1]
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [("push-1d", "part of the model"), ("wall-1d", "an input is the impulse of a step")],
+)
+def test_where_a_step_cannot_be_refined_the_reason_is_told(name: str, why: str) -> None:
+    problem = get(name)
+    inputs = np.zeros((1, problem.N, problem.system.nu))
+    heard = referee(problem, inputs, defaults(problem), problem.initial_states(physical(problem)))
+    assert np.isfinite(heard.cost)
+    assert np.isnan(heard.refined_cost)
+    assert why in heard.refined_note
+
+
+def test_a_policy_is_replayed_as_a_policy() -> None:
+    problem = get("push-disc")
+    K, k = np.zeros((1, 2, 4)), np.array([[0.2, 0.1]])
+    K[0, :, 2:] = 0.5 * np.eye(2)
+    x0 = problem.initial_states(physical(problem))
+    heard = referee(problem, Gains(K, k), defaults(problem), x0)
+    x, u = heard.replay.x[0], heard.replay.u[0]
+    np.testing.assert_allclose(u, np.clip(x[:-1] @ K[0].T + k[0], -3, 3), atol=1e-14)
+    again = referee(problem, heard.replay.u, defaults(problem), x0)
+    np.testing.assert_array_equal(again.replay.x, heard.replay.x)
+
+
+# --- measures --------------------------------------------------------------------------------
+
+
+def test_a_fast_disc_does_not_pass_through_another_unnoticed() -> None:
+    """Nodes a metre off on either side: the least distance is where the way passes the centre."""
+    problem = get("push-disc", N=2)
+    x = np.array([[[0.0, 0, -1.0, 0.2], [0.0, 0, 1.1, 0.2], [0.0, 0, 1.1, 0.2]]])
+    rolled = np.zeros((1, 2, 2)), np.zeros((1, 2, 1))
+    found = measure(problem, problem.exact_step, x, *rolled, physical(problem))
+    assert found.penetration is not None
+    assert found.between is not None
+    assert found.penetration.amount == 0.0
+    assert found.between.amount == pytest.approx(0.6 - 0.2, rel=1e-9)
+    assert (found.between.contact, found.between.step) == ("push", 0)
+
+
+def test_distances_between_nodes_of_discs_are_exact() -> None:
+    problem = get("push-disc")
+    x = np.random.default_rng(3).normal(scale=2.0, size=(4, 51, 4))
+    apart = x[..., :2] - x[..., 2:]
+    start, way = apart[:, :-1], np.diff(apart, axis=1)
+    share = np.clip(-(start * way).sum(-1) / (way**2).sum(-1), 0, 1)
+    exact = np.linalg.norm(start + share[..., None] * way, axis=-1) - 0.6
+    found = least_between(problem, x, physical(problem))[..., 0]
+    np.testing.assert_allclose(found, exact, atol=1e-8)
+
+
+def test_distances_between_nodes_of_a_turning_box_are_those_of_dense_samples() -> None:
+    problem = get("planar-push")
+    x = np.random.default_rng(4).normal(scale=0.6, size=(1, 21, 5))
+    share = np.linspace(0, 1, 4001)[:, None]
+    dense = x[:, :-1, None] + share * np.diff(x, axis=1)[:, :, None]
+    least = distances(problem, dense, physical(problem)).min(axis=2)
+    found = least_between(problem, x, physical(problem))
+    np.testing.assert_allclose(found, least, atol=2e-3)
+
+
+def test_the_distance_of_a_barriers_force_is_its_own() -> None:
+    """Under mu the force at the gap d is mu / d: it counts down to the share of the impulse."""
+    _, heard = solved(lambda: get("push-1d"), Barrier(mu=1e-3))
+    far = heard.planned.force_distance
+    assert far is not None
+    assert 1e-2 < far.amount <= 1e-3 / (1e-3 * 0.5)
+
+
+def test_convex_friction_acts_at_a_distance_and_the_referee_does_not() -> None:
+    _, heard = solved(lambda: get("planar-push"))
+    assert heard.planned.force_distance is not None
+    assert heard.replayed.force_distance is not None
+    assert heard.planned.force_distance.amount > 0.05
+    assert heard.replayed.force_distance.amount < 1e-9
+    assert heard.replayed.penetration is not None
+    assert heard.replayed.penetration.amount < 1e-9
+
+
+# --- constraints of the replay ---------------------------------------------------------------
+
+
+def test_broken_constraints_are_named_with_step_and_amount() -> None:
+    problem = get("planar-hand")
+    p = physical(problem)
+    x = np.repeat(problem.initial_states(p)[:, None], problem.N + 1, axis=1)
+    u = x[:, :-1, 3:].copy()
+    assert broken_constraints(problem, x, u, p) == []
+    x_upper = np.array(problem.limits(p)[5]).ravel()
+    x[0, 12, 4] = x_upper[4] + 0.2
+    u[0, 12, 1] = x[0, 12, 4]
+    u[0, 5, 0] += float(get("planar-hand").parameters.get("reach").value) + 0.05
+    first, second = broken_constraints(problem, x, u, p)[:2]
+    assert (first.violation.name, first.violation.component) == ("bound on x", "l2")
+    assert (first.violation.step, first.violation.amount) == (12, pytest.approx(0.2))
+    assert first.share == pytest.approx(0.2 / problem.reference.x)
+    assert (second.violation.component, second.violation.step) == ("reach[0]", 5)
+    assert second.violation.amount == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_the_share_of_a_constraint_does_not_depend_on_how_it_is_written(scale: float) -> None:
+    problem = get("push-1d")
+    end = Constraint("end", scale * problem.system.x[0], scale * 0.3, ca.inf)
+    problem = replace(problem, terminal=[end])
+    x = np.zeros((1, problem.N + 1, 2))
+    found = broken_constraints(problem, x, np.zeros((1, problem.N, 1)), physical(problem))
+    assert len(found) == 1
+    assert found[0].violation.name == "terminal"
+    assert found[0].violation.step == problem.N
+    assert found[0].violation.amount == pytest.approx(0.3 * scale)
+    assert found[0].share == pytest.approx(0.3 / problem.reference.x)
+
+
+def test_a_broken_period_of_a_chosen_start_is_named() -> None:
+    problem = get("half-cheetah", N=4)
+    p = physical(problem)
+    x = np.repeat(problem.initial_states(p)[:, None], 5, axis=1)
+    x[0, :, 0] = np.linspace(0, 4 * x[0, 0, -1], 5)
+    u = np.zeros((1, 4, 6))
+    assert broken_constraints(problem, x, u, p) == []
+    x[0, -1, 12] += 1.5
+    (found,) = broken_constraints(problem, x, u, p)
+    names = [signal.name for signal in problem.system.states]
+    assert (found.violation.name, found.violation.component) == ("periodic", names[12])
+    assert (found.violation.step, found.violation.amount) == (4, pytest.approx(1.5))
+
+
+# --- survival --------------------------------------------------------------------------------
+
+
+def test_what_survives_is_within_its_shares() -> None:
+    """Around a plan that survives, each measure moved across its bound alone is a reason."""
+    found, heard = solved(lambda: get("push-disc"))
+    problem, plan = found.problem, plan_of(found)
+    assert heard.survival.survives
+    assert heard.survival.reasons == ()
+    assert heard.survival.cost_excess == pytest.approx(heard.referee.cost / found.cost - 1)
+    clean = replace(heard.referee, replay=plan, cost=found.cost)
+
+    def verdict(judged: Referee, broken=()) -> tuple[str, ...]:
+        return survival(problem, plan, judged, heard.replayed, broken).reasons
+
+    assert verdict(clean) == ()
+    assert verdict(replace(clean, cost=1.09 * found.cost)) == ()
+    assert len(verdict(replace(clean, cost=1.11 * found.cost))) == 1
+    assert verdict(replace(clean, cost=0.5 * found.cost)) == ()
+    for off, count in ((0.04, 0), (0.06, 1)):
+        x = plan.x.copy()
+        x[0, 3, 1] += off
+        reasons = verdict(replace(clean, replay=replace(plan, x=x)))
+        assert len(reasons) == count
+        assert reasons in ((), ("oy is 0.06 m off at node 3",))
+    for off, count in ((0.004, 0), (0.03, 1)):
+        u = plan.u.copy()
+        u[0, 2, 0] = 3.0 + off
+        broken = broken_constraints(problem, plan.x, u, physical(problem))
+        assert len(broken) == 1
+        reasons = verdict(clean, broken)
+        assert len(reasons) == count
+        assert reasons in ((), ("its bound on ux is broken by 0.03 at step 2",))
+
+
+def test_bodies_in_one_another_do_not_survive() -> None:
+    """ball-throw's scheme lets one node lie below the floor, and that is told."""
+    found, heard = solved(lambda: get("ball-throw"))
+    assert heard.referee.cost == pytest.approx(found.cost, rel=1e-9)
+    assert heard.survival.reasons == ("floor is penetrated by 0.051 at node 34",)
+
+
+def test_a_system_without_geometry_says_so() -> None:
+    problem = get("box-slide")
+    unknown: ContactSystem = replace(problem.system, sharp=None)
+    assert unknown.referee_note is None
+    inputs = np.zeros((1, problem.N, 1))
+    x0 = problem.initial_states(physical(problem))
+    heard = referee(replace(problem, system=unknown), inputs, defaults(problem), x0)
+    assert heard.note is None
+    assert heard.cost == referee(problem, inputs, defaults(problem), x0).cost
+    assert measured(problem, heard).between is None
