@@ -18,7 +18,13 @@ from ocp.physics import broken_constraints, least_between, measure
 from ocp.referee import Hearing, Referee, hear, referee, survival
 from ocp.rollout import Rollout, roll_on
 from problems import get
-from tests.unit.ocp.user_problems import defaults, rough_slope, round_a_post, two_grippers
+from tests.unit.ocp.user_problems import (
+    defaults,
+    ring,
+    rough_slope,
+    round_a_post,
+    two_grippers,
+)
 
 
 def plan_of(found: Solution) -> Rollout:
@@ -118,6 +124,40 @@ def test_a_smoothed_plan_is_no_second_solution() -> None:
     found = solve(rough_slope(), Barrier(mu=1e-2), Direct())
     plan = plan_of(found)
     assert find_parting(found.problem, plan.x, plan.u, plan.lam, found.values) is None
+
+
+def test_a_plan_that_hops_through_a_disc_is_one_of_two_ends_of_its_step() -> None:
+    """With true gaps alone a pusher may end on the far side; or it may push, as the path does."""
+    problem = round_a_post(N=1, linearised=False)
+    x = np.array([[[0.7, 0.1, 0.7, -0.3], [0.7, 0.1, 0.7, 0.5]]])
+    u, lam = x[:, 1:, 2:], np.zeros((1, 1, 3))
+    parting = find_parting(problem, x, u, lam, defaults(problem))
+    assert parting is not None
+    assert (parting.step, parting.scenario, parting.contacts) == (0, 0, ("push",))
+    found = measure(problem, problem.exact_step, x, u, lam, physical(problem))
+    assert found.penetration is not None
+    assert found.between is not None
+    assert found.penetration.amount == 0.0
+    assert found.between.amount == pytest.approx(0.3, rel=1e-6)
+    assert (found.between.contact, found.between.step) == ("push", 0)
+
+
+def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
+    """From speed 20 no push along the normal where the step began leads back inside."""
+    problem = ring(h=0.1, speed=20.0)
+    values, x0 = defaults(problem), problem.initial_states(physical(problem))
+    plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
+    heard = hear(problem, problem.exact_step, plan, values)
+    assert heard.planned.penetration is not None
+    radius = np.linalg.norm(plan.x[0, :, :2], axis=1).max()
+    assert heard.planned.penetration.amount == pytest.approx(radius - 1.0, rel=1e-12)
+    assert radius > 2.0
+    assert heard.referee.failed is not None
+    assert heard.survival.reasons[0] == "step 0 did not solve, contact 'ring'"
+    slow = ring(h=0.01, speed=2.0)
+    judged = referee(slow, np.zeros((1, slow.N, 2)), defaults(slow), x0 * [1, 1, 1, 0.1])
+    assert judged.failed is None
+    assert np.linalg.norm(judged.replay.x[0, :, :2], axis=1).max() < 1 + 1e-9
 
 
 def test_an_oiled_finger_grips_nothing() -> None:
