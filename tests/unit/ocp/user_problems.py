@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 from dynamics.systems import (
     Mechanism,
@@ -20,6 +21,11 @@ from ocp.problem import Problem, Reference
 def defaults(problem: Problem) -> dict[str, float]:
     """Values of a problem's parameters by name."""
     return {parameter.name: parameter.value for parameter in problem.parameters}
+
+
+def physical(problem: Problem) -> np.ndarray:
+    """Values of a problem's parameters in their order."""
+    return problem.parameters.values
 
 
 def round_a_post(N: int = 10, linearised: bool = True) -> Problem:
