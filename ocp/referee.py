@@ -176,6 +176,8 @@ def survival(
     reasons = []
     if heard.failed is not None:
         reasons.append(heard.failed.brief)
+    elif not math.isfinite(share):
+        reasons.append("it leads to states that are no numbers")
     if excess > COST_SHARE:
         reasons.append(f"it costs {heard.cost:.6g} instead of {plan.cost:.6g}")
     if share > STATE_SHARE:

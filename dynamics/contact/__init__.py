@@ -5,10 +5,20 @@ from dynamics.contact.barrier import Barrier
 from dynamics.contact.exact import Exact
 from dynamics.contact.law import ContactLaw
 from dynamics.contact.randomized import Randomized
+from dynamics.contact.relinearised import Relinearised
 from dynamics.contact.step import Step
 
 LAWS: dict[str, type[ContactLaw]] = {
     law.name: law for law in (Exact, Barrier, Adaptive, Randomized)
 }
 
-__all__ = ["LAWS", "Adaptive", "Barrier", "ContactLaw", "Exact", "Randomized", "Step"]
+__all__ = [
+    "LAWS",
+    "Adaptive",
+    "Barrier",
+    "ContactLaw",
+    "Exact",
+    "Randomized",
+    "Relinearised",
+    "Step",
+]

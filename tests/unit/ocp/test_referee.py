@@ -11,14 +11,20 @@ import pytest
 
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem
-from ocp import Constraint, Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
-from ocp.along import distances
+from ocp import Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
 from ocp.parting import find_parting
-from ocp.physics import broken_constraints, least_between, measure
+from ocp.physics import broken_constraints, measure
 from ocp.referee import Hearing, Referee, hear, referee, survival
 from ocp.rollout import Rollout, roll_on
 from problems import get
-from tests.unit.ocp.user_problems import defaults, rough_slope, round_a_post, two_grippers
+from tests.unit.ocp.user_problems import (
+    defaults,
+    physical,
+    ring,
+    rough_slope,
+    round_a_post,
+    two_grippers,
+)
 
 
 def plan_of(found: Solution) -> Rollout:
@@ -32,10 +38,6 @@ def solved(problem_of, law=None) -> tuple[Solution, Hearing]:
     found = solve(problem, law, Direct(), starts=3)
     assert found.success
     return found, hear(problem, law.close(problem.system), plan_of(found), found.values)
-
-
-def physical(problem: Problem) -> np.ndarray:
-    return np.array([parameter.value for parameter in problem.parameters])
 
 
 # --- problems of users -----------------------------------------------------------------------
@@ -118,6 +120,40 @@ def test_a_smoothed_plan_is_no_second_solution() -> None:
     found = solve(rough_slope(), Barrier(mu=1e-2), Direct())
     plan = plan_of(found)
     assert find_parting(found.problem, plan.x, plan.u, plan.lam, found.values) is None
+
+
+def test_a_plan_that_hops_through_a_disc_is_one_of_two_ends_of_its_step() -> None:
+    """With true gaps alone a pusher may end on the far side; or it may push, as the path does."""
+    problem = round_a_post(N=1, linearised=False)
+    x = np.array([[[0.7, 0.1, 0.7, -0.3], [0.7, 0.1, 0.7, 0.5]]])
+    u, lam = x[:, 1:, 2:], np.zeros((1, 1, 3))
+    parting = find_parting(problem, x, u, lam, defaults(problem))
+    assert parting is not None
+    assert (parting.step, parting.scenario, parting.contacts) == (0, 0, ("push",))
+    found = measure(problem, problem.exact_step, x, u, lam, physical(problem))
+    assert found.penetration is not None
+    assert found.between is not None
+    assert found.penetration.amount == 0.0
+    assert found.between.amount == pytest.approx(0.3, rel=1e-6)
+    assert (found.between.contact, found.between.step) == ("push", 0)
+
+
+def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
+    """From speed 20 no push along the normal where the step began leads back inside."""
+    problem = ring(h=0.1, speed=20.0)
+    values, x0 = defaults(problem), problem.initial_states(physical(problem))
+    plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
+    heard = hear(problem, problem.exact_step, plan, values)
+    assert heard.planned.penetration is not None
+    radius = np.linalg.norm(plan.x[0, :, :2], axis=1).max()
+    assert heard.planned.penetration.amount == pytest.approx(radius - 1.0, rel=1e-12)
+    assert radius > 2.0
+    assert heard.referee.failed is not None
+    assert heard.survival.reasons[0] == "step 0 did not solve, contact 'ring'"
+    slow = ring(h=0.01, speed=2.0)
+    judged = referee(slow, np.zeros((1, slow.N, 2)), defaults(slow), x0 * [1, 1, 1, 0.1])
+    assert judged.failed is None
+    assert np.linalg.norm(judged.replay.x[0, :, :2], axis=1).max() < 1 + 1e-9
 
 
 def test_an_oiled_finger_grips_nothing() -> None:
@@ -233,41 +269,7 @@ def test_a_policy_is_replayed_as_a_policy() -> None:
     np.testing.assert_array_equal(again.replay.x, heard.replay.x)
 
 
-# --- measures --------------------------------------------------------------------------------
-
-
-def test_a_fast_disc_does_not_pass_through_another_unnoticed() -> None:
-    """Nodes a metre off on either side: the least distance is where the way passes the centre."""
-    problem = get("push-disc", N=2)
-    x = np.array([[[0.0, 0, -1.0, 0.2], [0.0, 0, 1.1, 0.2], [0.0, 0, 1.1, 0.2]]])
-    rolled = np.zeros((1, 2, 2)), np.zeros((1, 2, 1))
-    found = measure(problem, problem.exact_step, x, *rolled, physical(problem))
-    assert found.penetration is not None
-    assert found.between is not None
-    assert found.penetration.amount == 0.0
-    assert found.between.amount == pytest.approx(0.6 - 0.2, rel=1e-9)
-    assert (found.between.contact, found.between.step) == ("push", 0)
-
-
-def test_distances_between_nodes_of_discs_are_exact() -> None:
-    problem = get("push-disc")
-    x = np.random.default_rng(3).normal(scale=2.0, size=(4, 51, 4))
-    apart = x[..., :2] - x[..., 2:]
-    start, way = apart[:, :-1], np.diff(apart, axis=1)
-    share = np.clip(-(start * way).sum(-1) / (way**2).sum(-1), 0, 1)
-    exact = np.linalg.norm(start + share[..., None] * way, axis=-1) - 0.6
-    found = least_between(problem, x, physical(problem))[..., 0]
-    np.testing.assert_allclose(found, exact, atol=1e-8)
-
-
-def test_distances_between_nodes_of_a_turning_box_are_those_of_dense_samples() -> None:
-    problem = get("planar-push")
-    x = np.random.default_rng(4).normal(scale=0.6, size=(1, 21, 5))
-    share = np.linspace(0, 1, 4001)[:, None]
-    dense = x[:, :-1, None] + share * np.diff(x, axis=1)[:, :, None]
-    least = distances(problem, dense, physical(problem)).min(axis=2)
-    found = least_between(problem, x, physical(problem))
-    np.testing.assert_allclose(found, least, atol=2e-3)
+# --- forces at a distance ------------------------------------------------------------------------
 
 
 def test_the_distance_of_a_barriers_force_is_its_own() -> None:
@@ -286,55 +288,6 @@ def test_convex_friction_acts_at_a_distance_and_the_referee_does_not() -> None:
     assert heard.replayed.force_distance.amount < 1e-9
     assert heard.replayed.penetration is not None
     assert heard.replayed.penetration.amount < 1e-9
-
-
-# --- constraints of the replay ---------------------------------------------------------------
-
-
-def test_broken_constraints_are_named_with_step_and_amount() -> None:
-    problem = get("planar-hand")
-    p = physical(problem)
-    x = np.repeat(problem.initial_states(p)[:, None], problem.N + 1, axis=1)
-    u = x[:, :-1, 3:].copy()
-    assert broken_constraints(problem, x, u, p) == []
-    x_upper = np.array(problem.limits(p)[5]).ravel()
-    x[0, 12, 4] = x_upper[4] + 0.2
-    u[0, 12, 1] = x[0, 12, 4]
-    u[0, 5, 0] += float(get("planar-hand").parameters.get("reach").value) + 0.05
-    first, second = broken_constraints(problem, x, u, p)[:2]
-    assert (first.violation.name, first.violation.component) == ("bound on x", "l2")
-    assert (first.violation.step, first.violation.amount) == (12, pytest.approx(0.2))
-    assert first.share == pytest.approx(0.2 / problem.reference.x)
-    assert (second.violation.component, second.violation.step) == ("reach[0]", 5)
-    assert second.violation.amount == pytest.approx(0.05)
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_the_share_of_a_constraint_does_not_depend_on_how_it_is_written(scale: float) -> None:
-    problem = get("push-1d")
-    end = Constraint("end", scale * problem.system.x[0], scale * 0.3, ca.inf)
-    problem = replace(problem, terminal=[end])
-    x = np.zeros((1, problem.N + 1, 2))
-    found = broken_constraints(problem, x, np.zeros((1, problem.N, 1)), physical(problem))
-    assert len(found) == 1
-    assert found[0].violation.name == "terminal"
-    assert found[0].violation.step == problem.N
-    assert found[0].violation.amount == pytest.approx(0.3 * scale)
-    assert found[0].share == pytest.approx(0.3 / problem.reference.x)
-
-
-def test_a_broken_period_of_a_chosen_start_is_named() -> None:
-    problem = get("half-cheetah", N=4)
-    p = physical(problem)
-    x = np.repeat(problem.initial_states(p)[:, None], 5, axis=1)
-    x[0, :, 0] = np.linspace(0, 4 * x[0, 0, -1], 5)
-    u = np.zeros((1, 4, 6))
-    assert broken_constraints(problem, x, u, p) == []
-    x[0, -1, 12] += 1.5
-    (found,) = broken_constraints(problem, x, u, p)
-    names = [signal.name for signal in problem.system.states]
-    assert (found.violation.name, found.violation.component) == ("periodic", names[12])
-    assert (found.violation.step, found.violation.amount) == (4, pytest.approx(1.5))
 
 
 # --- survival --------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 from dynamics.systems import (
     Mechanism,
@@ -12,6 +13,7 @@ from dynamics.systems import (
     frictional_time_stepping,
     quasi_dynamic,
     signals,
+    time_stepping,
 )
 from ocp.problem import Problem, Reference
 
@@ -19,6 +21,11 @@ from ocp.problem import Problem, Reference
 def defaults(problem: Problem) -> dict[str, float]:
     """Values of a problem's parameters by name."""
     return {parameter.name: parameter.value for parameter in problem.parameters}
+
+
+def physical(problem: Problem) -> np.ndarray:
+    """Values of a problem's parameters in their order."""
+    return problem.parameters.values
 
 
 def round_a_post(N: int = 10, linearised: bool = True) -> Problem:
@@ -117,3 +124,18 @@ def two_grippers(friction: float = 0.0, N: int = 8) -> Problem:
         x0=ca.SX([0, 0, 0, -0.2, 0.2, 0, 0]), parameters=p,
         reference=Reference(impulse=0.3, gap=0.05, x=0.3, u=0.3),
     )  # fmt: skip
+
+
+def ring(h: float, speed: float, N: int = 20) -> Problem:
+    """A puck inside a fence of radius 1, thrown at it from (0.9, 0)."""
+    p = ParameterTable([Parameter("h", h, "s")])
+    system = time_stepping(
+        "ring",
+        states=signals("x [m]; y [m]; vx [m/s]; vy [m/s]"),
+        inputs=signals("fx [N]; fy [N]"),
+        contacts=signals("ring [N s]"),
+        h=p["h"], mass=ca.SX.eye(2), impulse=lambda q, v, u: p["h"] * u,
+        distance=lambda q: 1.0 - ca.norm_2(q), parameters=p,
+    )  # fmt: skip
+    effort = ca.sumsqr(system.u)
+    return Problem("ring", system, N, effort, ca.SX(0), ca.SX([0.9, 0, 0, speed]), p)
