@@ -20,11 +20,9 @@ HORIZON, SAMPLES = 3, 4
 # Their kernels take a compiler a good part of a minute.
 LARGE = ("hopper", "half-cheetah")
 CASES = [
-    pytest.param(
-        name, backend, marks=[pytest.mark.slow] if name in LARGE and backend != "numpy" else []
-    )
+    (name, backend)
     for name in names()
-    for backend in ("numpy", "c", *LLVM)
+    for backend in (("numpy",) if name in LARGE else ("numpy", "c", *LLVM))
 ]
 
 
