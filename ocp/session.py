@@ -85,8 +85,8 @@ class Session:
 
     @property
     def nlp_builds(self) -> int:
-        """Number of NLPs built under the session's own law; ``helpers`` count their own."""
-        return len(self.nlps)
+        """Number of NLPs built, one a form, those of helping sessions included."""
+        return len(self.nlps) + sum(helper.nlp_builds for helper in self.helpers.values())
 
     def nlp_of(self, form: str) -> NLP:
         """Build the NLP of a form, or return the one that exists."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,11 +89,13 @@ class Gaussian:
 
     `sigma` > 0 is one standard deviation, or one for each component; `seed` chooses the stream;
     `first` is the index of the first sample, so that a run can be continued where it stopped.
+    With `turned` every sample is -w in place of w, to the last bit.
     """
 
     sigma: float | np.ndarray
     seed: int | np.random.SeedSequence
     first: int = 0
+    turned: bool = False
 
     def __post_init__(self) -> None:
         sigma = np.asarray(self.sigma, dtype=np.float64)
@@ -103,15 +105,26 @@ class Gaussian:
             raise ValueError(f"first must be a sample index of at least 0, not {self.first}")
         key_of(self.seed)
 
+    def mirrored(self) -> Gaussian:
+        """The same stream at -w."""
+        return replace(self, turned=not self.turned)
+
+    def after(self, n: int) -> Gaussian:
+        """The same stream without its first n samples."""
+        return replace(self, first=self.first + n)
+
     def scales(self, nu: int) -> np.ndarray:
-        """`sigma` as `(nu,)`; `ValueError` where it has another length."""
+        """What multiplies the normals, (nu,): `sigma`, or -`sigma` where `turned`.
+
+        Raises `ValueError` where `sigma` has another length.
+        """
         sigma = np.asarray(self.sigma, dtype=np.float64)
         if sigma.shape not in ((), (1,), (nu,)):
             raise ValueError(
                 f"sigma has shape {sigma.shape}; expected one number or shape ({nu},), "
                 "one for each input"
             )
-        return np.ascontiguousarray(np.broadcast_to(sigma, (nu,)))
+        return np.array(np.broadcast_to(-sigma if self.turned else sigma, (nu,)))
 
     def draw(self, n_samples: int, horizon: int, nu: int) -> np.ndarray:
         """The same noise as an array `(n_samples, horizon, nu)`."""

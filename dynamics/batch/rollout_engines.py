@@ -52,9 +52,7 @@ class Request:
             name: value[begin:end] if value is not None and len(value) > 1 else value
             for name, value in (("x0", self.x0), ("theta", self.theta), ("p", self.p))
         }
-        gaussian = self.gaussian
-        if gaussian is not None:
-            gaussian = Gaussian(gaussian.sigma, gaussian.seed, gaussian.first + begin)
+        gaussian = None if self.gaussian is None else self.gaussian.after(begin)
         w = None if self.w is None else self.w[begin:end]
         same = {
             f.name: getattr(self, f.name)

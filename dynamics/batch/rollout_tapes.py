@@ -255,7 +255,8 @@ class _Closed:
             value += through_contact
         value = self._closed(value)[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
-        bars = ca.substitute(bars, frozen, self._closed(*meant))
+        # Where contact moves no state the multiplier's cotangent has no entries.
+        bars = ca.substitute(bars, frozen, [ca.densify(each) for each in self._closed(*meant)])
         return _function("adjoint", [*self.arguments, step.lam, xbar], bars)
 
     def _adjoint_of_relation(self, xbar: ca.SX) -> ca.Function:

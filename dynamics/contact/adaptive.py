@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import ClassVar
 
@@ -10,30 +9,12 @@ import casadi as ca
 
 from dynamics.contact.interior_point import scalar_solution
 from dynamics.contact.law import ContactLaw, knob, positive
+from dynamics.contact.normal import expected_excess
 from dynamics.systems import ContactSystem, ParameterTable
 
 MU_FLOOR = 1e-10
 """mu where the quartic law finds no inactive contact to measure a distance to."""
 _ACTIVE_IMPULSE = 1.0
-
-
-def normal_pdf(t: ca.SX) -> ca.SX:
-    """Density of the standard normal distribution."""
-    return ca.exp(-t * t / 2) / math.sqrt(2 * math.pi)
-
-
-def normal_tail(t: ca.SX) -> ca.SX:
-    """Upper tail P(w > t) of the standard normal, accurate in relative terms to large t.
-
-    ``erf`` alone cancels beyond t of about 6; there the continued fraction of Mills' ratio takes
-    over (eight levels: 1e-12 relative at t = 5).
-    """
-    central = (1 - ca.erf(t / math.sqrt(2))) / 2
-    far = ca.fmax(t, 5.0)
-    fraction = far
-    for level in range(40, 0, -1):
-        fraction = far + level / fraction
-    return ca.if_else(t > 5.0, normal_pdf(far) / fraction, central)
 
 
 def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
@@ -45,19 +26,8 @@ def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
     """
     # Not fabs: its derivative at 0 is 0 in CasADi, and the second derivative of mu would be wrong.
     size = ca.if_else(z < 0, -z, z)
-    small = sigma * _expected_excess(size / sigma) / F
+    small = sigma * expected_excess(size / sigma) / F
     return small * (size + F * small)
-
-
-def _expected_excess(t: ca.SX) -> ca.SX:
-    """``E max(0, w - t)`` = pdf(t) - t tail(t) for t >= 0, without cancellation at large t."""
-    direct = normal_pdf(t) - t * normal_tail(t)
-    far = ca.fmax(t, 5.0)
-    fraction = far
-    for level in range(40, 1, -1):
-        fraction = far + level / fraction
-    # tail = pdf / (t + 1/f), f the fraction from level 2 on, so pdf - t tail = pdf / (1 + t f).
-    return ca.if_else(t > 5.0, normal_pdf(far) / (1 + far * fraction), direct)
 
 
 def quartic_mu(

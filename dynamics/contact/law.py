@@ -64,8 +64,11 @@ class ContactLaw(ABC):
 
 
 def knob(name: str, value: float, unit: str, description: str) -> Parameter:
-    """Make a law's parameter, checked to be positive and finite."""
-    return Parameter(f"contact.{name}", value, unit, description)
+    """Make the parameter ``contact.<name>`` of a law.
+
+    Raises ``ValueError`` unless ``value`` is positive and finite.
+    """
+    return Parameter(f"contact.{name}", positive("contact", name, value), unit, description)
 
 
 def positive(law: str, name: str, value: float, hint: str = "") -> float:

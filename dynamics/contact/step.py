@@ -84,7 +84,7 @@ class Step:
                 variables, moved,
             )  # fmt: skip
             own = lam[k * nlam : (k + 1) * nlam]
-            landing = a_k + B_k @ own
+            landing = ca.densify(a_k + B_k @ own)
             x_k = states[:, k] if system.implicit else landing
             explicit = z_k + F_k @ own
             if not reduced.affine:

@@ -179,7 +179,8 @@ class ContactSystem:
         constant = ca.substitute(self.residual, unknown, ca.SX.zeros(unknown.numel()))
         solve = solve_without_pivoting if self.implicit else ca.solve
         solved = -solve(jacobian[:, :nx], ca.horzcat(constant, jacobian[:, nx:]))
-        a, B = solved[:, 0], solved[:, 1:]
+        # What is put in for a symbol must have an entry even where it is zero.
+        a, B = ca.densify(solved[:, 0]), solved[:, 1:]
         by_state, by_lam = (ca.jacobian(self.gap, part) for part in (self.x_next, self.lam))
         affine = not ca.depends_on(ca.vertcat(ca.vec(by_state), ca.vec(by_lam)), unknown)
         z = ca.substitute(self.gap, unknown, ca.vertcat(a, nothing))

@@ -96,8 +96,8 @@ class ZeroOrder(Estimator):
             # V_i less the mean of the others is n/(n-1) times V_i less the mean of all.
             baseline, factor = mean_cost(objective, noise, n), n / (n - 1)
 
-        def half(g: Gaussian, m: int, mirrored: bool) -> np.ndarray:
-            found = objective.scored(g, m, mirrored)
+        def one(g: Gaussian, m: int) -> np.ndarray:
+            found = objective.scored(g, m)
             return (factor * (found.cost - baseline))[:, None] * found.direction
 
         def bulk(g: Gaussian, m: int) -> tuple[Moments, np.ndarray] | None:
@@ -108,8 +108,8 @@ class ZeroOrder(Estimator):
             return Moments(told.n, factor * told.mean, factor**2 * told.m2), bad
 
         if self.baseline == "antithetic":
-            return Sampler(lambda g, m: (half(g, m, False) + half(g, m, True)) / 2)
-        return Sampler(lambda g, m: half(g, m, False), bulk)
+            return Sampler(lambda g, m: (one(g, m) + one(g.mirrored(), m)) / 2)
+        return Sampler(one, bulk)
 
 
 def mean_cost(objective: SampledObjective, noise: Gaussian, n: int) -> float:
@@ -119,16 +119,10 @@ def mean_cost(objective: SampledObjective, noise: Gaussian, n: int) -> float:
         return float(fused[0].mean[0])
     total, count = 0.0, 0
     for begin in range(0, n, CHUNK):
-        part = shifted(noise, begin)
-        cost = objective.scored(part, min(CHUNK, n - begin)).cost
+        cost = objective.scored(noise.after(begin), min(CHUNK, n - begin)).cost
         finite = cost[np.isfinite(cost)]
         total, count = total + float(finite.sum()), count + len(finite)
     return total / max(count, 1)
-
-
-def shifted(noise: Gaussian, begin: int) -> Gaussian:
-    """The same stream from sample ``begin`` on."""
-    return Gaussian(noise.sigma, noise.seed, noise.first + begin)
 
 
 @dataclass(frozen=True)
@@ -167,7 +161,7 @@ class EvolutionStrategies(Estimator):
         """Return the antithetic differences."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:
-            one, other = (objective.perturbed(g, m, sign) for sign in (1.0, -1.0))
+            one, other = (objective.perturbed(side, m) for side in (g, g.mirrored()))
             return ((one.cost - other.cost) / 2)[:, None] * one.direction
 
         return Sampler(contributions)

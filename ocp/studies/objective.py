@@ -70,8 +70,8 @@ class SampledObjective(ABC):
         """Cost at given noise (n, n_noise); returns (n,)."""
 
     @abstractmethod
-    def scored(self, noise: Gaussian, n: int, mirrored: bool = False) -> Samples:
-        """Costs and scores of n samples, at -w in place of w where ``mirrored``.
+    def scored(self, noise: Gaussian, n: int) -> Samples:
+        """Costs and scores of n samples.
 
         The score is the gradient by theta of the log-density of the noise,
         ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (pathologies, def. II.1).
@@ -82,8 +82,8 @@ class SampledObjective(ABC):
         """Costs of n samples and their gradients by theta (pathologies, def. II.2)."""
 
     @abstractmethod
-    def perturbed(self, noise: Gaussian, n: int, sign: float) -> Samples:
-        """Costs at ``theta + sign sigma e`` without further noise, and ``sign e / sigma``."""
+    def perturbed(self, noise: Gaussian, n: int) -> Samples:
+        """Costs at ``theta + w`` without further noise, and ``w / sigma^2``."""
 
     def moments(
         self,
@@ -166,9 +166,9 @@ class StaticObjective(SampledObjective):
         """Cost at theta plus the given noise."""
         return self._evaluate(self._cost, self.theta + noise)[:, 0]
 
-    def scored(self, noise: Gaussian, n: int, mirrored: bool = False) -> Samples:
+    def scored(self, noise: Gaussian, n: int) -> Samples:
         """Costs, and w / sigma^2."""
-        w = self._draw(noise, n) * (-1 if mirrored else 1)
+        w = self._draw(noise, n)
         return Samples(self.costs(w), w / noise.scales(self.n_noise) ** 2)
 
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
@@ -176,9 +176,9 @@ class StaticObjective(SampledObjective):
         cost, gradient = self._evaluate(self._both, self.theta + self._draw(noise, n))
         return Samples(cost[:, 0], gradient)
 
-    def perturbed(self, noise: Gaussian, n: int, sign: float) -> Samples:
+    def perturbed(self, noise: Gaussian, n: int) -> Samples:
         """Equal to a score, because the noise is added to the decision."""
-        return self.scored(noise, n, mirrored=sign < 0)
+        return self.scored(noise, n)
 
     def reference(self, sigma: float) -> ClosedForm | None:
         """The closed form, where the objective was given one."""

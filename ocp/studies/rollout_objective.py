@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine, open_loop
-from dynamics.contact import ContactLaw, Step
+from dynamics.contact import ContactLaw
 from dynamics.systems import Signal
 from ocp.policy import Feedback, OpenLoop, Policy
 from ocp.problem import Problem
@@ -49,7 +49,7 @@ class RolloutObjective(SampledObjective):
         self.step = replace(closed, p=problem.parameters + closed.p)
         self.name, self.n_noise = problem.name, problem.N * problem.system.nu
         # Shared by all copies that differ in values alone, so that nothing is compiled twice.
-        self._compiled: dict[bool, RolloutFunction] = {}
+        self._compiled: list[RolloutFunction] = []
         self._options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
         self._values = {parameter.name: float(parameter.value) for parameter in self.step.p}
         self._start()
@@ -86,13 +86,10 @@ class RolloutObjective(SampledObjective):
         """Cost without noise, its mean over scenarios."""
         return float(self.costs(np.zeros((len(self._x0), self.n_noise))).mean())
 
-    def scored(self, noise: Gaussian, n: int, mirrored: bool = False) -> Samples:
+    def scored(self, noise: Gaussian, n: int) -> Samples:
         """Costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
-        rollout = self._mirrored if mirrored else self._forward
         call = self._arguments(n, noise.first)
-        if mirrored and "u_before" in call:
-            call["u_before"] = -call["u_before"]
-        found = quietly(rollout, **call, noise=noise, n_samples=n, gradient=False, score=True)
+        found = quietly(self._forward, **call, noise=noise, n_samples=n, gradient=False, score=True)
         return Samples(found.cost, found.score.reshape(n, -1))
 
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
@@ -101,11 +98,11 @@ class RolloutObjective(SampledObjective):
         found = quietly(self._forward, **call, noise=noise, n_samples=n)
         return Samples(found.cost, found.gradient.reshape(n, -1))
 
-    def perturbed(self, noise: Gaussian, n: int, sign: float) -> Samples:
+    def perturbed(self, noise: Gaussian, n: int) -> Samples:
         """Costs of policies with disturbed parameters, which act without noise."""
         d = len(self.theta)
         sigma = noise.scales(d)
-        e = sign * noise.draw(n, 1, d)[:, 0]
+        e = noise.draw(n, 1, d)[:, 0]
         call = self._arguments(n, noise.first)
         call["theta"] = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
         found = quietly(self._forward, **call, n_samples=n, gradient=False)
@@ -163,42 +160,21 @@ class RolloutObjective(SampledObjective):
 
     @property
     def _forward(self) -> RolloutFunction:
-        if False not in self._compiled:
-            self._compiled[False] = self._rollout(self.step, self._policy, sign=1)
-        return self._compiled[False]
+        if not self._compiled:
+            problem, p = self.problem, self.step.p.vector
+            x, u = problem.system.x, problem.system.u
+            changes = [] if problem.du is None else [problem.du]
+            costs: tuple[Callable[..., Any], ...] = (
+                ca.Function("stage_cost", [x, u, *changes, p], [_dense(problem.stage_cost)]),
+                ca.Function("terminal_cost", [x, p], [_dense(problem.terminal_cost)]),
+            )
+            made = RolloutFunction(self.step, *costs, problem.N, self._policy, **self._options)
+            self._compiled.append(made)
+        return self._compiled[0]
 
-    @property
-    def _mirrored(self) -> RolloutFunction:
-        """The same rollout in the coordinate -u, where noise w acts as -w does on u."""
-        if True not in self._compiled:
-            self._compiled[True] = self._turned()
-        return self._compiled[True]
 
-    def _turned(self) -> RolloutFunction:
-        u = self.problem.system.u
-        turned = {
-            name: ca.substitute(getattr(self.step, name), u, -u)
-            for name in ("residual", "gap", "a", "B", "z", "F", "mu")
-        }
-        x = ca.SX.sym("x", self.problem.system.nx)
-        theta = ca.SX.sym("theta", self._policy.n_theta)
-        law = ca.Function("mirrored", [x, theta], [-self._policy.law(x, theta)])
-        policy = RolloutPolicy(law, self._policy.per_step)
-        return self._rollout(replace(self.step, **turned), policy, sign=-1)
-
-    def _rollout(self, step: Step, policy: RolloutPolicy, sign: int) -> RolloutFunction:
-        problem, p = self.problem, self.step.p.vector
-        x, u = problem.system.x, problem.system.u
-        changes = [] if problem.du is None else [problem.du]
-        stage: ca.SX = ca.SX(problem.stage_cost)
-        if sign < 0:
-            symbols = [u, *changes]
-            stage = ca.substitute([stage], symbols, [-symbol for symbol in symbols])[0]
-        costs: tuple[Callable[..., Any], ...] = (
-            ca.Function("stage_cost", [x, u, *changes, p], [ca.densify(stage)]),
-            ca.Function("terminal_cost", [x, p], [ca.densify(ca.SX(problem.terminal_cost))]),
-        )
-        return RolloutFunction(step, *costs, problem.N, policy, **self._options)
+def _dense(cost: ca.SX | float) -> ca.SX:
+    return ca.densify(ca.SX(cost))
 
 
 def _decision(problem: Problem, policy: Policy, shape: tuple[int, ...]) -> tuple[Signal, ...]:

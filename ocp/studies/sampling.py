@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.batch import Gaussian, Moments
 from ocp.studies.checkpoint import Checkpoint
-from ocp.studies.estimators import CHUNK, Estimator, Sampler, shifted
+from ocp.studies.estimators import CHUNK, Estimator, Sampler
 from ocp.studies.objective import SampledObjective
 
 _KEPT_VALUES = 1 << 20
@@ -68,7 +68,7 @@ def run_estimator(
 
 def _advance(sums: _Sums, sampler: Sampler, noise: Gaussian, n: int) -> int:
     """Take the next samples in: one by one while they are kept, then in bulk where that exists."""
-    here, left = shifted(noise, sums.done), n - sums.done
+    here, left = noise.after(sums.done), n - sums.done
     if not sums.keeps:
         size = min(BULK, left)
         found = sampler.bulk(here, size)

@@ -116,9 +116,9 @@ class ThrownBall(SampledObjective):
             state = self._move(state)
         return -state[:, 0]
 
-    def scored(self, noise: Gaussian, n: int, mirrored: bool = False) -> Samples:
+    def scored(self, noise: Gaussian, n: int) -> Samples:
         """Costs, and w / sigma²."""
-        w = noise.draw(n, 1, 1)[:, 0] * (-1 if mirrored else 1)
+        w = noise.draw(n, 1, 1)[:, 0]
         return Samples(self.costs(w), w / noise.scales(1) ** 2)
 
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
@@ -128,9 +128,9 @@ class ThrownBall(SampledObjective):
             state, tangent = self._both(state, tangent)
         return Samples(-state[:, 0], -tangent[:, :1])
 
-    def perturbed(self, noise: Gaussian, n: int, sign: float) -> Samples:
+    def perturbed(self, noise: Gaussian, n: int) -> Samples:
         """Equal to a score, because the noise is added to the decision."""
-        return self.scored(noise, n, mirrored=sign < 0)
+        return self.scored(noise, n)
 
     def _start(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State and its derivative by theta at the throw, (n, 4) each."""

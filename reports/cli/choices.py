@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+BACKENDS = ("auto", "c", "llvm", "numpy", "casadi")
+"""What evaluates many samples at once; auto takes the first that can be built."""
+
 
 def choose(kind: str, name: str, known: Mapping[str, T]) -> T:
     """Return ``known[name]``; raises InputError with the nearest name and the list."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from reports.cli import interrupt
+from reports.cli.choices import BACKENDS
 from reports.cli.common import (
     Contact,
     Debug,
@@ -53,7 +54,9 @@ def run(
     at: Annotated[
         Path | None, typer.Option("--at", help="A stored run whose inputs are the decision.")
     ] = None,
-    backend: Annotated[str, typer.Option("--backend", help="auto, c, numpy or casadi.")] = "auto",
+    backend: Annotated[
+        str, typer.Option("--backend", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}.")
+    ] = "auto",
     threads: Annotated[int | None, typer.Option("--threads", min=1, help="CPUs to use.")] = None,
     seed: Seed = 0,
     out: Out = Path("runs"),

@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ocp.errors import InputError
-from reports.cli.choices import assignments, choose, contact_law, policy, split_policy_settings
+from reports.cli.choices import (
+    BACKENDS,
+    assignments,
+    choose,
+    contact_law,
+    policy,
+    split_policy_settings,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,7 +26,6 @@ if TYPE_CHECKING:
     from problems.objectives import ObjectiveSpec
     from problems.spec import ProblemSpec
 
-BACKENDS = ("auto", "c", "llvm", "numpy", "casadi")
 SIGMA_SHARE = 0.1
 """Noise on a problem's inputs where none is asked for, as a share of their characteristic size."""
 

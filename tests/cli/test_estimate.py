@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
+from dynamics.batch import BatchFunction
 from ocp.studies import store
 from reports.cli.app import main
 
@@ -120,6 +123,20 @@ def test_bad_input_is_one_sentence_and_exit_code_two(capsys, tmp_path, arguments
     assert sentence in err
     assert len(err.strip().splitlines()) <= 2
     assert not list(tmp_path.glob("*/*"))
+
+
+def test_help_names_every_backend(capsys):
+    """Those that the engine itself lists when it is asked for another."""
+    x = ca.SX.sym("x")
+    with pytest.raises(ValueError, match="unknown backend") as refused:
+        BatchFunction(ca.Function("f", [x], [x]), backend="jax")
+    backends = str(refused.value).rpartition("choose one of ")[2].split(", ")
+    assert len(backends) == 5
+    main(["estimate", "--help"])
+    told = re.sub(r"\s+", " ", capsys.readouterr().out)
+    line = re.search(r"--backend <str> (.*?)\.", told)
+    assert line is not None
+    assert sorted(re.split(", | or ", line[1])) == sorted(backends)
 
 
 SWEEP = [

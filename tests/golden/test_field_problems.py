@@ -20,7 +20,7 @@ FOUR = ("box-slide", "ball-throw", "cart-transport", "hopper-1d")
 
 @functools.cache
 def exact(name: str) -> Solution:
-    return solve(get(name), Exact(), Direct())
+    return solve(get(name), Exact(), Direct(), settings={"tol": 1e-10})
 
 
 def slid(found: Solution) -> np.ndarray:
@@ -74,7 +74,9 @@ def test_the_throw_is_the_best_of_a_simulation() -> None:
 
     peer = minimize(cost, [0.6, 3.0], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-15})
     found = exact("ball-throw")
-    assert found.cost == pytest.approx(peer.fun, rel=1e-5)
+    assert spec("ball-throw").golden["exact"].cost == pytest.approx(peer.fun, rel=1e-9)
+    idle = (found.data["u"].values[0, 1:] ** 2).sum()
+    assert found.cost - idle == pytest.approx(peer.fun, rel=1e-9)
     assert found.data["u"].values[0, 0] == pytest.approx(peer.x, abs=1e-4)
     assert np.abs(found.data["u"].values[0, 1:]).max() < 1e-4
     assert cost(np.array([0.6, 3.0])) == pytest.approx(9 * p.w_speed, abs=1e-6), "in reach"
@@ -122,9 +124,24 @@ def test_methods_agree_on_the_barrier_optimum(name: str, method) -> None:
 
 def test_shooting_throws_as_well_without_any_homotopy() -> None:
     """The bounce is differentiated rightly, so its exact gradient leads to the best throw."""
-    found = solve(get("ball-throw"), Exact(), SingleShooting(), settings={"homotopy": False})
+    golden = spec("ball-throw").golden["exact"]
+    settings = {"homotopy": False, "tol": 1e-10}
+    found = solve(get("ball-throw"), Exact(), SingleShooting(), settings=settings)
     assert found.success
-    assert found.cost == pytest.approx(exact("ball-throw").cost, rel=1e-5)
+    assert found.cost == pytest.approx(golden.cost, rel=golden.tolerance)
+
+
+@pytest.mark.parametrize("method", [Direct(), SingleShooting()])
+def test_idle_inputs_cost_what_the_interior_point_leaves(method) -> None:
+    """(N - 1) tol / 2 at most: the golden's tolerance, which falls with the solver's."""
+    golden = spec("ball-throw").golden["exact"]
+    for tol in (1e-8, 1e-9, 1e-10, 1e-11):
+        settings = {"homotopy": False, "tol": tol}
+        found = solve(get("ball-throw"), Exact(), method, settings=settings)
+        excess = found.cost - golden.cost
+        assert -1e-9 * golden.cost < excess <= 49 * tol / 2
+        idle = (found.data["u"].values[0, 1:] ** 2).sum()
+        assert excess == pytest.approx(idle, abs=1e-9 * golden.cost)
 
 
 @pytest.mark.parametrize("name", ["box-slide", "cart-transport", "hopper-1d"])

@@ -15,7 +15,7 @@ from scipy.special import erfcx
 from scipy.stats import norm, t
 
 from dynamics.contact import Adaptive, Barrier, Exact
-from dynamics.contact.adaptive import gaussian_mu, normal_tail
+from dynamics.contact.adaptive import gaussian_mu
 from dynamics.contact.interior_point import lcp_solver, scalar_solution
 from dynamics.systems import Parameter, ParameterTable, lcs
 from tests.property.p_matrices import p_matrix
@@ -94,7 +94,6 @@ def test_the_gaussian_tail_is_accurate_in_relative_terms(ratio, sigma):
         got = float(gaussian_mu(ca.SX(z), ca.SX(F), sigma))
         assert got == pytest.approx(expected, rel=1e-9)
         assert got > 0
-    assert float(normal_tail(ca.SX(ratio))) == pytest.approx(norm.sf(ratio), rel=1e-10)
 
 
 @settings(max_examples=50)

@@ -10,6 +10,7 @@ import pytest
 
 import problems
 from dynamics.contact import LAWS, Adaptive, Barrier, Exact, Randomized
+from dynamics.contact.law import knob
 
 
 @pytest.mark.parametrize(
@@ -42,6 +43,13 @@ def test_bad_settings_get_their_sentence(make, sentence):
     with pytest.raises(ValueError, match=sentence) as raised:
         make()
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_a_laws_own_knob_is_positive_and_finite(value):
+    with pytest.raises(ValueError, match="contact: rigidity must be positive and finite, got"):
+        knob("rigidity", value, "N/m", "of a user's law")
+    assert knob("rigidity", 2.5, "N/m", "of a user's law").value == 2.5
 
 
 def test_laws_that_a_system_cannot_take_say_why():

@@ -1,27 +1,40 @@
-"""What the batch engine is measured against: CasADi's map and hand-written C."""
+"""What the batch engine is measured against: CasADi's map and hand-written C.
+
+CasADi runs every form of the rollout that its own means allow, and the fastest one counts: which
+one that is depends on the problem and the machine, and so is measured (:func:`fastest`).
+"""
 
 from __future__ import annotations
 
 import ctypes
 import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
+from dynamics.batch import open_loop
 from dynamics.batch.compiler import find_compiler
-from dynamics.contact import Step
+from dynamics.batch.inner import InnerLoop
+from dynamics.batch.rollout_tapes import build_tapes
+from dynamics.contact import Step, interior_point
 from dynamics.contact.interior_point import scalar_solution
+
+_NEWTON = (4, 5, 6, 8, 12)
+_LONGEST = 5000
+"""Instructions up to which a compiler takes seconds for a flat graph's C."""
+Inner = Callable[[InnerLoop, ca.MX, ca.MX], ca.MX]
 
 
 def casadi_rollout(
     step: Step, stage: ca.Function, terminal: ca.Function, horizon: int
 ) -> ca.Function:
-    """(x0, U, before) to cost and gradient by U (nu, N), unrolled.
+    """(x0, U, before) to cost and gradient by U (nu, N), unrolled and differentiated by CasADi.
 
-    For one contact a flat SX graph of the closed form, which is CasADi's fastest; for several an MX
-    loop over the step's explicit map.
+    For one contact a flat SX graph of the closed form; for several an MX loop over the step's
+    explicit map, which follows the interior-point path.
     """
     kind = ca.SX if step.n == 1 else ca.MX
     system, values = step.system, step.p.values
@@ -38,9 +51,120 @@ def casadi_rollout(
     return ca.Function("rollout", [x0, U, before], [cost, ca.gradient(cost, U)])
 
 
+def casadi_forms(
+    step: Step, stage: ca.Function, terminal: ca.Function, horizon: int
+) -> dict[str, ca.Function]:
+    """Forms of the rollout (x0, U, before) -> (cost, gradient) that CasADi can evaluate, by name.
+
+    One contact: the closed form in a flat SX graph. Several: Newton's method on the smoothed
+    complementarity for a fixed number of iterations, in a flat SX graph or as MX calls. Friction:
+    the path, until it rests. Each differentiated by CasADi, or backwards step by step through the
+    implicit function theorem, which is the fewer operations.
+    """
+    parts = step, stage, terminal, horizon
+    forms = {"differentiated by CasADi": casadi_rollout(*parts)}
+    if step.n == 1 and step.linear:
+        forms["closed form, flat, own adjoint"] = _by_adjoint(ca.SX, *parts)
+    elif step.linear:
+        for count in _NEWTON:
+            newton = _newton(count)
+            forms[f"{count} Newton iterations, flat"] = _by_adjoint(ca.SX, *parts, newton)
+            forms[f"{count} Newton iterations, calls"] = _by_adjoint(ca.MX, *parts, newton)
+    else:
+        forms["path, calls, own adjoint"] = _by_adjoint(ca.MX, *parts, _path)
+    return forms
+
+
 def _closed_form(step: Step) -> ca.Function:
     x_next = step.a + step.B @ scalar_solution(step.z, step.F, step.mu)
     return ca.Function("closed", [step.system.x, step.system.u, step.p.vector], [x_next])
+
+
+def _newton(count: int) -> Inner:
+    def solve(loop: InnerLoop, guess: ca.MX, data: ca.MX) -> ca.MX:
+        lam = guess
+        for _ in range(count):
+            lam = loop.newton(lam, data)[0]
+        return loop.settled(lam, data)
+
+    return solve
+
+
+def _path(loop: InnerLoop, guess: ca.MX, data: ca.MX) -> ca.MX:
+    pair = interior_point.follow(loop.path)(ca.MX.ones(loop.n_pair), data)
+    return loop.followed(pair, data)
+
+
+def _by_adjoint(
+    kind: type[ca.SX] | type[ca.MX],
+    step: Step,
+    stage: ca.Function,
+    terminal: ca.Function,
+    horizon: int,
+    solve: Inner | None = None,
+) -> ca.Function:
+    """Forward through the steps, then back through the adjoint of each."""
+    system = step.system
+    tapes = build_tapes(step, stage, terminal, open_loop(system.nx, system.nu))
+    p, still, loop = tapes.derived(step.p.values), ca.DM.zeros(system.nu), tapes.forward
+    x0, before = kind.sym("x0", system.nx), kind.sym("before", system.nu)
+    U = kind.sym("U", system.nu, horizon)
+    x, cost, passed = ca.vertcat(x0, before) if tapes.n_before else x0, kind(0), []
+    for t in range(horizon):
+        given = x, U[:, t], still, p
+        if solve is None:
+            moved, lam, local = loop(*given)
+        else:
+            moved, lam, local = loop.closing(*given, solve(loop, *loop.opening(*given)))
+        passed.append((*given, lam))
+        x, cost = moved, cost + local
+    cost += tapes.terminal(x, p)
+    bar, gradient = tapes.terminal_adjoint(x, p), []
+    for arguments in reversed(passed):
+        bar, part = tapes.adjoint(*arguments, bar)
+        gradient.append(part)
+    outputs = [cost, ca.horzcat(*reversed(gradient))]
+    return ca.Function("rollout", [x0, U, before], outputs)
+
+
+def generated(graph: ca.Function, folder: Path) -> ca.Function | None:
+    """The C that CasADi writes for the graph, compiled; None where that is too long a text."""
+    if graph.is_a("SXFunction") and graph.n_instructions() > _LONGEST:
+        return None
+    folder.mkdir(parents=True)
+    writer = ca.CodeGenerator("rollout.c")
+    writer.add(graph)
+    writer.generate(f"{folder}/")
+    built = folder / "rollout.so"
+    flags = ["-O3", "-march=native", "-shared", "-fPIC"]
+    source = folder / "rollout.c"
+    subprocess.run([find_compiler().path, *flags, "-o", built, source, "-lm"], check=True)
+    return ca.external(graph.name(), str(built))
+
+
+def fastest(
+    forms: dict[str, ca.Function], x0: np.ndarray, before: np.ndarray, theta: np.ndarray
+) -> str:
+    """The name of the form that takes the least processor time, of those that are right.
+
+    Right is what agrees with the form that CasADi differentiates itself to 1e-10 in cost and
+    1e-8 of the largest entry of the gradient: too few Newton iterations do not.
+    """
+    taken: dict[str, float] = {}
+    wanted: list[np.ndarray] = []
+    for name, graph in forms.items():
+        run = mapped(graph, x0, before, theta)
+        cost, gradient = (np.array(value) for value in run())
+        wanted = wanted or [cost, gradient]
+        off = np.abs(gradient - wanted[1]).max() / np.abs(wanted[1]).max()
+        if np.abs(cost / wanted[0] - 1).max() > 1e-10 or not off <= 1e-8:
+            continue
+        for _ in range(3):
+            begin = time.process_time()
+            run()
+            seconds = time.process_time() - begin
+            taken[name] = min(taken.get(name, seconds), seconds)
+    return min(taken, key=lambda name: taken[name])
 
 
 def mapped(

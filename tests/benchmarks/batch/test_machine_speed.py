@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
-from tests.benchmarks.batch.peers import casadi_rollout, mapped
-from tests.benchmarks.batch.race import race, tell
-from tests.benchmarks.batch.test_batch_speed import of_problem
+from tests.benchmarks.batch.peers import mapped
+from tests.benchmarks.batch.race import Row, race, tell
+from tests.benchmarks.batch.test_batch_speed import casadi_peers, of_problem
 
 pytestmark = pytest.mark.bench
 HORIZON = 20
@@ -28,17 +28,19 @@ def test_machines_against_casadi(name, monkeypatch, tmp_path):
     rng = np.random.default_rng(0)
     theta = 0.02 * rng.standard_normal((case.n, HORIZON, case.step.system.nu))
     few = theta[: case.n_map]
-    graph = casadi_rollout(case.step, case.stage, case.terminal, HORIZON)
     before = np.zeros(case.step.system.nu)
-    runners = {"map": mapped(graph, case.x0, before, few), "two": case.runner(two, theta)}
-    seconds = race(runners)
-    wanted, got = runners["map"](), two(case.x0, few)
-    np.testing.assert_allclose(got.cost, np.array(wanted[0])[0], rtol=1e-9)
-    rate, base = case.n / seconds["two"], case.n_map / seconds["map"]
+    peers = {
+        peer: mapped(graph, case.x0, before, few)
+        for peer, graph in casadi_peers(case, few, tmp_path).items()
+    }
+    seconds = race({**peers, "two": case.runner(two, theta)})
+    got = two(case.x0, few)
     rows = [
-        ("C, two threads: rollouts with gradient", rate / 1e3, " k/s", None),
-        ("C / CasADi map on two threads", rate / base, "x", 30.0),
-        ("compile, at most 60 s", first, " s", None),
-        ("cached", again, " s", None),
+        Row("C, two threads: rollouts with gradient", case.n / seconds["two"].wall / 1e3, " k/s")
     ]
+    for k, (peer, run) in enumerate(peers.items()):
+        np.testing.assert_allclose(got.cost, np.array(run()[0])[0], rtol=1e-9)
+        slow, ours = (seconds[peer].processor / case.n_map, seconds["two"].processor / case.n)
+        rows.append(Row(f"C / CasADi {peer}", slow / ours, "x", least=None if k else 30.0))
+    rows += [Row("compile", first, " s", most=60.0), Row("cached", again, " s")]
     tell(f"{name}, H = {HORIZON}", rows)

@@ -108,12 +108,31 @@ def test_every_strategy_ends_complementary_at_the_same_cost(name: str, strategy:
     assert found.cost == pytest.approx(exact(name).cost, rel=5e-3)
 
 
+# Strategies that end away from the best known optimum, each at a minimum of another contact
+# schedule: one step more on the wall, one or two more on the floor, or a disc never touched.
+ELSEWHERE = {
+    **{("wall-1d", strategy): 17.8309902 for strategy in ("scholtes-cold", "fischer-burmeister")},
+    **{
+        ("ball-bounce", strategy): 0.760166435
+        for strategy in (
+            "scholtes-adaptive", "scholtes", "scholtes-exact", "fischer-burmeister",
+            "lin-fukushima",
+        )
+    },
+    **{("ball-bounce", strategy): 0.849701299 for strategy in ("l1", "l1-scholtes")},
+    ("push-disc", "l1"): 12.75,
+}  # fmt: skip
+IDLE = {("push-disc", "l1")}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", ["wall-1d", "push-disc", "ball-bounce"])
-def test_every_strategy_ends_complementary(name: str, strategy: str) -> None:
-    found = exact(name, strategy)
-    assert found.status in (Status.SOLVED, Status.NO_PROGRESS)
+def test_every_strategy_ends_complementary_where_it_is_known_to(name: str, strategy: str) -> None:
+    found, key = exact(name, strategy), (name, strategy)
+    assert found.cost == pytest.approx(ELSEWHERE.get(key, BEST[name]), rel=1e-6)
+    assert (found.status is Status.SOLVED) == (key not in IDLE)
+    assert (found.audit.active_steps > 0) == (key not in IDLE)
     assert found.audit.complementarity <= 1e-8
     assert found.audit.dynamics_residual <= 1e-8
     assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-5)

@@ -28,7 +28,7 @@ def test_a_sweep_of_mu_costs_a_third_of_cold_solves_at_most() -> None:
     path = continue_over(session, "contact.mu", 1.0, 1e-8, 20, "log")
     values = np.geomspace(1.0, 1e-8, 21)
     assert path.broke is None
-    assert path.nlp_builds == 1
+    assert path.nlp_builds == 1, "a start so wide needs no exact law's answer"
     np.testing.assert_allclose([point.value for point in path.points], values, rtol=1e-9)
     assert path.points[-1].value == 1e-8, "the end is exactly what was asked"
     assert all(point.solution.success for point in path.points)
@@ -38,6 +38,26 @@ def test_a_sweep_of_mu_costs_a_third_of_cold_solves_at_most() -> None:
     np.testing.assert_allclose(costs(path), [found.cost for found in cold], rtol=1e-6)
     for point in path.points:
         assert point.solution.audit.complementarity == pytest.approx(point.value, rel=1e-4)
+
+
+@pytest.mark.parametrize("law", [Barrier(mu=1e-2), Exact()])
+def test_builds_count_every_nlp_and_do_not_grow_along_the_path(law, monkeypatch) -> None:
+    """The law's own forms and those of the exact law, whose answer is the first point's start."""
+    built: list[str] = []
+    transcribe = Direct.transcribe
+
+    def counting(method, problem, step, policy, form="product", *rest):
+        built.append(f"{step.law.name} {form}")
+        return transcribe(method, problem, step, policy, form, *rest)
+
+    monkeypatch.setattr(Direct, "transcribe", counting)
+    for steps in (1, 6):
+        built.clear()
+        session = new_session(get("push-1d"), law, Direct())
+        path = continue_over(session, "M", 1.0, 1.1, steps)
+        assert path.broke is None
+        assert path.nlp_builds == len(built) > 1
+        assert len(set(built)) == len(built)
 
 
 def test_a_physical_parameter_moves_the_start_and_the_bounds_with_it() -> None:
@@ -54,7 +74,7 @@ def test_a_physical_parameter_moves_the_start_and_the_bounds_with_it() -> None:
             assert point.solution.values[name] == point.value
         x0 = path.points[-1].solution.data["x"].values[0, 0]
         np.testing.assert_allclose(x0, [0, -0.3 if over == "qa0" else -0.5])
-        assert path.nlp_builds == 1
+        assert path.nlp_builds == 3
 
 
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
