@@ -10,7 +10,7 @@ import pytest
 
 import problems
 from dynamics.contact import Barrier, ContactLaw, Exact
-from ocp import Direct, Solution, solve
+from ocp import Direct, Solution, Status, solve
 from problems.machines.hopper import hopper
 from problems.machines.simulation import simulate, simulation
 from tests.golden.coulomb_steps import ModeStepper
@@ -111,7 +111,6 @@ def check_golden(name: str, key: str) -> Solution:
     golden = problems.spec(name).golden[key]
     found = solve(problems.get(name), LAWS[key], Direct(), starts=golden.starts)
     assert golden.law == LAWS[key].name
-    assert found.success
     assert found.cost == pytest.approx(golden.cost, rel=golden.tolerance)
     return found
 
@@ -119,12 +118,13 @@ def check_golden(name: str, key: str) -> Solution:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
 def test_the_stated_barrier_optimum_is_found(name: str):
-    check_golden(name, "barrier mu=1e-3")
+    assert check_golden(name, "barrier mu=1e-3").success
 
 
 @pytest.mark.slow
 def test_the_hopper_hops_a_metre_and_lands_at_rest():
     found = check_golden("hopper", "exact")
+    assert found.success
     x, nq = found.data["x"].values[0], 6
     assert np.abs(x[-1, :nq] - [1, 1.21, 0, 0, 0, 0]).max() < 0.02
     assert np.abs(x[-1, nq:]).max() < 0.1
@@ -135,7 +135,6 @@ def test_the_hopper_hops_a_metre_and_lands_at_rest():
 
 def check_gait(found: Solution, speed: float):
     """A stride that repeats itself, at the speed, in the motors' bounds, and the same replayed."""
-    assert found.success
     x, u = found.data["x"].values[0], found.data["u"].values[0]
     stride = len(u) * x[0, -1]
     assert (x[-1, 0] - x[0, 0]) / stride == pytest.approx(speed, abs=1e-6)
@@ -146,8 +145,17 @@ def check_gait(found: Solution, speed: float):
     assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-3)
 
 
-def test_the_half_cheetah_walks_at_a_metre_a_second():
-    check_gait(check_golden("half-cheetah", "exact"), 1.0)
+def test_the_half_cheetah_walks_at_a_metre_a_second_and_is_not_yet_optimal():
+    """Seven pairs are biactive, and the certificate names those whose change pays."""
+    found = check_golden("half-cheetah", "exact")
+    check_gait(found, 1.0)
+    assert found.status is Status.NOT_OPTIMAL
+    assert found.certificate.biactive == 7
+    assert found.certificate.lpec_decrease > 1e-4
+    named = {move.contact for move in found.certificate.moves}
+    assert named <= {signal.name for signal in found.problem.system.contacts}
+    assert "foot" in str(found.certificate.moves[0])
+    assert found.referee.survives and found.grade == "failed"
 
 
 @pytest.mark.slow
