@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from ocp.along import distances
 from ocp.contact_book import ContactBook, contact_book
 from ocp.findings import Audit, Violation
 from ocp.problem import Problem
@@ -91,10 +92,7 @@ def signed_distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> n
     """True signed distance phi of every contact, (S, N+1, n_phi), or None if unknown."""
     if problem.signed_distance is None:
         return None
-    values = problem.signed_distance.map(x.shape[0] * x.shape[1])(
-        x.reshape(-1, x.shape[2]).T, physical
-    )
-    return np.array(values).T.reshape(*x.shape[:2], -1)
+    return distances(problem, x, physical)
 
 
 def audit(

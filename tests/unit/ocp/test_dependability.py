@@ -9,10 +9,11 @@ from tests.benchmarks.ocp.dependability import (
     END,
     README,
     Start,
+    audited,
+    certified,
     from_guess,
     rewritten,
     row,
-    solved,
 )
 
 
@@ -20,24 +21,26 @@ def starts() -> list[Start]:
     """A default that fails, ten starts that cost 1.00 to 1.09, ten that fail as well."""
     costs = [9.0, *(1 + k / 100 for k in range(10)), *[0.5] * 10]
     return [
-        Start("hopper", k, 60, 16, 1 <= k <= 10, "infeasible", cost, 10 * k, k / 4, "")
+        Start("hopper", k, 60, 16, 1 <= k <= 10, 1 <= k <= 4, "infeasible", cost, 10 * k, k / 4,
+              k / 8, 2 * cost, k % 2 == 1, "")
         for k, cost in enumerate(costs)
-    ]
+    ]  # fmt: skip
 
 
-def test_row_counts_audited_answers_only() -> None:
+def test_row_counts_audited_and_certified_answers_apart() -> None:
     cells = row(starts())
     assert cells[0] == "`hopper`" and cells[1:3] == ["60", "16"]
-    assert solved(starts()) == 10 and cells[3] == "10"
-    assert cells[4] == "infeasible", "the default guess"
-    assert cells[5:7] == ["100", "2.5"], "medians of all 21, failures too"
-    assert cells[7:9] == ["1", "1.09"], "the cheap failures are no answers"
-    assert cells[9] == "2 of 21" and cells[10] == "16"
+    assert (audited(starts()), certified(starts())) == (10, 4) and cells[3:5] == ["10", "4"]
+    assert cells[5] == "infeasible", "the default guess"
+    assert cells[6:9] == ["100", "2.5", "1.2"], "medians of all 21, failures too"
+    assert cells[9:11] == ["1", "1.09"], "the cheap failures are no answers"
+    assert cells[11] == "2 of 21"
+    assert cells[12:] == ["2", "yes", "16"], "the referee's word on the best one"
 
 
 def test_a_problem_never_solved_has_no_cost() -> None:
-    cells = row([replace(start, success=False) for start in starts()])
-    assert cells[3] == "0" and cells[7] == cells[8] == "nan" and cells[9] == "0 of 21"
+    cells = row([replace(start, audited=False, success=False) for start in starts()])
+    assert cells[3] == "0" and cells[9] == cells[10] == "nan" and cells[11] == "0 of 21"
 
 
 def test_fresh_rows_replace_their_own_and_leave_the_rest() -> None:
@@ -61,5 +64,6 @@ def test_a_start_is_its_own() -> None:
     other = from_guess("wall-1d", 0)
     again = from_guess("wall-1d", 2)
     assert alone.success and other.success
-    assert replace(alone, seconds=0) == replace(again, seconds=0)
+    timeless = {"seconds": 0.0, "certificate_s": 0.0}
+    assert replace(alone, **timeless) == replace(again, **timeless)
     assert (other.iterations, other.where) != (alone.iterations, alone.where)
