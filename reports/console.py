@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ocp.certificate import Certificate
     from ocp.findings import Audit, Refereed
     from ocp.solution import Solution, StageRecord
-    from ocp.studies.store import StoredRun
+    from ocp.studies.stored_run import StoredRun
     from problems.spec import Golden
     from problems.studies import Claim
 

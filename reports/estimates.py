@@ -16,7 +16,7 @@ from reports.console import number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ocp.studies.store import StoredRun
+    from ocp.studies.stored_run import StoredRun
     from ocp.studies.sweep import Progress
 
 _EVERY_S = {True: 0.1, False: 5.0}
