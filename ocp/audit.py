@@ -13,7 +13,7 @@ from ocp.contact_book import ContactBook, contact_book
 from ocp.findings import Audit, Violation
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_on
-from ocp.solvers.solver import Result
+from ocp.solver import Result
 from ocp.transcription.nlp import NLP
 
 TOLERANCES = {

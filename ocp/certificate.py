@@ -12,7 +12,7 @@ import scipy.sparse.linalg as sla
 
 from ocp.curvature import negative_curvature
 from ocp.lpec import Descent, LinearModel
-from ocp.transcription.nlp import NLP
+from ocp.program import Program
 
 Stationarity = Literal["B", "KKT", "not", "undecided"]
 RADII = (1e-3, 1e-4)
@@ -31,6 +31,7 @@ _WORDS = {
     "limit": ("leaving limit", "meeting limit"),
     "friction": ("dropping", "applying"),
     "slip": ("stopping", "starting"),
+    "pair": ("freeing the second of", "freeing the first of"),
 }
 """What it means that a pair's gap, or its multiplier, grows."""
 
@@ -112,7 +113,7 @@ class Certificate:
 
 
 def certify(
-    nlp: NLP,
+    nlp: Program,
     x: np.ndarray,
     p: np.ndarray,
     bounds: dict[str, np.ndarray],
@@ -141,28 +142,22 @@ def certify(
     tells a gradient from rounding.
     """
     began = time.perf_counter()
-    f, gradient = (np.array(v).ravel() for v in nlp.gradient(x, p))
-    g, jacobian = nlp.jacobian(x, p)
-    derivatives = sp.csr_matrix(jacobian.sparse())
-    g, complementary = np.array(g).ravel(), nlp.form == "none"
-    if not (np.isfinite(f).all() and np.isfinite(gradient).all() and np.isfinite(g).all()
-            and np.isfinite(derivatives.data).all()):  # fmt: skip
+    f, complementary = float(nlp.gradient(x, p)[0]), nlp.form == "none"
+    model = linear_model(nlp, x, p, bounds)
+    if not (np.isfinite(f) and model.finite):
         return Certificate("undecided", reason="a function or derivative is no number there")
-    pairs = nlp.pairs if complementary else np.zeros((2, 0), dtype=int)
-    sizes = nlp.sizes()
-    model = LinearModel.at(x, gradient, g, derivatives, bounds, sizes, pairs)
-    slope = float(np.abs(model.cost).sum())
-    tolerance = _FLAT * max(abs(float(f[0])), slope)
+    slope, sizes = float(np.abs(model.cost).sum()), model.sizes
+    tolerance = tolerance_of(model, f)
     verdict, strong, descent = _search(model, multipliers, tolerance, began + seconds)
     fitted = multipliers if multipliers is not None else fit_multipliers(model)
     hessian, gain = _scaled_hessian(nlp, x, p, fitted, sizes), 0.0
     if verdict == "not":
         gain = _gain(descent, hessian)
-        if gain <= _NOISE * max(abs(float(f[0])), cost_span):
+        if gain <= _NOISE * max(abs(f), cost_span):
             verdict, gain = "B", 0.0
     return Certificate(
         stationarity=verdict if complementary or verdict != "B" else "KKT",
-        kind=("S" if strong else _kind(model, fitted)) if pairs.size and verdict == "B" else "",
+        kind=("S" if strong else _kind(model, fitted)) if complementary and verdict == "B" else "",
         biactive=int(model.near(_BIACTIVE).sum()),
         lpec_decrease=0.0 if verdict == "B" else descent.decrease,
         kkt_residual=_kkt_residual(model, fitted, sizes),
@@ -174,6 +169,24 @@ def certify(
         reason=descent.trouble,
         seconds=time.perf_counter() - began,
     )
+
+
+def linear_model(
+    nlp: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]
+) -> LinearModel:
+    """Linearise a program at x; pairs count only where the form leaves them to us ("none")."""
+    _, gradient = nlp.gradient(x, p)
+    g, jacobian = nlp.jacobian(x, p)
+    pairs = nlp.pairs if nlp.form == "none" else np.zeros((2, 0), dtype=int)
+    return LinearModel.at(
+        x, np.array(gradient).ravel(), np.array(g).ravel(), sp.csr_matrix(jacobian.sparse()),
+        bounds, nlp.sizes(x), pairs,
+    )  # fmt: skip
+
+
+def tolerance_of(model: LinearModel, f: float) -> float:
+    """What a decrease per radius must exceed to count, see :class:`Certificate`."""
+    return _FLAT * max(abs(f), float(np.abs(model.cost).sum()))
 
 
 def _search(
@@ -264,7 +277,7 @@ def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
 
 
 def _scaled_hessian(
-    nlp: NLP, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray
+    nlp: Program, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray
 ) -> sp.csr_matrix:
     upper = sp.csr_matrix(nlp.hessian(x, p, 1.0, multipliers).sparse())
     return sp.csr_matrix(sp.diags(sizes) @ (upper + sp.triu(upper, 1).T) @ sp.diags(sizes))
@@ -287,7 +300,7 @@ def _curvature(model: LinearModel, hessian: sp.csr_matrix) -> int:
     return negative_curvature(hessian[free][:, free], model.rows[active][:, free])
 
 
-def _moves(nlp: NLP, model: LinearModel, descent: Descent) -> list[Move]:
+def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[Move]:
     """Contacts whose pairs the direction takes to their other side, runs of steps joined."""
     if not descent.near.size:
         return []
@@ -296,12 +309,11 @@ def _moves(nlp: NLP, model: LinearModel, descent: Descent) -> list[Move]:
     grows = np.where(descent.acts > 0.5, moved[0], moved[1]) > 1e-6
     biactive = np.all(model.members[:, descent.near] < _BIACTIVE, axis=0)
     changed = grows & (biactive | (acted != (descent.acts > 0.5)))
-    names, kinds = nlp.step.contacts, nlp.problem.system.pairs
     found: dict[tuple[int, str, str], list[int]] = {}
     for index in np.flatnonzero(changed):
-        _, (scenario, k, i) = nlp.variables.locate(int(model.pairs[0, descent.near[index]]))
-        change = _WORDS[kinds[i % len(kinds)].kind][int(descent.acts[index] > 0.5)]
-        found.setdefault((scenario, names[i].name, change), []).append(k)
+        pair = nlp.pair_name(int(descent.near[index]))
+        change = _WORDS[pair.kind][int(descent.acts[index] > 0.5)]
+        found.setdefault((pair.scenario, pair.name, change), []).append(pair.step)
     return [
         Move(change, name, scenario, run[0], run[-1])
         for (scenario, name, change), steps in sorted(found.items(), key=lambda item: item[1][0])

@@ -15,15 +15,15 @@ from ocp.audit import audit, feasible, trajectories
 from ocp.certificate import Certificate, certify
 from ocp.findings import Audit, Refereed
 from ocp.labelled import label
-from ocp.landing import embedded
 from ocp.parting import Parting
 from ocp.physics import broken_constraints
 from ocp.problem import Problem
 from ocp.referee import Hearing, hear
 from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
+from ocp.routes.landing import embedded
+from ocp.routes.legs import translate
 from ocp.session import Outcome, Session
 from ocp.solution import Solution, Status
-from ocp.solvers.homotopy import translate
 from ocp.studies.provenance import versions
 from ocp.verdict import UNJUDGED
 

@@ -35,6 +35,7 @@ class LinearModel:
     pairs: np.ndarray
     members: np.ndarray
     row_scale: np.ndarray
+    sizes: np.ndarray
 
     @classmethod
     def at(
@@ -58,7 +59,14 @@ class LinearModel:
             pairs,
             np.maximum(x[pairs] / sizes[pairs], 0.0),
             scale,
+            sizes,
         )
+
+    @property
+    def finite(self) -> bool:
+        """Whether every derivative and every constraint is a number."""
+        parts = (self.cost, self.rows.data, self.row_lower, self.row_upper)
+        return not any(np.isnan(part).any() for part in parts)
 
     def near(self, radius: float) -> np.ndarray:
         """Pairs whose members are both within ``radius`` of zero: these may change sides."""
@@ -95,16 +103,20 @@ class LinearModel:
         ends = [y * _finite(end / radius) for end in (self.row_lower, self.row_upper)]
         return float(gained + np.maximum(*ends).sum())
 
-    def descend(self, radius: float, branching: bool, seconds: float, cut: float) -> Descent:
+    def descend(
+        self, radius: float, branching: bool, seconds: float, cut: float, first: bool = False
+    ) -> Descent:
         """Find the steepest feasible direction with ``|d_i| <= radius``.
 
         Without ``branching`` the near pairs may both grow (the relaxed problem, a linear program);
-        with it one member of each stays zero, by one binary a pair, and the search ends at the
-        first direction that falls by more than ``cut`` per radius.
+        with it one member of each stays zero, by one binary a pair, and the search is for a
+        direction that falls by more than ``cut`` per radius, at least half as steep as any; with
+        ``first`` it ends at the first one.
         """
         near = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
         n, count = self.cost.size, near.size
-        found = _solved(*self._program(radius, near, cut), seconds)
+        gap = 1e9 if first else 0.5
+        found = _solved(*self._program(radius, near, cut), seconds, gap)
         if found.status == 2 and count:
             return Descent(0.0, np.zeros(n), near, np.zeros(count))
         if found.x is None:
@@ -173,10 +185,10 @@ def _finite(values: np.ndarray) -> np.ndarray:
 
 def _solved(
     objective: np.ndarray, rows: tuple[Any, ...], box: tuple[Any, ...], whole: np.ndarray,
-    seconds: float,
+    seconds: float, gap: float,
 ) -> OptimizeResult:  # fmt: skip
     """Solve by HiGHS; a second time without presolve where it ran into numerical trouble."""
-    options = {"time_limit": seconds, "mip_rel_gap": 0.5}
+    options = {"time_limit": seconds, "mip_rel_gap": gap}
     given = {"constraints": LinearConstraint(*rows), "bounds": Bounds(*box), "integrality": whole}
     found = milp(objective, options=options, **given)
     if found.status == 4:

@@ -10,10 +10,11 @@ import numpy as np
 
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from ocp.errors import InputError
-from ocp.landing import land
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
-from ocp.solvers.homotopy import (
+from ocp.routes.branches import land
+from ocp.routes.landing import rolled_down
+from ocp.routes.legs import (
     PRIMAL,
     Homotopy,
     Path,
@@ -23,9 +24,8 @@ from ocp.solvers.homotopy import (
     geometric,
     translate,
 )
-from ocp.solvers.polish import polish
-from ocp.solvers.solver import Point, Result, Solver
-from ocp.solvers.strategies import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES, CentralPath
+from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES, CentralPath
+from ocp.solver import Point, Result, Solver
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
@@ -202,7 +202,7 @@ class Session:
         follower.trace.absorb(smooth.trace)
         settling = Homotopy(lambda _: direct, self.solver, self.values, follower.progress)
         direct = self.judging_nlp()
-        landed = land(source, result.point.x, nlp, direct, settling, self.step)
+        landed = rolled_down(source, result.point.x, nlp, direct, settling, self.step)
         follower.trace.absorb(settling.trace)
         landed = replace(landed, status=result.status, word=result.word)
         return Outcome(landed, nlp, finished, follower.trace)
@@ -254,12 +254,12 @@ class Session:
         paths = strategy.paths(reference)
         source = self.nlp_of(paths[0].plan(paths[0].values[0]).form)
         result, source = self._along(follower, paths, self.first_point(source, guess), source)
-        polished, nlp, worked = polish(follower, source, result, reference)
+        landed, nlp, worked = land(follower, source, result)
         if not worked and result.ok and isinstance(strategy, CentralPath):
             paths = strategy.further(reference)
             result, source = self._along(follower, paths, result.point, source, warm=True)
-            polished, nlp, worked = polish(follower, source, result, reference)
-        return Outcome(polished, nlp, worked, follower.trace)
+            landed, nlp, worked = land(follower, source, result)
+        return Outcome(landed, nlp, worked, follower.trace)
 
     def _along(
         self, follower: Homotopy, paths: list[Path], point: Point, source: NLP, warm: bool = False
@@ -289,8 +289,7 @@ class Session:
         result = follower.stage(plan, nlp, translate(start, source, nlp), True)
         if not result.ok:
             return Outcome(result, nlp, False, follower.trace)
-        polished, end, worked = polish(follower, nlp, result, self.problem.reference)
-        return Outcome(polished, end, worked, follower.trace)
+        return Outcome(*land(follower, nlp, result, improving=False), follower.trace)
 
     def resume(self, start: Point, progress: Progress | None = None) -> Outcome:
         """Solve at the present values from a point of the product NLP that came from elsewhere.
@@ -310,7 +309,7 @@ class Session:
             )
             if not result.ok:
                 return Outcome(result, nlp, False, follower.trace)
-            return Outcome(*polish(follower, nlp, result, reference), follower.trace)
+            return Outcome(*land(follower, nlp, result), follower.trace)
         name, short = self.step.law.name, {"max_iter": _STAGE_ITERATIONS, **self.solver.options}
         result = follower.stage(
             Plan(name, 0.0, options={**keep, "mu_init": 1e-7, **short}), nlp, start, True

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ocp.errors import InputError
-from ocp.solvers.strategies import DEFAULT_STRATEGY, STRATEGIES
+from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 
 OWN = {
     "homotopy": "true or false: follow the law's knob down from a wide start (default: true where"

@@ -16,7 +16,7 @@ from ocp.problem import Problem
 from ocp.session import Outcome, Session
 from ocp.settings import Settings
 from ocp.solution import Interrupted, Solution, StageRecord, Status
-from ocp.solvers.solver import Solver
+from ocp.solver import Solver
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.warm_start import carried_guess, carry

@@ -15,10 +15,11 @@ import numpy as np
 from dynamics.contact import Step
 from dynamics.systems import Signal
 from ocp.errors import InputError
+from ocp.layout import Layout
 from ocp.problem import Problem
 from ocp.solution import Solution
-from ocp.solvers.solver import Point
-from ocp.transcription.nlp import NLP, Layout
+from ocp.solver import Point
+from ocp.transcription.nlp import NLP
 
 _KINDS = {
     "state": ("x", "x0", "dynamics", "x_bound"),

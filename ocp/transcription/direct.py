@@ -10,24 +10,21 @@ import numpy as np
 
 from dynamics.contact import Step
 from ocp.errors import InputError
+from ocp.layout import Layout
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
+from ocp.program import closure_rows
 from ocp.transcription.common import Graph, constraint_names
-from ocp.transcription.nlp import NLP, Layout
+from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Compile, Stage, assemble
-
-FORMS = ("product", "none", "fischer-burmeister", "lin-fukushima")
 
 
 @dataclass(frozen=True)
 class Direct:
     """Every step's residual and gap are constraints, and so is the closure of contact.
 
-    Per step and scenario: ``residual(x, u, x_next, lam) = 0``, ``gap(x, u, x_next, lam) = s``,
-    and, by ``form``, ``lam s = mu`` ("product"; the exact law's strategies bound it instead),
-    nothing ("none": a penalty on lam s or fixed active sets), ``lam + s - sqrt(lam² + s² + 2 t) =
-    0`` ("fischer-burmeister") or ``lam s <= t²``, ``(lam + t)(s + t) >= t²`` ("lin-fukushima"),
-    t the parameter ``relaxation``.
+    Per step and scenario: ``residual(x, u, x_next, lam) = 0``, ``gap(x, u, x_next, lam) = s``, and
+    the closure of ``lam`` and ``s`` by ``form`` (:class:`~ocp.program.Program`).
     """
 
     name: ClassVar[str] = "direct"
@@ -156,18 +153,8 @@ def _interval(graph: Graph, variables: Layout, constraints: Layout, form: str) -
 
 
 def _closure(graph: Graph, gap: ca.SX, form: str) -> list[tuple[str, ca.SX, tuple[str, ...]]]:
-    lam, mu, t = graph.step.lam, graph.step.mu, graph.relaxation
-    names = graph.component_names("lam")
-    if form == "product":
-        return [("contact", lam * gap - mu, names)]
-    if form == "fischer-burmeister":
-        return [("contact", lam + gap - ca.sqrt(lam**2 + gap**2 + 2 * t), names)]
-    if form == "lin-fukushima":
-        return [
-            ("contact", lam * gap - t**2, names),
-            ("separation", (lam + t) * (gap + t) - t**2, names),
-        ]
-    return []
+    rows = closure_rows(form, graph.step.lam, gap, graph.step.mu, graph.relaxation)
+    return [(name, row, graph.component_names("lam")) for name, row in rows]
 
 
 def terminal_stage(graph: Graph, variables: Layout, constraints: Layout) -> Stage:

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from ocp.layout import Layout
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.transcription.common import Graph, constraint_names
@@ -20,7 +21,7 @@ from ocp.transcription.direct import (
     policy_constraint,
     terminal_stage,
 )
-from ocp.transcription.nlp import NLP, Layout
+from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Compile, Stage, assemble
 
 

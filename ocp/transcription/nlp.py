@@ -8,87 +8,23 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from ocp.layout import Layout
 from ocp.policy import Policy
 from ocp.problem import Problem
+from ocp.program import PairName, Program
 
 _SLIP = 1e3
 """Largest slip in a step, in characteristic distances."""
 
 
-@dataclass(frozen=True)
-class Block:
-    """A named array inside a vector: its shape, where it starts, and the names of its last axis."""
-
-    name: str
-    shape: tuple[int, ...]
-    start: int
-    components: tuple[str, ...] = ()
-
-    @property
-    def size(self) -> int:
-        """Number of entries."""
-        return int(np.prod(self.shape))
-
-    @property
-    def index(self) -> np.ndarray:
-        """Positions in the vector, in the block's shape."""
-        return self.start + np.arange(self.size).reshape(self.shape)
-
-
-class Layout:
-    """Blocks laid one after the other in one vector."""
-
-    def __init__(self) -> None:
-        self.blocks: dict[str, Block] = {}
-        self.size = 0
-
-    def add(self, name: str, shape: tuple[int, ...], components: tuple[str, ...] = ()) -> Block:
-        """Append a block; an empty one is kept so that its name is known."""
-        block = Block(name, shape, self.size, components)
-        self.blocks[name] = block
-        self.size += block.size
-        return block
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.blocks
-
-    def __getitem__(self, name: str) -> Block:
-        return self.blocks[name]
-
-    def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
-        """Write blocks into one vector; a block that is not named stays zero."""
-        vector = np.zeros(self.size)
-        for name, value in values.items():
-            block = self.blocks[name]
-            vector[block.index] = np.broadcast_to(np.asarray(value, dtype=float), block.shape)
-        return vector
-
-    def unpack(self, vector: np.ndarray) -> dict[str, np.ndarray]:
-        """Read every block out of a vector."""
-        flat = np.asarray(vector, dtype=float).ravel()
-        return {name: flat[block.index] for name, block in self.blocks.items()}
-
-    def locate(self, position: int) -> tuple[Block, tuple[int, ...]]:
-        """Return the block that holds ``position``, and the index inside it."""
-        for block in self.blocks.values():
-            if block.start <= position < block.start + block.size:
-                return block, tuple(int(i) for i in np.unravel_index(
-                    position - block.start, block.shape))  # fmt: skip
-        raise IndexError(position)
-
-
 @dataclass(eq=False)
-class NLP:
-    """``min f(x, p)`` subject to ``g_lower <= g(x, p) <= g_upper`` and bounds on x.
+class NLP(Program):
+    """The program of a transcribed problem, with the way back to trajectories.
 
-    The vector x is laid out by ``variables``, g by ``constraints``. The parameter vector p is
-    ``values`` (problem and law parameters by name, then ``penalty`` and ``relaxation``, the knobs
-    of the strategies for exact complementarity) followed by ``data`` (the initial states of all
-    scenarios and the input before the first).
+    The parameter vector p is ``values`` (problem and law parameters by name, then ``penalty`` and
+    ``relaxation``, the knobs of the strategies for exact complementarity) followed by ``data`` (the
+    initial states of all scenarios and the input before the first).
 
-    ``f_g`` maps (x, p) to (f, g); ``gradient`` to (f, df/dx); ``jacobian`` to (g, dg/dx);
-    ``hessian`` maps (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian.
-    ``pairs`` holds the positions of complementary multipliers and gaps in x, shape (2, m);
     ``trajectories`` maps (x, p) to states, inputs, lam and gap where states are no variables,
     ``contacts`` to lam and gap where those are none.
     """
@@ -112,14 +48,9 @@ class NLP:
     solvers: dict[str, ca.Function] = field(default_factory=dict)
 
     @property
-    def n(self) -> int:
-        """Number of variables."""
-        return self.variables.size
-
-    @property
-    def m(self) -> int:
-        """Number of constraints."""
-        return self.constraints.size
+    def title(self) -> str:
+        """Name of the problem."""
+        return self.problem.name
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """Put parameter values, by name, and the initial data they imply into the vector p."""
@@ -132,11 +63,8 @@ class NLP:
 
     def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
         """``lam gap`` of every contact and step, flat; shooting methods solve the contacts."""
-        if self.pairs.size:
-            lam, gap = x[self.pairs]
-            return lam * gap
         if self.contacts is None:
-            return np.zeros(0)
+            return super().products(x, p)
         lam, gap = (np.array(v).ravel() for v in self.contacts(x, p))
         return lam * gap
 
@@ -166,7 +94,7 @@ class NLP:
             "ubg": g_upper,
         }
 
-    def sizes(self) -> np.ndarray:
+    def sizes(self, x: np.ndarray) -> np.ndarray:
         """Characteristic size of every variable, in its unit, from the problem's reference.
 
         States and inputs have theirs; an impulse or a gap its own, the two exchanged for a slip
@@ -179,6 +107,21 @@ class NLP:
         known = {"x": reference.x, "x0": reference.x, "u": reference.u, "k": reference.u,
                  "K": reference.u / reference.x, "lam": impulse, "gap": gap}  # fmt: skip
         return self.variables.pack({name: known[name] for name in self.variables.blocks})
+
+    def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
+        """By the sizes of both members and, where slip makes that another set, as if all were
+        impulses and gaps: friction that hardly slides is cut off by neither alone.
+        """
+        own = super().active_sets(x)
+        first, second = x[self.pairs]
+        other = first / self.problem.reference.impulse > second / self.problem.reference.gap
+        return own if np.array_equal(own[0], other) else [other, *own]
+
+    def pair_name(self, index: int) -> PairName:
+        """Contact, scenario and step of a pair; branches of an averaged law carry their number."""
+        _, (scenario, step, i) = self.variables.locate(int(self.pairs[0, index]))
+        kinds = self.problem.system.pairs
+        return PairName(kinds[i % len(kinds)].kind, self.step.contacts[i].name, scenario, step)
 
     def _largest_multipliers(self) -> np.ndarray:
         """No bound, but for the slip of a contact: without a normal force nothing else holds it."""

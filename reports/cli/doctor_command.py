@@ -70,7 +70,7 @@ def machine() -> dict[str, Any]:
     import casadi as ca
 
     from dynamics.batch import compiler, llvm_backend
-    from ocp.solvers.solver import SOLVERS
+    from ocp.solver import SOLVERS
     from ocp.studies.provenance import versions
 
     return {

@@ -25,7 +25,7 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
     """Return what ``ocp list --json`` prints: per kind, objects with name and summary."""
     from dynamics.contact import LAWS
     from ocp.policy import POLICIES
-    from ocp.solvers.solver import SOLVERS
+    from ocp.solver import SOLVERS
     from ocp.studies.estimators import SAMPLED
     from ocp.studies.interpolation import RULES
     from ocp.transcription import METHODS

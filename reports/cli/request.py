@@ -47,7 +47,7 @@ class Request:
         settings: Iterable[str] | None,
     ) -> Request:
         """Check the words of a command line; raises InputError for the first that does not fit."""
-        from ocp.solvers.solver import SOLVERS
+        from ocp.solver import SOLVERS
         from ocp.transcription import METHODS
         from problems import parse_parameters, spec
         from problems.objectives import objective_names
@@ -114,8 +114,8 @@ class Request:
 
 def _check_settings(settings: dict[str, str]) -> None:
     """Catch a misspelt setting of ours before the solver is asked about an option of that name."""
+    from ocp.routes.relaxations import STRATEGIES
     from ocp.settings import OWN
-    from ocp.solvers.strategies import STRATEGIES
 
     if "strategy" in settings:
         choose("strategy", settings["strategy"], STRATEGIES)

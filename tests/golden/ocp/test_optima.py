@@ -10,7 +10,7 @@ import pytest
 
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, MultipleShooting, SingleShooting, Solution, Status, solve
-from ocp.solvers.strategies import STRATEGIES
+from ocp.routes.relaxations import STRATEGIES
 from problems import get
 
 # ball-bounce by solving every liftoff step apart; the others as found by all strategies.

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive
 from ocp.policy import OpenLoop
+from ocp.program import FORMS
 from ocp.session import Session
-from ocp.transcription.direct import FORMS
 from problems import get
 from tests.unit.ocp.cases import (
     CASES,

@@ -11,11 +11,11 @@ import pytest
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from ocp import Direct, MultipleShooting, OpenLoop, Problem, SingleShooting, Status
 from ocp.judgement import judged
-from ocp.landing import embedded
 from ocp.rollout import Rollout, roll_out
+from ocp.routes.landing import embedded
+from ocp.routes.legs import Trace
 from ocp.session import Outcome, Session
-from ocp.solvers.homotopy import Trace
-from ocp.solvers.solver import Point, Result
+from ocp.solver import Point, Result
 from problems import get
 
 NAMES = (

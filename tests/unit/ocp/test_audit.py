@@ -25,7 +25,7 @@ from ocp.audit import audit, signed_distances, task_gradient, trajectories, wors
 from ocp.judgement import judged
 from ocp.rollout import roll_out
 from ocp.session import Outcome, Session
-from ocp.solvers.solver import Point
+from ocp.solver import Point
 from problems import get
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ocp.program import Program
 from ocp.solution import StageRecord, Status
-from ocp.solvers.solver import Point, Result, Solver
-from ocp.transcription.nlp import NLP
+from ocp.solver import Point, Result, Solver
 
 Progress = Callable[[StageRecord], None]
 WARM = {
@@ -35,7 +35,7 @@ _STEP_BACKS = 4
 
 @dataclass(frozen=True)
 class Plan:
-    """One stage: the form of the NLP, parameter values, bounds on the contact rows, options.
+    """One stage: the form of the Program, parameter values, bounds on the contact rows, options.
 
     ``options`` are IPOPT's; another solver runs every stage with its own defaults. A ``partial``
     stage may end at its iteration limit: the next one starts from there.
@@ -61,7 +61,7 @@ class Path:
     values: Sequence[float]
     plan: Callable[[float], Plan]
     strict: bool = True
-    complete: Callable[[NLP, Result], bool] | None = None
+    complete: Callable[[Program, Result], bool] | None = None
 
 
 @dataclass
@@ -90,13 +90,13 @@ class Homotopy:
     ``finished = False``.
     """
 
-    def __init__(self, nlp_of: Callable[[str], NLP], solver: Solver, values: dict[str, float],
+    def __init__(self, nlp_of: Callable[[str], Program], solver: Solver, values: dict[str, float],
                  progress: Progress | None = None) -> None:  # fmt: skip
         self.nlp_of, self.solver, self.values = nlp_of, solver, values
         self.progress, self.trace = progress, Trace()
 
-    def follow(self, path: Path, start: Point, warm: bool = False) -> tuple[Result, NLP, bool]:
-        """Follow one path; returns the last result, its NLP, and whether the end was reached."""
+    def follow(self, path: Path, start: Point, warm: bool = False) -> tuple[Result, Program, bool]:
+        """Follow one path: the last result, its program, and whether the end was reached."""
         pending, good, tries = list(path.values), None, 0
         point, best = start, None
         form = None
@@ -122,7 +122,7 @@ class Homotopy:
         assert best is not None
         return *best, True
 
-    def stage(self, plan: Plan, nlp: NLP, start: Point, warm: bool) -> Result:
+    def stage(self, plan: Plan, nlp: Program, start: Point, warm: bool) -> Result:
         """Solve one stage and write its line of the table."""
         values = {**self.values, **plan.parameters}
         p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
@@ -137,7 +137,7 @@ class Homotopy:
         self.record(plan.knob, plan.value, nlp, result, p, bounds)
         return result
 
-    def record(self, knob: str, value: float, nlp: NLP, result: Result, p: np.ndarray,
+    def record(self, knob: str, value: float, nlp: Program, result: Result, p: np.ndarray,
                bounds: dict[str, np.ndarray]) -> None:  # fmt: skip
         """Add a line to the table and tell whoever watches."""
         g = result.g
@@ -164,7 +164,7 @@ class Homotopy:
             self.progress(line)
 
 
-def translate(point: Point, source: NLP, target: NLP) -> Point:
+def translate(point: Point, source: Program, target: Program) -> Point:
     """Carry a point between NLPs that share blocks: same names, same meaning."""
     if source is target:
         return point

@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError
+from ocp.program import Program
 from ocp.solution import Status
-from ocp.transcription.nlp import NLP
 
 SOLVERS = {
     "ipopt": "interior point, exact Hessian, MUMPS or SPRAL inside (the default)",
@@ -99,7 +99,7 @@ class Solver:
 
     def run(
         self,
-        nlp: NLP,
+        nlp: Program,
         start: Point,
         p: np.ndarray,
         bounds: dict[str, np.ndarray],
@@ -132,7 +132,7 @@ class Solver:
         )  # fmt: skip
 
     def _thrown(
-        self, nlp: NLP, start: Point, p: np.ndarray, error: RuntimeError, seconds: float
+        self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float
     ) -> Result:
         """Tell as an outcome that a plugin threw; some refuse their options only when called."""
         word = str(error).strip().splitlines()[-1]
@@ -141,7 +141,7 @@ class Solver:
         f, g = nlp.f_g(start.x, p)
         return Result(start, float(f), np.array(g).ravel(), Status.FAILED, word, 0, seconds)
 
-    def _instance(self, nlp: NLP, overrides: dict[str, Any]) -> ca.Function:
+    def _instance(self, nlp: Program, overrides: dict[str, Any]) -> ca.Function:
         options = {**self.options, **overrides}
         limits = [given["max_iter"] for given in (self.options, overrides) if "max_iter" in given]
         if limits:
@@ -151,8 +151,8 @@ class Solver:
             nlp.solvers[key] = self._create(nlp, options)
         return nlp.solvers[key]
 
-    def _create(self, nlp: NLP, options: dict[str, Any]) -> ca.Function:
-        x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", len(nlp.names) + nlp.data.size)
+    def _create(self, nlp: Program, options: dict[str, Any]) -> ca.Function:
+        x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", nlp.n_parameters)
         f, g = nlp.f_g.call([x, p], True, False)
         common: dict[str, Any] = {"print_time": False, "calc_lam_p": False, "error_on_fail": False}
         if self.name == "ipopt":
@@ -174,7 +174,7 @@ def _evaluation_s(stats: dict[str, Any]) -> float:
     return sum(float(v) for key, v in stats.items() if key.startswith("t_wall_nlp_"))
 
 
-def _check_bounds(nlp: NLP, bounds: dict[str, np.ndarray]) -> None:
+def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
     for letter, layout in (("x", nlp.variables), ("g", nlp.constraints)):
         lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
         crossed = np.flatnonzero(lower > upper)
@@ -183,6 +183,6 @@ def _check_bounds(nlp: NLP, bounds: dict[str, np.ndarray]) -> None:
             block, index = layout.locate(at)
             component = block.components[index[-1]] if block.components else str(index[-1])
             raise InputError(
-                f"{nlp.problem.name}: the lower bound of {component} in {block.name} is"
+                f"{nlp.title}: the lower bound of {component} in {block.name} is"
                 f" {lower[at]:g}, above its upper bound {upper[at]:g}; exchange or widen them"
             )

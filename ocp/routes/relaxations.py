@@ -14,9 +14,9 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from ocp.problem import Reference
-from ocp.solvers.homotopy import Path, Plan, geometric
-from ocp.solvers.solver import Result
-from ocp.transcription.nlp import NLP
+from ocp.program import Program
+from ocp.routes.legs import Path, Plan, geometric
+from ocp.solver import Result
 
 T_SHARP = 1e-8
 """Relaxation at which the textbook paths end."""
@@ -147,8 +147,8 @@ class ScholtesCold:
         return [Path(geometric(start, T_SHARP, self.factor), plan)]
 
 
-def _complementary(tolerance: float) -> Callable[[NLP, Result], bool]:
-    def reached(nlp: NLP, result: Result) -> bool:
+def _complementary(tolerance: float) -> Callable[[Program, Result], bool]:
+    def reached(nlp: Program, result: Result) -> bool:
         lam, gap = result.point.x[nlp.pairs]
         return bool(np.abs(lam * gap).max(initial=0.0) <= tolerance)
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from dynamics.contact import Step
 from ocp.rollout import Gains, Rollout, roll_out
+from ocp.routes.branches import land
+from ocp.routes.legs import Homotopy
 from ocp.solution import Status
-from ocp.solvers.homotopy import Homotopy
-from ocp.solvers.polish import polish
-from ocp.solvers.solver import Point, Result
+from ocp.solver import Point, Result
 from ocp.transcription.nlp import NLP
 
 
@@ -37,14 +37,14 @@ def plan_of(nlp: NLP, x: np.ndarray) -> tuple[np.ndarray | Gains, np.ndarray | N
     return plan, blocks["x0"][:, 0] if "x0" in blocks else None
 
 
-def land(
+def rolled_down(
     source: NLP, point: np.ndarray, target: NLP, direct: NLP, follower: Homotopy, step: Step
 ) -> Result:
     """Roll a plan of ``source`` out under the exact ``step``, settle it, and pack ``target``.
 
     The limit of smoothed optima is short of the exact one by the square root of the last mu. Hence
     the rolled-out point is put into ``direct``, whose contacts are fixed as they are and whose rest
-    is solved (:func:`~ocp.solvers.polish.polish`); its inputs, rolled out, are the answer where
+    is solved (:func:`~ocp.routes.branches.land`); its inputs, rolled out, are the answer where
     they cost no more.
     """
     problem, values = target.problem, follower.values
@@ -52,7 +52,7 @@ def land(
     rolled = roll_out(problem, plan, values, step, start)
     first = _packed(target, rolled, plan, values)
     x = embedded(direct, rolled, plan if isinstance(plan, Gains) else None)
-    settled, _, worked = polish(follower, direct, replace(first, point=Point(x)), problem.reference)
+    settled, _, worked = land(follower, direct, replace(first, point=Point(x)), improving=False)
     if not worked:
         return first
     plan, start = plan_of(direct, settled.point.x)

@@ -1,0 +1,1 @@
+"""Ways of solving: each a list of legs that are followed one after the other."""

@@ -1,0 +1,142 @@
+"""Landing on the exact law: branches of a complementarity problem, and from one to a better one.
+
+A branch is the program that is left when one member of every pair is held at zero. Every branch's
+answer is feasible for the exact problem.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from ocp.certificate import RADII, linear_model, tolerance_of
+from ocp.lpec import LinearModel
+from ocp.program import Program
+from ocp.routes.legs import WARM, Homotopy, translate
+from ocp.solver import Point, Result
+
+_ROUNDS = 8
+_EXCHANGES = 12
+_NEAR = 1e-6
+_FIRST_RADIUS = 0.1
+_GAIN = 1e-7
+"""Relative fall of the cost for which an answer is exchanged for another."""
+_SHARE, _LEAST_S, _MOST_S = 0.3, 0.3, 3.0
+"""Of the time a solve took so far, what all programs of its improvement may take, within limits."""
+
+
+class Branches:
+    """The branches of a program in the form "none", at the values of a follower's session."""
+
+    def __init__(self, follower: Homotopy) -> None:
+        self.follower = follower
+        self.program = follower.nlp_of("none")
+        self.p = self.program.parameter_vector({**follower.values, "penalty": 0.0})
+        self.limits = self.program.bounds(follower.values)
+
+    def solve(self, start: Point, active: np.ndarray, mu_init: float) -> Result:
+        """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains."""
+        first, second = self.program.pairs
+        bounds = {key: value.copy() for key, value in self.limits.items()}
+        bounds["ubx"][second[active]] = 0.0
+        bounds["ubx"][first[~active]] = 0.0
+        options: dict[str, Any] = {}
+        if self.follower.solver.name == "ipopt":
+            warm = WARM if start.lam_g is not None else {}
+            options = {**warm, "mu_init": mu_init}
+        inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
+        found = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
+        self.follower.record("active set", float(active.sum()), self.program, found, self.p, bounds)
+        return found
+
+    def settle(self, start: Point) -> Result | None:
+        """Solve the branch on which a point lies, and go on to neighbours while these cost less.
+
+        A pair near (0, 0) is put where it is larger in characteristic sizes; if its multiplier then
+        asks for the other side, it is moved there and the program solved again. Of several guesses
+        of the active set the cheapest answer counts; None where no branch was solved.
+        """
+        found = [self._settled(start, active) for active in self.program.active_sets(start.x)]
+        return min((one for one in found if one is not None), key=lambda one: one.f, default=None)
+
+    def _settled(self, start: Point, active: np.ndarray) -> Result | None:
+        best, point = None, start
+        for _ in range(_ROUNDS):
+            found = self.solve(point, active, 1e-6)
+            if not found.ok or (best is not None and found.f > best.f - 1e-9 * (1 + abs(best.f))):
+                break
+            best, point = found, found.point
+            wanted = self._other_side(found, active)
+            if not wanted.any():
+                break
+            active = active ^ wanted
+        return best
+
+    def improve(self, settled: Result) -> Result:
+        """Exchange active sets as the linear program with complementarity constraints proposes.
+
+        The program looks for descent within a trust region that starts a tenth of the
+        characteristic sizes wide; the branch that it proposes is solved from the point it leads to,
+        and kept where that costs less, else the region shrinks tenfold. The end is B-stationary
+        where no descent is left at the certificate's smallest radius (Nurkanovic and Leyffer,
+        arXiv 2501.13835, phase 2).
+        """
+        best, radius = settled, _FIRST_RADIUS
+        began, allowed, before = time.perf_counter(), self._seconds(), self.follower.trace.seconds
+        for _ in range(_EXCHANGES):
+            left = allowed - (time.perf_counter() - began)
+            if left <= 0 or radius < RADII[-1] or not self.program.pairs.size:
+                break
+            model = linear_model(self.program, best.point.x, self.p, self.limits)
+            found = self._exchanged(model, best, radius, left)
+            if found is not None and found.f < best.f - _GAIN * abs(best.f):
+                best = found
+            else:
+                radius /= 10
+        ran = self.follower.trace.seconds - before
+        self.follower.trace.seconds += time.perf_counter() - began - ran
+        return best
+
+    def _exchanged(
+        self, model: LinearModel, best: Result, radius: float, seconds: float
+    ) -> Result | None:
+        """Solve the branch that a direction of descent leads to; None without one."""
+        if not model.near(radius).any():
+            return None
+        cut = tolerance_of(model, best.f)
+        direction = model.descend(radius, True, seconds, cut, first=True)
+        if not direction.decrease > cut:
+            return None
+        active = self.program.active_sets(best.point.x)[-1]
+        active[direction.near] = direction.acts > 0.5
+        there = best.point.x + radius * model.sizes * direction.step
+        found = self.solve(Point(there, best.point.lam_x, best.point.lam_g), active, 1e-6)
+        return found if found.ok else None
+
+    def _seconds(self) -> float:
+        return float(np.clip(_SHARE * self.follower.trace.seconds, _LEAST_S, _MOST_S))
+
+    def _other_side(self, found: Result, active: np.ndarray) -> np.ndarray:
+        """Pairs at (0, 0) whose held member would lower the cost by growing."""
+        (first, second), x, lam_x = self.program.pairs, found.point.x, found.point.lam_x
+        if lam_x is None:
+            return np.zeros_like(active)
+        both = (x[first] < _NEAR) & (x[second] < _NEAR)
+        held = np.where(active, lam_x[second], lam_x[first])
+        return both & (held > 1e-6)
+
+
+def land(
+    follower: Homotopy, source: Program, result: Result, improving: bool = True
+) -> tuple[Result, Program, bool]:
+    """Settle a relaxation's result on a branch and, unless told otherwise, improve it from there.
+
+    Returns the answer with its program; the input, and False, where no branch could be solved.
+    """
+    branches = Branches(follower)
+    settled = branches.settle(translate(result.point, source, branches.program))
+    if settled is None:
+        return result, source, False
+    return branches.improve(settled) if improving else settled, branches.program, True
