@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import minimize
+from scipy.special import erf
 from scipy.stats import norm, t
 
 Density = Callable[[Any], Any]
@@ -30,8 +31,20 @@ def printed_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
     ``z erf(z) + exp(-z²/(2 sigma))/sqrt(pi)``, erf(y) = int_y^inf exp(-s²/sigma²)/(sqrt(2 pi)
     sigma) ds.
     """
-    erf = norm.sf(z * np.sqrt(2) / sigma) / np.sqrt(2)
-    return z * erf + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
+    tail = norm.sf(z * np.sqrt(2) / sigma) / np.sqrt(2)
+    return z * tail + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
+
+
+def ordinary_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
+    """Abs, eq. 5.1 with the ordinary error function for its erf, c1 = c2 = 0."""
+    return z * erf(z) + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
+
+
+def misfit(printed: np.ndarray, true: np.ndarray, z: np.ndarray) -> float:
+    """Largest ``|printed + c1 z + c2 - true|`` over z (n,) at the best c1, c2 in least squares."""
+    rows = np.stack((z, np.ones_like(z)), axis=1)
+    best = np.linalg.lstsq(rows, true - printed, rcond=None)[0]
+    return float(np.abs(printed + rows @ best - true).max())
 
 
 def averaged_exact(z: float, F: float, density: Density) -> float:

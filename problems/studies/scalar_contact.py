@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -31,6 +32,19 @@ def scalar_contact(
     lam is an impulse [N s]; F [m/(N s)] and ``knobs`` of the law (``mu``, ``sigma``) are numbers
     or (n,). The system is ``x+ = lam`` with the gap as its state.
     """
+    solve, derive, p = _built(law)
+    points, none = np.reshape(np.asarray(z, dtype=float), (-1, 1)), np.zeros(1)
+    values = np.tile(p.values, (len(points), 1))
+    for name, given in {"F": F, **{f"contact.{k}": v for k, v in knobs.items()}}.items():
+        values[:, p.index(name)] = given
+    _, impulse, _, _ = solve(points, none, values)
+    found = derive(points, none, values, impulse)
+    return ScalarContact(*(array[:, 0] for array in (impulse, *found)))
+
+
+@cache
+def _built(law: ContactLaw) -> tuple[BatchFunction, BatchFunction, ParameterTable]:
+    """Compile the step of ``law`` and its derivatives, of (z, u, p) and of (z, u, p, lam)."""
     table = ParameterTable([Parameter("F", 1.0, "m/(N s)")])
     compliance = table["F"]
     system = lcs(
@@ -44,10 +58,4 @@ def scalar_contact(
     slope = step.contact_jacobian(x)
     curvature = ca.jacobian(slope, x) + ca.jacobian(slope, lam) @ slope
     derive = ca.Function("scalar_contact", [x, u, p, lam], [step.mu, slope, ca.densify(curvature)])
-    points, none = np.reshape(np.asarray(z, dtype=float), (-1, 1)), np.zeros(1)
-    values = np.tile(step.p.values, (len(points), 1))
-    for name, given in {"F": F, **{f"contact.{k}": v for k, v in knobs.items()}}.items():
-        values[:, step.p.index(name)] = given
-    _, impulse, _, _ = BatchFunction(step.solve)(points, none, values)
-    found = BatchFunction(derive)(points, none, values, impulse)
-    return ScalarContact(*(array[:, 0] for array in (impulse, *found)))
+    return BatchFunction(step.solve), BatchFunction(derive), step.p
