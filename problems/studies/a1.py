@@ -7,7 +7,7 @@ import xarray as xr
 from scipy.integrate import quad
 from scipy.stats import t as student_t
 
-from dynamics.contact import Adaptive, Barrier, Exact
+from dynamics.contact import Adaptive, Exact
 from problems.spec import Citation
 from problems.studies.a1_claims import claims
 from problems.studies.noise import (
@@ -19,7 +19,7 @@ from problems.studies.noise import (
     printed_kappa,
     student,
 )
-from problems.studies.scalar_contact import ScalarContact, scalar_contact
+from problems.studies.scalar_contact import barrier_contact, gaussian_contact, scalar_contact
 from problems.studies.study import CHOICE, Study, StudyParams, quantity_of, setting
 
 MUS = (0.01, 0.1, 1.0)
@@ -44,14 +44,6 @@ class Params(StudyParams):
     sigma: float = setting(1.0, "m", "standard deviation matched by mu(z)", CHOICE, above=0)
     z_max: float = setting(4.0, "m", "largest gap drawn", CHOICE, above=0)
     points: int = setting(400, "1", "gaps drawn, an even number", CHOICE, least=6)
-
-
-def _barrier(mu: float, z: np.ndarray, F: float) -> ScalarContact:
-    return scalar_contact(Barrier(mu=1.0), z, F, mu=mu)
-
-
-def _gauss(sigma: float, z: np.ndarray, F: float) -> ScalarContact:
-    return scalar_contact(Adaptive(sigma=1.0), z, F, sigma=sigma)
 
 
 def run(params: Params) -> xr.Dataset:
@@ -80,8 +72,8 @@ def _curves(params: Params) -> tuple[dict, dict]:
     """What is drawn over z."""
     F, sigma = params.F, params.sigma
     z = np.linspace(-params.z_max, params.z_max, params.points)
-    constant = [_barrier(mu, z, F) for mu in MUS]
-    adaptive = _gauss(sigma, z, F)
+    constant = [barrier_contact(z, F, mu) for mu in MUS]
+    adaptive = gaussian_contact(z, F, sigma)
     per_mu = ("mu", "z")
     return {
         "lam_exact": quantity_of("z", scalar_contact(Exact(), z, F).lam, "N s", "exact"),
@@ -107,11 +99,11 @@ def _tradeoff(params: Params) -> dict:
     sigma takes every width times ``sqrt(F mu)``, so that no choice of sigma decides.
     """
     F = params.F
-    own = _gauss(params.sigma, GAPS * params.sigma, F)
+    own = gaussian_contact(GAPS * params.sigma, F, params.sigma)
     error, bend = np.empty((2, len(WIDTHS), len(GAPS))), np.empty((2, len(WIDTHS)))
     for row, sigma in enumerate(WIDTHS * np.sqrt(F * NAMED)):
-        soft = (_gauss(sigma, GAPS * sigma, F),
-                _barrier(NAMED, GAPS * sigma, F))  # fmt: skip
+        soft = (gaussian_contact(GAPS * sigma, F, sigma),
+                barrier_contact(GAPS * sigma, F, NAMED))  # fmt: skip
         error[:, row] = [s.lam * F / sigma for s in soft]
         bend[:, row] = [s.curvature[0] * F * sigma for s in soft]
     kind = ("softening", "width")
@@ -129,9 +121,10 @@ def _noise(params: Params) -> dict:
     probe = np.linspace(-2, 2, 9)
     widths = np.sqrt(F * np.array(MUS))
     cases = [
-        (s, _barrier(mu, probe * s, F), student(F, mu)) for mu, s in zip(MUS, widths, strict=True)
+        (s, barrier_contact(probe * s, F, mu), student(F, mu))
+        for mu, s in zip(MUS, widths, strict=True)
     ]
-    cases.append((sigma, _gauss(sigma, probe * sigma, F), gaussian(sigma)))
+    cases.append((sigma, gaussian_contact(probe * sigma, F, sigma), gaussian(sigma)))
     mismatch = np.empty(len(cases))
     for row, (scale, soft, density) in enumerate(cases):
         probes, lam = probe * scale, soft.lam
@@ -139,7 +132,7 @@ def _noise(params: Params) -> dict:
         mismatch[row] = np.abs(lam - expected).max() * F / scale
     half = np.geomspace(1e-6, 1e6, 40001)
     wide = np.concatenate((-half[::-1], half))
-    mass = [np.trapezoid(_barrier(NAMED, wide, C).curvature, wide)
+    mass = [np.trapezoid(barrier_contact(wide, C, NAMED).curvature, wide)
             for C in COMPLIANCES]  # fmt: skip
     near = np.linspace(-1, 1, 2001)
     slope = [scalar_contact(Adaptive(law="quartic-per-contact"), near, C).slope.max()
@@ -160,13 +153,13 @@ def _printed(params: Params) -> dict:
     off = np.empty((len(READINGS), len(SETTINGS)))
     for column, (C, variance) in enumerate(SETTINGS):
         z = np.sqrt(variance) * np.linspace(-3, 3, 121)
-        true = _gauss(np.sqrt(variance), z, C).lam
+        true = gaussian_contact(z, C, np.sqrt(variance)).lam
         for row, printed in enumerate(READINGS.values()):
             # N(0, sigma) and exp(-z²/(2 sigma)) of the text have sigma for the variance; its erf
             # and Q have it for the deviation. The better of the two counts.
             both = (misfit(printed(z, symbol), true, z) for symbol in (variance, variance**0.5))
             off[row, column] = min(both) * C / np.sqrt(variance)
-    soft = _gauss(sigma, TANGENTS * sigma, F)
+    soft = gaussian_contact(TANGENTS * sigma, F, sigma)
     tangent = np.stack((soft.lam * F / sigma, soft.slope * F), axis=1)
     lines = np.stack([linearisations(at, 1.0, 1.0) for at in TANGENTS])
     return {

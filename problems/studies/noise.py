@@ -52,6 +52,17 @@ def averaged_exact(z: float, F: float, density: Density) -> float:
     return quad(lambda w: -(z + w) / F * density(w), -np.inf, -z, epsabs=1e-13)[0]
 
 
+def least_residual(z: float, F: float, sigma: float) -> float:
+    """``min E|S_0(z + w) - W w - K|`` over K and W for w ~ N(0, sigma²): delta of abs, prop. 5.3.
+
+    S_0 is homogeneous, so it is sigma/F times that of z/sigma.
+    """
+    (K, W), _ = linearisations(z / sigma, 1.0, 1.0)
+    w = np.linspace(-8, 8, 8001)
+    off = np.abs(np.maximum(0, -(z / sigma + w)) - W * w - K)
+    return float(np.sum(norm.pdf(w) * off) * (w[1] - w[0]) * sigma / F)
+
+
 def linearisations(z: float, F: float, sigma: float) -> np.ndarray:
     """Best (K, W) of S_0(z + w) ~ W w + K for w ~ N(0, sigma²): rows for |.| and for (.)²."""
     w, weight = np.polynomial.hermite_e.hermegauss(200)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dynamics.batch import BatchFunction
-from dynamics.contact import ContactLaw
+from dynamics.contact import Adaptive, Barrier, ContactLaw
 from dynamics.systems import Parameter, ParameterTable, Signal, lcs
 
 
@@ -22,6 +22,20 @@ class ScalarContact:
     mu: np.ndarray
     slope: np.ndarray
     curvature: np.ndarray
+
+
+_BARRIER, _GAUSSIAN = Barrier(mu=1.0), Adaptive(sigma=1.0)
+"""One object each, since a law is compiled once an object; their knobs are parameters."""
+
+
+def barrier_contact(z: ArrayLike, F: ArrayLike, mu: ArrayLike) -> ScalarContact:
+    """:func:`scalar_contact` under the barrier law at constant ``mu`` [N s m]."""
+    return scalar_contact(_BARRIER, z, F, mu=mu)
+
+
+def gaussian_contact(z: ArrayLike, F: ArrayLike, sigma: ArrayLike) -> ScalarContact:
+    """:func:`scalar_contact` under the adaptive law that is Gaussian smoothing by ``sigma`` [m]."""
+    return scalar_contact(_GAUSSIAN, z, F, sigma=sigma)
 
 
 def scalar_contact(
@@ -42,7 +56,7 @@ def scalar_contact(
     return ScalarContact(*(array[:, 0] for array in (impulse, *found)))
 
 
-@cache
+@lru_cache(maxsize=8)
 def _built(law: ContactLaw) -> tuple[BatchFunction, BatchFunction, ParameterTable]:
     """Compile the step of ``law`` and its derivatives, of (z, u, p) and of (z, u, p, lam)."""
     table = ParameterTable([Parameter("F", 1.0, "m/(N s)")])
