@@ -44,7 +44,7 @@ def _impact(data: xr.Dataset) -> list[Claim]:
               f"area {jump:.2f} m/s within 5 %", f"{over(laws[:-1], close[:-1])}: {areas} m/s",
               bool(np.all(close[:-1]))),
         Claim("So does the adaptive law's", "our check", f"area {jump:.2f} m/s within 5 %",
-              f"{area[-1]:.2f} m/s, peak {peak:.0f} 1/s".replace("1/s", "per s"),
+              f"{area[-1]:.2f} m/s, peak {peak:.0f} 1/s",
               bool(close[-1])),
     ]  # fmt: skip
 

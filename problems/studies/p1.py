@@ -84,7 +84,7 @@ def _bias(data: xr.Dataset, name: str) -> float:
 def _steps(data: xr.Dataset, name: str) -> float:
     """Largest step of F on its grid over ``spacing range(f)/(sqrt(2 pi) sigma)``.
 
-    Over the spacing that is the largest slope of an average over N(0, sigma²) of a function of this range.
+    An average over N(0, sigma²) of a function of this range has no larger slope.
     """
     step = np.abs(np.diff(data[f"F_{name}"].values)).max()
     spacing = float(data[f"theta_{name}"][1] - data[f"theta_{name}"][0])
@@ -127,7 +127,8 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
     return [
         Claim("The objectives of all three systems jump", "Pathologies, sec. I, fig. 1",
-              "a jump of 10 % or more", f"{listed(raw)} of the range within one fine step", min(raw) > 0.1),
+              "a jump of 10 % or more", f"{listed(raw)} of the range within one fine step",
+              min(raw) > 0.1),
         Claim("Randomized smoothing makes them continuous", "our check",
               "steps no larger than range(f) spacing/(sqrt(2 pi) sigma)",
               f"{listed(smooth)} of it at most", max(smooth) < 1.05),
@@ -142,7 +143,8 @@ def claims(data: xr.Dataset) -> list[Claim]:
               bool(usual)),
         Claim("The throw's best angle is pi/4, away from the wall's jumps", "closed form",
               f"{np.pi / 4:.4f} rad, {-(reach**2):.5f} m²",
-              f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at {listed(list(throw), '.3f')} rad", bool(abs(angle - np.pi / 4) < 2e-3
+              f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at"
+              f" {listed(list(throw), '.3f')} rad", bool(abs(angle - np.pi / 4) < 2e-3
                    and np.all(np.abs(throw - angle) > 0.01))),
         Claim("Momentum transfer ends where the ball clears the tip", "closed form",
               f"+-{expected:.4f} rad", f"{listed(list(tip), '+.4f')} rad",
