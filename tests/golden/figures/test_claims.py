@@ -145,10 +145,7 @@ def test_nothing_holds_where_nothing_was_measured(identifier: str) -> None:
     blank = data.map(lambda v: v * np.nan if v.dtype.kind in "fiu" else v, keep_attrs=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        try:
-            found = study.claims(blank.assign_attrs(data.attrs))
-        except (ValueError, np.linalg.LinAlgError):
-            return
+        found = study.claims(blank.assign_attrs(data.attrs))
     assert not [claim.claim for claim in found if claim.holds]
 
 
