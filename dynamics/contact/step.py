@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from dynamics.contact.interior_point import lcp_solver
-from dynamics.contact.nonlinear import ncp_solver
+from dynamics.contact.ncp import ncp_solver
 from dynamics.systems import ContactSystem, ParameterTable, Signal
 from dynamics.systems.elimination import solve_without_pivoting
 
