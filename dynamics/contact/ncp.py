@@ -28,7 +28,7 @@ LOST = 1e-7
 # Of a point on the path, but for rounding; the search is for one.
 _FOLLOWED = 1e-10
 # Starts, and iterations from each, as powers of two.
-_STARTS, _ITERATIONS = 7, 6
+_STARTS, _ITERATIONS = 8, 6
 # Impulses of the first start, and of the others as powers of ten: smallest, largest at first, last.
 _FIRST = 1e-6
 _LEAST, _MOST, _MOST_AT_LAST = -4, -1, 2
