@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import problems
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.interior_point import follow
 from dynamics.contact.ncp import LOST, ncp_solver
@@ -171,9 +172,7 @@ def largest_inputs(seed: int) -> np.ndarray:
 
 def test_a_simulation_whose_motion_overflows_says_so():
     """At the source's h the hopper's limbs turn several times in a step and gain speed by it."""
-    said = (
-        r"^hopper: step [0-9]+ has no solution: even without contact its motion overflows.*since step"
-    )
+    said = r"^hopper: step [0-9]+ has no solution: .*its motion overflows.*since step"
     with pytest.raises(NotConverged, match=said):
         simulate("hopper", 30, largest_inputs(0), seed=0)
 
@@ -188,8 +187,11 @@ def test_a_step_that_no_start_solves_is_named(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.slow
-def test_a_thousand_wild_simulations_stop_only_where_their_motion_overflows():
-    """30 steps each, under the largest inputs; without the search all but a few stop early."""
+def test_a_thousand_wild_simulations_stop_only_where_their_motion_overflows(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """30 steps each, under the largest inputs; one closed step for all of them saves minutes."""
+    monkeypatch.setattr("problems.machines.simulation.get", cache(problems.get))
     finished = 0
     for seed in range(1000):
         try:
