@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test test-slow bench bench-solve lint gallery
+.PHONY: setup demo test test-slow bench bench-solve lint gallery claims
 
 setup: $(READY)
 
@@ -35,6 +35,12 @@ bench: setup
 # PROBLEMS="hopper push-1d" does some of them.
 bench-solve: setup
 	$(BIN)/python -m tests.benchmarks.ocp.dependability $(PROBLEMS)
+
+# Makes every figure of the papers and rewrites the README's tables of their claims.
+claims: setup
+	mkdir -p runs/claims
+	$(BIN)/ocp figure --all --json --quiet --out runs/claims > runs/claims/figures.json
+	$(BIN)/python -m reports.claims runs/claims/figures.json README.md
 
 # Pictures of the README: these problems in this order, solved under the exact law, or as
 # SOLVE_<problem> says; those of MOVING also as animations.

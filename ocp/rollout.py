@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from dynamics.contact import ContactLaw, Relinearised, Step
+from dynamics.contact import ContactLaw, Step
 from ocp.errors import NotConverged
 from ocp.problem import Problem
 
@@ -125,12 +125,12 @@ def roll_on(
     lam, gap = np.full((S, N, step.n), np.nan), np.full((S, N, step.n), np.nan)
     u[:] = np.nan if isinstance(inputs, Gains) else inputs
     x[:, 0] = start
-    stepper, lost = _Stepper(step, p), list[Unsolved]()
+    lost: list[Unsolved] = []
     for s in range(S):
         for k in range(N):
             if isinstance(inputs, Gains):
                 u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
-            after, lam_k, gap_k, error = stepper.ahead(x[s, k], u[s, k], substeps)
+            after, lam_k, gap_k, error = _ahead(step, x[s, k], u[s, k], p, substeps)
             if not np.all(error <= STEP_TOLERANCE):
                 worst = int(np.argmax(error))
                 lost.append(Unsolved(k, step.contacts[worst].name, s, float(error[worst])))
@@ -156,43 +156,20 @@ def step_values(
     ])  # fmt: skip
 
 
-class _Stepper:
-    """Steps ahead, on a second way where the path of the first leads nowhere."""
+def _ahead(
+    step: Step, x: np.ndarray, u: np.ndarray, p: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """State after ``count`` steps, lam and gap of the last, and the largest error of any.
 
-    def __init__(self, step: Step, p: np.ndarray) -> None:
-        self.step, self.p = step, p
-        curved = step.exact and not step.system.reduced.affine
-        self.other = Relinearised(step) if curved else None
-
-    def ahead(
-        self, x: np.ndarray, u: np.ndarray, count: int
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """State after ``count`` steps, lam and gap of the last, and the largest error of any.
-
-        The error is infinite where a step came to no number: a single contact, solved in closed
-        form, has no error of its own that would tell.
-        """
-        n = self.step.n
-        lam, gap, largest = np.empty(n), np.empty(n), np.zeros(n)
-        for _ in range(count):
-            x, lam, gap, error = self._once(x, u)
-            largest = np.maximum(largest, error)
-        return x, lam, gap, largest
-
-    def _once(
-        self, x: np.ndarray, u: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        found = _numbers(*self.step.solve(x, u, self.p))
-        if np.all(found[3] <= STEP_TOLERANCE) or self.other is None:
-            return found
-        second = _numbers(*self.other.solve(x, u, self.p))
-        return second if np.all(second[3] <= STEP_TOLERANCE) else found
-
-
-def _numbers(*found: ca.DM | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    x, lam, gap, error = (np.array(value).ravel() for value in found)
-    right = np.isfinite(error) & np.isfinite(x).all()
-    return x, lam, gap, np.where(right, error, np.inf)
+    The error is infinite where a step came to no number: a single contact, solved in closed form,
+    has no error of its own that would tell.
+    """
+    lam, gap, largest = np.empty(step.n), np.empty(step.n), np.zeros(step.n)
+    for _ in range(count):
+        x, lam, gap, error = (np.array(value).ravel() for value in step.solve(x, u, p))
+        right = np.isfinite(error) & np.isfinite(x).all()
+        largest = np.maximum(largest, np.where(right, error, np.inf))
+    return x, lam, gap, largest
 
 
 def trajectory_costs(

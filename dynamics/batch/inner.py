@@ -11,7 +11,9 @@ ill-conditioned and close to complementarity) the interior-point path of
 has the active set in place of the root: solve on {lam > s}, until the set stays as it is.
 
 All of it is in the solver's scaling, where F has a unit diagonal. Where the contact is no such
-problem (friction, curved gaps) there is the path alone, that of :mod:`dynamics.contact.nonlinear`.
+problem (friction, curved gaps) there is the path alone, that of :mod:`dynamics.contact.nonlinear`:
+a sample whose path is lost is reported, and not tried from other starts as
+:mod:`dynamics.contact.ncp` does.
 """
 
 from __future__ import annotations

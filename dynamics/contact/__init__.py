@@ -5,7 +5,6 @@ from dynamics.contact.barrier import Barrier
 from dynamics.contact.exact import Exact
 from dynamics.contact.law import ContactLaw
 from dynamics.contact.randomized import Randomized
-from dynamics.contact.relinearised import Relinearised
 from dynamics.contact.step import Step
 
 LAWS: dict[str, type[ContactLaw]] = {
@@ -19,6 +18,5 @@ __all__ = [
     "ContactLaw",
     "Exact",
     "Randomized",
-    "Relinearised",
     "Step",
 ]

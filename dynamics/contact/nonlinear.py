@@ -24,7 +24,8 @@ MU_LINEAR = 1e-4
 # The linear model of a curved gap promises a better point at every iteration, down to rounding.
 _REST = 1e-12
 _NEAR = 1e-2
-_TRUE_GAP = 2.0
+TRUE_GAP = 2.0
+"""The number, in the last entry of a pair, of the path of the true gap."""
 
 
 def scaling(z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...]) -> tuple[ca.SX, ca.SX]:
@@ -125,15 +126,15 @@ class NonlinearPath:
         n, known = self.n, self.symbols
         pair = ca.SX.sym("pair", 2 * n + 1)
         lam, s, phase = pair[:n], pair[n : 2 * n], pair[2 * n]
-        true = phase == _TRUE_GAP if self.curved else ca.SX(1)
-        z, F = self._linearised(lam, true)
+        true = phase == TRUE_GAP if self.curved else ca.SX(1)
+        z, F = self.linearised(lam, true)
         mu = ca.if_else(true, known["mu"], ca.fmax(known["mu"], MU_LINEAR))
         moved = interior_point.advance(lam, s, z, F, mu, _REST)
         off = ca.mmax(ca.vertcat(ca.fabs(lam * s - mu) / mu, ca.fabs(z + F @ lam - s) / (1 + s)))
-        following = ca.if_else(off < _NEAR, _TRUE_GAP, phase) if self.curved else phase
+        following = ca.if_else(off < _NEAR, TRUE_GAP, phase) if self.curved else phase
         return ca.Function("path_ncp", [pair, self.data], [ca.vertcat(*moved, following)])
 
-    def _linearised(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def linearised(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, ca.SX]:
         """``gap = z + F lam`` around lam, or around the start of the step where not ``true``."""
         known = self.symbols
         z, F = ca.SX(known["z"]), ca.SX(self.pattern, known["F"])
@@ -164,32 +165,12 @@ class NonlinearPath:
         pair = ca.SX.sym("pair", 2 * n + 1)
         lam, s = pair[:n], pair[n : 2 * n]
         D, c, mu = known["D"], known["c"], known["mu"]
-        z, F = self._linearised(lam, ca.SX(1))
+        z, F = self.linearised(lam, ca.SX(1))
         error = ca.fmax(ca.fabs(lam * s - mu), ca.fabs(z + F @ lam - s) / (1 + s))
         # Diverged: not a number, which would pass for small in a comparison.
         error = ca.if_else(error < ca.inf, error, ca.inf)
         outputs = [ca.densify(value) for value in (c * D * lam, s * c / D, error)]
         return ca.Function("ending", [pair, self.data], outputs)
-
-
-def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
-    """Solve one step of a system: ``(x, u, p, mu) -> (x_next, lam, gap, error)``.
-
-    ``p`` are the system's parameters, ``mu``, ``lam``, ``gap``, ``error`` (nlam, 1), error each
-    pair's scaled violation, 1e-10 or less where the path was followed to its end. With ``exact``
-    mu is ignored and the point at :data:`MU_EXACT` returned.
-    """
-    path, mu = NonlinearPath(system, exact), ca.SX.sym("mu", system.nlam)
-    given = [system.x, system.u, system.parameters.vector]
-    opening = ca.Function("opening", [*given, mu], [path.opening(mu)], {"cse": True})
-    landing = ca.Function("landing", [*given, system.lam], [system.landing], {"cse": True})
-    arguments = [ca.MX.sym(f"in_{k}", opening.numel_in(k)) for k in range(4)]
-    data = opening(*arguments)
-    pair = interior_point.follow(path.iteration())(ca.MX.ones(2 * path.n + 1), data)
-    lam, gap, error = path.ending()(pair, data)
-    outputs = [landing(*arguments[:3], lam), lam, gap, error]
-    names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
-    return ca.Function("contact_ncp", arguments, outputs, *names)
 
 
 def _is_curved(expression: ca.SX, unknown: ca.SX) -> bool:

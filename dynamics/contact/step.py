@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from dynamics.contact.interior_point import lcp_solver
-from dynamics.contact.nonlinear import ncp_solver
+from dynamics.contact.ncp import ncp_solver
 from dynamics.systems import ContactSystem, ParameterTable, Signal
 from dynamics.systems.elimination import solve_without_pivoting
 
@@ -165,8 +165,8 @@ class Step:
     def solve(self) -> ca.Function:
         """Map ``(x, u, p)`` to ``(x_next, lam, gap, error)`` without derivatives.
 
-        ``error`` (n, 1) is each contact's scaled violation of ``lam gap = mu``; above 1e-10 the
-        path was not followed to its end.
+        ``error`` (n, 1) is each contact's scaled violation of ``lam gap = mu``; above 1e-7 the step
+        was not solved, from whatever start, and below 1e-10 but for rounding it was.
         """
         arguments = self._symbols()
         _, *outputs = self._solution(*arguments)

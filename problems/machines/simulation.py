@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from dynamics.contact import ContactLaw
-from ocp.errors import InputError
+from ocp.errors import InputError, NotConverged
 from ocp.problem import Problem
-from ocp.rollout import Rollout, roll_out
+from ocp.rollout import STEP_TOLERANCE, Rollout, roll_out
 from problems.machines.half_cheetah import half_cheetah
 from problems.machines.hopper import hopper
 from problems.machines.machine import PublishedMachine
@@ -54,7 +55,8 @@ def simulate(
     with h behind them, shape (1, steps + 1, nx).
 
     Raises :class:`~ocp.errors.InputError` where the inputs do not fit, and
-    :class:`~ocp.errors.NotConverged` where a step's contact was not solved.
+    :class:`~ocp.errors.NotConverged` where a step has no solution or none was found; the message
+    says which.
     """
     problem, x0 = simulation(name, steps, seed, **params)
     plan = np.zeros((steps, problem.system.nu)) if inputs is None else np.asarray(inputs, float)
@@ -64,4 +66,37 @@ def simulate(
             f" {problem.system.nu}), one row for each step"
         )
     values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
-    return roll_out(problem, plan[None], values, law, x0[None])
+    try:
+        return roll_out(problem, plan[None], values, law, x0[None])
+    except NotConverged as lost:
+        raise NotConverged(f"{name}: {_reason(problem, plan, law, x0, lost)}") from None
+
+
+def _reason(
+    problem: Problem, plan: np.ndarray, law: ContactLaw | None, x0: np.ndarray, lost: NotConverged
+) -> str:
+    """Why the rollout of ``plan`` (N, nu) from ``x0`` (nx,) was ``lost``, as a sentence."""
+    step, system = problem.exact_step if law is None else law.close(problem.system), problem.system
+    own = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
+    p = np.array([own.get(parameter.name, parameter.value) for parameter in step.p])
+    x = [x0]
+    for u in plan:
+        after, _, _, error = (np.array(part).ravel() for part in step.solve(x[-1], u, p))
+        if not np.all(error <= STEP_TOLERANCE):
+            break
+        x.append(after)
+    k, nq = len(x) - 1, system.nx // 2
+    turned = np.abs(np.diff(np.array(x), axis=0)[:, 2:nq]).max(axis=1, initial=0) > 2 * np.pi
+    wild = ""
+    if turned.any():
+        wild = (
+            f"; since step {int(np.argmax(turned))} limbs turn by more than a whole turn in a step:"
+            " take a smaller h or smaller inputs"
+        )
+    free = ca.Function("free", [system.x, system.u, step.p.vector], [system.reduced.a])
+    if np.isfinite(np.array(free(x[-1], plan[k], p))).all():
+        return f"{lost}; no other start of the search led to a solution either{wild}"
+    return (
+        f"step {k} has no solution: even without contact its motion overflows, at speeds of"
+        f" {np.abs(x[-1][nq : 2 * nq]).max():.1e}{wild}"
+    )

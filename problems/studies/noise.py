@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import minimize
+from scipy.special import erf
 from scipy.stats import norm, t
 
 Density = Callable[[Any], Any]
@@ -30,13 +31,36 @@ def printed_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
     ``z erf(z) + exp(-z²/(2 sigma))/sqrt(pi)``, erf(y) = int_y^inf exp(-s²/sigma²)/(sqrt(2 pi)
     sigma) ds.
     """
-    erf = norm.sf(z * np.sqrt(2) / sigma) / np.sqrt(2)
-    return z * erf + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
+    tail = norm.sf(z * np.sqrt(2) / sigma) / np.sqrt(2)
+    return z * tail + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
+
+
+def ordinary_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
+    """Abs, eq. 5.1 with the ordinary error function for its erf, c1 = c2 = 0."""
+    return z * erf(z) + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
+
+
+def misfit(printed: np.ndarray, true: np.ndarray, z: np.ndarray) -> float:
+    """Largest ``|printed + c1 z + c2 - true|`` over z (n,) at the best c1, c2 in least squares."""
+    rows = np.stack((z, np.ones_like(z)), axis=1)
+    best = np.linalg.lstsq(rows, true - printed, rcond=None)[0]
+    return float(np.abs(printed + rows @ best - true).max())
 
 
 def averaged_exact(z: float, F: float, density: Density) -> float:
     """E[max(0, -(z + w))/F] by quadrature over the distribution of w."""
     return quad(lambda w: -(z + w) / F * density(w), -np.inf, -z, epsabs=1e-13)[0]
+
+
+def least_residual(z: float, F: float, sigma: float) -> float:
+    """``min E|S_0(z + w) - W w - K|`` over K and W for w ~ N(0, sigma²): delta of abs, prop. 5.3.
+
+    S_0 is homogeneous, so it is sigma/F times that of z/sigma.
+    """
+    (K, W), _ = linearisations(z / sigma, 1.0, 1.0)
+    w = np.linspace(-8, 8, 8001)
+    off = np.abs(np.maximum(0, -(z / sigma + w)) - W * w - K)
+    return float(np.sum(norm.pdf(w) * off) * (w[1] - w[0]) * sigma / F)
 
 
 def linearisations(z: float, F: float, sigma: float) -> np.ndarray:

@@ -73,14 +73,15 @@ def frobenius(matrices: np.ndarray) -> np.ndarray:
     return np.sqrt(np.sum(matrices**2, axis=(1, 2)))
 
 
-def theorem_4_5(z: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> np.ndarray:
+def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> np.ndarray:
     """Bound of abs, thm. 4.5 with l(mu) *equal* to its lower bound; C = D = I, A = B = E = 0.
 
     ``n² |I|_F² l``, ``l = e/mu + 1/|F| + sign e sqrt(1/mu² + 2/(e mu |F|))``,
-    ``e = |z|²/(2 |F|²)``; printed with sign +1, derived correctly it is -1.
+    ``e = reach²/(2 |F|²)`` with ``reach`` (k,) the largest |z| of the domain, on which the bound is
+    one of the slope; printed with sign +1, derived correctly it is -1.
     """
-    n, size = z.shape[1], frobenius(F)
-    e = np.sum(z**2, axis=1) / (2 * size**2)
+    n, size = F.shape[1], frobenius(F)
+    e = reach**2 / (2 * size**2)
     inverse, rest = 1 / mu, 2 / (e * mu * size)
     root = np.sqrt(inverse**2 + rest)
     if sign < 0:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dynamics.batch import BatchFunction
-from dynamics.contact import ContactLaw
+from dynamics.contact import Adaptive, Barrier, ContactLaw
 from dynamics.systems import Parameter, ParameterTable, Signal, lcs
 
 
@@ -23,6 +24,20 @@ class ScalarContact:
     curvature: np.ndarray
 
 
+_BARRIER, _GAUSSIAN = Barrier(mu=1.0), Adaptive(sigma=1.0)
+"""One object each, since a law is compiled once an object; their knobs are parameters."""
+
+
+def barrier_contact(z: ArrayLike, F: ArrayLike, mu: ArrayLike) -> ScalarContact:
+    """:func:`scalar_contact` under the barrier law at constant ``mu`` [N s m]."""
+    return scalar_contact(_BARRIER, z, F, mu=mu)
+
+
+def gaussian_contact(z: ArrayLike, F: ArrayLike, sigma: ArrayLike) -> ScalarContact:
+    """:func:`scalar_contact` under the adaptive law that is Gaussian smoothing by ``sigma`` [m]."""
+    return scalar_contact(_GAUSSIAN, z, F, sigma=sigma)
+
+
 def scalar_contact(
     law: ContactLaw, z: ArrayLike, F: ArrayLike, **knobs: ArrayLike
 ) -> ScalarContact:
@@ -31,6 +46,19 @@ def scalar_contact(
     lam is an impulse [N s]; F [m/(N s)] and ``knobs`` of the law (``mu``, ``sigma``) are numbers
     or (n,). The system is ``x+ = lam`` with the gap as its state.
     """
+    solve, derive, p = _built(law)
+    points, none = np.reshape(np.asarray(z, dtype=float), (-1, 1)), np.zeros(1)
+    values = np.tile(p.values, (len(points), 1))
+    for name, given in {"F": F, **{f"contact.{k}": v for k, v in knobs.items()}}.items():
+        values[:, p.index(name)] = given
+    _, impulse, _, _ = solve(points, none, values)
+    found = derive(points, none, values, impulse)
+    return ScalarContact(*(array[:, 0] for array in (impulse, *found)))
+
+
+@lru_cache(maxsize=8)
+def _built(law: ContactLaw) -> tuple[BatchFunction, BatchFunction, ParameterTable]:
+    """Compile the step of ``law`` and its derivatives, of (z, u, p) and of (z, u, p, lam)."""
     table = ParameterTable([Parameter("F", 1.0, "m/(N s)")])
     compliance = table["F"]
     system = lcs(
@@ -44,10 +72,4 @@ def scalar_contact(
     slope = step.contact_jacobian(x)
     curvature = ca.jacobian(slope, x) + ca.jacobian(slope, lam) @ slope
     derive = ca.Function("scalar_contact", [x, u, p, lam], [step.mu, slope, ca.densify(curvature)])
-    points, none = np.reshape(np.asarray(z, dtype=float), (-1, 1)), np.zeros(1)
-    values = np.tile(step.p.values, (len(points), 1))
-    for name, given in {"F": F, **{f"contact.{k}": v for k, v in knobs.items()}}.items():
-        values[:, step.p.index(name)] = given
-    _, impulse, _, _ = BatchFunction(step.solve)(points, none, values)
-    found = BatchFunction(derive)(points, none, values, impulse)
-    return ScalarContact(*(array[:, 0] for array in (impulse, *found)))
+    return BatchFunction(step.solve), BatchFunction(derive), step.p

@@ -100,6 +100,27 @@ def quantity_of(
     return dims, np.asarray(values), {"units": unit, "long_name": meaning}
 
 
+def largest(values: ArrayLike) -> float:
+    """Return the largest of ``values``; NaN, under which no claim holds, where there are none."""
+    return float(np.max(values)) if np.size(values) else float("nan")
+
+
+def over(settings: Sequence[object], held: ArrayLike) -> str:
+    """Say at which of ``settings`` a sentence held: ``for all``, ``for a, b, not for c``.
+
+    Numbers are shortened to four digits; ``held`` has one truth value a setting.
+    """
+    words = [f"{s:.4g}" if isinstance(s, int | float) else str(s) for s in settings]
+    marks = np.asarray(held, dtype=bool)
+    good, bad = (
+        ", ".join(word for word, mark in zip(words, marks, strict=True) if mark is np.bool_(kind))
+        for kind in (True, False)
+    )
+    if not bad:
+        return f"for all of {good}"
+    return f"for {good}, not for {bad}" if good else f"for none of {bad}"
+
+
 def did_hold(claims: Sequence[Claim]) -> str:
     """Say in one sentence how many claims hold."""
     if not claims:

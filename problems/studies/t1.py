@@ -14,6 +14,8 @@ from problems.studies.t1_claims import claims
 SIZES = tuple(range(1, 9))
 MUS = 10.0 ** np.arange(-8, 1)
 GAINS = np.array([0.8, 1.0, 1.2])
+_POINTS = 5
+"""Points of each system's domain over which slope and supremum of thm. 4.5 are taken."""
 HORIZONS = np.array([2, 4, 6, 8, 10, 12, 14, 16, 18, 20])
 BOUNDS = ("4.5 as printed", "4.5, sign corrected", "4.5, l at the point", "1/lambda_min(S)",
           "5.1", "5.1 corrected", "A.26 for the slope")  # fmt: skip
@@ -40,12 +42,13 @@ def _audit(params: Params, rng: np.random.Generator) -> dict:
             mu = 10 ** rng.uniform(-8, 0, params.draws)
             z = rng.standard_normal((params.draws, n))
             any_z, away = rl.solve(z, F, mu), rl.solve(np.abs(z) + 0.05, F, mu)
+            reach, steepest = _over_domain(z, F, mu, rng)
             apart = np.abs(z) + 0.05
             slope, slope_away = rl.norms(any_z.slope), rl.norms(away.slope)
             wrong = rl.norms(rl.printed_a26(any_z.lam, any_z.gap, F) - any_z.slope)
             ratio[row, column] = [
-                slope / rl.theorem_4_5(z, F, mu, 1),
-                slope / rl.theorem_4_5(z, F, mu, -1),
+                steepest / rl.theorem_4_5(reach, F, mu, 1),
+                steepest / rl.theorem_4_5(reach, F, mu, -1),
                 slope / rl.pointwise_4_5(any_z.lam, mu),
                 slope / rl.definite_bound(F),
                 slope_away / rl.theorem_5_1(apart, mu),
@@ -62,6 +65,21 @@ def _audit(params: Params, rng: np.random.Generator) -> dict:
         "step_5_1": quantity_of(("kind", "size"), step, "1",
                                 "how often lam_i > mu/z_i, against a step in the proof of 5.1"),
     }  # fmt: skip
+
+
+def _over_domain(
+    z: np.ndarray, F: np.ndarray, mu: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Largest |z| and largest slope, (draws,) each, of every system over several points.
+
+    The supremum of thm. 4.5 is one over the domain, and so is the slope that it bounds.
+    """
+    reach, steepest = np.linalg.norm(z, axis=1), rl.norms(rl.solve(z, F, mu).slope)
+    for _ in range(_POINTS - 1):
+        other = rng.standard_normal(z.shape)
+        reach = np.maximum(reach, np.linalg.norm(other, axis=1))
+        steepest = np.maximum(steepest, rl.norms(rl.solve(other, F, mu).slope))
+    return reach, steepest
 
 
 def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
@@ -83,7 +101,8 @@ def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
             slope[row, column] = rl.norms(at.slope).max()
             bent = rl.norms(up.slope - down.slope) / (2 * delta[0, 0])
             curvature[row, column] = bent.max()
-            bound[row, column] = rl.theorem_4_5(z, F, weights, 1).max()
+            reach = np.linalg.norm(z, axis=1)
+            bound[row, column] = rl.theorem_4_5(reach, F, weights, 1).max()
     along = ("kind", "mu")
     return {
         "slope": quantity_of(along, slope, "1", "largest |dlam/dz| of all systems"),
@@ -113,6 +132,7 @@ def run(params: Params) -> xr.Dataset:
     rng = np.random.default_rng(params.seed)
     audit, sweep = _audit(params, rng), _sweep(params, rng)
     pairs = theory.smoothing_pairs(rng, params.pairs)
+    bias = theory.theorem_5_4(rng, params.pairs)
     vectors = theory.empirical_bias_pairs(rng, 100 * params.draws)
     unbiased = theory.unbiasedness(params.seed, 10 * params.n_samples)
     growth = theory.growth(params.seed, params.n_samples, HORIZONS, GAINS)
@@ -125,14 +145,20 @@ def run(params: Params) -> xr.Dataset:
                for name, values in pairs.items()},
             **{f"vector_{name}": quantity_of("vector", values, "1", f"{name}, lemma III.4")
                for name, values in vectors.items()},
+            **{f"printed_{name}": quantity_of(("constants", "pair"), values, "1",
+                                              f"{name} of thm. 5.4, eq. 5.1 as printed")
+               for name, values in bias.items()},
             "z_score": quantity_of((), unbiased["z_score"], "1", "lemma III.1 on wall-1d"),
             "components": quantity_of((), unbiased["components"], "1", "inputs compared"),
             "growth": quantity_of(("gain", "horizon"), growth, "1", "variance of the gradient"),
+            "policy_lipschitz": quantity_of((), np.hypot(1, theory.GROWTH_NOISE), "1",
+                                            "constant of the policy in state and noise"),
         },
         {
             "kind": ("kind", list(rl.KINDS)),
             "size": quantity_of("size", SIZES, "1", "number of contacts"),
             "bound": ("bound", list(BOUNDS)),
+            "constants": ("constants", [f"({a:g}, {b:g})" for a, b in theory.CONSTANTS]),
             "mu": quantity_of("mu", MUS, "1", "central-path parameter"),
             "gain": quantity_of("gain", GAINS, "1", "Lipschitz constant of the dynamics"),
             "horizon": quantity_of("horizon", HORIZONS, "1", "steps"),

@@ -12,7 +12,8 @@ from reports.style import GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 caption = (
     "Left: derivative of the vertical velocity along a throw, around its impact; the arrow stands "
     "for the impulse of the exact law. Right: derivative of the box's next velocity by the push. "
-    "Barrier smoothing in full lines, randomized smoothing as points."
+    "Barrier smoothing in full lines, randomized smoothing as points; the exact ball that it "
+    "averages has the finest of three steps."
 )
 _RS = (ORANGE, PURPLE, GREEN)
 
@@ -28,10 +29,10 @@ def draw(data: xr.Dataset) -> Figure:
         impact.plot(data["q_mid"], data["impact_soft"][index], color=shade, label=text)
     mus = data["box_mu"].values
     for index, (mu, shade) in enumerate(zip(mus, shades, strict=False)):
-        push.plot(data["u"], data["push_soft"][index], color=shade, label=f"BS $\\mu$ = {mu:g}")
+        push.plot(data["u"], data["push_soft"][index], color=shade, label=f"BS $\\mu$ = {mu:.1e}")
     for index, (count, color) in enumerate(zip(data["count"].values, _RS, strict=True)):
-        impact.plot(data["q_x"], data["impact_rs"][index], ".", color=color, markersize=3,
-                    label=f"RS N = {count}")  # fmt: skip
+        impact.plot(data["q_x"], data["impact_rs"][-1, index], ".", color=color,
+                    markersize=3, label=f"RS N = {count}")  # fmt: skip
         push.plot(data["u"], data["push_rs"][index], ".", color=color, markersize=3,
                   label=f"RS N = {count}")  # fmt: skip
     impact.plot(data["q_x"], data["impact_limit"], ":", color=GREY, label="RS N = $\\infty$")

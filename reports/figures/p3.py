@@ -33,10 +33,12 @@ def draw(data: xr.Dataset) -> Figure:
         shown = few > 0
         variance.loglog(data["nu"][shown], few[shown], ".", color=color, label=str(name))
         variance.loglog(data["nu"], data[f"{name}_variance"], color=color)
-        for axis, system in ((variance, "relaxation"), (block, "block")):
-            many = data["wide_variance"].sel(order=name, system=system).values
-            many = np.where(many > 0, many, np.nan)
-            axis.loglog(data["coarse"], many, "x-" if system == "block" else "x", color=color)
+        for axis, grid, mark, many in (
+            (variance, "coarse", "x", "wide_variance"),
+            (block, "block_nu", "x-", "block_variance"),
+        ):
+            values = data[many].sel(order=name).values
+            axis.loglog(data[grid], np.where(values > 0, values, np.nan), mark, color=color)
     running.axhline(float(data["truth"]), color=INK, linewidth=0.8, linestyle="--")
     running.set_ylim(-5, 4 * float(data["truth"]))
     running.set_xlabel("samples")

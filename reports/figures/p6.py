@@ -28,7 +28,7 @@ def draw(data: xr.Dataset) -> Figure:
         )
         left.plot(u[::10], data["x_eq5"][index][::10], ".", color=shade, markersize=3)
         right.plot(u, data["slope_barrier"][index], color=shade)
-    for axis, name in ((left, "x_exact"), (right, "slope_exact")):
+    for axis, name in ((left, "x_qp"), (right, "slope_exact")):
         axis.plot(
             u, data[name], "--", color=INK, linewidth=1.0, label="QP" if axis is left else None
         )

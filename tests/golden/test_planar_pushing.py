@@ -63,7 +63,7 @@ def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
         pytest.param("planar-hand", SingleShooting(), marks=pytest.mark.slow),
     ],
 )
-def test_smoothed_laws_move_it_and_the_plan_survives(name: str, method, law: str) -> None:
+def test_smoothed_laws_move_it_and_the_replay_keeps_half(name: str, method, law: str) -> None:
     found = solve(problems.get(name), SMOOTH[law], method)
     assert found.success
     rest, plan, replay = n2.gains(name, found)

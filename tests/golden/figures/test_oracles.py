@@ -108,7 +108,7 @@ def test_random_systems_are_solved_and_differentiated(kind: str) -> None:
 
 
 def test_bounds_have_the_values_of_the_errata() -> None:
-    one, z = np.ones((1, 1, 1)), np.ones((1, 1))
+    one, z = np.ones((1, 1, 1)), np.ones(1)
     assert rl.theorem_4_5(z, one, np.array([1e-6]), 1)[0] == pytest.approx(1e6, rel=1e-5)
     # 1/F - ... cancels to mu/(2 eps F²) as mu falls, eps = 1/2.
     assert rl.theorem_4_5(z, one, np.array([1e-6]), -1)[0] == pytest.approx(1e-6, rel=1e-4)

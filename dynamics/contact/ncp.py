@@ -1,0 +1,181 @@
+"""The solver of one step whose contact is no LCP: its path, and where that is lost, many starts.
+
+A curved gap may turn over within a step, and then its path may end nowhere though the step has a
+solution. A point of the path, lam s = mu with lam, s > 0, is a root of the smoothed complementarity
+function of Fischer and Burmeister,
+
+``phi(lam, s) = lam + s - sqrt(lam² + s² + 2 mu)``
+
+(Kanzow, doi 10.1137/S1052623493262862), which does not ask lam and s to be positive on the way to
+it. The method of Levenberg and Marquardt lowers ``|phi(lam, gap(lam))|²`` at the wanted mu, and
+where it gets stuck starts again elsewhere. Such steps have several solutions; impulses grow from
+start to start, so that those which throw light bodies round are found last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact.interior_point import follow
+from dynamics.contact.nonlinear import TRUE_GAP, NonlinearPath
+from dynamics.systems import ContactSystem
+
+LOST = 1e-7
+"""A step with a larger scaled violation at the end of its path is tried from other starts."""
+# Of a point on the path, but for rounding; the search is for one.
+_FOLLOWED = 1e-10
+# Starts, and iterations from each, as powers of two.
+_STARTS, _ITERATIONS = 8, 6
+# Impulses of the first start, and of the others as powers of ten: smallest, largest at first, last.
+_FIRST = 1e-6
+_LEAST, _MOST, _MOST_AT_LAST = -4, -1, 2
+_DAMPING, _LEAST_DAMPING, _STUCK = 1e-2, 1e-14, 1e12
+_ROOT = 1e-11
+_NEAR = 1e-6
+
+
+def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
+    """Solve one step of a system: ``(x, u, p, mu) -> (x_next, lam, gap, error)``.
+
+    ``p`` are the system's parameters, ``mu``, ``lam``, ``gap``, ``error`` (nlam, 1), error each
+    pair's scaled violation, 1e-10 or less where the step was solved. With ``exact`` mu is ignored
+    and the point at :data:`~dynamics.contact.nonlinear.MU_EXACT` returned.
+    """
+    path, mu = NonlinearPath(system, exact), ca.SX.sym("mu", system.nlam)
+    given = [system.x, system.u, system.parameters.vector]
+    opening = ca.Function("opening", [*given, mu], [path.opening(mu)], {"cse": True})
+    landing = ca.Function("landing", [*given, system.lam], [system.landing], {"cse": True})
+    arguments = [ca.MX.sym(f"in_{k}", opening.numel_in(k)) for k in range(4)]
+    data, ending, followed = opening(*arguments), path.ending(), follow(path.iteration())
+    pair = followed(ca.MX.ones(2 * path.n + 1), data)
+    lam, gap, error = _recovered(path, followed)(*ending(pair, data), pair, data)
+    outputs = [landing(*arguments[:3], lam), lam, gap, error]
+    names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
+    return ca.Function("contact_ncp", arguments, outputs, *names)
+
+
+def _recovered(path: NonlinearPath, followed: ca.Function) -> ca.Function:
+    """``(lam, gap, error, pair, data) -> (lam, gap, error)``: from other starts, if any is off."""
+    n, size = path.n, 2 * path.n + 1
+    names = {"lam": n, "gap": n, "error": n, "pair": size, "data": path.data.numel()}
+    given = [ca.MX.sym(name, length) for name, length in names.items()]
+    lam, gap, error, pair, data = given
+    search = _repeated(_attempt(path, followed), _STARTS, lambda best: best[size] > _FOLLOWED)
+    best = search(ca.vertcat(pair, ca.mmax(error), 0), data)
+    # A step that has no finite numbers has none from other starts either.
+    best = ca.Function("starts", given, [*path.ending()(best[:size], data)])
+    stay = ca.Function("stay", given, [lam, gap, error])
+    lost = ca.logic_and(ca.mmax(error) > LOST, ca.mmax(ca.fabs(data)) < ca.inf)
+    again = ca.Function.if_else("again", best, stay)
+    return ca.Function("recovered", given, [*again(lost, *given)])
+
+
+def _attempt(path: NonlinearPath, followed: ca.Function) -> ca.Function:
+    """From one start: ``(best, data) -> best``, best a pair, its error, the start's number."""
+    n, size = path.n, 2 * path.n + 1
+    best, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
+    descent = _repeated(_damped_step(path), _ITERATIONS, lambda point: point[n] < _STUCK)
+    lam = descent(_start(path)(best[size + 1], data), data)[:n]
+    pair, off = _paired(path)(lam, data)
+    pair = _where(off < _NEAR, followed, pair, data)
+    error = ca.mmax(path.ending()(pair, data)[2])
+    kept = ca.if_else(error < best[size], ca.vertcat(pair, error), best[: size + 1])
+    return ca.Function("attempt", [best, data], [ca.vertcat(kept, best[size + 1] + 1)])
+
+
+def _start(path: NonlinearPath) -> ca.Function:
+    """Start number k and its damping: ``(k, data) -> (lam, damping)``, (n + 1, 1).
+
+    The first is next to no impulse at all, what a body in the air feels; the exponents of the
+    others are a Kronecker sequence, which fills the cube evenly however many there are.
+    """
+    k, n = ca.SX.sym("k"), path.n
+    gap, _ = _gap(path, ca.SX.zeros(n))
+    size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.symbols["mu"])))
+    turned = k * ca.DM(_irrational(n))
+    most = _MOST + (_MOST_AT_LAST - _MOST) * k / 2**_STARTS
+    exponent = _LEAST + (most - _LEAST) * (turned - ca.floor(turned))
+    lam = ca.if_else(k > 0, 10**exponent, _FIRST)
+    return ca.Function("start", [k, path.data], [ca.vertcat(size * lam, _DAMPING)])
+
+
+def _damped_step(path: NonlinearPath) -> ca.Function:
+    """``(point, data) -> point``, point (lam, damping); the damping at rest is infinite."""
+    n = path.n
+    point = ca.SX.sym("point", n + 1)
+    lam, damping = point[:n], point[n]
+    gap, slopes = _gap(path, lam)
+    phi, by_lam, by_gap = _phi(path, lam, gap)
+    jacobian = ca.diag(by_lam) + ca.diag(by_gap) @ slopes
+    normal = jacobian.T @ jacobian
+    damped = normal + damping * ca.diag(ca.fmax(ca.diag(normal), 1e-12))
+    there = lam - ca.ldl_solve(jacobian.T @ phi, *ca.ldl(ca.densify(damped), False))
+    ahead, *_ = _phi(path, there, _gap(path, there)[0])
+    better = ca.sumsqr(ahead) < ca.sumsqr(phi)
+    lam, phi = ca.if_else(better, there, lam), ca.if_else(better, ahead, phi)
+    damping = ca.if_else(better, ca.fmax(damping / 5, _LEAST_DAMPING), 4 * damping)
+    rest = ca.mmax(ca.fabs(phi)) <= _ROOT
+    moved = ca.vertcat(lam, ca.if_else(rest, ca.inf, damping))
+    return ca.Function("damped_step", [point, path.data], [moved], {"cse": True})
+
+
+def _paired(path: NonlinearPath) -> ca.Function:
+    """The pair at lam and how far it is from a root: ``(lam, data) -> (pair, off)``."""
+    lam, mu = ca.SX.sym("lam", path.n), path.symbols["mu"]
+    gap, _ = _gap(path, lam)
+    # Near a root the large one of a pair has all its digits, and the small one none.
+    large = ca.fmax(ca.fmax(lam, gap), _ROOT)
+    small = mu / large
+    pair = [ca.if_else(lam > gap, *both) for both in ((large, small), (small, large))]
+    off = ca.mmax(ca.fabs(_phi(path, lam, gap)[0]) / (1 + large))
+    outputs = [ca.vertcat(*pair, TRUE_GAP), off]
+    return ca.Function("paired", [lam, path.data], outputs, {"cse": True})
+
+
+def _gap(path: NonlinearPath, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Scaled true gaps (n, 1) at lam, and their derivatives by it (n, n)."""
+    z, F = path.linearised(lam, ca.SX(1))
+    return z + F @ lam, F
+
+
+def _phi(path: NonlinearPath, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """The complementarity function of every pair, and its derivatives by lam and by gap."""
+    size = ca.sqrt(lam**2 + gap**2 + 2 * path.symbols["mu"])
+    return lam + gap - size, 1 - lam / size, 1 - gap / size
+
+
+def _repeated(
+    body: ca.Function, doublings: int, unfinished: Callable[[ca.MX], ca.MX]
+) -> ca.Function:
+    """Repeat ``body: (point, data) -> point`` while ``unfinished(point)``.
+
+    At most 2^doublings times, and once at least.
+    """
+    name, size, given = body.name(), body.numel_in(0), body.numel_in(1)
+    for k in range(doublings):
+        point, data = ca.MX.sym("point", size), ca.MX.sym("data", given)
+        now = body(point, data)
+        now = _where(unfinished(now), body, now, data)
+        body = ca.Function(f"{name}_{k}", [point, data], [now])
+    return body
+
+
+def _where(condition: ca.MX, body: ca.Function, point: ca.MX, data: ca.MX) -> ca.MX:
+    """``body(point, data)`` where ``condition``; elsewhere ``point``, and nothing is evaluated."""
+    symbols = [ca.MX.sym("point", point.numel()), ca.MX.sym("data", data.numel())]
+    stay = ca.Function("stay", symbols, symbols[:1])
+    return ca.Function.if_else(f"if_{body.name()}", body, stay)(condition, point, data)
+
+
+def _irrational(n: int) -> np.ndarray:
+    """Square roots of the first n primes: no sum of multiples of them is a whole number."""
+    primes: list[int] = []
+    candidate = 2
+    while len(primes) < n:
+        if all(candidate % prime for prime in primes):
+            primes.append(candidate)
+        candidate += 1
+    return np.sqrt(primes)

@@ -1,0 +1,207 @@
+"""Verdicts of all claims: as listed, from data, and the same over seeds and settings."""
+
+from __future__ import annotations
+
+import ast
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import problems.studies
+from problems import studies
+from problems.studies import n2
+from problems.studies.study import Claim, largest, over
+from tests.golden.figures.verdicts import SMALL, VERDICTS
+
+FILES = sorted(Path(problems.studies.__path__[0]).glob("*.py"))
+SLOW = {"N2"}
+BUILTINS = {"bool", "np", "abs", "all", "any", "min", "max", "float", "int"}
+VARIED = [
+    # Those named because their verdicts once flipped there.
+    ("A1", {"sigma": 0.3}),
+    ("P5", {"seed": 2}),
+    ("A6", {"h": 0.005}),
+    ("A1", {"sigma": 0.01, "F": 100.0}),
+    ("A2v", {"seed": 1}),
+    ("A2v", {"seed": 2}),
+    ("A6", {"seed": 1}),
+    ("A6", {"seed": 2, "sigma": 0.1, "sigma_box": 0.2}),
+    ("P1", {"seed": 1}),
+    ("P1", {"seed": 2}),
+    ("P2", {"seed": 1}),
+    ("P2", {"seed": 2, "sigma": 0.5}),
+    ("P3", {"seed": 1}),
+    ("P3", {"seed": 2, "sigma": 0.01, "theta": 0.01, "nu": 0.0005}),
+    ("P3", {"seed": 3, "sigma": 1.0}),
+    ("P4", {"seed": 1}),
+    ("P4", {"seed": 2}),
+    ("P5", {"seed": 7, "c": 0.1}),
+    ("P6", {"seed": 1, "m": 3.0, "h": 0.01}),
+    ("P7", {"seed": 1}),
+    ("P7", {"seed": 2}),
+]
+
+
+def marked(identifier: str) -> object:
+    return pytest.param(identifier, marks=pytest.mark.slow) if identifier in SLOW else identifier
+
+
+def verdicts(identifier: str, **changed: float) -> dict[str, bool]:
+    study = studies.get(identifier)
+    found = study.claims(study.data({**SMALL[identifier], **changed}))
+    assert all(isinstance(claim.holds, bool | np.bool_) for claim in found)
+    assert all(claim.source and claim.expected and claim.measured for claim in found)
+    assert len({claim.claim for claim in found}) == len(found)
+    return {claim.claim: bool(claim.holds) for claim in found}
+
+
+def by_name(claims: list[Claim]) -> dict[str, Claim]:
+    return {claim.claim: claim for claim in claims}
+
+
+def test_every_study_is_listed() -> None:
+    assert list(VERDICTS) == list(SMALL) == studies.ids()
+
+
+@pytest.mark.parametrize("identifier", [marked(name) for name in SMALL])
+def test_which_claims_hold(identifier: str) -> None:
+    assert verdicts(identifier) == VERDICTS[identifier]
+
+
+@pytest.mark.parametrize(("identifier", "changed"), VARIED)
+def test_seeds_and_settings_flip_no_verdict(identifier: str, changed: dict[str, float]) -> None:
+    assert verdicts(identifier, **changed) == VERDICTS[identifier]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_seeds_flip_no_verdict_on_the_theory(seed: int) -> None:
+    assert verdicts("T1", seed=seed) == VERDICTS["T1"]
+
+
+def calls_of_claim() -> list[tuple[str, dict[str, ast.expr]]]:
+    """Where every claim is made, and what each of its fields is written as."""
+    found = []
+    for file in FILES:
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Claim":
+                fields = dict(zip(Claim.__dataclass_fields__, node.args, strict=False))
+                fields |= {word.arg: word.value for word in node.keywords if word.arg}
+                found.append((f"{file.name}:{node.lineno}", fields))
+    return found
+
+
+def computed(expression: ast.expr) -> bool:
+    """Whether it reads anything that is no constant."""
+    names = {node.id for node in ast.walk(expression) if isinstance(node, ast.Name)}
+    return bool(names - BUILTINS)
+
+
+def written(expression: ast.expr) -> str:
+    """The text in it that is typed; format specifications, indices and the unit 1/s apart."""
+    typed: list[str] = []
+
+    def visit(node: ast.AST) -> None:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            typed.append(node.value.replace(" 1/s", ""))
+        called = isinstance(node, ast.Call) and getattr(node.func, "attr", "") != "join"
+        if not called and not isinstance(node, ast.FormattedValue | ast.Subscript):
+            for child in ast.iter_child_nodes(node):
+                visit(child)
+
+    visit(expression)
+    return "".join(typed)
+
+
+def test_no_verdict_and_no_measured_number_is_typed() -> None:
+    calls = calls_of_claim()
+    assert len(calls) > 80
+    for place, fields in calls:
+        assert set(fields) == set(Claim.__dataclass_fields__), place
+        assert computed(fields["holds"]), f"{place}: the verdict is typed in"
+        assert computed(fields["measured"]), f"{place}: what was measured is typed in"
+        assert not re.search("[0-9]", written(fields["measured"])), f"{place}: a typed number"
+
+
+def test_the_static_check_sees_typed_verdicts() -> None:
+    def parsed(text: str) -> ast.expr:
+        return ast.parse(text, mode="eval").body
+
+    for text in ("False", "not True", "bool(1)", "bool(np.all([1, 2]))"):
+        assert not computed(parsed(text))
+    assert computed(parsed("bool(np.all(x < 1))"))
+    assert written(parsed('f"{x:.2f} of {y[0]}: twice that"')) == " of : twice that"
+    assert "2" in written(parsed('"off by 2 " + f"{x}"'))
+
+
+@pytest.mark.parametrize("identifier", [name for name in SMALL if name not in {"N2", "T1"}])
+def test_nothing_holds_where_nothing_was_measured(identifier: str) -> None:
+    study = studies.get(identifier)
+    data = study.data(SMALL[identifier])
+    blank = data.map(lambda v: v * np.nan if v.dtype.kind in "fiu" else v, keep_attrs=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = study.claims(blank.assign_attrs(data.attrs))
+    assert not [claim.claim for claim in found if claim.holds]
+
+
+def test_once_typed_verdicts_follow_the_data() -> None:
+    heaviside = studies.get("P2")
+    data = heaviside.data(SMALL["P2"])
+    broken = data.assign(fobg_mean=data["fobg_mean"] + 1, delta=0 * data["delta"])
+    found = by_name(heaviside.claims(broken))
+    assert found["The law of large numbers does not hold for the first order"].holds
+    assert found["E delta(theta + w) = 0"].holds
+
+    coulomb = studies.get("P3")
+    data = coulomb.data(SMALL["P3"])
+    c = 1 / (np.sqrt(2 * np.pi) * data.attrs["sigma"])
+    found = by_name(coulomb.claims(data.assign(half_gradient=0 * data["half_gradient"] + c)))
+    assert found["At theta = nu/2 the gradient is c = 1/(sqrt(2 pi) sigma)"].holds
+    often = {"half_chance": 0 * data["half_chance"] + 0.9, "half_share": 0.9}
+    found = by_name(coulomb.claims(data.assign(often)))
+    for sentence in (
+        "There the sample gradient is zero with probability at least c nu",
+        "It is zero with probability at least 1 - c nu",
+        "The FoBG has (c nu, c, 0)-empirical bias",
+    ):
+        assert not found[sentence].holds
+
+
+def planned(dearer: float) -> xr.Dataset:
+    """Data of N2 in which every plan keeps half of its gain, and is dearer by ``dearer`` in all."""
+    shape = (len(n2.PROBLEMS), len(n2.LAWS))
+    both = ("problem", "law")
+    cost = np.broadcast_to([100.0, 10.0, 55.0], (*shape, 3)).copy()
+    cost[:, 0] = 100.0
+    status = np.full(shape, "solved", dtype="<U16")
+    status[:, 0] = "no-progress"
+    total = np.broadcast_to([50.0, 50.0 * (1 + dearer)], (*shape, 2))
+    return xr.Dataset(
+        {"cost": ((*both, "of"), cost), "total": ((*both, "motion"), total),
+         "status": (both, status)},
+        {"problem": list(n2.PROBLEMS), "law": list(n2.LAWS),
+         "of": ["at rest", "plan", "exact replay"]},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("dearer", "survives"), [(0.05, True), (0.2, False), (-0.3, True), (np.nan, False)]
+)
+def test_a_plan_survives_by_its_whole_cost(dearer: float, survives: bool) -> None:
+    found = n2.claims(planned(dearer))
+    told = [claim for claim in found if claim.claim.endswith("the plan survives exact contact")]
+    assert [bool(claim.holds) for claim in told] == [survives] * len(n2.PROBLEMS)
+    assert all(claim.holds for claim in found if claim not in told)
+
+
+def test_words_for_a_range() -> None:
+    assert over([1, 0.5], [True, True]) == "for all of 1, 0.5"
+    assert over([1, 0.5], [False, False]) == "for none of 1, 0.5"
+    assert over(["a", "b", "c"], [True, False, True]) == "for a, c, not for b"
+    assert largest([1.0, 3.0]) == 3
+    assert np.isnan(largest([]))

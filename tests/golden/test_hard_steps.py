@@ -1,0 +1,202 @@
+"""Steps that the path alone does not solve, against Coulomb's law written without a solver.
+
+States of the hopper at random, with its limbs at up to 20 rad/s and motors up to their largest: at
+the source's step size a limb turns so far in a step that the linearised gap means nothing, and one
+path in eleven ends nowhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import problems
+from dynamics.contact import Barrier, ContactLaw, Exact, Step
+from dynamics.contact.interior_point import follow
+from dynamics.contact.ncp import LOST, ncp_solver
+from dynamics.contact.nonlinear import NonlinearPath
+from dynamics.systems import ContactSystem, Signal
+from ocp.errors import NotConverged
+from problems.machines.hopper import hopper
+from problems.machines.simulation import simulate, simulation
+from tests.golden.coulomb_steps import ModeStepper
+
+STATES = 300
+
+
+@cache
+def system() -> ContactSystem:
+    return simulation("hopper")[0].system
+
+
+@cache
+def modes() -> ModeStepper:
+    machine = hopper()
+    return ModeStepper(machine, machine.h, machine.friction)
+
+
+@cache
+def closed(law: str) -> Step:
+    laws: dict[str, ContactLaw] = {"exact": Exact(), "barrier": Barrier(mu=1e-3)}
+    return laws[law].close(system())
+
+
+@cache
+def states() -> list[tuple[np.ndarray, np.ndarray]]:
+    """States (12,) with the lowest sphere up to 0.2 m above the ground, and inputs (3,)."""
+    rng, found = np.random.default_rng(0), []
+    for _ in range(STATES):
+        q = np.concatenate([[0, 0], rng.uniform(-np.pi, np.pi, 1), rng.uniform(-1.5, 1.5, 3)])
+        v = np.concatenate([rng.uniform(-3, 3, 2), rng.uniform(-20, 20, 4)])
+        q[1] = rng.uniform(0, 0.2) - np.array(modes().contact(q)[0]).min()
+        found.append((np.concatenate([q, v]), rng.uniform(-1, 1, 3)))
+    return found
+
+
+def by_path_alone(law: str) -> np.ndarray:
+    """Largest violation of every state where its path ends, (states,)."""
+    step = closed(law)
+    path, s = NonlinearPath(system(), step.exact), system()
+    mu = ca.SX.sym("mu", path.n)
+    inputs = [s.x, s.u, s.parameters.vector, mu]
+    opening = ca.Function("opening", inputs, [path.opening(mu)], {"cse": True})
+    ending, body = path.ending(), follow(path.iteration())
+    errors = []
+    for x, u in states():
+        data = opening(x, u, s.parameters.values, 1e-3)
+        errors.append(float(ca.mmax(ending(body(ca.DM.ones(2 * path.n + 1), data), data)[2])))
+    return np.array(errors)
+
+
+@dataclass(frozen=True)
+class Landed:
+    """A solved step: violations (20,), impulses and slip (5,), and what is left of motion (6,)."""
+
+    error: np.ndarray
+    normal: np.ndarray
+    tangential: np.ndarray
+    height: np.ndarray
+    slip: np.ndarray
+    unbalanced: np.ndarray
+
+
+def landed(law: str, x: np.ndarray, u: np.ndarray) -> Landed:
+    """The step by the solver, and its terms by the equations of motion of the chain."""
+    step, m = closed(law), modes()
+    after, lam, _, error = (np.array(v).ravel() for v in step.solve(x, u, step.p.values))
+    q, v, q_next, v_next = x[: m.nq], x[m.nq :], after[: m.nq], after[m.nq :]
+    inertia, drive = (np.array(part) for part in m.motion(q, v))
+    push, rub = np.array(m.contact(q)[1]), np.array(m.sliding(q))
+    normal, tangential = lam[:5], lam[5:10] - lam[10:15]
+    smooth = drive.ravel() + m.h * m.gears @ u
+    unbalanced = inertia @ v_next - smooth - push.T @ normal - rub.T @ tangential
+    assert np.allclose(q_next, q + m.h * v_next, rtol=0, atol=1e-9)
+    height = np.array(m.contact(q_next)[0]).ravel()
+    return Landed(error, normal, tangential, height, rub @ v_next, unbalanced)
+
+
+def test_one_path_in_twenty_at_least_ends_nowhere():
+    """What the tests below are about; nothing but the search from other starts solves these."""
+    for law in ("exact", "barrier"):
+        assert np.sum(~(by_path_alone(law) <= LOST)) > STATES / 20
+
+
+def test_every_step_obeys_coulomb():
+    """Newton's law, no penetration, force at contact alone, the cone, and maximum dissipation."""
+    pressed = 0
+    for x, u in states():
+        end = landed("exact", x, u)
+        assert np.all(end.error <= LOST)
+        assert np.abs(end.unbalanced).max() < 1e-8
+        assert end.height.min() > -1e-8
+        assert end.normal.min() >= 0
+        assert np.abs(end.normal * end.height).max() < 1e-7
+        bound = modes().friction * end.normal
+        assert np.all(np.abs(end.tangential) < bound + 1e-7)
+        assert np.all(end.tangential * end.slip < bound * (1e-7 - np.abs(end.slip)) + 1e-6)
+        pressed += int(end.normal.max() > 0.1)
+    assert pressed > STATES / 3
+
+
+def test_every_step_of_the_barrier_law_is_at_its_mu():
+    for x, u in states():
+        end = landed("barrier", x, u)
+        assert np.all(end.error <= LOST)
+        assert np.abs(end.unbalanced).max() < 1e-8
+        assert end.normal * end.height == pytest.approx(np.full(5, 1e-3), rel=1e-4)
+
+
+def test_the_search_finds_the_same_again():
+    step = closed("exact")
+    for k in np.flatnonzero(~(by_path_alone("exact") <= LOST)):
+        once, again = (step.solve(*states()[k], step.p.values)[1] for _ in range(2))
+        assert np.array_equal(np.array(once), np.array(again))
+
+
+def curved_gap(gap_of) -> ContactSystem:
+    """One contact, ``x_next = x + lam`` and a gap that is a function of x_next."""
+    x, x_next, lam = (ca.SX.sym(name) for name in ("x", "x_next", "lam"))
+    return ContactSystem(
+        name="curved",
+        x=x,
+        u=ca.SX.sym("u"),
+        x_next=x_next,
+        lam=lam,
+        residual=x_next - x - lam,
+        gap=gap_of(x_next),
+        states=(Signal("x", "m", "position"),),
+        inputs=(Signal("u", "1", "nothing"),),
+        contacts=(Signal("wall", "N s", "impulse"),),
+        h=0.1,
+    )
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_step_without_a_solution_is_not_solved(exact: bool):
+    """``-1 - x / 10 + x² / 100`` rises to a root; with the other sign it is negative everywhere."""
+    solvable = ncp_solver(curved_gap(lambda x: -1 - x / 10 + x * x / 100), exact)
+    none = ncp_solver(curved_gap(lambda x: -1 - x / 10 - x * x / 100), exact)
+    _, lam, _, error = solvable(0, 0, [], 1e-8)
+    assert float(error) <= LOST
+    assert float(lam) == pytest.approx(5 + np.sqrt(125), abs=1e-6)
+    assert not float(none(0, 0, [], 1e-8)[3]) <= LOST
+
+
+def largest_inputs(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1, 1, (30, 3))
+
+
+def test_a_simulation_whose_motion_overflows_says_so():
+    """At the source's h the hopper's limbs turn several times in a step and gain speed by it."""
+    said = r"^hopper: step [0-9]+ has no solution: .*its motion overflows.*since step"
+    with pytest.raises(NotConverged, match=said):
+        simulate("hopper", 30, largest_inputs(0), seed=0)
+
+
+def test_a_step_that_no_start_solves_is_named(monkeypatch: pytest.MonkeyPatch):
+    """No step is ever good enough: what is said then names the step and claims no more."""
+    for module in ("ocp.rollout", "problems.machines.simulation"):
+        monkeypatch.setattr(f"{module}.STEP_TOLERANCE", -1.0)
+    with pytest.raises(NotConverged, match=r"at step 0 .*no other start of the search") as found:
+        simulate("hopper", 30, largest_inputs(0), seed=0)
+    assert "no solution" not in str(found.value)
+
+
+@pytest.mark.slow
+def test_a_thousand_wild_simulations_stop_only_where_their_motion_overflows(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """30 steps each, under the largest inputs; one closed step for all of them saves minutes."""
+    monkeypatch.setattr("problems.machines.simulation.get", cache(problems.get))
+    finished = 0
+    for seed in range(1000):
+        try:
+            simulate("hopper", 30, largest_inputs(seed), seed=seed)
+            finished += 1
+        except NotConverged as stopped:
+            assert "its motion overflows" in str(stopped), f"seed {seed}: {stopped}"
+    assert finished > 100

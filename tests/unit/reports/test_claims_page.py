@@ -1,0 +1,52 @@
+"""The README's tables of claims: how they are written, and that they say what the tests say."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from ocp.errors import InputError
+from reports.claims import BEGIN, END, rewritten
+from tests.golden.figures.verdicts import VERDICTS
+
+README = Path(__file__).parents[3] / "README.md"
+FIGURES = [
+    {"id": "X1", "claims": [
+        {"claim": "|a| < 1", "source": "s", "expected": "e", "measured": "0.5", "holds": True},
+        {"claim": "b", "source": "s", "expected": "e", "measured": "2", "holds": False},
+    ]},
+    {"id": "X2", "claims": [
+        {"claim": "c", "source": "s", "expected": "e", "measured": "3", "holds": True},
+    ]},
+]  # fmt: skip
+
+
+def test_the_block_is_replaced_and_nothing_else() -> None:
+    page = rewritten(f"before\n{BEGIN}\nstale\n{END}\nafter\n", FIGURES)
+    assert page.startswith(f"before\n{BEGIN}\nOf 3 claims 2 hold;")
+    assert page.endswith(f"</details>\n{END}\nafter\n")
+    assert "stale" not in page
+    assert "<summary>X1: 1 of 2 hold</summary>" in page
+    assert "| \\|a\\| < 1 | s | e | 0.5 | yes |" in page
+    assert "| b | s | e | 2 | no |" in page
+    assert rewritten(page, FIGURES) == page
+
+
+@pytest.mark.parametrize("text", ["", BEGIN, f"{END} {BEGIN}", f"{BEGIN} {END} {BEGIN} {END}"])
+def test_a_page_without_its_markers_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="once each"):
+        rewritten(text, FIGURES)
+
+
+def test_the_readme_has_the_claims_and_verdicts_of_the_studies() -> None:
+    block = README.read_text().split(BEGIN)[1].split(END)[0]
+    found: dict[str, dict[str, bool]] = {}
+    for part in block.split("<details>")[1:]:
+        name = re.findall(r"<summary>(\w+):", part)[0]
+        rows = re.findall(r"^\| (.*?) (?<!\\)\| .* \| (yes|no) \|$", part, re.MULTILINE)
+        found[name] = {claim.replace("\\|", "|"): word == "yes" for claim, word in rows}
+    assert found == VERDICTS
+    every = [held for study in VERDICTS.values() for held in study.values()]
+    assert f"Of {len(every)} claims {sum(every)} hold;" in block
