@@ -13,6 +13,7 @@ from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.routes.branches import land
+from ocp.routes.complementarity import SECOND, Route, solve_pairs
 from ocp.routes.landing import rolled_down
 from ocp.routes.legs import (
     PRIMAL,
@@ -24,7 +25,7 @@ from ocp.routes.legs import (
     geometric,
     translate,
 )
-from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES, CentralPath
+from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES
 from ocp.solver import Point, Result, Solver
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
@@ -240,41 +241,12 @@ class Session:
             raise InputError(
                 f"unknown strategy {self.strategy!r}; there are {', '.join(STRATEGIES)}"
             )
-        outcome = self._by_strategy(self.strategy, follower, guess)
-        if outcome.finished or self.strategy != DEFAULT_STRATEGY:
-            return outcome
-        # Slower, but it keeps to the constraints where many pairs pull off the central path.
-        second = self._by_strategy(AVERAGED_STRATEGY, follower, guess)
-        return second if second.finished else outcome
-
-    def _by_strategy(
-        self, name: str, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None
-    ) -> Outcome:
-        strategy, reference = STRATEGIES[name](), self.problem.reference
-        paths = strategy.paths(reference)
-        source = self.nlp_of(paths[0].plan(paths[0].values[0]).form)
-        result, source = self._along(follower, paths, self.first_point(source, guess), source)
-        landed, nlp, worked = land(follower, source, result)
-        if not worked and result.ok and isinstance(strategy, CentralPath):
-            paths = strategy.further(reference)
-            result, source = self._along(follower, paths, result.point, source, warm=True)
-            landed, nlp, worked = land(follower, source, result)
-        return Outcome(landed, nlp, worked, follower.trace)
-
-    def _along(
-        self, follower: Homotopy, paths: list[Path], point: Point, source: NLP, warm: bool = False
-    ) -> tuple[Result, NLP]:
-        """Follow paths one after the other, as far as they go."""
-        result: Result | None = None
-        for path in paths:
-            first = self.nlp_of(path.plan(path.values[0]).form)
-            usable = translate(point, source, first)
-            result, source, finished = follower.follow(path, usable, warm or result is not None)
-            if not finished:
-                break
-            point = result.point
-        assert result is not None
-        return result, source
+        second = SECOND if self.strategy == DEFAULT_STRATEGY else None
+        route = Route(
+            self.strategy, self.problem.reference,
+            lambda nlp: self.first_point(nlp, guess), second,
+        )  # fmt: skip
+        return Outcome(*solve_pairs(follower, route), follower.trace)
 
     def _continue(self, follower: Homotopy, start: Point, source: NLP) -> Outcome:
         """One warm stage at the present values; for the exact law on a small relaxation first."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import Pair, signals
+from ocp.program import PairName
 
 
 @dataclass
@@ -32,17 +31,12 @@ class SmallMPCC:
         hessian = ca.triu(ca.hessian(lagrangian, self.x)[0])
         self.hessian = ca.Function("h", [*inputs, lam_f, lam_g], [hessian])
         self.pairs = np.asarray(self.pairs, dtype=int).reshape(2, -1)
-        count = self.pairs.shape[1]
-        names = "; ".join(f"c{i} [N s] pair" for i in range(count))
-        self.step = SimpleNamespace(contacts=signals(names))
-        kinds = tuple(Pair("normal", i) for i in range(count))
-        self.problem = SimpleNamespace(system=SimpleNamespace(pairs=kinds))
-        self.variables = SimpleNamespace(
-            locate=lambda at: (None, (0, 0, int(np.flatnonzero(self.pairs[0] == at)[0])))
-        )
 
-    def sizes(self) -> np.ndarray:
+    def sizes(self, x: np.ndarray) -> np.ndarray:
         return np.ones(self.x.numel())
+
+    def pair_name(self, index: int) -> PairName:
+        return PairName("normal", f"c{index}")
 
     def bounds(self) -> dict[str, np.ndarray]:
         lower = np.full(self.x.numel(), -np.inf)
