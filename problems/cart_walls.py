@@ -42,6 +42,7 @@ golden = {
         stationarity="B",
         kind="S",
         tried=33,
+        independent="all 2550 windows of contact with one wall, each a convex QP",
         note="a plain Opti script, cold Scholtes homotopy, ends no lower from 36 random guesses;"
         " other minima: 193.17, 562.3",
     ),

@@ -57,7 +57,7 @@ golden = {
         cost=0.0502015625,
         stationarity="B",
         kind="S",
-        tried=8,
+        tried=11,
         note="other minima: 0.0509175, 0.0516220",
     ),
     "barrier mu=1e-3": Golden(

@@ -1,4 +1,4 @@
-"""Three problems by trying every window of contact, each a convex QP without the workbench."""
+"""Four problems by trying every window of contact, each a convex QP without the workbench."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from problems import ball_bounce, push_1d, spec, wall_1d
+from problems import ball_bounce, cart_walls, push_1d, spec, wall_1d
 from tests.golden.convex import convex
 
 Windows = Callable[[np.ndarray], float]
@@ -66,6 +66,39 @@ def bounce() -> Windows:
     off = ca.sumsqr(q - ca.DM([p.goal_x, p.goal_y]))
     cost = p.w_u * p.h * ca.sumsqr(u) + p.w_end * off + p.w_v * ca.sumsqr(v)
     return windows(ca.vec(u), lam, ca.vertcat(*gaps), cost, p.u_max)
+
+
+def walls() -> Windows:
+    """``(1 - h F) x+ = x + h (B u + C lam)``, ``lam / k + wall ∓ tip >= 0`` at right and left."""
+    p = cart_walls.Params()
+    F = np.zeros((4, 4))
+    F[0, 2] = F[1, 3] = 1.0
+    F[2, 1], F[3, 1] = p.g * p.mp / p.mc, p.g * (p.mc + p.mp) / (p.l * p.mc)
+    inverse = np.linalg.inv(np.eye(4) - p.h * F)
+    B = np.array([0, 0, 1 / p.mc, 1 / (p.l * p.mc)])
+    C = np.array([0, 0, 0, 1 / (p.l * p.mp)])
+    u, lam = ca.SX.sym("u", p.N), ca.SX.sym("lam", 2, p.N)
+    weights = ca.DM([p.w_p, p.w_theta, p.w_dp, p.w_dtheta])
+    x, cost, gaps = ca.SX([p.p0, p.theta0, p.dp0, p.dtheta0]), ca.SX(0), []
+    for k in range(p.N):
+        cost += ca.dot(weights, x**2) + p.w_u * u[k] ** 2
+        x = inverse @ (x + p.h * (B * u[k] + C * (lam[1, k] - lam[0, k])))
+        tip = x[0] + p.l * x[1]
+        gaps.append(lam[:, k] / p.k + p.wall + ca.vertcat(-tip, tip))
+    return windows(u, ca.vec(lam), ca.vertcat(*gaps), cost + p.w_end * ca.sumsqr(x), p.u_max)
+
+
+@pytest.mark.slow
+def test_the_stated_value_is_the_best_of_all_windows_of_one_wall() -> None:
+    """Either wall touched from step a to before step b, the other never."""
+    golden, least, k = spec("cart-walls").golden["exact"], walls(), np.arange(50)
+    inside = [(k >= a) & (k < b) for a in range(50) for b in range(a + 1, 51)]
+    costs = [
+        least(np.stack([acts * side for side in sides], axis=1).ravel())
+        for acts in inside for sides in ((True, False), (False, True))
+    ]  # fmt: skip
+    assert f"all {len(costs)} windows" in golden.independent
+    assert min(costs) == pytest.approx(golden.cost, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -8,15 +8,7 @@ import pytest
 
 import problems
 from ocp.solvers.strategies import DEFAULT_STRATEGY
-from tests.golden.known import (
-    BETTER,
-    STATED,
-    better,
-    fault,
-    reached,
-    session_of,
-    solved,
-)
+from tests.golden.known import BETTER, STATED, better, fault, reached, session_of, solved
 
 LONG = {("hopper", "exact"), ("hopper", "barrier mu=1e-3"), ("half-cheetah", "barrier mu=1e-3"),
         ("planar-hand", "barrier mu=1e-3")}  # fmt: skip
@@ -55,7 +47,10 @@ def undercut(name: str, key: str, strategies: tuple[str, ...], guesses: range) -
     return found
 
 
-@pytest.mark.parametrize("name", [*QUICK, "planar-hand"])
+@pytest.mark.parametrize(
+    "name",
+    [*QUICK, "planar-hand", *(pytest.param(name, marks=pytest.mark.slow) for name in MACHINES)],
+)
 def test_no_strategy_undercuts_the_stated_value(name: str) -> None:
     assert undercut(name, "exact", STRATEGIES, range(1)) == []
 
