@@ -35,7 +35,7 @@ _CONTENT = 1e-4
 _STILL = 0.05
 """Share of the states' characteristic size that an input may move in a horizon and yet hold."""
 _SHARP = 1e-4
-"""A barrier's mu, as a share of the characteristic one, whose plan its exact replay follows."""
+"""Share of the characteristic mu at which a step of the barrier law is nearly the exact one."""
 
 
 def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
@@ -184,12 +184,13 @@ def refereed(heard: Hearing, reference: Reference) -> Refereed:
 def _undetermined(parting: Parting | None, reference: Reference) -> str:
     if parting is None:
         return ""
-    mu = _SHARP * reference.impulse * reference.gap
+    mu, unit = _SHARP * reference.impulse * reference.gap, parting.unit.removeprefix("1")
     return (
         f"the contact forces at step {parting.step} are not determined by the model"
         f" ({', '.join(parting.contacts)}): from the same state and input {parting.state} may as"
-        f" well end {parting.distance:.2g} {parting.unit} away; the barrier law takes one of the"
-        f" two: plan against it with --contact barrier -c mu={mu:.0e}"
+        f" well end {parting.distance:.2g} {unit}".rstrip()
+        + " away; plan against it through a"
+        f" step with one end: --method multiple-shooting --contact barrier -c mu={mu:.0e}"
     )
 
 

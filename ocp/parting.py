@@ -27,8 +27,9 @@ class Parting:
     difference of a state, the one called ``state``, in ``unit``); ``contacts`` are those whose
     impulses differ.
 
-    A plan may use the better of the two, its replay takes the one at which the central path ends.
-    The barrier law has that one alone: a plan under a small mu cannot lean on the other.
+    A plan by direct transcription may use the better of the two; its replay takes the one at which
+    the step's central path ends. Shooting plans through that same step and so has no choice, and
+    under the barrier law at a small mu its answer is certified as that of a smooth problem.
     """
 
     step: int
