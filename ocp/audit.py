@@ -168,10 +168,11 @@ def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -
     if not np.all(np.isfinite(replay.x)):
         return float("nan")
     everything = np.ones(problem.system.nx)
-    largest, size = _slopes(problem, replay, values, _moved_by_contact_alone(problem))
-    if size == 0:
-        largest, size = _slopes(problem, replay, values, everything)
-    return largest / max(size, 1e-300)
+    with np.errstate(invalid="ignore"):
+        largest, size = _slopes(problem, replay, values, _moved_by_contact_alone(problem))
+        if size == 0:
+            largest, size = _slopes(problem, replay, values, everything)
+    return largest / max(size, 1e-300) if np.isfinite(size) else float("nan")
 
 
 def _moved_by_contact_alone(problem: Problem) -> np.ndarray:
@@ -193,25 +194,20 @@ def _slopes(
     step = problem.exact_step
     physical = np.array([values[name] for name in problem.parameters.names])
     p = np.array([values[name] for name in step.p.names])
-    du = problem.du if problem.du is not None else ca.SX.sym("du", problem.system.nu)
-    x = problem.system.x
-    slopes = ca.Function(
-        "slopes",
-        [x, problem.system.u, du, problem.parameters.vector],
-        [mask * ca.gradient(cost, x) for cost in (problem.stage_cost, problem.terminal_cost)],
-    )
+    slopes = problem.state_slopes
     jacobian = step.map.jacobian()
     before = np.array(problem.limits(physical)[1]).ravel()
     largest, size = 0.0, 0.0
     for s in range(len(replay.x)):
         u = replay.u[s]
         increments = np.diff(np.vstack([before, u]), axis=0)
-        nu = np.array(slopes(replay.x[s, -1], u[-1], increments[-1], physical)[1]).ravel()
+        nu = mask * np.array(slopes(replay.x[s, -1], u[-1], increments[-1], physical)[1]).ravel()
         size += np.abs(nu).sum()
         for k in reversed(range(problem.N)):
             J = jacobian(replay.x[s, k], u[k], p, replay.x[s, k + 1], replay.lam[s, k])
             largest = max(largest, float(np.abs(np.array(J[1]).T @ nu).max(initial=0.0)))
-            slope = np.array(slopes(replay.x[s, k], u[k], increments[k], physical)[0]).ravel()
+            here = slopes(replay.x[s, k], u[k], increments[k], physical)[0]
+            slope = mask * np.array(here).ravel()
             size += np.abs(slope).sum()
             nu = slope + np.array(J[0]).T @ nu
     return largest, size

@@ -6,7 +6,7 @@ Owns how they are put together into one status; each of them knows nothing of th
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from ocp.findings import Audit, Refereed
 from ocp.labelled import label
 from ocp.parting import Parting
 from ocp.physics import broken_constraints
-from ocp.problem import Problem
+from ocp.problem import Problem, Reference
 from ocp.referee import Hearing, hear
 from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
 from ocp.routes.landing import embedded
@@ -32,6 +32,10 @@ _IDLE = 1e-6
 """Relative gain over standing still below which nothing was achieved."""
 _CONTENT = 1e-4
 """Share of the cost's span below which its gradient wants nothing: standing still is the answer."""
+_STILL = 0.05
+"""Share of the states' characteristic size that an input may move in a horizon and yet hold."""
+_SHARP = 1e-4
+"""Share of the characteristic mu at which a step of the barrier law is nearly the exact one."""
 
 
 def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
@@ -60,7 +64,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
         audit=found,
         certificate=certificate,
-        referee=refereed(heard),
+        referee=refereed(heard, session.problem.reference),
         idle_cost=idle,
         stages=outcome.trace.records,
         iterations=outcome.trace.iterations,
@@ -102,10 +106,17 @@ def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
 
 
 def idle_cost(session: Session, plan: Rollout) -> float:
-    """Cost under the law of holding the input before the first from where the plan starts.
+    """Cost of standing still where the plan starts: the lower one of two ways to do so.
 
-    NaN where that motion cannot be stepped through, or breaks constraints that the plan keeps.
+    Either the input before the first is held, and the law makes of it what it makes. Or the states
+    stay, where one of the plan's inputs can hold them and the cost wants them elsewhere; the
+    holding itself is not counted. NaN where neither can be, or where it breaks constraints that
+    the plan keeps.
     """
+    return float(np.fmin(_held_cost(session, plan), _still_cost(session, plan)))
+
+
+def _held_cost(session: Session, plan: Rollout) -> float:
     problem, values = session.problem, session.values
     physical = np.array([values[name] for name in problem.parameters.names])
     held = np.tile(np.array(problem.limits(physical)[1]).ravel(), (1, problem.N, 1))
@@ -115,11 +126,43 @@ def idle_cost(session: Session, plan: Rollout) -> float:
     return idle.cost
 
 
-def refereed(heard: Hearing) -> Refereed:
+def _still_cost(session: Session, plan: Rollout) -> float:
+    problem, values, N = session.problem, session.values, session.problem.N
+    physical = np.array([values[name] for name in problem.parameters.names])
+    before = np.array(problem.limits(physical)[1]).ravel()
+    x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(before, (len(plan.x), N, 1))
+    limit, S = _STILL * problem.reference.x / N, len(x)
+    if not all(_holds(session, x[s, 0], plan.u[s], limit) for s in range(S)):
+        return float("nan")
+    costs = trajectory_costs(problem, x, u, physical)
+    still = replace(plan, x=x, u=u, costs=costs)
+    wanted = problem.reference.x * max(_state_slope(problem, x[s, 0], physical) for s in range(S))
+    if wanted <= _CONTENT * cost_span(problem, still, physical):
+        return float("nan")
+    return float("nan") if broken_constraints(problem, x, u, physical) else still.cost
+
+
+def _state_slope(problem: Problem, x: np.ndarray, physical: np.ndarray) -> float:
+    """Largest derivative by a state of what staying at x (nx,) costs."""
+    before = problem.limits(physical)[1]
+    stage, end = problem.state_slopes(x, before, 0 * before, physical)
+    return float(np.abs(problem.N * np.array(stage) + np.array(end)).max(initial=0.0))
+
+
+def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: float) -> bool:
+    """Whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit``."""
+    p = np.array([session.values[name] for name in session.step.p.names])
+    start = np.repeat(x[:, None], len(inputs), axis=1)
+    after = np.array(session.step.solve.map(len(inputs))(start, inputs.T, p)[0])
+    return bool(np.any(np.abs(after - start).max(axis=0) <= limit))
+
+
+def refereed(heard: Hearing, reference: Reference) -> Refereed:
     """What a run keeps of the referee's hearing; without geometry there is no referee."""
     referee, survival, broken = heard.referee, heard.survival, list(heard.broken)
+    parting = _undetermined(heard.parting, reference)
     if referee.note is None:
-        return Refereed(note="no geometry", parting=_undetermined(heard.parting))
+        return Refereed(note="no geometry", parting=parting)
     return Refereed(
         cost=referee.cost,
         gap=survival.state_gap,
@@ -134,17 +177,20 @@ def refereed(heard: Hearing) -> Refereed:
         replay_penetration=heard.replayed.penetration,
         replay_between=heard.replayed.between,
         broken=[one.violation for one in broken],
-        parting=_undetermined(heard.parting),
+        parting=parting,
     )
 
 
-def _undetermined(parting: Parting | None) -> str:
+def _undetermined(parting: Parting | None, reference: Reference) -> str:
     if parting is None:
         return ""
+    mu, unit = _SHARP * reference.impulse * reference.gap, parting.unit.removeprefix("1")
     return (
         f"the contact forces at step {parting.step} are not determined by the model"
-        f" ({', '.join(parting.contacts)}): from the same state and input it also goes elsewhere,"
-        f" {parting.distance:.2g} away"
+        f" ({', '.join(parting.contacts)}): from the same state and input {parting.state} may as"
+        f" well end {parting.distance:.2g} {unit}".rstrip()
+        + " away; plan against it through a"
+        f" step with one end: --method multiple-shooting --contact barrier -c mu={mu:.0e}"
     )
 
 
@@ -154,9 +200,13 @@ def status_of(
 ) -> Status:  # fmt: skip
     """Turn audit, certificate and, where these find no answer, the solver's word into a status."""
     result, system = outcome.result, outcome.nlp.problem.system
+    if not np.isfinite(cost):
+        return Status.DIVERGED
     if not kept:
         return Status.INEXACT if result.ok else result.status
+    # Standing still may break constraints that the plan keeps, and then it is no better.
     blind = found.active_steps == 0 and found.task_gradient < _FLAT and system.nlam > 0
+    blind &= bool(np.isfinite(idle))
     wants = certificate.slope > _CONTENT * span
     if blind or (wants and cost >= idle - _IDLE * abs(idle)):
         return Status.NO_PROGRESS

@@ -24,13 +24,20 @@ class Parting:
     """A step from whose state and input the model's contact can go on in two ways.
 
     The plan's end obeys the exact relation, and so does another, ``distance`` away (largest
-    difference of a state); ``contacts`` are those whose impulses differ.
+    difference of a state, the one called ``state``, in ``unit``); ``contacts`` are those whose
+    impulses differ.
+
+    A plan by direct transcription may use the better of the two; its replay takes the one at which
+    the step's central path ends. Shooting plans through that same step and so has no choice, and
+    under the barrier law at a small mu its answer is certified as that of a smooth problem.
     """
 
     step: int
     scenario: int
     contacts: tuple[str, ...]
     distance: float
+    state: str
+    unit: str
 
 
 def find_parting(
@@ -50,14 +57,17 @@ def find_parting(
     columns = [part.reshape(S * N, -1).T for part in (x[:, :-1], u)]
     found = step.solve.map(S * N)(*columns, p)
     x_next, other, _, error = (np.array(part).T.reshape(S, N, -1) for part in found)
-    distance = np.abs(x_next - x[:, 1:]).max(axis=2)
+    apart = np.abs(x_next - x[:, 1:])
+    distance = apart.max(axis=2)
     solved = np.all(error <= SATISFIED, axis=2)
     two = solved & _obeys(problem, x, u, lam, values) & (distance > APART * problem.reference.x)
     if not two.any():
         return None
     k = int(np.flatnonzero(two.any(axis=0))[0])
     s = int(np.flatnonzero(two[:, k])[0])
-    return Parting(k, s, _differing(problem, lam[s, k], other[s, k]), float(distance[s, k]))
+    signal = problem.system.states[int(apart[s, k].argmax())]
+    contacts = _differing(problem, lam[s, k], other[s, k])
+    return Parting(k, s, contacts, float(distance[s, k]), signal.name, signal.unit)
 
 
 def _obeys(

@@ -205,6 +205,14 @@ class Problem:
             ["stage", "terminal"],
         )
 
+    @cached_property
+    def state_slopes(self) -> ca.Function:
+        """Map ``(x, u, du, p)`` to the gradients by x, (nx, 1), of stage and terminal cost."""
+        du = ca.SX.sym("du", self.system.nu) if self.du is None else self.du
+        x, costs = self.system.x, (self.stage_cost, self.terminal_cost)
+        slopes = [ca.densify(ca.gradient(cost, x)) for cost in costs]
+        return ca.Function("state_slopes", [x, self.system.u, du, self.parameters.vector], slopes)
+
     def initial_states(self, p: np.ndarray) -> np.ndarray:
         """Initial states of all scenarios at parameter values p, shape (scenarios, nx)."""
         nominal = np.array(self.limits(p)[0]).ravel()

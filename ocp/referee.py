@@ -178,6 +178,8 @@ def survival(
         reasons.append(heard.failed.brief)
     elif not math.isfinite(share):
         reasons.append("it leads to states that are no numbers")
+    elif not math.isfinite(heard.cost):
+        reasons.append("its cost is no number there")
     if excess > COST_SHARE:
         reasons.append(f"it costs {heard.cost:.6g} instead of {plan.cost:.6g}")
     if share > STATE_SHARE:

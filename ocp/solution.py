@@ -65,7 +65,8 @@ class Solution:
 
     ``certificate`` says whether the point is stationary for the problem that was asked,
     ``referee`` what the sharpest contact makes of it,
-    ``idle_cost`` what holding the input before the first would cost under the same law.
+    ``idle_cost`` what standing still would cost under the same law
+    (:func:`~ocp.judgement.idle_cost`).
 
     ``data`` holds, labelled and with units, over dimensions scenario, node (N+1), interval (N),
     state, control, contact: ``x`` (scenario, node, state), ``u`` (scenario, interval, control),

@@ -154,7 +154,10 @@ class Solver:
     def _create(self, nlp: Program, options: dict[str, Any]) -> ca.Function:
         x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", nlp.n_parameters)
         f, g = nlp.f_g.call([x, p], True, False)
-        common: dict[str, Any] = {"print_time": False, "calc_lam_p": False, "error_on_fail": False}
+        common: dict[str, Any] = {
+            "print_time": False, "calc_lam_p": False, "error_on_fail": False,
+            "show_eval_warnings": False,
+        }  # fmt: skip
         if self.name == "ipopt":
             inner = {**IPOPT_DEFAULTS, **options}
             derivatives = {"grad_f": nlp.gradient, "jac_g": nlp.jacobian, "hess_lag": nlp.hessian}

@@ -12,6 +12,8 @@ Grade = Literal["survives", "certified", "failed"]
 """Certified and surviving; certified alone; neither. Shown green, amber and red."""
 _SAME = 1e-5
 _NOTABLE = 0.1
+_FEASIBLE = ("not-optimal", "undecided")
+"""Of plans that are no answers, those of which it is worth saying that they survive."""
 
 
 def verdict(found: Solution) -> str:
@@ -22,27 +24,40 @@ def verdict(found: Solution) -> str:
 def headline(found: Solution) -> str:
     """Status, cost under the law, under the model's exact law and under the referee; survival."""
     word = found.status.value.partition(":")[0]
-    parts = [f"{word.capitalize()}: cost {found.cost:.6g}", _exact(found), _refereed(found)]
+    first = f"{word.capitalize()}: cost {found.cost:.6g}"
+    if not math.isfinite(found.cost):
+        return f"{first}."
+    parts = [first, _exact(found), _refereed(found)]
     ending = {True: "survives", False: "does not survive", None: ""}[found.referee.survives]
-    ending = "" if found.status.label == "no-progress" else ending
+    if ending == "survives" and not (found.success or found.status.label in _FEASIBLE):
+        ending = ""
     return ", ".join(part for part in parts if part) + (f"; {ending}." if ending else ".")
 
 
 def _exact(found: Solution) -> str:
     cost = found.audit.exact_cost
-    return f"exact law {cost:.6g}" if math.isfinite(cost) else "exact law not replayed"
+    if math.isfinite(cost):
+        return f"exact law {cost:.6g}"
+    return "exact law not replayed" if found.audit.replay_failed else "exact law without a number"
 
 
 def _refereed(found: Solution) -> str:
     if found.referee.survives is None:
         return "no referee"
-    cost = found.referee.cost
-    return f"referee {cost:.6g}" if math.isfinite(cost) else "referee not replayed"
+    cost, gap = found.referee.cost, found.referee.gap
+    if math.isfinite(cost):
+        return f"referee {cost:.6g}"
+    return "referee without a number" if math.isfinite(gap) else "referee not replayed"
 
 
 def findings(found: Solution) -> list[str]:
     """What stands behind the headline, each in a sentence."""
     explained = found.status.value.partition(": ")[2]
+    if not math.isfinite(found.cost):
+        return [
+            "The cost is no number where the solver stopped: give a guess at which it is one, and"
+            " bounds that keep the states where it stays one."
+        ]
     lines = [] if found.success or not explained else [_sentence(explained)]
     if found.status.label == "no-progress" and found.audit.active_steps == 0:
         lines = [_sentence(f"the contacts never act; {explained}")]
@@ -52,8 +67,8 @@ def findings(found: Solution) -> list[str]:
               if line]  # fmt: skip
     if not found.record.get("resumed", True):
         lines.append(
-            "From the run to start at the solver did not converge: solved anew, with that run's"
-            " trajectories as the guess."
+            "The solver did not converge from the run it started at; this is a cold solve with"
+            " that run's trajectories as the guess."
         )
     return lines
 
@@ -68,7 +83,14 @@ def _referee(found: Solution) -> str:
         return "no referee: the system has no geometry"
     who = f"referee: {heard.note}"
     if not heard.survives:
-        who += "; it does not survive: " + "; ".join(heard.reasons[:3])
+        who += "; the plan does not survive: " + "; ".join(heard.reasons[:3])
+        far = heard.force_distance
+        exact, least = (
+            found.record.get("contact") == "exact",
+            _NOTABLE * found.problem.reference.gap,
+        )
+        if exact and far is not None and far.amount > least:
+            who += f"; its {far.contact} acts from {far.amount:.2g} m away at step {far.step}"
     if math.isfinite(heard.refined_cost) and abs(heard.refined_cost - heard.cost) > _NOTABLE * abs(
         heard.cost
     ):
@@ -82,7 +104,7 @@ def _replay(found: Solution) -> str:
     if audit.replay_failed:
         return f"not replayed under the exact law: {audit.replay_failed}"
     if not math.isfinite(audit.exact_cost):
-        return "under the exact law the motion runs away"
+        return "replayed under the exact law, the cost is no number"
     if found.referee.parting or abs(off) <= max(_NOTABLE * abs(found.cost), _SAME):
         return ""
     if found.record.get("contact") == "exact":
@@ -90,7 +112,10 @@ def _replay(found: Solution) -> str:
             "; feedback gains may hold it (--policy feedback)"
         )  # fmt: skip
         return f"the motion is unstable: replayed, it parts from the plan{remedy}"
-    return "the plan leans on the smoothing: under the exact law it costs another sum"
+    return (
+        f"the plan leans on the smoothing: under the exact law it costs {audit.exact_cost:.6g}"
+        f" instead of {found.cost:.6g}"
+    )
 
 
 def _parting(found: Solution) -> str:

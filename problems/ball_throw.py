@@ -35,11 +35,15 @@ golden = {
         law="exact",
         method="direct",
         cost=0.00898210373,
+        stationarity="B",
+        kind="S",
+        settings={"tol": 1e-10},
+        tried=33,
+        independent="Nelder-Mead over angle and speed of a simulation in closed form",
         # The speeds of the N - 1 idle inputs u have cost u² and the bound u >= 0. An interior-point
         # method ends where 2 u² = mu <= tol, which costs (N - 1) tol / 2 in all at most: 2.7e-7 of
         # the optimum at tol = 1e-10, 2.7e-5 at 1e-8 (9e-7 seen in direct, 2e-6 in shooting).
         tolerance=1e-6,
-        source="Nelder-Mead over angle and speed of a simulation in closed form",
     ),
 }
 

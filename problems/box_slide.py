@@ -32,8 +32,10 @@ golden = {
         law="exact",
         method="direct",
         cost=0.354703374,
-        tolerance=1e-6,
-        source="the best of all 861 schedules stick, slide, stick, each a convex QP",
+        stationarity="B",
+        kind="S",
+        tried=33,
+        independent="all 820 schedules stick, slide, stick, each a convex QP",
     ),
 }
 

@@ -35,8 +35,10 @@ golden = {
         law="exact",
         method="direct",
         cost=0.592060446,
-        tolerance=1e-6,
-        source="the best of all 861 schedules stick, slide forward, stick, each a convex QP",
+        stationarity="B",
+        kind="S",
+        tried=33,
+        independent="all 820 schedules stick, slide forward, stick, each a convex QP",
     ),
 }
 

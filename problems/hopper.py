@@ -52,9 +52,21 @@ typst = (
 
 golden = {
     "exact": Golden(
-        "exact", "direct", 0.0502015625, 1e-5, "best of 5 starts, which two of them found"
+        law="exact",
+        method="direct",
+        cost=0.0502015625,
+        stationarity="B",
+        kind="S",
+        tried=11,
+        note="other minima: 0.0509175, 0.0516220",
     ),
-    "barrier mu=1e-3": Golden("barrier", "direct", 0.0514836513, 1e-4, "best of 4 starts"),
+    "barrier mu=1e-3": Golden(
+        law="barrier",
+        method="direct",
+        cost=0.0514836513,
+        stationarity="KKT",
+        tried=1,
+    ),
 }
 _PICTURED = machine_of()
 _STANDING = 1.21

@@ -38,8 +38,10 @@ golden = {
         law="exact",
         method="direct",
         cost=-0.6146875,
-        tolerance=1e-8,
-        source="the closed form of the bang-bang optimum, function highest",
+        stationarity="B",
+        kind="S",
+        tried=33,
+        independent="the closed form of the bang-bang optimum",
     ),
 }
 

@@ -58,19 +58,22 @@ golden = {
     "exact": Golden(
         law="exact",
         method="direct",
-        cost=12.2876808,
-        tolerance=1e-6,
-        source="20 of 20 perturbed guesses; the guess itself ends at 12.2918; the best known of 41"
-        " starts with -s strategy=scholtes-adaptive is 12.1817748",
-        starts=2,
+        cost=12.1817748,
+        stationarity="B",
+        kind="S",
+        settings={"strategy": "scholtes-adaptive"},
+        start=19,
+        tried=50,
+        note="the default settings end at 12.2918156, and at 12.2876808 from perturbed guesses",
     ),
     "barrier mu=1e-3": Golden(
         law="barrier",
         method="direct",
         cost=12.0089398,
-        tolerance=1e-6,
-        source="the best of 20 perturbed guesses; the guess itself ends at 12.0102",
-        starts=2,
+        stationarity="KKT",
+        start=1,
+        tried=9,
+        note="the problem's own guess ends at 12.0101558",
     ),
 }
 

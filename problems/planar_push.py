@@ -51,15 +51,16 @@ golden = {
         law="exact",
         method="direct",
         cost=120.918554915,
-        tolerance=1e-6,
-        source="41 of 41 guesses, 40 of them perturbed, end here",
+        stationarity="B",
+        kind="S",
+        tried=33,
     ),
     "barrier mu=1e-3": Golden(
         law="barrier",
         method="direct",
         cost=120.603713118,
-        tolerance=1e-6,
-        source="41 of 41 guesses, 40 of them perturbed, end here",
+        stationarity="KKT",
+        tried=11,
     ),
 }
 

@@ -28,18 +28,42 @@ class Citation:
 
 @dataclass(frozen=True)
 class Golden:
-    """A known optimum: cost under ``law`` and ``method`` at the default parameters.
+    """The best known value under ``law`` and ``method`` at the default parameters.
 
-    ``tolerance`` is relative; ``source`` says how the number was found; ``starts`` is the number of
-    starts that finds it.
+    Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
+    of seed 0, see :func:`ocp.solve.guesses`) ends at ``cost``, within ``tolerance`` relative, with
+    a certificate that says ``stationarity`` and ``kind`` (:class:`~ocp.certificate.Certificate`).
+    ``tried`` counts the solves, over strategies and guesses, of which no certified one ends lower.
+
+    ``independent`` names what confirms the value without the workbench, "" where nothing does;
+    ``note`` tells of other minima and of what the default settings end at, where that is another.
     """
 
     law: str
     method: str
     cost: float
-    tolerance: float
-    source: str
-    starts: int = 1
+    stationarity: str
+    kind: str = ""
+    settings: Mapping[str, str | float] = field(default_factory=dict)
+    start: int = 0
+    tried: int = 1
+    independent: str = ""
+    note: str = ""
+    tolerance: float = 1e-6
+
+    @property
+    def certificate(self) -> str:
+        """Stationarity and kind in words as ``ocp solve`` says them."""
+        return ", ".join(part for part in (self.stationarity, self.kind) if part)
+
+    @property
+    def remarks(self) -> str:
+        """What ``ocp solve`` is given beside its defaults, what confirms the value, the note."""
+        given = [f"-s {name}={value}" for name, value in self.settings.items()]
+        given += [f"--starts {self.start + 1}"] if self.start else []
+        how = f"found with {' '.join(given)}" if given else ""
+        confirmed = f"confirmed by {self.independent}" if self.independent else ""
+        return "; ".join(part for part in (how, confirmed, self.note) if part)
 
 
 @dataclass(frozen=True)

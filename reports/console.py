@@ -286,13 +286,14 @@ def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def golden_table(golden: Mapping[str, Golden]) -> Table:
-    """A problem's known optima."""
+    """Best known values, their certificates, and of how many solves each is the best."""
     table = _table(
-        ("known optimum", "left"), ("law", "left"), ("method", "left"), ("cost", "right"),
-        ("source", "left"),
+        ("best known", "left"), ("method", "left"), ("cost", "right"), ("certificate", "left"),
+        ("of solves", "right"),
     )  # fmt: skip
     for name, known in golden.items():
-        table.add_row(name, known.law, known.method, number(known.cost, 8), known.source)
+        cost = number(known.cost, 9)
+        table.add_row(name, known.method, cost, known.certificate, str(known.tried))
     return table
 
 

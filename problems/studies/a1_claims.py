@@ -58,7 +58,8 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
               bool(mismatch[:-1].max() < 1e-9 and apart < 1e-6)),
         Claim("The noise has density rho = S_mu''(w)", "ABS, prop. 5.2",
               "integral 1", f"{over(compliance, whole)} m/(N s): integrals "
-              + ", ".join(f"{m:.3f}" for m in mass) + "; the factor F is missing",
+              + ", ".join(f"{m:.3f}" for m in mass) + ", times F "
+              + ", ".join(f"{m:.3f}" for m in mass * compliance),
               bool(np.all(whole))),
         Claim("The noise of constant mu has a variance", "our check",
               "finite variance", f"{grown} times its scale squared within {reach} scales",

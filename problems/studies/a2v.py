@@ -111,8 +111,8 @@ def claims(data: xr.Dataset) -> list[Claim]:
               f" {(first[:, 0] / first[:, soft]).min():.2g} times or more", bool(np.all(large))),
         Claim("That variance grows without bound as mu falls", "ABS, sec. 4.3",
               "with a tenth of mu twice the variance or more",
-              f"{flat.min():.3f} to {flat.max():.3f} times from mu = {mu[1]:g} to {mu[0]:g}: it"
-              " saturates", bool(np.all(flat > 2))),
+              f"{flat.min():.3f} to {flat.max():.3f} times from mu = {mu[1]:g} to {mu[0]:g}",
+              bool(np.all(flat > 2))),
         Claim("What bounds it is the step: the slope through an impact is 1/h",
               "our check", "variance ~ 1/h at small mu", f"h to the power {slope:.2f}",
               bool(-1.4 < slope < -0.6)),

@@ -184,6 +184,8 @@ study = Study(
         " gives it; only a sample inside the one step of the impact sees the jump.",
         "The box is problem box-slide: m (v+ - v) = h u + f, |f| <= b = friction h m g by maximal"
         " dissipation, in two pairs; the paper gives no equations.",
+        "Costs are counted in solves, at the noise whose bias is the barrier's: an exact solve and"
+        " one of the barrier's path take about as long here.",
         "The noise levels and every mu are our choice.",
     ),
 )

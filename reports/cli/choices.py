@@ -24,7 +24,8 @@ def choose(kind: str, name: str, known: Mapping[str, T]) -> T:
 
     if name not in known:
         raise InputError(
-            f"unknown {kind} {name!r}{did_you_mean(name, known)}; there are {', '.join(known)}"
+            f"unknown {kind} {name!r}{did_you_mean(name, known)};"
+            f" there {'is' if len(known) == 1 else 'are'} {', '.join(known)}"
         )
     return known[name]
 

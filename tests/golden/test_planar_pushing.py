@@ -10,7 +10,7 @@ from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solv
 from ocp.judgement import judged
 from ocp.solve import guesses, new_session
 from problems.studies import n2
-from tests.golden.test_known_optima import LAWS
+from tests.golden.known import LAWS, better
 
 NAMES = ("planar-push", "planar-hand")
 SMOOTH = {
@@ -23,23 +23,6 @@ SMOOTH = {
 def test_both_state_an_exact_and_a_barrier_optimum() -> None:
     for name in NAMES:
         assert list(problems.spec(name).golden) == list(LAWS)
-
-
-@pytest.mark.parametrize(
-    ("name", "key"),
-    [
-        ("planar-push", "exact"),
-        ("planar-push", "barrier mu=1e-3"),
-        ("planar-hand", "exact"),
-        pytest.param("planar-hand", "barrier mu=1e-3", marks=pytest.mark.slow),
-    ],
-)
-def test_the_stated_optimum_is_found(name: str, key: str) -> None:
-    golden = problems.spec(name).golden[key]
-    found = solve(problems.get(name), LAWS[key], Direct(), starts=golden.starts)
-    assert (golden.law, golden.method) == (LAWS[key].name, "direct")
-    assert found.success
-    assert found.cost == pytest.approx(golden.cost, rel=golden.tolerance)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -98,5 +81,5 @@ def test_the_exact_law_is_solved_from_every_perturbed_guess(name: str) -> None:
     session = new_session(problems.get(name), Exact(), Direct())
     found = [judged(session, session.solve(guess=g), 0) for g in guesses(session, 21, 0)]
     assert sum(one.success for one in found) >= 20
-    best = problems.spec(name).golden["exact"].cost
-    assert min(one.cost for one in found) <= best * (1 + 1e-6)
+    golden = problems.spec(name).golden["exact"]
+    assert [one.cost for one in found if better(golden, one)] == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 from scipy.stats import norm
 
 from dynamics.batch import Gaussian
@@ -11,17 +12,18 @@ from dynamics.contact import Adaptive, Barrier, Exact
 from problems import get, studies
 from problems.studies import random_lcs as rl
 from problems.studies.ball_ode import in_log_height, least_height, turning_points
-from problems.studies.box_push import softened_box
+from problems.studies.box_push import cost_of_averaging, smoothed_box, softened_box
 from problems.studies.noise import (
     averaged_exact,
     gaussian,
+    least_residual,
     linearisations,
     printed_kappa,
     student,
 )
 from problems.studies.p5 import Params as PushParams
 from problems.studies.p5 import limit
-from problems.studies.p6 import eq5
+from problems.studies.p6 import eq5, newton_step, solve_qp
 from problems.studies.pushing import pushing_system
 from problems.studies.sampled_step import SampledStep
 from problems.studies.scalar_contact import scalar_contact
@@ -39,6 +41,19 @@ def test_eq5_solves_the_optimality_condition() -> None:
         assert m * (velocity - v) == pytest.approx(u + h / (kappa * after), abs=1e-9)
         assert after > 0
     assert eq5(*map(np.array, (0.0, 0.0, 0.0, 1e4)), 1.0, 0.1) == pytest.approx(1e-3)
+
+
+def test_the_qp_is_the_clipped_step_and_newton_ends_at_the_barriers_minimum() -> None:
+    rng = np.random.default_rng(3)
+    x, v, u = rng.uniform(0, 1, 40), *rng.uniform(-3, 3, (2, 40))
+    after, lam = solve_qp(x, v, u, 2.0, 0.1)
+    assert after == pytest.approx(np.maximum(0, x + 0.1 * (v + u / 2)), abs=1e-12)
+    assert lam == pytest.approx(np.maximum(0, -2 * (x / 0.1 + v) - u), abs=1e-11)
+    kappa = 10 ** rng.uniform(1, 4, 40)
+    least = eq5(x, v, u, kappa, 2.0, 0.1)
+    assert newton_step(x, v, u, kappa, least, 2.0, 0.1) == pytest.approx(0, abs=1e-12)
+    off = 1e-6 * least
+    assert newton_step(x, v, u, kappa, least + off, 2.0, 0.1) == pytest.approx(off, rel=1e-4)
 
 
 def test_kappa_true_and_printed_as_the_errata_have_them() -> None:
@@ -89,6 +104,40 @@ def test_the_box_sticks_slips_and_softens_as_its_closed_form() -> None:
     assert closed == pytest.approx(-2 * 0.1 * friction / (bound**2 - friction**2), abs=1e-9)
     ahead, behind = (softened_box(u + d, 2.5e-4, **values)[0] for d in (1e-5, -1e-5))
     assert slope == pytest.approx((ahead - behind) / 2e-5, abs=1e-8)
+
+
+def test_averages_of_exact_solves_cost_what_the_closed_form_says() -> None:
+    box = {"m": 2.0, "g": 9.81, "friction": 0.3, "h": 0.05}
+    u = np.linspace(0, 24, 1201)
+    cost = cost_of_averaging(u, 1e-3, **box)
+    bound = box["friction"] * box["m"] * box["g"]
+    exact = np.where(u > bound, 0.025, 0)
+    softened = softened_box(u, 1e-3, **box)[1]
+    assert cost.bias == pytest.approx(np.sqrt(np.mean((softened - exact) ** 2)))
+    rng = np.random.default_rng(4)
+    push = u + cost.sigma * rng.standard_normal((4000, len(u)))
+    solves = 0.025 * (np.abs(push) > bound)
+    assert solves.mean(axis=0) == pytest.approx(smoothed_box(u, cost.sigma, **box)[0], abs=2e-3)
+    for count, expected in ((1, cost.single), (round(cost.needed), 1.1)):
+        mean = solves[: 4000 // count * count].reshape(-1, count, len(u)).mean(axis=1)
+        error = np.sqrt(np.mean((mean - exact) ** 2))
+        assert error / cost.bias == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("t", [-0.8, 0.0, 1.1])
+def test_the_least_absolute_residual_is_that_of_a_linear_program(t: float) -> None:
+    w = np.linspace(-6, 6, 601)
+    weight = norm.pdf(w) * (w[1] - w[0])
+    target = np.maximum(0, -(t + w))
+    one = np.eye(len(w))
+    # Variables K, W and |residual|: both signs of the residual lie below it.
+    line = np.stack((np.ones_like(w), w), axis=1)
+    rows = np.block([[line, -one], [-line, -one]])
+    found = linprog(
+        np.concatenate(([0, 0], weight)), rows, np.concatenate((target, -target)),
+        bounds=[(None, None)] * 2 + [(0, None)] * len(w),
+    )  # fmt: skip
+    assert least_residual(3 * t, 0.5, 3.0) == pytest.approx(6 * found.fun, rel=2e-3)
 
 
 @pytest.mark.parametrize("kind", rl.KINDS)

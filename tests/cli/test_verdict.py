@@ -1,0 +1,242 @@
+"""What ``ocp`` says of an answer: exit codes, requirements, ranks, colours, points of paths."""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from ocp.certificate import certify
+from ocp.studies import store
+from reports import pages
+from reports.cli.common import Output
+from reports.style import styled
+from reports.view import RunView
+
+QUIET = ("--json", "--quiet")
+EXACT = ("--contact", "exact")
+KINKED = ("solve", "push-disc", *EXACT, "--method", "single-shooting", "-s", "homotopy=true")
+"""A point without multipliers, so that the certificate has to ask a program."""
+
+
+# --- exit codes --------------------------------------------------------------------------------
+
+
+def test_what_is_certified_is_done_whether_or_not_it_survives(ocp) -> None:
+    done = ocp("solve", "planar-push", *EXACT, *QUIET)
+    found = done.json
+    assert done.code == 0
+    assert (found["success"], found["survives"], found["grade"]) == (True, False, "certified")
+    assert (found["stationarity"], found["status"]) == ("B", "solved")
+    assert found["referee_cost"] > 1.1 * found["cost"]
+    assert found["referee"]["reasons"] and found["referee_gap"] > 0
+    assert found["verdict"].partition("\n")[0].endswith("; does not survive.")
+
+
+def test_survival_can_be_required(ocp) -> None:
+    assert ocp("solve", "planar-push", *EXACT, *QUIET, "--require", "survives").code == 3
+    done = ocp("solve", "push-1d", *EXACT, *QUIET, "--require", "survives")
+    assert done.code == 0
+    assert (done.json["survives"], done.json["grade"]) == (True, "survives")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("push-disc", *EXACT, "--method", "single-shooting", "-s", "homotopy=false"),
+        ("push-disc", "-s", "tol=1e10", "-s", "dual_inf_tol=1e10", "-s", "compl_inf_tol=1e10"),
+    ],
+)
+def test_what_is_not_certified_is_not_done(ocp, arguments: tuple[str, ...]) -> None:
+    done = ocp("solve", *arguments, *QUIET)
+    found = done.json
+    assert done.code == 3
+    assert (found["success"], found["grade"]) == (False, "failed")
+    assert found["status"] in ("no-progress", "not-optimal")
+    assert found["dynamics_residual"] < 1e-8, "it is feasible, and that is not enough"
+    assert found["cost"] > 5 or found["cost"] >= found["idle_cost"]
+
+
+@pytest.mark.parametrize(
+    ("option", "word", "meant"),
+    [("--require", "survive", "survives"), ("--rank", "refree", "referee")],
+)
+def test_unknown_words_say_what_was_meant(ocp, option: str, word: str, meant: str) -> None:
+    done = ocp("solve", "push-1d", option, word)
+    assert done.code == 2
+    assert f"{word!r} (did you mean {meant!r}?)" in done.err
+    assert done.err.count("\n") == 1 and not Path("runs").exists()
+
+
+# --- trouble of the certificate ----------------------------------------------------------------
+
+
+def test_a_certificate_out_of_time_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ocp.judgement.certify", functools.partial(certify, seconds=0.0))
+    done = ocp(*KINKED, *QUIET)
+    found = done.json
+    assert done.code == 3
+    assert (found["status"], found["stationarity"]) == ("undecided", "undecided")
+    assert "Stationarity undecided: the time limit was reached." in found["verdict"]
+    assert found["grade"] == "failed" and found["lpec_decrease"] is None
+
+
+def test_a_program_that_fails_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
+    failure = SimpleNamespace(status=4, x=None, message="numerical difficulties")
+    monkeypatch.setattr("ocp.lpec.milp", lambda *_, **__: failure)
+    done = ocp(*KINKED, *QUIET)
+    assert done.code == 3
+    assert done.json["stationarity"] == "undecided"
+    assert "HiGHS says 'numerical difficulties'" in done.json["verdict"]
+    assert "Traceback" not in done.err
+
+
+NO_NUMBER = """
+from __future__ import annotations
+import casadi as ca
+import numpy as np
+from dynamics.systems import signals, time_stepping
+from ocp.problem import Problem
+from problems.parameters import Parameters, structure, table
+
+name = "no-number"
+title = "The logarithm of a negative number"
+
+def guess(problem, values):
+    return np.full((problem.N + 1, 2), -1.0), np.zeros((problem.N, 1))
+
+class Params(Parameters):
+    N: int = structure(5, "number of steps", least=1)
+
+def build(params):
+    p = table(params)
+    system = time_stepping(
+        name, states=signals("q [m]; v [m/s]"), inputs=signals("u [N s]"),
+        contacts=signals("wall [N s]"), h=0.1, mass=1.0, impulse=lambda q, v, u: u,
+        distance=lambda q: q, parameters=p)
+    return Problem(name=name, system=system, N=params.N,
+                   stage_cost=ca.sumsqr(system.u) + ca.log(system.x[0]),
+                   terminal_cost=ca.SX(0), x0=ca.SX([1, 0]), parameters=p, guess=guess)
+"""
+
+
+@pytest.mark.parametrize("law", ["exact", "barrier"])
+def test_a_start_without_a_cost_is_told_in_a_sentence(ocp, tmp_path: Path, law: str) -> None:
+    (tmp_path / "bad.py").write_text(NO_NUMBER)
+    done = ocp("solve", "bad.py", "--contact", law, "--quiet")
+    assert done.code == 3
+    assert done.out.splitlines()[0].startswith("Not converged: cost ")
+    assert "The cost is no number where the solver stopped" in done.out
+    assert done.err == ""
+    run = re.findall(r"^run: (.*)$", done.out, re.M)[0]
+    assert json.loads((Path(run) / "meta.json").read_text())["grade"] == "failed"
+    (tmp_path / "bad.py").write_text(NO_NUMBER.replace("SX([1, 0])", "SX([0, 0])"))
+    refused = ocp("solve", "bad.py", "--contact", law, "--quiet")
+    assert refused.code == 2, "without a cost at x0 nothing is tried"
+    assert "the cost is not a finite number at x0" in refused.err and refused.err.count("\n") == 1
+
+
+# --- several starts, and a start from a run ------------------------------------------------------
+
+
+POST = """
+from problems.parameters import Parameters, quantity
+from tests.unit.ocp.user_problems import round_a_post
+
+name = "round-a-post"
+title = "A disc, pulled back to behind a post"
+
+class Params(Parameters):
+    h: float = quantity(0.1, "s", "step size", above=0)
+    post: float = quantity(0.3, "m", "radius of the post", above=0)
+
+def build(params):
+    return round_a_post()
+"""
+
+
+def test_starts_are_ranked_by_their_referee(ocp, tmp_path: Path) -> None:
+    """The way that is cheaper with expanded gaps is dearer with true ones."""
+    (tmp_path / "post.py").write_text(POST)
+    arguments = ("solve", "post.py", *EXACT, *QUIET, "--starts", "3")
+    planned, refereed = ocp(*arguments), ocp(*arguments, "--rank", "referee")
+    for done, key, other in (
+        (planned, "cost", "referee_cost"), (refereed, "referee_cost", "cost"),
+    ):  # fmt: skip
+        found = done.json
+        assert done.code == 0 and all(start["status"] == "solved" for start in found["others"])
+        assert found[key] == min(start[key] for start in found["others"])
+        assert found[other] > 1.05 * min(start[other] for start in found["others"])
+        (chosen,) = (start for start in found["others"] if start["chosen"])
+        assert chosen["cost"] == found["cost"]
+
+
+def test_a_start_that_did_not_help_is_said(ocp) -> None:
+    first = ocp("solve", "push-1d", *QUIET).json
+    cold = ocp("solve", "push-1d", *EXACT, *QUIET, "--from", first["run"], "-s", "max_iter=3")
+    assert "did not converge from the run it started at" in cold.json["verdict"]
+    warm = ocp("solve", "push-1d", *EXACT, *QUIET, "--from", first["run"])
+    assert warm.code == 0 and "started at" not in warm.json["verdict"]
+
+
+# --- colours -----------------------------------------------------------------------------------
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("grade", "code"), [("survives", 32), ("certified", 33), ("failed", 31)]
+)  # fmt: skip
+def test_a_verdict_has_its_colour_on_a_terminal(grade, code, monkeypatch) -> None:
+    shown = Terminal()
+    monkeypatch.setattr("sys.stdout", shown)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    Output(as_json=False, quiet=True).verdict("Head: cost 1.\nA finding.", grade)
+    first, second = shown.getvalue().splitlines()[:2]
+    assert f"\x1b[1;{code}m" in first and "Head: cost 1." in first
+    assert second == "A finding."
+
+
+def test_a_verdict_in_a_pipe_is_plain(capsys) -> None:
+    Output(as_json=False, quiet=True).verdict("Head.\nA finding.", "survives")
+    assert capsys.readouterr().out == "Head.\nA finding.\n"
+
+
+def test_the_pages_bar_has_the_grade_of_the_run(ocp) -> None:
+    grades = {}
+    for arguments in (
+        ("push-1d", *EXACT), ("planar-push", *EXACT),
+        ("push-1d", *EXACT, "--method", "single-shooting", "-s", "homotopy=false"),
+    ):  # fmt: skip
+        found = ocp("solve", *arguments, *QUIET).json
+        with styled():
+            content, _ = pages.solve_page(RunView.of(store.load(Path(found["run"]))))
+        assert content["grade"] == found["grade"]
+        assert content["verdict"] == found["verdict"]
+        grades[found["grade"]] = content["verdict"].partition("\n")[0]
+    assert set(grades) == {"survives", "certified", "failed"}
+    assert grades["survives"].endswith("; survives.")
+    assert grades["certified"].endswith("; does not survive.")
+    assert grades["failed"].startswith("No-progress")
+
+
+# --- paths ---------------------------------------------------------------------------------------
+
+
+def test_points_of_a_path_carry_all_three_judges(ocp) -> None:
+    found = ocp("continue", "planar-push", "--over", "contact.mu", "--from", "1e-2", "--to", "1e-3",
+                "--scale", "log", "--steps", "2", "--json", "--quiet").json  # fmt: skip
+    assert len(found["points"]) >= 3
+    for point in found["points"]:
+        assert point["stationarity"] == "KKT" and point["success"]
+        assert point["survives"] is False
+        assert point["referee_cost"] > 1.1 * point["cost"]

@@ -1,0 +1,54 @@
+"""The best known values that the problem files state: solved again as they say, and judged."""
+
+from __future__ import annotations
+
+import functools
+
+from dynamics.contact import Barrier, ContactLaw, Exact
+from ocp import Direct, Solution
+from ocp.judgement import judged
+from ocp.session import Session
+from ocp.solve import guesses, new_session
+from problems import Golden, get, names, spec
+
+LAWS: dict[str, ContactLaw] = {"exact": Exact(), "barrier mu=1e-3": Barrier(mu=1e-3)}
+STATED = [(name, key) for name in names() for key in spec(name).golden]
+BETTER = 1e-6
+"""Relative gain from which an answer is better than the best known one."""
+
+
+def session_of(name: str, key: str = "exact", **settings: str | float) -> Session:
+    """The problem at its defaults under the law that ``key`` names."""
+    return new_session(get(name), LAWS[key], Direct(), settings=settings)
+
+
+def solved(session: Session, start: int = 0) -> Solution:
+    """Solve from guess ``start`` of seed 0."""
+    guess = guesses(session, start + 1, 0)[start]
+    return judged(session, session.solve(guess=guess), 0)
+
+
+@functools.cache
+def reached(name: str, key: str) -> Solution:
+    """What the stated settings and guess lead to."""
+    golden = spec(name).golden[key]
+    return solved(session_of(name, key, **golden.settings), golden.start)
+
+
+def better(golden: Golden, found: Solution) -> bool:
+    """Whether an answer is certified and costs less than what is stated."""
+    return found.success and found.cost < golden.cost - BETTER * abs(golden.cost)
+
+
+def fault(golden: Golden, found: Solution) -> str:
+    """What is wrong with a stated value given what its own settings lead to, "" for nothing."""
+    judge = found.certificate
+    if better(golden, found):
+        return f"{found.cost:.10g} is certified and better: state that"
+    if found.cost > golden.cost + golden.tolerance * abs(golden.cost):
+        return f"only {found.cost:.10g} was reached"
+    if (judge.stationarity, judge.kind) != (golden.stationarity, golden.kind):
+        return f"the certificate says {judge.stationarity}, {judge.kind}"
+    if found.cost < golden.cost - golden.tolerance * abs(golden.cost):
+        return f"{found.cost:.10g} is lower, though not certified"
+    return ""

@@ -1,0 +1,118 @@
+"""Four problems by trying every window of contact, each a convex QP without the workbench."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from problems import ball_bounce, cart_walls, push_1d, spec, wall_1d
+from tests.golden.convex import convex
+
+Windows = Callable[[np.ndarray], float]
+
+
+def windows(u: ca.SX, lam: ca.SX, gap: ca.SX, cost: ca.SX, u_max: float) -> Windows:
+    """Least cost where contact acts at the given steps and nowhere else; inf where none does."""
+    n, bound = lam.numel(), np.full(u.numel(), u_max)
+    least = convex(ca.vertcat(u, lam), cost, gap)
+
+    def best(acts: np.ndarray) -> float:
+        low = np.concatenate([-bound, np.zeros(n)])
+        high = np.concatenate([bound, np.where(acts, np.inf, 0.0)])
+        return least(low, high, np.zeros(n), np.where(acts, 0.0, np.inf))
+
+    return best
+
+
+def wall() -> Windows:
+    """``m (v+ - v) = u + lam, x+ = x + h v+ >= 0`` from (x0, v0)."""
+    p = wall_1d.Params()
+    u, lam = ca.SX.sym("u", p.N), ca.SX.sym("lam", p.N)
+    x, v, cost, gaps = ca.SX(p.x0), ca.SX(p.v0), ca.SX(0), []
+    for k in range(p.N):
+        cost += p.w_x * (x - p.goal_x) ** 2 + p.w_v * v**2 + p.w_u * u[k] ** 2
+        v = v + (u[k] + lam[k]) / p.m
+        x = x + p.h * v
+        gaps.append(x)
+    return windows(u, lam, ca.vertcat(*gaps), cost + p.w_end * (x - p.goal_x) ** 2, p.u_max)
+
+
+def push() -> Windows:
+    """``M (qu+ - qu) = h lam, K (qa+ - u) = -lam / h, qu+ - qa+ >= width``."""
+    p = push_1d.Params()
+    u, lam = ca.SX.sym("u", p.N), ca.SX.sym("lam", p.N)
+    x, before, cost, gaps = ca.SX(p.qu0), ca.SX(p.qa0), ca.SX(0), []
+    for k in range(p.N):
+        cost += p.w_x * (x - p.goal_x) ** 2 + p.w_du * (u[k] - before) ** 2
+        before = u[k]
+        x = x + p.h / p.M * lam[k]
+        gaps.append(x - (u[k] - lam[k] / (p.h * p.K)) - p.width)
+    return windows(u, lam, ca.vertcat(*gaps), cost + p.w_end * (x - p.goal_x) ** 2, p.u_max)
+
+
+def bounce() -> Windows:
+    """``m (v+ - v) = h (u - (0, m g)) + (0, lam), q+ = q + h v+, y+ >= 0``."""
+    p = ball_bounce.Params()
+    u, lam = ca.SX.sym("u", 2, p.N), ca.SX.sym("lam", p.N)
+    q, v = ca.SX([p.x0, p.y0]), ca.SX([p.vx0, p.vy0])
+    gaps = []
+    for k in range(p.N):
+        v = v + p.h * (u[:, k] / p.m - ca.DM([0, p.g])) + ca.vertcat(0, lam[k] / p.m)
+        q = q + p.h * v
+        gaps.append(q[1])
+    off = ca.sumsqr(q - ca.DM([p.goal_x, p.goal_y]))
+    cost = p.w_u * p.h * ca.sumsqr(u) + p.w_end * off + p.w_v * ca.sumsqr(v)
+    return windows(ca.vec(u), lam, ca.vertcat(*gaps), cost, p.u_max)
+
+
+def walls() -> Windows:
+    """``(1 - h F) x+ = x + h (B u + C lam)``, ``lam / k + wall ∓ tip >= 0`` at right and left."""
+    p = cart_walls.Params()
+    F = np.zeros((4, 4))
+    F[0, 2] = F[1, 3] = 1.0
+    F[2, 1], F[3, 1] = p.g * p.mp / p.mc, p.g * (p.mc + p.mp) / (p.l * p.mc)
+    inverse = np.linalg.inv(np.eye(4) - p.h * F)
+    B = np.array([0, 0, 1 / p.mc, 1 / (p.l * p.mc)])
+    C = np.array([0, 0, 0, 1 / (p.l * p.mp)])
+    u, lam = ca.SX.sym("u", p.N), ca.SX.sym("lam", 2, p.N)
+    weights = ca.DM([p.w_p, p.w_theta, p.w_dp, p.w_dtheta])
+    x, cost, gaps = ca.SX([p.p0, p.theta0, p.dp0, p.dtheta0]), ca.SX(0), []
+    for k in range(p.N):
+        cost += ca.dot(weights, x**2) + p.w_u * u[k] ** 2
+        x = inverse @ (x + p.h * (B * u[k] + C * (lam[1, k] - lam[0, k])))
+        tip = x[0] + p.l * x[1]
+        gaps.append(lam[:, k] / p.k + p.wall + ca.vertcat(-tip, tip))
+    return windows(u, ca.vec(lam), ca.vertcat(*gaps), cost + p.w_end * ca.sumsqr(x), p.u_max)
+
+
+@pytest.mark.slow
+def test_the_stated_value_is_the_best_of_all_windows_of_one_wall() -> None:
+    """Either wall touched from step a to before step b, the other never."""
+    golden, least, k = spec("cart-walls").golden["exact"], walls(), np.arange(50)
+    inside = [(k >= a) & (k < b) for a in range(50) for b in range(a + 1, 51)]
+    costs = [
+        least(np.stack([acts * side for side in sides], axis=1).ravel())
+        for acts in inside for sides in ((True, False), (False, True))
+    ]  # fmt: skip
+    assert f"all {len(costs)} windows" in golden.independent
+    assert min(costs) == pytest.approx(golden.cost, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "peer", "steps"),
+    [("wall-1d", wall, 30), ("push-1d", push, 20), ("ball-bounce", bounce, 40)],
+)
+def test_the_stated_value_is_the_best_of_all_windows_of_contact(
+    name: str, peer: Callable[[], Windows], steps: int
+) -> None:
+    """Contact from step a to before step b, for all a < b: gap zero there, no force elsewhere."""
+    golden, least, k = spec(name).golden["exact"], peer(), np.arange(steps)
+    costs = [
+        least((k >= a) & (k < b)) for a in range(steps) for b in range(a + 1, steps + 1)
+    ]  # fmt: skip
+    assert f"all {len(costs)} windows" in golden.independent
+    assert np.isfinite(costs).sum() >= steps
+    assert min(costs) == pytest.approx(golden.cost, rel=1e-6)

@@ -1,0 +1,320 @@
+"""Verdicts on problems as a user writes them: the words, the numbers behind them, the grade."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.contact import Barrier, ContactLaw, Exact
+from dynamics.systems import ParameterTable, lcs
+from ocp import Constraint, Direct, MultipleShooting, Problem, SingleShooting, Solution, solve
+from ocp.problem import Reference
+from ocp.rollout import roll_out
+from ocp.solution import Status
+from ocp.transcription import Method
+from problems import get, names
+from tests.unit.ocp.user_problems import (
+    physical,
+    ring,
+    rough_slope,
+    round_a_post,
+    two_grippers,
+)
+
+LINE = lcs(
+    "line", A=[[1.0]], B=[[1.0]], C=[[1.0]], D=[[1.0]], E=[[1.0]], F=[[1.0]]
+)  # fmt: skip
+TWO_ENDED = lcs(
+    "two-ended", A=[[1.0]], B=[[1.0]], C=[[1.0]], D=[[1.0]], E=[[1.0]], F=[[-1.0]]
+)  # fmt: skip
+"""``x+ = z + lam`` with ``0 <= lam ⟂ z - lam >= 0``: lam is 0 or z, and x+ is z or 2 z."""
+
+
+def to_a_goal(system, goal: float) -> Problem:
+    """Six steps of a scalar system from 0.5, cheap to move."""
+    return Problem(
+        system.name, system, 6, 0.1 * ca.sumsqr(system.u), 10 * (system.x[0] - goal) ** 2,
+        ca.SX([0.5]), ParameterTable([]), reference=Reference(1.0, 1.0, 1.0, 1.0),
+    )  # fmt: skip
+
+
+@functools.cache
+def solved(problem_of, law: ContactLaw | None = None, method: Method | None = None) -> Solution:
+    return solve(problem_of(), law or Exact(), method or Direct())
+
+
+def headline(found: Solution) -> str:
+    return found.verdict.partition("\n")[0]
+
+
+# --- true geometry ---------------------------------------------------------------------------
+
+
+def test_a_disc_pulled_round_a_post_is_certified_and_does_not_survive() -> None:
+    found = solved(round_a_post)
+    assert (found.status, found.grade) == (Status.SOLVED, "certified")
+    assert found.certificate.stationarity == "B"
+    assert found.referee.survives is False
+    assert found.referee.cost > 20 * found.cost
+    assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-4), "its own model is content"
+    assert headline(found) == (
+        f"Solved: cost {found.cost:.6g}, exact law {found.audit.exact_cost:.6g},"
+        f" referee {found.referee.cost:.6g}; does not survive."
+    )
+    assert "Referee: true gaps; the plan does not survive: it costs" in found.verdict
+    far = found.referee.force_distance
+    assert far is not None and far.amount > 0.05
+    # By hand, from the states alone: the two discs at the end of that step.
+    x = found.data["x"].values[0, far.step + 1]
+    by_hand = {"push": np.hypot(*(x[:2] - x[2:])) - 0.3, "post": np.hypot(*x[:2]) - 0.5}
+    assert far.amount == pytest.approx(by_hand[far.contact], rel=1e-9)
+    assert f"its {far.contact} acts from {far.amount:.2g} m away at step {far.step}" in (
+        found.verdict
+    )
+
+
+def test_the_referee_of_a_plan_is_a_rollout_with_true_gaps() -> None:
+    found = solved(round_a_post)
+    sharp = round_a_post(linearised=False)
+    again = roll_out(sharp, found.data["u"].values, found.values, x0=found.data["x"].values[:, 0])
+    assert again.cost == pytest.approx(found.referee.cost, rel=1e-9)
+
+
+def test_an_oiled_finger_is_no_trouble() -> None:
+    found = solved(two_grippers)
+    assert (found.status, found.grade) == (Status.SOLVED, "survives")
+    assert found.referee.note == "Coulomb friction with maximum dissipation"
+    assert headline(found).endswith("; survives.")
+    assert all(np.isfinite(found.data[key].values).all() for key in ("x", "x_replay", "x_referee"))
+    assert found.data["x"].values[0, -1, 1] == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_puck_too_fast_for_its_fence_never_survives() -> None:
+    for law, method in (
+        (Exact(), Direct()), (Exact(), MultipleShooting()), (Barrier(mu=1e-3), Direct()),
+    ):  # fmt: skip
+        found = solve(ring(h=0.1, speed=20.0), law, method)
+        outside = np.hypot(*found.data["x"].values[0, :, :2].T).max() - 1.0
+        assert outside > 0.5, "the model lets it out"
+        assert found.referee.survives is False and found.grade != "survives"
+        assert "referee not replayed; does not survive." in headline(found)
+        assert "step 0 did not solve, contact 'ring'" in found.verdict
+
+
+# --- contact that the model leaves open --------------------------------------------------------
+
+
+def test_the_rough_slopes_freedom_is_named_with_step_and_contacts() -> None:
+    found = solved(rough_slope)
+    assert (found.status, found.grade) == (Status.SOLVED, "certified")
+    assert found.referee.cost > 2 * found.cost
+    assert headline(found).endswith("; does not survive.")
+    assert "are not determined by the model (slope, face): from the same state" in found.verdict
+    assert "unstable" not in found.verdict and "runs away" not in found.verdict
+    step = int(found.referee.parting.partition("at step ")[2].split()[0])
+    x, u = found.data["x"].values[0], found.data["u"].values[0]
+    problem = found.problem
+    other = np.array(problem.exact_step.solve(x[step], u[step], physical(problem))[0]).ravel()
+    before = np.array(problem.exact_step.solve.map(step)(x[:step].T, u[:step].T, physical(problem))
+                      [0]) if step else np.zeros((6, 0))  # fmt: skip
+    assert np.abs(other - x[step + 1]).max() > 0.005, "the step as solved goes elsewhere"
+    assert np.abs(before.T - x[1 : step + 1]).max(initial=0.0) <= 0.005, "and none before it does"
+
+
+@pytest.mark.parametrize(
+    ("problem_of", "mu"),
+    [(rough_slope, 5e-6), (functools.partial(to_a_goal, TWO_ENDED, 2.0), 1e-4)],
+)
+def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, mu: float) -> None:
+    """The remedy that the verdict names: a plan that its exact replay follows, and cheaper there.
+
+    The barrier law alone is no remedy: at any mu, ``lam (z - lam) = mu`` has two ends as well.
+    """
+    free = solved(problem_of)
+    assert f"--method multiple-shooting --contact barrier -c mu={mu:.0e}" in free.verdict
+    bound = solved(problem_of, Barrier(mu=mu), MultipleShooting())
+    assert bound.status is Status.SOLVED and bound.referee.parting == ""
+    assert bound.audit.exact_cost == pytest.approx(bound.cost, rel=1e-2)
+    assert bound.audit.exact_cost < 0.2 * free.audit.exact_cost
+
+
+def test_standing_still_is_no_progress_though_a_contact_rests() -> None:
+    """The block rests on the slope and costs 100 * 0.6²; the input only holds the cart."""
+    found = solved(rough_slope, method=SingleShooting())
+    assert found.audit.active_steps > 0, "the block's weight is borne throughout"
+    assert found.certificate.stationarity == "B", "no small push moves the block"
+    assert np.abs(found.data["x"].values[0, :, 1]).max() < 1e-6
+    assert found.idle_cost == pytest.approx(36.0, abs=1e-9)
+    assert (found.status, found.grade) == (Status.NO_PROGRESS, "failed")
+    assert found.verdict.startswith("No-progress: cost 36.01")
+    assert "does no better than standing still" in found.verdict
+    assert "survives" not in headline(found)
+    onward = solve(rough_slope(), Exact(), SingleShooting(), settings={"homotopy": True})
+    assert "-s homotopy=true" in found.verdict and onward.cost < 1.0, "the advice leads on"
+
+
+def test_to_hold_what_is_wanted_is_no_standing_still() -> None:
+    """Gravity pulls at a cart that is where it should be: its effort is the answer."""
+    problem = rough_slope()
+    x = problem.system.x
+    wanted = 100 * ca.sumsqr(x[:2]) + ca.sumsqr(x[3:])
+    found = solve(replace(problem, stage_cost=problem.stage_cost + wanted, terminal_cost=wanted))
+    assert found.data["u"].values.mean() == pytest.approx(9.81 * np.sin(0.4), rel=0.01)
+    assert found.status is Status.SOLVED
+
+
+# --- replays that end ------------------------------------------------------------------------
+
+
+def test_a_replay_without_solution_is_not_replayed() -> None:
+    """With ``0 <= lam ⟂ z - lam >= 0`` on both sides, nothing solves outside of the walls."""
+    both = lcs(
+        "both", A=[[1.0]], B=[[1.0]], C=[[1.0, -1.0]], D=[[1.0], [-1.0]], E=[[1.0], [-1.0]],
+        F=[[-1.0, 0.0], [0.0, -1.0]], d=[1.0, 1.0],
+    )  # fmt: skip
+    found = solve(to_a_goal(both, 0.5))
+    assert np.isnan(found.audit.exact_cost)
+    where, contact = found.audit.replay_failed.split(" did not solve, contact ")
+    assert where.startswith("step ") and contact.startswith("'contact")
+    assert "exact law not replayed" in headline(found)
+    assert f"Not replayed under the exact law: {found.audit.replay_failed}." in found.verdict
+    assert "runs away" not in found.verdict and "survives" not in headline(found)
+
+
+def test_a_cost_that_is_no_number_in_the_replay_does_not_survive() -> None:
+    """The root is real where the smoothed plan ends, and not where its replay does."""
+    problem = get("push-1d")
+    end = problem.terminal_cost + 1e-3 * ca.sqrt(problem.system.x[0] - 0.9)
+
+    def guess(problem: Problem, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        share = np.linspace(0, 1, problem.N + 1)[:, None]
+        return share * [1.2, 1.0] + (1 - share) * [0, -0.5], np.linspace(-0.5, 1, problem.N)[
+            :, None
+        ]
+
+    found = solve(replace(problem, terminal_cost=end, guess=guess), Barrier(mu=0.1))
+    assert np.isnan(found.referee.cost) and np.isfinite(found.referee.gap)
+    assert found.referee.survives is False and found.grade == "certified"
+    assert headline(found) == (
+        f"Solved: cost {found.cost:.6g}, exact law without a number, referee without a number;"
+        " does not survive."
+    )
+    assert "its cost is no number there" in found.verdict
+    assert "Replayed under the exact law, the cost is no number." in found.verdict
+
+
+@pytest.mark.parametrize("method", [Direct(), MultipleShooting(), SingleShooting()])
+@pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
+def test_a_guess_without_a_cost_is_one_sentence(law, method, capfd) -> None:
+    problem = get("push-1d")
+    stage = problem.stage_cost + 1e-6 * ca.log(problem.system.x[0])
+    found = solve(replace(problem, stage_cost=stage), law, method)
+    assert (found.status, found.grade) == (Status.DIVERGED, "failed")
+    assert found.verdict.split("\n") == [
+        "Not converged: cost -inf.",
+        "The cost is no number where the solver stopped: give a guess at which it is one, and"
+        " bounds that keep the states where it stays one.",
+    ]
+    assert found.referee.survives is False
+    assert capfd.readouterr() == ("", ""), "and no warning beside it"
+
+
+# --- constraints that the replay breaks -------------------------------------------------------
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_hard_end_that_only_smoothing_meets_is_named(moved: bool) -> None:
+    """At mu = 0.1 a force from afar brings the object to 0.3; replayed, it is elsewhere."""
+    problem = get("push-1d")
+    end = Constraint("at", problem.system.x[0], 0.3, 0.3)
+    problem = replace(problem, terminal=(end,))
+    if not moved:
+        assert problem.du is not None
+        problem = replace(problem, stage_cost=0.1 * ca.sumsqr(problem.du), terminal_cost=ca.SX(0))
+    found = solve(problem, Barrier(mu=0.1))
+    assert (found.status, found.grade) == (Status.SOLVED, "certified")
+    assert found.data["x"].values[0, -1, 0] == pytest.approx(0.3, abs=1e-6)
+    broken = abs(found.data["x_referee"].values[0, -1, 0] - 0.3)
+    assert broken > 0.1
+    assert headline(found).endswith("; does not survive.")
+    assert f"its terminal constraint at is broken by {broken:.2g} at step 20" in found.verdict
+    sharp = solve(problem, Barrier(mu=1e-3))
+    assert sharp.grade == "survives"
+
+
+def test_planar_push_leaves_its_reach_bound_in_the_replay() -> None:
+    found = solve(get("planar-push"), Barrier(mu=1e-2))
+    assert found.grade == "certified" and headline(found).endswith("; does not survive.")
+    reach = next(v for v in found.referee.broken if v.component == "reach[0]")
+    assert reach.amount > 0.01
+    assert f"its constraint reach[0] is broken by {reach.amount:.2g} at step {reach.step}" in (
+        found.verdict
+    )
+    assert found.audit.constraint_violation < 1e-6, "the plan keeps it"
+
+
+@pytest.mark.slow
+def test_the_smoothed_gait_is_not_periodic_in_the_replay() -> None:
+    found = solve(get("half-cheetah"), Barrier(mu=1e-3))
+    assert found.grade == "certified" and headline(found).endswith("; does not survive.")
+    worst = max((v for v in found.referee.broken if v.name == "periodic"), key=lambda v: v.amount)
+    assert worst.amount > 0.5
+    assert f"its periodicity of {worst.component} is broken" in found.verdict
+
+
+# --- whom not to believe ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
+def test_a_solver_told_to_be_content_solves_nothing(law) -> None:
+    loose = {"tol": 1e10, "dual_inf_tol": 1e10, "compl_inf_tol": 1e10}
+    found = solve(get("push-disc"), law, settings=loose)
+    assert found.status in (Status.NOT_OPTIMAL, Status.NO_PROGRESS)
+    assert found.grade == "failed" and found.certificate.stationarity == "not"
+    assert not found.verdict.startswith("Solved")
+
+
+def test_without_geometry_there_is_no_referee_and_that_is_said() -> None:
+    found = solve(to_a_goal(LINE, 1.0))
+    assert (found.status, found.grade) == (Status.SOLVED, "certified")
+    assert found.referee.survives is None and np.isnan(found.referee.cost)
+    assert headline(found).endswith(", no referee.")
+    assert "No referee: the system has no geometry." in found.verdict
+    assert "surviv" not in found.verdict
+
+
+EASY = tuple(name for name in names() if name not in ("half-cheetah", "hopper", "planar-hand"))
+
+
+def dearer_is_told(name: str, law: ContactLaw) -> None:
+    found = solve(get(name), law)
+    referee, first = found.referee, headline(found)
+    twice = found.cost + abs(found.cost)
+    if referee.survives is not None and not referee.cost <= twice:
+        assert first.endswith("; does not survive.")
+    if referee.survives is False:
+        assert "does not survive" in found.verdict and found.grade != "survives"
+    assert ("; survives." in first) <= (referee.survives is True)
+    assert (found.grade == "survives") == (found.success and referee.survives is True)
+    assert found.success == (first.startswith("Solved"))
+    # The referee's cost is that of these inputs, stepped here once more.
+    again = roll_out(found.problem, found.data["u"].values, found.values,
+                     found.problem.referee_step, found.data["x"].values[:, 0])  # fmt: skip
+    assert referee.survives is None or again.cost == pytest.approx(referee.cost, rel=1e-9)
+
+
+@pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-2)], ids=["exact", "barrier"])
+@pytest.mark.parametrize("name", EASY)
+def test_no_replay_is_dearer_without_being_told(name: str, law: ContactLaw) -> None:
+    dearer_is_told(name, law)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-2)], ids=["exact", "barrier"])
+@pytest.mark.parametrize("name", ["half-cheetah", "hopper", "planar-hand"])
+def test_no_long_replay_is_dearer_without_being_told(name: str, law: ContactLaw) -> None:
+    dearer_is_told(name, law)
