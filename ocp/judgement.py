@@ -22,7 +22,8 @@ from ocp.referee import Hearing, hear
 from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
 from ocp.routes.landing import embedded
 from ocp.routes.legs import translate
-from ocp.session import Outcome, Session
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
 from ocp.solution import Solution, Status
 from ocp.studies.provenance import versions
 from ocp.verdict import UNJUDGED

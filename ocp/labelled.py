@@ -10,7 +10,7 @@ from ocp.audit import Trajectories, signed_distances
 from ocp.contact_book import ContactBook, contact_book
 from ocp.problem import Problem
 from ocp.rollout import Rollout
-from ocp.session import Outcome
+from ocp.routes.outcome import Outcome
 from ocp.transcription.nlp import NLP
 from ocp.warm_start import multipliers, node_times
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
-from ocp.errors import InputError
+from dynamics.contact.law import Schedule
+from ocp.errors import InputError, NotConverged
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.routes.branches import land
@@ -18,39 +18,23 @@ from ocp.routes.landing import rolled_down
 from ocp.routes.legs import (
     PRIMAL,
     Homotopy,
-    Path,
     Plan,
     Progress,
-    Trace,
-    geometric,
     translate,
 )
+from ocp.routes.outcome import Outcome, better, lower
+from ocp.routes.own_path import MU_LAST, STAGE_ITERATIONS, from_exact, one_stage, own_path
 from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES
-from ocp.solver import Point, Result, Solver
+from ocp.solver import Point, Solver
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
 
-_STAGE_ITERATIONS = 100
-"""Before the last stage of a law's path an answer need not be sharp, only nearer."""
-_EXACT_ITERATIONS = 200
-"""What a gradient method is given under the exact law in shooting, before the barrier path is."""
-_MU_LAST = 1e-9
-"""Where the barrier law is left for the exact one in shooting."""
 _WIDE = 1e-3
 """Relaxation of lam gap, in characteristic units, on which an exact solve from elsewhere starts."""
-_GAIN = 1e-7
-"""Relative fall of the cost for which an answer is exchanged for another."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What one solve left: the result and its NLP, the table, and whether the path was finished."""
-
-    result: Result
-    nlp: NLP
-    finished: bool
-    trace: Trace
+_PARTED = 1e-3
+"""Relative rise of the cost from which on a rollout has parted from its plan."""
+Guessed = tuple[np.ndarray, np.ndarray] | None
 
 
 @dataclass
@@ -106,7 +90,7 @@ class Session:
 
     def solve(
         self, start: Point | None = None, progress: Progress | None = None,
-        guess: tuple[np.ndarray, np.ndarray] | None = None, warm_from: NLP | None = None,
+        guess: Guessed = None, warm_from: NLP | None = None,
     ) -> Outcome:  # fmt: skip
         """Solve at the present values, from a warm point of ``warm_from`` or from a guess."""
         follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
@@ -116,97 +100,69 @@ class Session:
             return self._exact(follower, guess)
         return self._smooth(follower, guess)
 
-    def _smooth(self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None) -> Outcome:
+    def _smooth(self, follower: Homotopy, guess: Guessed) -> Outcome:
+        """Follow the law's own path, and try the exact law's answer as a start beside it."""
         nlp = self.nlp_of("product")
-        averaged = self.step.branches > 1 and self.homotopy is not False
-        if self.step.exact and (self.homotopy or averaged):
-            return self._through_barrier(follower, guess, nlp)
-        point = self.first_point(nlp, guess)
-        path = self._law_path()
-        result, nlp, finished = follower.follow(path, point)
-        if self.step.exact and self.homotopy is None and not finished:
-            return self._through_barrier(follower, guess, nlp)
+        if self.step.exact and self.homotopy is not False:
+            return self._rolled(follower, guess, nlp)
+        schedule = None if self.step.exact or self.homotopy is False else self._schedule()
+        value = self.values[schedule.knob] if schedule else 0.0
+        path = one_stage(self.step.law.name, {})
+        if schedule is not None:
+            path = own_path(schedule, value, self.start_value, self.factor)
+        result, nlp, finished = follower.follow(path, self.first_point(nlp, guess))
         if len(path.values) > 1 and self.step.branches == 1:
-            below = self._from_exact(follower, guess)
-            if below is not None and (not finished or below.f < result.f - _GAIN * abs(result.f)):
-                result, finished = below, True
+            exact = self._absorbed(self._helper(Exact(), Direct()), follower, guess)
+            if exact.finished:
+                x = translate(exact.result.point, exact.nlp, nlp).x
+                below = from_exact(follower, nlp, x, schedule, value)
+                if below is not None and (not finished or lower(below, result)):
+                    result, finished = below, True
         return Outcome(result, nlp, finished, follower.trace)
 
-    def _from_exact(
-        self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None
-    ) -> Result | None:
-        """Solve at the law's value once more, from the exact law's answer instead of a wide start.
-
-        The path from a wide law may end in a worse minimum, one with another contact schedule, and
-        then the exact optimum is the better neighbour.
-        """
-        helper = self._helper(Exact(), Direct())
-        exact = helper.solve(guess=guess, progress=follower.progress)
-        follower.trace.absorb(exact.trace)
-        if not exact.finished:
-            return None
-        nlp = self.nlp_of("product")
-        x = translate(exact.result.point, exact.nlp, nlp).x
-        knob = self.step.law.homotopy_knob
-        value = self.values[knob] if knob else 0.0
-        if nlp.pairs.size:
-            mu = max(value, _MU_LAST) if knob == "contact.mu" else _MU_LAST
-            lam, gap = np.maximum(x[nlp.pairs], np.sqrt(mu) * 1e-3)
-            acts = lam > gap
-            x[nlp.pairs] = np.where(acts, lam, mu / gap), np.where(acts, mu / lam, gap)
-        plan = Plan("from exact", value, options={"mu_init": 1e-3})
-        found = follower.stage(plan, nlp, Point(x), False)
-        return found if found.ok else None
-
-    def _law_path(self) -> Path:
-        """The law's own knob from a wide start to its value, or the one value."""
-        knob = self.step.law.homotopy_knob
-        if knob is None or self.homotopy is False or self.step.exact:
-            tries = self.step.exact and self.homotopy is None
-            limit = {"max_iter": _EXACT_ITERATIONS, **self.solver.options} if tries else {}
-            return Path([0.0], lambda _: Plan(self.step.law.name, 0.0, options=limit))
-        target = self.values[knob]
+    def _schedule(self) -> Schedule | None:
         reference = self.problem.reference
-        spatial = knob.endswith("sigma")
-        wide = 3 * reference.gap if spatial else reference.impulse * reference.gap
-        factor = self.factor or (0.55 if spatial else 0.2)
-        values = geometric(self.start_value or wide, target, factor)
-        label = knob.removeprefix("contact.")
+        return self.step.law.schedule(reference.impulse, reference.gap)
 
-        def plan(value: float) -> Plan:
-            options: dict[str, Any] = {}
-            if value != values[0]:
-                options["mu_init"] = 1e-5
-            last = value == target
-            if not last:
-                options |= {"tol": 1e-6, "max_iter": _STAGE_ITERATIONS}
-            return Plan(label, value, parameters={knob: value}, options=options, partial=not last)
+    def _absorbed(self, helper: Session, follower: Homotopy, guess: Guessed) -> Outcome:
+        """Solve by a helping session, whose table and work are added to the follower's."""
+        found = helper.solve(guess=guess, progress=follower.progress)
+        follower.trace.absorb(found.trace)
+        return found
 
-        return Path(values, plan)
+    def _rolled(self, follower: Homotopy, guess: Guessed, nlp: NLP) -> Outcome:
+        """Exact law in shooting: a plan made otherwise, rolled out exactly and settled.
 
-    def _through_barrier(
-        self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None, nlp: NLP
-    ) -> Outcome:
-        """Exact law in shooting: follow the barrier law down, then roll its plan out exactly.
-
-        At a kink of the exact law no gradient vanishes, so a gradient method cannot end there; the
-        limit of the smoothed optima can, and is taken as the answer. An average of exact steps has
-        kinks all over, and its own optimum by direct transcription is the plan instead.
+        At a kink of the exact law no gradient vanishes, so a gradient method cannot end there. The
+        plan is the complementarity problem's own, by direct transcription; with ``homotopy``, or
+        where that plan parts from its rollout, it is the limit of the barrier law's optima.
         """
-        if self.step.branches > 1:
-            helper = self._helper(self.law, Direct())
-            helper.values |= {name: self.values[name] for name in self.step.p.names}
-        else:
-            helper = self._helper(Barrier(mu=_MU_LAST), self.method)
-        smooth = helper.solve(guess=guess, progress=follower.progress)
-        result, source, finished = smooth.result, smooth.nlp, smooth.finished
-        follower.trace.absorb(smooth.trace)
-        settling = Homotopy(lambda _: direct, self.solver, self.values, follower.progress)
-        direct = self.judging_nlp()
-        landed = rolled_down(source, result.point.x, nlp, direct, settling, self.step)
-        follower.trace.absorb(settling.trace)
-        landed = replace(landed, status=result.status, word=result.word)
-        return Outcome(landed, nlp, finished, follower.trace)
+        helpers = [self._helper(self.law, Direct())]
+        if self.step.branches == 1:
+            barrier = self._helper(Barrier(mu=MU_LAST), self.method)
+            helpers = [barrier] if self.homotopy else [*helpers, barrier]
+        best: Outcome | None = None
+        for helper in helpers:
+            if helper.step.exact:
+                helper.values |= {name: self.values[name] for name in self.step.p.names}
+            plan = self._absorbed(helper, follower, guess)
+            direct = self.judging_nlp()
+            settling = Homotopy(lambda _, nlp=direct: nlp, self.solver, self.values,
+                                follower.progress)  # fmt: skip
+            try:
+                landed = rolled_down(
+                    plan.nlp, plan.result.point.x, nlp, direct, settling, self.step
+                )
+            except NotConverged:
+                continue
+            follower.trace.absorb(settling.trace)
+            landed = replace(landed, status=plan.result.status, word=plan.result.word)
+            found = Outcome(landed, nlp, plan.finished, follower.trace)
+            best = better(best, found)
+            if plan.finished and not lower(plan.result, landed, _PARTED):
+                break
+        assert best is not None
+        return best
 
     def _helper(self, law: ContactLaw, method: Method) -> Session:
         """Return the session of the same problem under another law, at the same values."""
@@ -236,7 +192,7 @@ class Session:
         """Seconds of set-up, of helping sessions too."""
         return self.build_s + sum(helper.total_build_s for helper in self.helpers.values())
 
-    def _exact(self, follower: Homotopy, guess: tuple[np.ndarray, np.ndarray] | None) -> Outcome:
+    def _exact(self, follower: Homotopy, guess: Guessed) -> Outcome:
         if self.strategy not in STRATEGIES:
             raise InputError(
                 f"unknown strategy {self.strategy!r}; there are {', '.join(STRATEGIES)}"
@@ -282,7 +238,7 @@ class Session:
             if not result.ok:
                 return Outcome(result, nlp, False, follower.trace)
             return Outcome(*land(follower, nlp, result), follower.trace)
-        name, short = self.step.law.name, {"max_iter": _STAGE_ITERATIONS, **self.solver.options}
+        name, short = self.step.law.name, {"max_iter": STAGE_ITERATIONS, **self.solver.options}
         result = follower.stage(
             Plan(name, 0.0, options={**keep, "mu_init": 1e-7, **short}), nlp, start, True
         )
@@ -291,7 +247,7 @@ class Session:
             result = follower.stage(high, nlp, start, True)
         return Outcome(result, nlp, result.ok, follower.trace)
 
-    def first_point(self, nlp: NLP, guess: tuple[np.ndarray, np.ndarray] | None = None) -> Point:
+    def first_point(self, nlp: NLP, guess: Guessed = None) -> Point:
         """Write guessed trajectories into the NLP's variables, with contacts to match.
 
         Multipliers and gaps start on the central path of the homotopy's first mu, each gap at its

@@ -13,7 +13,8 @@ from ocp.errors import InputError
 from ocp.judgement import judged
 from ocp.policy import OpenLoop, Policy
 from ocp.problem import Problem
-from ocp.session import Outcome, Session
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
 from ocp.settings import Settings
 from ocp.solution import Interrupted, Solution, StageRecord, Status
 from ocp.solver import Solver

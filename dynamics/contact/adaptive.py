@@ -8,7 +8,7 @@ from typing import ClassVar
 import casadi as ca
 
 from dynamics.contact.interior_point import scalar_solution
-from dynamics.contact.law import ContactLaw, knob, positive
+from dynamics.contact.law import ContactLaw, Schedule, by_mu, by_sigma, knob, positive
 from dynamics.contact.normal import expected_excess
 from dynamics.systems import ContactSystem, ParameterTable
 
@@ -89,12 +89,11 @@ class Adaptive(ContactLaw):
         """Whether gradients hold mu."""
         return self.gradient == "frozen"
 
-    @property
-    def homotopy_knob(self) -> str | None:
-        """``contact.sigma`` or ``contact.mu_max``."""
-        return {"gaussian": "contact.sigma"}.get(
-            str(self.law), "contact.mu_max" if self.values else None
-        )
+    def schedule(self, impulse: float, gap: float) -> Schedule | None:
+        """Along ``contact.sigma`` or ``contact.mu_max``."""
+        if self.law == "gaussian":
+            return by_sigma(gap)
+        return by_mu("mu_max", impulse, gap) if self.values else None
 
     def settings(self) -> dict[str, float | int | str]:
         """Law, gradient and knob values."""

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import casadi as ca
 
-from dynamics.contact.law import ContactLaw, knob, positive
+from dynamics.contact.law import ContactLaw, Schedule, by_mu, knob, positive
 from dynamics.systems import ContactSystem, ParameterTable
 
 
@@ -35,10 +35,9 @@ class Barrier(ContactLaw):
         self.mu = None if mu is None else positive("barrier", "mu", mu, hint)
         self.kappa = None if kappa is None else positive("barrier", "kappa", kappa)
 
-    @property
-    def homotopy_knob(self) -> str | None:
-        """``contact.mu``; none where kappa is the knob, since it grows instead of falling."""
-        return "contact.mu" if self.mu is not None else None
+    def schedule(self, impulse: float, gap: float) -> Schedule | None:
+        """Along ``contact.mu``; none where kappa is the knob, since it grows instead of falling."""
+        return by_mu("mu", impulse, gap) if self.mu is not None else None
 
     def knobs(self, system: ContactSystem) -> ParameterTable:
         """``contact.mu`` or ``contact.kappa``."""

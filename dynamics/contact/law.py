@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
@@ -11,6 +12,29 @@ import numpy as np
 
 from dynamics.contact.step import Branch, Step
 from dynamics.systems import ContactSystem, Parameter, ParameterTable
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The knob that leads a law to the exact one: followed from ``wide`` down by ``factor``.
+
+    ``is_mu`` says that the knob is the central-path parameter itself.
+    """
+
+    knob: str
+    wide: float
+    factor: float
+    is_mu: bool = False
+
+
+def by_mu(knob: str, impulse: float, gap: float) -> Schedule:
+    """Follow a central-path parameter from where impulse and gap have their own sizes."""
+    return Schedule(f"contact.{knob}", impulse * gap, 0.2, knob == "mu")
+
+
+def by_sigma(gap: float) -> Schedule:
+    """Follow a width of noise, gently: its tail is Gaussian, so narrow noise sees nothing far."""
+    return Schedule("contact.sigma", 3 * gap, 0.55)
 
 
 class ContactLaw(ABC):
@@ -38,9 +62,12 @@ class ContactLaw(ABC):
         """Whether gradients treat mu as a constant (algorithm 2 of adaptive barrier smoothing)."""
         return False
 
-    @property
-    def homotopy_knob(self) -> str | None:
-        """Name of the knob that leads this law to the exact one as it falls to zero."""
+    def schedule(self, impulse: float, gap: float) -> Schedule | None:
+        """How the law is followed down to the exact one, from a problem's characteristic sizes.
+
+        ``impulse`` and ``gap`` are in the units of a pair's members. None where no knob leads there
+        as it falls to zero.
+        """
         return None
 
     def settings(self) -> dict[str, float | int | str]:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import norm, qmc
 
 from dynamics.contact.exact import Exact
-from dynamics.contact.law import ContactLaw, knob, positive, whole
+from dynamics.contact.law import ContactLaw, Schedule, by_sigma, knob, positive, whole
 from dynamics.contact.step import Branch
 from dynamics.systems import ContactSystem, ParameterTable
 
@@ -66,10 +66,9 @@ class Randomized(ContactLaw):
         """As the base law."""
         return self.base.frozen
 
-    @property
-    def homotopy_knob(self) -> str | None:
-        """``contact.sigma``."""
-        return "contact.sigma"
+    def schedule(self, impulse: float, gap: float) -> Schedule:
+        """Along ``contact.sigma``."""
+        return by_sigma(gap)
 
     def settings(self) -> dict[str, float | int | str]:
         """Knobs, sampling, and the base law's own settings as ``base.<name>``."""

@@ -11,7 +11,8 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.judgement import judged
-from ocp.session import Outcome, Session
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
 from ocp.solution import Solution, Status
 
 SMALLEST = 1e-3

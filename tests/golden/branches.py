@@ -8,7 +8,8 @@ import scipy.sparse as sp
 from ocp.certificate import RADII, SECONDS, Certificate, certify
 from ocp.lpec import LinearModel
 from ocp.routes.legs import WARM
-from ocp.session import Outcome, Session
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
 from ocp.solver import Point
 
 

@@ -12,7 +12,8 @@ import problems
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, Solution, Status, solve
 from ocp.judgement import judged
-from ocp.session import Outcome, Session
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
 from problems.machines.hopper import hopper
 from problems.machines.simulation import simulate, simulation
 from tests.golden.branches import onward

@@ -85,7 +85,8 @@ def test_laws_describe_themselves(law):
     knobs = chosen.knobs(system)
     assert all(name.startswith("contact.") for name in knobs.names)
     assert np.all(knobs.values > 0)
-    assert chosen.homotopy_knob is None or chosen.homotopy_knob in knobs
+    schedule = chosen.schedule(1.0, 0.1)
+    assert schedule is None or schedule.knob in knobs
     again = chosen.at()
     assert again.settings() == chosen.settings()
 

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from dynamics.contact import Exact
+from ocp.routes.outcome import Outcome
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
-from ocp.session import Outcome
 from tests.benchmarks.ocp.cases import FIVE, LCS, same_guess, session
 from tests.benchmarks.ocp.models import MODELS
 from tests.benchmarks.ocp.opti_peer import scholtes

@@ -14,7 +14,8 @@ from ocp.judgement import judged
 from ocp.rollout import Rollout, roll_out
 from ocp.routes.landing import embedded
 from ocp.routes.legs import Trace
-from ocp.session import Outcome, Session
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
 from ocp.solver import Point, Result
 from problems import get
 

@@ -24,7 +24,8 @@ from ocp import (
 from ocp.audit import audit, signed_distances, task_gradient, trajectories, worst_constraints
 from ocp.judgement import judged
 from ocp.rollout import roll_out
-from ocp.session import Outcome, Session
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
 from ocp.solver import Point
 from problems import get
 

@@ -1,0 +1,44 @@
+"""What a route leaves, and how two outcomes are combined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ocp.routes.legs import Trace
+from ocp.solver import Result
+from ocp.transcription.nlp import NLP
+
+GAIN = 1e-7
+"""Relative fall of the cost for which an answer is exchanged for another."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one solve left: the result and its NLP, the table, and whether the path was finished."""
+
+    result: Result
+    nlp: NLP
+    finished: bool
+    trace: Trace
+
+
+def lower(one: Result, other: Result, by: float = GAIN) -> bool:
+    """Whether one cost is lower than the other by more than a share of it."""
+    return one.f < other.f - by * abs(other.f)
+
+
+def better(one: Outcome | None, other: Outcome) -> Outcome:
+    """Combine two outcomes of one problem.
+
+    | one | other | taken |
+    |---|---|---|
+    | none | any | other |
+    | finished | not | one |
+    | not | finished | other |
+    | both | both, or neither | other where its cost is lower, else one |
+    """
+    if one is None or (other.finished and not one.finished):
+        return other
+    if one.finished and not other.finished:
+        return one
+    return other if lower(other.result, one.result) else one

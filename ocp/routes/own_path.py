@@ -1,0 +1,62 @@
+"""A smoothing law's own path: its knob from wide to wanted, and the way back from the exact law."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dynamics.contact.law import Schedule
+from ocp.program import Program
+from ocp.routes.legs import Homotopy, Path, Plan, geometric
+from ocp.solver import Point, Result
+
+STAGE_ITERATIONS = 100
+"""Before the last stage of a law's path an answer need not be sharp, only nearer."""
+MU_LAST = 1e-9
+"""Where the barrier law is left for the exact one."""
+
+
+def own_path(
+    schedule: Schedule, target: float, start: float | None = None, factor: float | None = None
+) -> Path:
+    """The law's knob from its schedule's wide start (or ``start``) down to ``target``."""
+    values = geometric(start or schedule.wide, target, factor or schedule.factor)
+    label = schedule.knob.removeprefix("contact.")
+
+    def plan(value: float) -> Plan:
+        options: dict[str, Any] = {}
+        if value != values[0]:
+            options["mu_init"] = 1e-5
+        last = value == target
+        if not last:
+            options |= {"tol": 1e-6, "max_iter": STAGE_ITERATIONS}
+        turned = {schedule.knob: value}
+        return Plan(label, value, parameters=turned, options=options, partial=not last)
+
+    return Path(values, plan)
+
+
+def one_stage(name: str, options: dict[str, Any]) -> Path:
+    """A path of one stage, at the values as they are."""
+    return Path([0.0], lambda _: Plan(name, 0.0, options=options))
+
+
+def from_exact(
+    follower: Homotopy, program: Program, x: np.ndarray, schedule: Schedule | None, value: float
+) -> Result | None:
+    """Solve at the law's value from the exact law's answer x, in this program's variables.
+
+    The path from a wide law may end in a worse minimum, one with another contact schedule, and then
+    the exact optimum is the better neighbour. Pairs are lifted onto the path of the law's mu. None
+    where the solver does not converge.
+    """
+    x = x.copy()
+    if program.pairs.size:
+        mu = max(value, MU_LAST) if schedule is not None and schedule.is_mu else MU_LAST
+        lam, gap = np.maximum(x[program.pairs], np.sqrt(mu) * 1e-3)
+        acts = lam > gap
+        x[program.pairs] = np.where(acts, lam, mu / gap), np.where(acts, mu / lam, gap)
+    plan = Plan("from exact", value, options={"mu_init": 1e-3})
+    found = follower.stage(plan, program, Point(x), False)
+    return found if found.ok else None
