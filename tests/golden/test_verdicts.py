@@ -157,6 +157,15 @@ def test_standing_still_is_no_progress_though_a_contact_rests() -> None:
     assert "-s homotopy=true" in found.verdict and onward.cost < 1.0, "the advice leads on"
 
 
+def test_what_forces_from_afar_move_is_no_standing_still() -> None:
+    """Under mu = 1e-2 the box slides without touching; its plan is optimal for what was asked."""
+    found = solve(get("box-slide"), Barrier(mu=1e-2))
+    assert found.audit.active_steps == 0 and found.cost < 1e-3 * found.idle_cost
+    assert (found.status, found.grade) == (Status.SOLVED, "certified")
+    assert headline(found).endswith("; does not survive.")
+    assert found.referee.cost > 100 * found.cost
+
+
 def test_to_hold_what_is_wanted_is_no_standing_still() -> None:
     """Gravity pulls at a cart that is where it should be: its effort is the answer."""
     problem = rough_slope()
