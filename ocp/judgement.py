@@ -205,9 +205,10 @@ def status_of(
         return Status.DIVERGED
     if not kept:
         return Status.INEXACT if result.ok else result.status
-    # Standing still may break constraints that the plan keeps, and then it is no better.
-    blind = found.active_steps == 0 and found.task_gradient < _FLAT and system.nlam > 0
-    blind &= bool(np.isfinite(idle))
+    # A force from afar moves what its exact replay does not: that is smoothing, and no dead end.
+    # And where standing still breaks constraints that the plan keeps, the plan is better.
+    own = found.state_gap <= _STILL * outcome.nlp.problem.reference.x and np.isfinite(idle)
+    blind = found.active_steps == 0 and found.task_gradient < _FLAT and system.nlam > 0 and own
     wants = certificate.slope > _CONTENT * span
     if blind or (wants and cost >= idle - _IDLE * abs(idle)):
         return Status.NO_PROGRESS

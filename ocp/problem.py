@@ -213,6 +213,13 @@ class Problem:
         slopes = [ca.densify(ca.gradient(cost, x)) for cost in costs]
         return ca.Function("state_slopes", [x, self.system.u, du, self.parameters.vector], slopes)
 
+    def check_step_size(self) -> None:
+        """Raise :class:`~ocp.errors.InputError` unless h is positive, at the defaults and x0."""
+        p, given = self.parameters.values, [self.system.x, self.parameters.vector]
+        h = float(ca.Function("h", given, [ca.SX(self.system.h)])(self.limits(p)[0], p))
+        if not h > 0:
+            raise InputError(f"{self.name}: the step size must be positive, got {h:g} s")
+
     def initial_states(self, p: np.ndarray) -> np.ndarray:
         """Initial states of all scenarios at parameter values p, shape (scenarios, nx)."""
         nominal = np.array(self.limits(p)[0]).ravel()

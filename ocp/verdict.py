@@ -84,18 +84,24 @@ def _referee(found: Solution) -> str:
     who = f"referee: {heard.note}"
     if not heard.survives:
         who += "; the plan does not survive: " + "; ".join(heard.reasons[:3])
-        far = heard.force_distance
-        exact, least = (
-            found.record.get("contact") == "exact",
-            _NOTABLE * found.problem.reference.gap,
-        )
-        if exact and far is not None and far.amount > least:
-            who += f"; its {far.contact} acts from {far.amount:.2g} m away at step {far.step}"
+        who += _planned(found)
     if math.isfinite(heard.refined_cost) and abs(heard.refined_cost - heard.cost) > _NOTABLE * abs(
         heard.cost
     ):
         who += f"; at a quarter of the step size it costs {heard.refined_cost:.6g}"
     return who
+
+
+def _planned(found: Solution) -> str:
+    """Lengths of the plan itself that no body has: what a plan that does not survive leans on."""
+    far, through = found.referee.force_distance, found.referee.between
+    least, said = _NOTABLE * found.problem.reference.gap, ""
+    if found.record.get("contact") == "exact" and far is not None and far.amount > least:
+        said += f"; planned, {far.contact} acts from {far.amount:.2g} m away at step {far.step}"
+    if through is not None and through.amount > least:
+        said += f"; planned, {through.contact} is passed through by {through.amount:.2g} m"
+        said += f" in step {through.step}"
+    return said
 
 
 def _replay(found: Solution) -> str:

@@ -12,6 +12,7 @@ import pytest
 from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.systems import ParameterTable, lcs
 from ocp import Constraint, Direct, MultipleShooting, Problem, SingleShooting, Solution, solve
+from ocp.errors import InputError
 from ocp.problem import Reference
 from ocp.rollout import roll_out
 from ocp.solution import Status
@@ -25,12 +26,9 @@ from tests.unit.ocp.user_problems import (
     two_grippers,
 )
 
-LINE = lcs(
-    "line", A=[[1.0]], B=[[1.0]], C=[[1.0]], D=[[1.0]], E=[[1.0]], F=[[1.0]]
-)  # fmt: skip
-TWO_ENDED = lcs(
-    "two-ended", A=[[1.0]], B=[[1.0]], C=[[1.0]], D=[[1.0]], E=[[1.0]], F=[[-1.0]]
-)  # fmt: skip
+ONE = [[1.0]]
+LINE = lcs("line", A=ONE, B=ONE, C=ONE, D=ONE, E=ONE, F=ONE)
+TWO_ENDED = lcs("two-ended", A=ONE, B=ONE, C=ONE, D=ONE, E=ONE, F=[[-1.0]])
 """``x+ = z + lam`` with ``0 <= lam ⟂ z - lam >= 0``: lam is 0 or z, and x+ is z or 2 z."""
 
 
@@ -72,9 +70,30 @@ def test_a_disc_pulled_round_a_post_is_certified_and_does_not_survive() -> None:
     x = found.data["x"].values[0, far.step + 1]
     by_hand = {"push": np.hypot(*(x[:2] - x[2:])) - 0.3, "post": np.hypot(*x[:2]) - 0.5}
     assert far.amount == pytest.approx(by_hand[far.contact], rel=1e-9)
-    assert f"its {far.contact} acts from {far.amount:.2g} m away at step {far.step}" in (
+    assert f"planned, {far.contact} acts from {far.amount:.2g} m away at step {far.step}" in (
         found.verdict
     )
+
+
+def test_a_plan_that_passes_through_a_body_between_nodes_is_told() -> None:
+    """The pusher hops to the far side of a box of 5 cm, clear of it at every node."""
+    problem = get(
+        "planar-push", gap="true", side=0.05, r=0.02, reach=3, K=1e5, w_du=0, N=4, oy0=0.5,
+        goal_x=0, goal_y=-1.2, goal_angle=0,
+    )  # fmt: skip
+    found = solve(problem, starts=6)
+    assert found.audit.penetration < 1e-6
+    through = found.referee.between
+    assert through is not None and through.amount > 0.02
+    assert found.grade == "certified" and headline(found).endswith("; does not survive.")
+    said = f"planned, {through.contact} is passed through by {through.amount:.2g} m in step"
+    assert f"{said} {through.step}" in found.verdict
+
+
+@pytest.mark.parametrize("h", [0.0, -0.1])
+def test_a_step_size_that_is_none_is_refused(h: float) -> None:
+    with pytest.raises(InputError, match=f"step size must be positive, got {h:g} s"):
+        solve(ring(h=h, speed=1.0))
 
 
 def test_the_referee_of_a_plan_is_a_rollout_with_true_gaps() -> None:
@@ -155,6 +174,15 @@ def test_standing_still_is_no_progress_though_a_contact_rests() -> None:
     assert "survives" not in headline(found)
     onward = solve(rough_slope(), Exact(), SingleShooting(), settings={"homotopy": True})
     assert "-s homotopy=true" in found.verdict and onward.cost < 1.0, "the advice leads on"
+
+
+def test_what_forces_from_afar_move_is_no_standing_still() -> None:
+    """Under mu = 1e-2 the box slides without touching; its plan is optimal for what was asked."""
+    found = solve(get("box-slide"), Barrier(mu=1e-2))
+    assert found.audit.active_steps == 0 and found.cost < 1e-3 * found.idle_cost
+    assert (found.status, found.grade) == (Status.SOLVED, "certified")
+    assert headline(found).endswith("; does not survive.")
+    assert found.referee.cost > 100 * found.cost
 
 
 def test_to_hold_what_is_wanted_is_no_standing_still() -> None:
