@@ -57,8 +57,8 @@ golden = {
         cost=0.0502015625,
         stationarity="B",
         kind="S",
-        tried=11,
-        note="other minima: 0.0509175, 0.0516220",
+        tried=13,
+        note="other minima: 0.0505520, 0.0509175, 0.0516220",
     ),
     "barrier mu=1e-3": Golden(
         law="barrier",

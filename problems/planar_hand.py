@@ -64,7 +64,8 @@ golden = {
         settings={"strategy": "scholtes-adaptive"},
         start=19,
         tried=50,
-        note="the default settings end at 12.2918156, and at 12.2876808 from perturbed guesses",
+        note="the default settings end at 12.2918156, or 12.2876808; other minima: 12.1822137,"
+        " 12.1823455, 12.2245472",
     ),
     "barrier mu=1e-3": Golden(
         law="barrier",

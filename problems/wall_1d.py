@@ -35,7 +35,7 @@ golden = {
         kind="S",
         tried=33,
         independent="all 465 windows of contact, each a convex QP",
-        note="minima near it: 17.83099",
+        note="another minimum: 17.83099",
     ),
     "barrier mu=1e-3": Golden(
         law="barrier",
