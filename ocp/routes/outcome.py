@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from ocp.routes.legs import Trace
 from ocp.solver import Result
-from ocp.transcription.nlp import NLP
 
 GAIN = 1e-7
 """Relative fall of the cost for which an answer is exchanged for another."""
@@ -14,10 +14,13 @@ GAIN = 1e-7
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one solve left: the result and its NLP, the table, and whether the path was finished."""
+    """What one solve left: the result and its NLP, the table, and whether the path was finished.
+
+    ``nlp`` is the :class:`~ocp.program.Program` in whose variables the result is.
+    """
 
     result: Result
-    nlp: NLP
+    nlp: Any
     finished: bool
     trace: Trace
 

@@ -49,7 +49,7 @@ def from_exact(
 
     The path from a wide law may end in a worse minimum, one with another contact schedule, and then
     the exact optimum is the better neighbour. Pairs are lifted onto the path of the law's mu. None
-    where the solver does not converge.
+    where the solver does not converge, from a high or from a low barrier parameter of its own.
     """
     x = x.copy()
     if program.pairs.size:
@@ -57,6 +57,9 @@ def from_exact(
         lam, gap = np.maximum(x[program.pairs], np.sqrt(mu) * 1e-3)
         acts = lam > gap
         x[program.pairs] = np.where(acts, lam, mu / gap), np.where(acts, mu / lam, gap)
-    plan = Plan("from exact", value, options={"mu_init": 1e-3})
-    found = follower.stage(plan, program, Point(x), False)
-    return found if found.ok else None
+    for mu_init in (1e-3, 1e-6):
+        plan = Plan("from exact", value, options={"mu_init": mu_init})
+        found = follower.stage(plan, program, Point(x), False)
+        if found.ok:
+            return found
+    return None

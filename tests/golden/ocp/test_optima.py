@@ -132,11 +132,16 @@ def test_every_strategy_ends_complementary_where_it_is_known_to(name: str, strat
     assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-5)
 
 
+@pytest.mark.parametrize("homotopy", [None, True])
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
-def test_at_a_kink_shooting_lands_from_the_barrier_path(method) -> None:
-    """wall-1d rests on the wall, where the exact law has no gradient to vanish."""
-    found = solve(get("wall-1d"), Exact(), method)
+def test_at_a_kink_shooting_takes_a_plan_made_otherwise(method, homotopy: bool | None) -> None:
+    """wall-1d rests on the wall, where the exact law has no gradient to vanish.
+
+    The complementarity problem's own plan, or with homotopy the limit of the barrier law's.
+    """
+    settings = {} if homotopy is None else {"homotopy": homotopy}
+    found = solve(get("wall-1d"), Exact(), method, settings=settings)
     assert found.success
-    assert "from exact" in {line.knob for line in found.stages}
-    assert found.cost == pytest.approx(exact("wall-1d").cost, rel=1e-5)
+    assert ("mu" in {line.knob for line in found.stages}) == bool(homotopy)
+    assert found.cost == pytest.approx(exact("wall-1d").cost, rel=1e-6)
     assert found.audit.state_gap == 0.0
