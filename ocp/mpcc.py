@@ -134,9 +134,10 @@ class MPCCProgram(Program):
             at = np.empty(k, dtype=int)
             fresh = []
             for i in range(k):
-                if found[i] is not None and found[i] not in taken:
-                    at[i] = found[i]
-                    taken.add(found[i])
+                place = found[i]
+                if place is not None and place not in taken:
+                    at[i] = place
+                    taken.add(place)
                 else:
                     fresh.append(i)
             block = self.variables.add(label, (len(fresh),))
