@@ -163,7 +163,8 @@ def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, m
 
 def test_standing_still_is_no_progress_though_a_contact_rests() -> None:
     """The block rests on the slope and costs 100 * 0.6²; the input only holds the cart."""
-    found = solved(rough_slope, method=SingleShooting())
+    plain = {"homotopy": False}
+    found = solve(rough_slope(), Exact(), SingleShooting(), settings=plain)
     assert found.audit.active_steps > 0, "the block's weight is borne throughout"
     assert found.certificate.stationarity == "B", "no small push moves the block"
     assert np.abs(found.data["x"].values[0, :, 1]).max() < 1e-6
