@@ -90,6 +90,9 @@ def certificate_of(
         return certify(nlp, point.x, p, bounds, point.lam_g, span)
     if nlp.method == outcome.nlp.method:
         return certify(nlp, translate(point, outcome.nlp, nlp).x, p, bounds, None, span)
+    if outcome.settled is not None:
+        there = outcome.settled.point
+        return certify(nlp, there.x, p, bounds, there.lam_g, span)
     return certify(nlp, embedded(nlp, plan, gains), p, bounds, None, span)
 
 

@@ -151,14 +151,14 @@ class Session:
             settling = Homotopy(lambda _, nlp=direct: nlp, self.solver, self.values,
                                 follower.progress)  # fmt: skip
             try:
-                landed = rolled_down(
+                landed, settled = rolled_down(
                     plan.nlp, plan.result.point.x, nlp, direct, settling, self.step
                 )
             except NotConverged:
                 continue
             follower.trace.absorb(settling.trace)
             landed = replace(landed, status=plan.result.status, word=plan.result.word)
-            found = Outcome(landed, nlp, plan.finished, follower.trace)
+            found = Outcome(landed, nlp, plan.finished, follower.trace, settled)
             best = better(best, found)
             if plan.finished and not lower(plan.result, landed, _PARTED):
                 break

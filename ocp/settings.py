@@ -10,8 +10,9 @@ from ocp.errors import InputError
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 
 OWN = {
-    "homotopy": "true or false: follow the law's knob down from a wide start (default: true where"
-    " a law smooths; for the exact law in shooting only where it does not converge by itself)",
+    "homotopy": "true or false: follow a law's knob down from a wide start (default: true where a"
+    " law smooths); exact law in shooting: true follows the barrier law down, false is the gradient"
+    " method alone, and the default rolls out the plan of the direct transcription",
     "strategy": "how exact complementarity is met in a direct transcription",
     "factor": "factor by which the homotopy's knob shrinks, between 0 and 1",
     "start": "first value of the homotopy's knob",

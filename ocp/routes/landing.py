@@ -39,13 +39,14 @@ def plan_of(nlp: NLP, x: np.ndarray) -> tuple[np.ndarray | Gains, np.ndarray | N
 
 def rolled_down(
     source: NLP, point: np.ndarray, target: NLP, direct: NLP, follower: Homotopy, step: Step
-) -> Result:
+) -> tuple[Result, Result | None]:
     """Roll a plan of ``source`` out under the exact ``step``, settle it, and pack ``target``.
 
     The limit of smoothed optima is short of the exact one by the square root of the last mu. Hence
     the rolled-out point is put into ``direct``, whose contacts are fixed as they are and whose rest
     is solved (:func:`~ocp.routes.branches.land`); its inputs, rolled out, are the answer where
-    they cost no more.
+    they cost no more. Then the settled point is returned beside it: the same plan, with contacts
+    that are exactly open or closed, which a rollout's are to the step solver's tolerance.
     """
     problem, values = target.problem, follower.values
     plan, start = plan_of(source, point)
@@ -54,10 +55,10 @@ def rolled_down(
     x = embedded(direct, rolled, plan if isinstance(plan, Gains) else None)
     settled, _, worked = land(follower, direct, replace(first, point=Point(x)), improving=False)
     if not worked:
-        return first
+        return first, None
     plan, start = plan_of(direct, settled.point.x)
     second = _packed(target, roll_out(problem, plan, values, step, start), plan, values)
-    return second if second.f <= first.f + 1e-9 * abs(first.f) else first
+    return (second, settled) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
 
 
 def _packed(

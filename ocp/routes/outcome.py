@@ -16,13 +16,15 @@ GAIN = 1e-7
 class Outcome:
     """What one solve left: the result and its NLP, the table, and whether the path was finished.
 
-    ``nlp`` is the :class:`~ocp.program.Program` in whose variables the result is.
+    ``nlp`` is the :class:`~ocp.program.Program` in whose variables the result is. ``settled`` is
+    the same plan in the complementarity problem's variables, where the route came from there.
     """
 
     result: Result
     nlp: Any
     finished: bool
     trace: Trace
+    settled: Result | None = None
 
 
 def lower(one: Result, other: Result, by: float = GAIN) -> bool:
