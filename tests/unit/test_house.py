@@ -5,10 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 import tomllib
+from graphlib import TopologicalSorter
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -24,6 +26,14 @@ def test_all_four_packages_come_from_one_root() -> None:
 def test_the_version_is_told_once() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert version("centralpath") == project["version"]
+
+
+def test_no_module_needs_one_that_needs_it() -> None:
+    """Imports at run time have an order: the graph of all modules is without circles."""
+    graph = grimp.build_graph(*PACKAGES, exclude_type_checking_imports=True)
+    needs = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
+    order = list(TopologicalSorter(needs).static_order())
+    assert order.index("dynamics.contact.step") < order.index("ocp.solve")
 
 
 @pytest.mark.parametrize(
