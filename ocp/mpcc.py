@@ -12,9 +12,9 @@ import numpy as np
 from ocp.audit import TOLERANCES
 from ocp.certificate import Certificate, certify
 from ocp.errors import InputError
-from ocp.layout import Layout
 from ocp.problem import Reference
-from ocp.program import PairName, Program, closure_rows
+from ocp.mpcc_program import MPCCProgram, Programs
+from ocp.program import Program
 from ocp.routes.complementarity import Route, solve_pairs
 from ocp.routes.legs import Homotopy
 from ocp.routes.relaxations import STRATEGIES
@@ -113,119 +113,6 @@ def _sized(name: str, what: str, value: float | Sequence[float] | np.ndarray, n:
     return np.broadcast_to(numbers, n).copy()
 
 
-class MPCCProgram(Program):
-    """An :class:`MPCC` in one of the forms of :class:`~ocp.program.Program`.
-
-    Every side of a pair that is an entry of x, and of no other pair, is that entry; for any other
-    there is a variable with an equation.
-    """
-
-    def __init__(self, mpcc: MPCC, form: str, p: np.ndarray) -> None:
-        self.mpcc, self.form, self.given = mpcc, form, p
-        self.solvers = {}
-        sides = [self._side("G", mpcc.G), self._side("H", mpcc.H)]
-        self.variables, self.constraints = Layout(), Layout()
-        n, k = mpcc.x.numel(), mpcc.G.numel()
-        self.variables.add("x", (n,), tuple(str(mpcc.x[i]) for i in range(n)))
-        own, places = [mpcc.x], []
-        taken: set[int] = set()
-        equations = []
-        for label, expressions, found in sides:
-            at = np.empty(k, dtype=int)
-            fresh = []
-            for i in range(k):
-                if found[i] is not None and found[i] not in taken:
-                    at[i] = found[i]
-                    taken.add(found[i])
-                else:
-                    fresh.append(i)
-            block = self.variables.add(label, (len(fresh),))
-            at[fresh] = block.index
-            symbol = ca.SX.sym(label, len(fresh))
-            own.append(symbol)
-            needed = ca.vertcat(ca.SX(0, 1), *(expressions[i] for i in fresh))
-            equations.append((f"{label}_definition", needed - symbol))
-            places.append(at)
-        self.pairs = np.array(places).reshape(2, k)
-        self.x = ca.vertcat(*own)
-        penalty, t = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
-        first, second = (self.x[[int(i) for i in at]] if k else ca.SX(0, 1) for at in self.pairs)
-        rows = [("g", mpcc.g), *equations, *closure_rows(form, first, second, 0.0, t)]
-        f = mpcc.f + (penalty * ca.dot(first, second) if form == "none" and k else 0)
-        for name, row in rows:
-            self.constraints.add(name, (row.numel(),))
-        self._differentiate(f, ca.vertcat(*(row for _, row in rows)), penalty, t)
-
-    def _side(self, label: str, side: ca.SX) -> tuple[str, ca.SX, list[int | None]]:
-        places = {str(self.mpcc.x[i]): i for i in range(self.mpcc.x.numel())}
-        found = [
-            places.get(str(side[i])) if side[i].is_symbolic() else None for i in range(side.numel())
-        ]
-        return label, side, found
-
-    def _differentiate(self, f: ca.SX, g: ca.SX, penalty: ca.SX, t: ca.SX) -> None:
-        p = ca.vertcat(self.mpcc.p, penalty, t)
-        lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", g.numel())
-        given, names = [self.x, p], ["x", "p"]
-        lagrangian = lam_f * f + ca.dot(lam_g, g)
-        hessian = ca.triu(ca.hessian(lagrangian, self.x)[0])
-        more = {"cse": True}
-        self.f_g = ca.Function("f_g", given, [f, g], names, ["f", "g"], more)
-        gradient = ca.densify(ca.gradient(f, self.x))
-        self.gradient = ca.Function("grad_f", given, [f, gradient], names, ["f", "grad_f_x"], more)
-        jacobian = ca.jacobian(g, self.x)
-        self.jacobian = ca.Function("jac_g", given, [g, jacobian], names, ["g", "jac_g_x"], more)
-        self.hessian = ca.Function(
-            "hess_lag", [*given, lam_f, lam_g], [hessian],
-            [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"], more,
-        )  # fmt: skip
-
-    @property
-    def title(self) -> str:
-        """Name of the problem."""
-        return self.mpcc.name
-
-    def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
-        """p, then penalty and relaxation."""
-        return np.concatenate([self.given, [values["penalty"], values["relaxation"]]])
-
-    def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
-        """Bounds of the problem; members of pairs are at least zero."""
-        lower, upper = self.mpcc.x_bounds
-        lbx = np.full(self.n, -np.inf)
-        ubx = np.full(self.n, np.inf)
-        lbx[: lower.size], ubx[: upper.size] = lower, upper
-        lbx[self.pairs] = np.maximum(lbx[self.pairs], 0.0)
-        g_lower, g_upper = self.mpcc.g_bounds
-        ends = {"g": (g_lower, g_upper)}
-        if "separation" in self.constraints:
-            ends["separation"] = (np.zeros(1), np.full(1, np.inf))
-        return {
-            "lbx": lbx,
-            "ubx": ubx,
-            "lbg": self.constraints.pack({name: pair[0] for name, pair in ends.items()}),
-            "ubg": self.constraints.pack({name: pair[1] for name, pair in ends.items()}),
-        }
-
-    def sizes(self, x: np.ndarray) -> np.ndarray:
-        """1, or where a variable is larger its own size there."""
-        return np.maximum(1.0, np.abs(x))
-
-    def pair_name(self, index: int) -> PairName:
-        """Name of a pair, which has neither scenario nor step."""
-        return PairName("pair", self.mpcc.pair(index))
-
-    def lifted(self, x: np.ndarray) -> np.ndarray:
-        """Add the variables of sides that have their own, at their values at x (n,)."""
-        extended = np.zeros(self.n)
-        extended[: x.size] = x
-        sides = ca.Function("sides", [self.mpcc.x, self.mpcc.p], [self.mpcc.G, self.mpcc.H])
-        for at, value in zip(self.pairs, sides(x, self.given), strict=True):
-            own = at >= x.size
-            extended[at[own]] = np.maximum(np.array(value).ravel()[own], 0.0)
-        return extended
-
-
 @dataclass(frozen=True)
 class MPCCSolution:
     """An answer to an :class:`MPCC`: x (n,), G and H (k,) there, cost and certificate.
@@ -284,22 +171,16 @@ def solve(
     for name in strategies:
         if name not in STRATEGIES:
             raise InputError(f"unknown strategy {name!r}; there are {', '.join(STRATEGIES)}")
-    programs: dict[str, MPCCProgram] = {}
-
-    def program_of(form: str) -> MPCCProgram:
-        if form not in programs:
-            programs[form] = MPCCProgram(mpcc, form, given)
-        return programs[form]
-
+    programs = Programs(mpcc, given)
     values = {"penalty": 0.0, "relaxation": 0.0}
-    follower = Homotopy(program_of, Solver(solver, dict(options or {})), values)
+    follower = Homotopy(programs, Solver(solver, dict(options or {})), values)
     inside = np.clip(start, *mpcc.x_bounds)
     reference = Reference(impulse=1.0, gap=1.0)
     best: MPCCSolution | None = None
     for name in strategies:
-        route = Route(name, reference, lambda program: Point(program.lifted(inside)))
+        route = Route(name, reference, lambda program: Point(program.extended(inside)))
         result, program, _ = solve_pairs(follower, route)
-        found = _judged(program_of("none"), program, result, values, name)
+        found = _judged(programs("none"), program, result, values, name)
         if best is None or _rank(found) < _rank(best):
             best = found
         if best.success:
@@ -318,7 +199,7 @@ def _judged(
     program: MPCCProgram, source: Program, result: Result, values: dict[str, float], name: str
 ) -> MPCCSolution:
     """Certify a result where it is feasible; else say which constraint is off most."""
-    mpcc, x = program.mpcc, program.lifted(result.point.x[: program.mpcc.x.numel()])
+    mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])
     p, bounds = program.parameter_vector(values), program.bounds(values)
     off, worst = violation(program, x, p, bounds)
     sides = ca.Function("sides", [mpcc.x, mpcc.p], [mpcc.G, mpcc.H])
