@@ -1,4 +1,26 @@
-"""Complementarity problems of anyone, in CasADi: stated as expressions, solved and certified."""
+"""Complementarity problems of anyone, in CasADi: stated as expressions, solved and certified.
+
+The follower of a bilevel problem chooses y to minimise ``(y - x)²`` subject to ``y <= p``; with the
+multiplier s of that bound its optimality is ``y - x + s = 0``, ``0 <= s ⟂ p - y >= 0``. The leader
+chooses x::
+
+    import casadi as ca
+    from ocp.mpcc import MPCC, solve
+
+    x, y, s, p = (ca.SX.sym(name) for name in "xysp")
+    problem = MPCC(
+        x=ca.vertcat(x, y, s),
+        p=p,
+        f=(x - 2) ** 2 + (y - 3) ** 2,
+        g=y - x + s,
+        G=s,
+        H=p - y,
+        names=["follower's bound"],
+    )
+    solution = solve(problem, x0=[0.0, 0.0, 0.0], p=[1.0])
+    print(solution.verdict)
+    print(solution.x, solution.f, solution.certificate.stationarity)
+"""
 
 from __future__ import annotations
 
@@ -12,8 +34,8 @@ import numpy as np
 from ocp.audit import TOLERANCES
 from ocp.certificate import Certificate, certify
 from ocp.errors import InputError
-from ocp.problem import Reference
 from ocp.mpcc_program import MPCCProgram, Programs
+from ocp.problem import Reference
 from ocp.program import Program
 from ocp.routes.complementarity import Route, solve_pairs
 from ocp.routes.legs import Homotopy
@@ -22,8 +44,10 @@ from ocp.routes.restoration import violation
 from ocp.solution import Status
 from ocp.solver import Point, Result, Solver
 
-DEFAULTS = ("scholtes-adaptive", "central-path", "scholtes")
-"""Strategies in the order in which they are tried, until one ends at a certified point."""
+DEFAULTS = ("l1-quick", "scholtes-quick")
+"""Strategies that are tried: an exact penalty is cheapest, the relaxation bears more."""
+_LARGE = 1000
+"""Variables from which on the first certified answer is taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,13 +184,18 @@ def solve(
 
     Each strategy relaxes the pairs until their active set shows; a branch that holds it is solved,
     and exchanged as long as the linear program with complementarity constraints finds descent
-    (:mod:`ocp.routes.branches`). The first certified answer is returned, else the best one; where
-    none is feasible, constraint violation is minimised over branches and what is left is named.
+    (:mod:`ocp.routes.branches`). Complementarity problems have many local minima, and strategies
+    end in different ones: all are tried and the cheapest certified answer returned, but from a
+    thousand variables on the first certified one. Where none is feasible, what is off is named.
 
-    Raises :class:`~ocp.errors.InputError` for sizes that do not fit or unknown names.
+    Raises :class:`~ocp.errors.InputError` for sizes that do not fit, unknown names, or a start that
+    is not finite.
     """
     began = time.perf_counter()
     start = _sized(mpcc.name, "x0", x0, mpcc.x.numel())
+    if not np.all(np.isfinite(start)):
+        at = int(np.flatnonzero(~np.isfinite(start))[0])
+        raise InputError(f"{mpcc.name}: x0[{at}] is {start[at]}, expected a finite number")
     given = _sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
     for name in strategies:
         if name not in STRATEGIES:
@@ -180,10 +209,10 @@ def solve(
     for name in strategies:
         route = Route(name, reference, lambda program: Point(program.extended(inside)))
         result, program, _ = solve_pairs(follower, route)
-        found = _judged(programs("none"), program, result, values, name)
+        found = _judged(programs("none"), program, result, inside, name)
         if best is None or _rank(found) < _rank(best):
             best = found
-        if best.success:
+        if best.success and program.n >= _LARGE:
             break
     assert best is not None
     spent = {"iterations": follower.trace.iterations, "seconds": time.perf_counter() - began}
@@ -196,14 +225,15 @@ def _rank(found: MPCCSolution) -> tuple[bool, bool, float]:
 
 
 def _judged(
-    program: MPCCProgram, source: Program, result: Result, values: dict[str, float], name: str
+    program: MPCCProgram, source: Program, result: Result, start: np.ndarray, name: str
 ) -> MPCCSolution:
     """Certify a result where it is feasible; else say which constraint is off most."""
+    values = {"penalty": 0.0, "relaxation": 0.0}
     mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])
     p, bounds = program.parameter_vector(values), program.bounds(values)
     off, worst = violation(program, x, p, bounds)
-    sides = ca.Function("sides", [mpcc.x, mpcc.p], [mpcc.G, mpcc.H])
-    G, H = (np.array(v).ravel() for v in sides(x[: mpcc.x.numel()], program.given))
+    sides = program.lifted.sides(x[: mpcc.x.numel()], program.given)
+    G, H = (np.array(v).ravel() for v in sides)
     apart = np.abs(np.minimum(G, H))
     if apart.size and apart.max() > off:
         off, worst = float(apart.max()), f"complementarity of {mpcc.pair(int(apart.argmax()))!r}"
@@ -211,10 +241,25 @@ def _judged(
     status = Status.INEXACT if result.ok else result.status
     if off <= TOLERANCES["constraint_violation"]:
         own = result.point if source is program else None
-        certificate = certify(program, x, p, bounds, own.lam_g if own is not None else None)
+        multipliers = own.lam_g if own is not None else None
+        certificate = certify(program, x, p, bounds, multipliers, _span(program, start, x, p))
         decided = {"not": Status.NOT_OPTIMAL, "undecided": Status.UNDECIDED}
         status = decided.get(certificate.stationarity, Status.SOLVED)
     elif result.status in (Status.SOLVED, Status.INFEASIBLE):
         status = Status.INFEASIBLE
     f = float(program.f_g(x, p)[0])
     return MPCCSolution(x[: mpcc.x.numel()], G, H, f, status, certificate, off, worst, name, 0, 0.0)
+
+
+def _span(program: MPCCProgram, start: np.ndarray, x: np.ndarray, p: np.ndarray) -> float:
+    """What the cost changes by: on the way from the start, and there by characteristic sizes.
+
+    The latter to second order, for a start at which the cost has no slope.
+    """
+    begin = program.extended(start)
+    sizes = program.sizes(begin)
+    f, gradient = program.gradient(begin, p)
+    bend = np.abs(program.hessian(begin, p, 1.0, np.zeros(program.m)).sparse())
+    slope = np.abs(np.array(gradient).ravel()) @ sizes
+    spans = np.array([abs(float(f) - float(program.f_g(x, p)[0])), slope, sizes @ (bend @ sizes)])
+    return float(np.max(spans[np.isfinite(spans)], initial=0.0))

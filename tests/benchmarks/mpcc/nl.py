@@ -207,8 +207,8 @@ def problem_of(found: NL, name: str) -> Stated:
 
     With the body c of a row and the bounds l, u of its variable x_j: k = 1 is
     ``0 <= c ⟂ x_j - l >= 0``; k = 2 is ``0 <= -c ⟂ u - x_j >= 0``; k = 3 is ``c = w - v``,
-    ``0 <= w ⟂ x_j - l >= 0`` and ``0 <= v ⟂ u - x_j >= 0``; k = 0 is ``c = 0``. A pair whose sides are the same expression
-    says that it is zero.
+    ``0 <= w ⟂ x_j - l >= 0`` and ``0 <= v ⟂ u - x_j >= 0``; k = 0 is ``c = 0``. A pair whose sides
+    are the same expression says that it is zero.
     """
     rows, ends, firsts, seconds, names = [], [], [], [], []
     mixed = [i for i, (kind, _) in found.complements.items() if kind == 3]
