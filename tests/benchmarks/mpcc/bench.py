@@ -16,7 +16,6 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -28,6 +27,7 @@ import numpy as np
 from ocp.mpcc import MPCC, MPCCSolution, solve
 from tests.benchmarks.mpcc import report, scholtes_peer
 from tests.benchmarks.mpcc.nl import read_nl
+from tests.benchmarks.mpcc.report import Row
 
 FEASIBLE, COMPLEMENTARY = 1e-6, 1e-6
 """What the audit asks: violation of bounds and rows; min(G, H), or for the loop the product."""
@@ -35,29 +35,6 @@ RELATIVE, ABSOLUTE = 1e-4, 1e-6
 """At the reference is what is above it by no more than this and what its digits leave open."""
 LIMIT_S = 120.0
 _STARTS, _SPREAD = 5, 1.0
-
-
-@dataclass(frozen=True)
-class Row:
-    """What was measured on a problem; ``cost`` and ``reference`` in the sense of the file."""
-
-    name: str
-    n: int = 0
-    pairs: int = 0
-    cost: float = float("nan")
-    reference: float = float("nan")
-    stationarity: str = "none"
-    kind: str = ""
-    audited: bool = False
-    hit: bool = False
-    seconds: float = float("nan")
-    strategy: str = ""
-    peer_cost: float = float("nan")
-    peer_audited: bool = False
-    peer_hit: bool = False
-    peer_seconds: float = float("nan")
-    note: str = ""
-    disproved: str = ""
 
 
 def residuals(mpcc: MPCC, x: np.ndarray) -> tuple[float, float, float]:
@@ -79,7 +56,7 @@ def at_reference(cost: float, reference: tuple[float, float], sense: float) -> b
 
 
 def measure(path: Path, reference: tuple[float, float], check: bool) -> dict[str, Any]:
-    """Solve one file and audit; a dictionary of :class:`Row`'s fields."""
+    """Solve one file and audit: fields of a :class:`~tests.benchmarks.mpcc.report.Row`."""
     stated = read_nl(path)
     mpcc, sense = stated.mpcc, -1.0 if stated.maximise else 1.0
     began = time.perf_counter()

@@ -4,13 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from tests.benchmarks.mpcc.bench import Row
+from dataclasses import dataclass
 
 AUDITED, AT_REFERENCE, CERTIFIED = 147 / 150, 0.97, 0.98
 """Floors: shares of all, of those audited that have a reference, of those audited."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was measured on a problem; ``cost`` and ``reference`` in the sense of the file."""
+
+    name: str
+    n: int = 0
+    pairs: int = 0
+    cost: float = float("nan")
+    reference: float = float("nan")
+    stationarity: str = "none"
+    kind: str = ""
+    audited: bool = False
+    hit: bool = False
+    seconds: float = float("nan")
+    strategy: str = ""
+    peer_cost: float = float("nan")
+    peer_audited: bool = False
+    peer_hit: bool = False
+    peer_seconds: float = float("nan")
+    note: str = ""
+    disproved: str = ""
 
 
 def line(row: Row) -> str:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import casadi as ca
 import numpy as np
 
 from ocp.layout import Layout
+from ocp.mpcc.statement import MPCC
 from ocp.program import PairName, Program, closure_rows
-
-if TYPE_CHECKING:
-    from ocp.mpcc import MPCC
 
 
 class Lifted:

@@ -1,46 +1,25 @@
-"""Complementarity problems of anyone, in CasADi: stated as expressions, solved and certified.
-
-The follower of a bilevel problem chooses y to minimise ``(y - x)²`` subject to ``y <= p``; with the
-multiplier s of that bound its optimality is ``y - x + s = 0``, ``0 <= s ⟂ p - y >= 0``. The leader
-chooses x::
-
-    import casadi as ca
-    from ocp.mpcc import MPCC, solve
-
-    x, y, s, p = (ca.SX.sym(name) for name in "xysp")
-    problem = MPCC(
-        x=ca.vertcat(x, y, s),
-        p=p,
-        f=(x - 2) ** 2 + (y - 3) ** 2,
-        g=y - x + s,
-        G=s,
-        H=p - y,
-        names=["follower's bound"],
-    )
-    solution = solve(problem, x0=[0.0, 0.0, 0.0], p=[1.0])
-    print(solution.verdict)
-    print(solution.x, solution.f, solution.certificate.stationarity)
-"""
+"""From a complementarity problem and a start to a certified answer."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from ocp.audit import TOLERANCES
 from ocp.certificate import Certificate, certify
 from ocp.errors import InputError
-from ocp.mpcc_program import MPCCProgram, Programs
+from ocp.mpcc.programs import MPCCProgram, Programs
+from ocp.mpcc.statement import MPCC, sized
 from ocp.problem import Reference
 from ocp.program import Program
+from ocp.routes.branches import land
 from ocp.routes.complementarity import Route, solve_pairs
 from ocp.routes.legs import Homotopy
 from ocp.routes.relaxations import STRATEGIES
-from ocp.routes.restoration import violation
+from ocp.routes.restoration import restored, violation
 from ocp.solution import Status
 from ocp.solver import Point, Result, Solver
 
@@ -48,93 +27,6 @@ DEFAULTS = ("l1-quick", "scholtes-quick")
 """Strategies that are tried: an exact penalty is cheapest, the relaxation bears more."""
 _LARGE = 1000
 """Variables from which on the first certified answer is taken."""
-
-
-@dataclass(frozen=True, eq=False)
-class MPCC:
-    """``min f(x, p)`` subject to ``lbg <= g(x, p) <= ubg``, ``lbx <= x <= ubx`` and
-    ``0 <= G(x, p) ⟂ H(x, p) >= 0``.
-
-    x (n, 1), p (n_p, 1) are symbols, f (1, 1), g (m, 1), G and H (k, 1) expressions in them. Bounds
-    are numbers or sequences; without ``lbg``, ``ubg`` g is an equation. ``names`` (k) name the
-    pairs in verdicts.
-
-    Raises :class:`~ocp.errors.InputError` where sizes do not fit, bounds cross, a symbol is not
-    declared, or a pair is the same expression twice.
-    """
-
-    x: ca.SX
-    f: ca.SX
-    G: ca.SX
-    H: ca.SX
-    g: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
-    p: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
-    lbx: float | Sequence[float] | np.ndarray = -np.inf
-    ubx: float | Sequence[float] | np.ndarray = np.inf
-    lbg: float | Sequence[float] | np.ndarray = 0.0
-    ubg: float | Sequence[float] | np.ndarray = 0.0
-    names: Sequence[str] = ()
-    name: str = "mpcc"
-
-    def __post_init__(self) -> None:
-        for what, value in (("f", self.f), ("g", self.g), ("G", self.G), ("H", self.H)):
-            object.__setattr__(self, what, ca.densify(ca.SX(value)))
-        self._check_sizes()
-        for what, lower, upper in (("x", *self.x_bounds), ("g", *self.g_bounds)):
-            crossed = np.flatnonzero(~(lower <= upper))
-            if crossed.size:
-                i = int(crossed[0])
-                raise InputError(
-                    f"{self.name}: the bounds of {what}[{i}] cross: {lower[i]:g} > {upper[i]:g};"
-                    " exchange or widen them"
-                )
-        for i in range(self.G.numel()):
-            if ca.is_equal(self.G[i], self.H[i], 2):
-                raise InputError(
-                    f"{self.name}: pair {self.pair(i)!r} is the same expression twice,"
-                    f" {self.G[i]}; a pair needs two sides"
-                )
-
-    def _check_sizes(self) -> None:
-        if self.f.numel() != 1:
-            raise InputError(f"{self.name}: f has {self.f.numel()} entries, expected 1")
-        if self.G.numel() != self.H.numel():
-            raise InputError(
-                f"{self.name}: G has {self.G.numel()} entries and H {self.H.numel()}; expected as"
-                " many of both"
-            )
-        if self.names and len(self.names) != self.G.numel():
-            raise InputError(
-                f"{self.name}: {len(self.names)} names for {self.G.numel()} pairs; give one each"
-            )
-        known = {str(symbol) for symbol in ca.symvar(ca.vertcat(self.x, self.p))}
-        used = ca.symvar(ca.vertcat(self.f, self.g, self.G, self.H))
-        strange = sorted({str(symbol) for symbol in used} - known)
-        if strange:
-            raise InputError(f"{self.name}: {', '.join(strange)} is neither in x nor in p")
-
-    def pair(self, index: int) -> str:
-        """Name of a pair."""
-        return self.names[index] if self.names else f"pair {index}"
-
-    @property
-    def x_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of x, (n,) each."""
-        n = self.x.numel()
-        return _sized(self.name, "lbx", self.lbx, n), _sized(self.name, "ubx", self.ubx, n)
-
-    @property
-    def g_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of g, (m,) each."""
-        m = self.g.numel()
-        return _sized(self.name, "lbg", self.lbg, m), _sized(self.name, "ubg", self.ubg, m)
-
-
-def _sized(name: str, what: str, value: float | Sequence[float] | np.ndarray, n: int) -> np.ndarray:
-    numbers = np.asarray(value, dtype=float).ravel()
-    if numbers.size not in (1, n):
-        raise InputError(f"{name}: {what} has {numbers.size} entries, expected {n}")
-    return np.broadcast_to(numbers, n).copy()
 
 
 @dataclass(frozen=True)
@@ -186,17 +78,18 @@ def solve(
     and exchanged as long as the linear program with complementarity constraints finds descent
     (:mod:`ocp.routes.branches`). Complementarity problems have many local minima, and strategies
     end in different ones: all are tried and the cheapest certified answer returned, but from a
-    thousand variables on the first certified one. Where none is feasible, what is off is named.
+    thousand variables on the first certified one. Where none is feasible, violation is minimised
+    over branches and what is left of it is named.
 
     Raises :class:`~ocp.errors.InputError` for sizes that do not fit, unknown names, or a start that
     is not finite.
     """
     began = time.perf_counter()
-    start = _sized(mpcc.name, "x0", x0, mpcc.x.numel())
+    start = sized(mpcc.name, "x0", x0, mpcc.x.numel())
     if not np.all(np.isfinite(start)):
         at = int(np.flatnonzero(~np.isfinite(start))[0])
         raise InputError(f"{mpcc.name}: x0[{at}] is {start[at]}, expected a finite number")
-    given = _sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
+    given = sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
     for name in strategies:
         if name not in STRATEGIES:
             raise InputError(f"unknown strategy {name!r}; there are {', '.join(STRATEGIES)}")
@@ -215,8 +108,25 @@ def solve(
         if best.success and program.n >= _LARGE:
             break
     assert best is not None
+    if best.infeasibility > TOLERANCES["constraint_violation"]:
+        best = _restored(follower, programs("none"), best, inside)
     spent = {"iterations": follower.trace.iterations, "seconds": time.perf_counter() - began}
     return MPCCSolution(**{**vars(best), **spent})
+
+
+def _restored(
+    follower: Homotopy, program: MPCCProgram, end: MPCCSolution, start: np.ndarray
+) -> MPCCSolution:
+    """Land from where violation is least near an infeasible end, or say what remains of it."""
+    least = restored(follower, program.extended(end.x))
+    if least is None:
+        return end
+    x, p = least[0], program.parameter_vector(follower.values)
+    f, g = program.f_g(x, p)
+    there = Result(Point(x), float(f), np.array(g).ravel(), Status.INFEASIBLE, "restored", 0, 0.0)
+    result, source, _ = land(follower, program, there)
+    found = _judged(program, source, result, start, end.strategy)
+    return found if _rank(found) < _rank(end) else end
 
 
 def _rank(found: MPCCSolution) -> tuple[bool, bool, float]:
