@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test test-slow bench bench-solve lint gallery claims
+.PHONY: setup demo test test-slow bench bench-solve bench-mpcc lint gallery claims
 
 setup: $(READY)
 
@@ -35,6 +35,11 @@ bench: setup
 # PROBLEMS="hopper push-1d" does some of them.
 bench-solve: setup
 	$(BIN)/python -m tests.benchmarks.ocp.dependability $(PROBLEMS)
+
+# Solves the AMPL .nl files of complementarity problems under DIR, with reference.csv beside them,
+# against a plain Scholtes loop; CHECK=--cross-check tries to disprove the certificates.
+bench-mpcc: setup
+	$(BIN)/python -m tests.benchmarks.mpcc.bench $(DIR) $(CHECK)
 
 # Makes every figure of the papers and rewrites the README's tables of their claims.
 claims: setup

@@ -172,15 +172,19 @@ def certify(
 
 
 def linear_model(
-    nlp: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]
-) -> LinearModel:
-    """Linearise a program at x; pairs count only where the form leaves them to us ("none")."""
+    nlp: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray],
+    residuals: bool = False,
+) -> LinearModel:  # fmt: skip
+    """Linearise a program at x; pairs count only where the form leaves them to us ("none").
+
+    With ``residuals`` steps are to mend what is off, see :meth:`~ocp.lpec.LinearModel.at`.
+    """
     _, gradient = nlp.gradient(x, p)
     g, jacobian = nlp.jacobian(x, p)
     pairs = nlp.pairs if nlp.form == "none" else np.zeros((2, 0), dtype=int)
     return LinearModel.at(
         x, np.array(gradient).ravel(), np.array(g).ravel(), sp.csr_matrix(jacobian.sparse()),
-        bounds, nlp.sizes(x), pairs,
+        bounds, nlp.sizes(x), pairs, residuals,
     )  # fmt: skip
 
 

@@ -41,14 +41,20 @@ class LinearModel:
     def at(
         cls, x: np.ndarray, gradient: np.ndarray, g: np.ndarray, jacobian: sp.spmatrix,
         bounds: dict[str, np.ndarray], sizes: np.ndarray, pairs: np.ndarray,
+        residuals: bool = False,
     ) -> LinearModel:  # fmt: skip
-        """Scale the derivatives at ``x``; ``bounds`` are ``lbx ubx lbg ubg``, without contact's."""
+        """Scale the derivatives at ``x``; ``bounds`` are ``lbx ubx lbg ubg``, without contact's.
+
+        With ``residuals`` rows keep what they are off by, for a direction to mend.
+        """
         scaled = sp.csr_matrix(jacobian) @ sp.diags(sizes)
         largest = abs(scaled).max(axis=1).toarray().ravel() if g.size else np.zeros(0)
         scale = 1 / np.maximum(largest, 1e-12)
         equal = bounds["lbg"] == bounds["ubg"]
-        row_lower = np.where(equal, 0.0, _active((bounds["lbg"] - g) * scale))
-        row_upper = np.where(equal, 0.0, -_active((g - bounds["ubg"]) * scale))
+        row_lower, row_upper = (bounds["lbg"] - g) * scale, (bounds["ubg"] - g) * scale
+        if not residuals:
+            row_lower = np.where(equal, 0.0, _active(row_lower))
+            row_upper = np.where(equal, 0.0, -_active(-row_upper))
         return cls(
             gradient * sizes,
             sp.csr_matrix(sp.diags(scale) @ scaled),
@@ -111,7 +117,8 @@ class LinearModel:
         Without ``branching`` the near pairs may both grow (the relaxed problem, a linear program);
         with it one member of each stays zero, by one binary a pair, and the search is for a
         direction that falls by more than ``cut`` per radius, at least half as steep as any; with
-        ``first`` it ends at the first one.
+        ``first`` it ends at the first one. A ``cut`` of minus infinity asks for any direction; the
+        step is zero where there is none.
         """
         near = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
         n, count = self.cost.size, near.size

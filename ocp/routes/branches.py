@@ -21,6 +21,7 @@ _ROUNDS = 8
 _EXCHANGES = 12
 _NEAR = 1e-6
 _FIRST_RADIUS = 0.1
+_REACHES = (1e-3, 1e-2, 1e-1, 1.0)
 _GAIN = 1e-7
 """Relative fall of the cost for which an answer is exchanged for another."""
 _SHARE, _LEAST_S, _MOST_S = 0.3, 0.3, 3.0
@@ -73,6 +74,41 @@ class Branches:
                 break
             active = active ^ wanted
         return best
+
+    def propose(self, start: Point) -> Result | None:
+        """Solve the branches that linear programs with complementarity constraints propose.
+
+        Pairs of a relaxed point that are farther from (0, 0) than a radius are put on their side;
+        of the rest the program chooses, among the branches that are feasible to first order within
+        the radius, one that costs least. The radius grows tenfold until a branch is solved
+        (Nurkanovic and Leyffer, arXiv 2501.13835, phase 1). None where none is.
+        """
+        began, allowed = time.perf_counter(), self._seconds()
+        for radius in _REACHES:
+            left = allowed - (time.perf_counter() - began)
+            if left <= 0 or not self.program.pairs.size:
+                break
+            found = self._proposed(start.x, radius, left)
+            if found is not None:
+                return found
+        return None
+
+    def _proposed(self, x: np.ndarray, radius: float, seconds: float) -> Result | None:
+        pairs = self.program.pairs
+        active = self.program.active_sets(x)[-1]
+        held = np.where(active, pairs[1], pairs[0])
+        members = x[pairs] / self.program.sizes(x)[pairs]
+        there = np.clip(x, self.limits["lbx"], self.limits["ubx"])
+        there[held[~np.all(members < radius, axis=0)]] = 0.0
+        model = linear_model(self.program, there, self.p, self.limits, residuals=True)
+        if not model.finite or not model.near(radius).any():
+            return None
+        step = model.descend(radius, True, seconds, -np.inf)
+        if not step.step.any():
+            return None
+        active[step.near] = step.acts > 0.5
+        found = self.solve(Point(there + radius * model.sizes * step.step), active, 1e-6)
+        return found if found.ok else None
 
     def improve(self, settled: Result) -> Result:
         """Exchange active sets as the linear program with complementarity constraints proposes.
@@ -136,7 +172,10 @@ def land(
     Returns the answer with its program; the input, and False, where no branch could be solved.
     """
     branches = Branches(follower)
-    settled = branches.settle(translate(result.point, source, branches.program))
+    there = translate(result.point, source, branches.program)
+    settled = branches.settle(there)
+    if settled is None and result.ok:
+        settled = branches.propose(there)
     if settled is None:
         return result, source, False
     return branches.improve(settled) if improving else settled, branches.program, True

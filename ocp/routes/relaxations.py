@@ -8,7 +8,7 @@ smoothing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -22,6 +22,7 @@ T_SHARP = 1e-8
 """Relaxation at which the textbook paths end."""
 _SHORT = 300
 """Iterations after which a stage is rather retried at a larger t."""
+_LOOSE = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _SHORT}
 T_LOOSE = 1e-4
 """Fraction of impulse times distance at which the active set shows, and polishing can begin."""
 
@@ -130,6 +131,32 @@ class Scholtes:
 
 
 @dataclass(frozen=True)
+class ScholtesQuick:
+    """``lam gap <= t``, t falling a hundredfold, stages a hundred times as tight as they are loose.
+
+    Bounds give way by 1e-8, as IPOPT's own default is: a feasible set without an interior, usual
+    where programs were written without their complementarity in mind, has one then.
+    """
+
+    factor: float = 0.01
+    name: ClassVar[str] = "scholtes-quick"
+    summary: ClassVar[str] = "lam gap <= t, t falling a hundredfold, bounds giving way by 1e-8"
+
+    def paths(self, reference: Reference) -> list[Path]:
+        """One path from t = impulse times distance; its first stage has the barrier of any NLP."""
+        start = reference.impulse * reference.gap
+
+        def plan(t: float) -> Plan:
+            tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
+            barrier = {} if t == start else {"mu_init": min(1e-3, t / 10)}
+            options = {**_LOOSE, **barrier, "tol": tolerance, "compl_inf_tol": tolerance,
+                       "dual_inf_tol": 1.0}  # fmt: skip
+            return Plan("t", t, contact=(-np.inf, t), options=options)
+
+        return [Path(geometric(start, T_SHARP, self.factor), plan)]
+
+
+@dataclass(frozen=True)
 class ScholtesCold:
     """``lam gap <= t`` with every stage solved tightly from cold multipliers: the textbook loop."""
 
@@ -162,6 +189,8 @@ class L1Penalty:
     first: float = 10.0
     growth: float = 10.0
     steps: int = 6
+    barrier: float = 1e-4
+    options: dict[str, float] = field(default_factory=dict)
     name: ClassVar[str] = "l1"
     summary: ClassVar[str] = "penalty rho lam gap, rho growing until it is exact"
 
@@ -169,7 +198,8 @@ class L1Penalty:
         """One ladder of penalties."""
 
         def plan(rho: float) -> Plan:
-            options = {} if rho == self.first else {"mu_init": 1e-4}
+            barrier = {} if rho == self.first else {"mu_init": self.barrier}
+            options = {**self.options, **barrier}
             return Plan("rho", rho, "none", {"penalty": rho}, options=options)
 
         values = [self.first * self.growth**i for i in range(self.steps)]
@@ -233,7 +263,11 @@ STRATEGIES: dict[str, Callable[[], Strategy]] = {
     "scholtes": Scholtes,
     "scholtes-exact": lambda: Scholtes(inexact=False),
     "scholtes-cold": ScholtesCold,
+    "scholtes-quick": ScholtesQuick,
     "l1": L1Penalty,
+    "l1-quick": lambda: L1Penalty(
+        1.0, steps=7, barrier=1e-3, options={**_LOOSE, "tol": 1e-6, "dual_inf_tol": 1e-2}
+    ),
     "l1-scholtes": L1ThenScholtes,
     "fischer-burmeister": FischerBurmeister,
     "lin-fukushima": LinFukushima,

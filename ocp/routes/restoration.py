@@ -1,10 +1,104 @@
-"""Where a program is violated, and by how much."""
+"""From an infeasible end to a feasible one: violation is minimised over branches."""
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 
-from ocp.program import Program
+from ocp.layout import Layout
+from ocp.program import PairName, Program
+from ocp.routes.branches import Branches
+from ocp.routes.legs import Homotopy
+from ocp.solver import Point
+
+
+class Elastic(Program):
+    """``min sum(a + b)`` subject to ``g_lower <= g(x, p) - a + b <= g_upper``, the same pairs.
+
+    a, b >= 0 (m,) are what rows are above and below their limits. Bounds of x and complementarity
+    are kept, so every point with complementary pairs can be made feasible.
+    """
+
+    def __init__(self, base: Program) -> None:
+        self.base, self.form, self.pairs, self.solvers = base, base.form, base.pairs, {}
+        self.variables, self.constraints = Layout(), base.constraints
+        for name, block in base.variables.blocks.items():
+            self.variables.add(name, block.shape, block.components)
+        self.variables.add("above", (base.m,))
+        self.variables.add("below", (base.m,))
+        n, m = base.n, base.m
+        z, p = ca.MX.sym("z", n + 2 * m), ca.MX.sym("p", base.n_parameters)
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", m)
+        x, above, below = z[:n], z[n : n + m], z[n + m :]
+        f = ca.sum1(above) + ca.sum1(below)
+        g, jacobian = base.jacobian(x, p)
+        moved, one = g - above + below, ca.MX.eye(m)
+        slope = ca.vertcat(ca.MX.zeros(n), ca.MX.ones(2 * m))
+        hessian = ca.diagcat(base.hessian(x, p, 0.0, lam_g), ca.MX(2 * m, 2 * m))
+        given, names = [z, p], ["x", "p"]
+        self.f_g = ca.Function("f_g", given, [f, moved], names, ["f", "g"])
+        self.gradient = ca.Function("grad_f", given, [f, slope], names, ["f", "grad_f_x"])
+        wide = ca.horzcat(jacobian, -one, one)
+        self.jacobian = ca.Function("jac_g", given, [moved, wide], names, ["g", "jac_g_x"])
+        self.hessian = ca.Function(
+            "hess_lag", [*given, lam_f, lam_g], [hessian],
+            [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
+        )  # fmt: skip
+
+    @property
+    def title(self) -> str:
+        """Name of the problem."""
+        return self.base.title
+
+    def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
+        """The problem's own."""
+        return self.base.parameter_vector(values)
+
+    def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
+        """The problem's own, and violations from zero on."""
+        own, m = self.base.bounds(values), self.base.m
+        lower, upper = np.zeros(2 * m), np.full(2 * m, np.inf)
+        return {
+            **own,
+            "lbx": np.concatenate([own["lbx"], lower]),
+            "ubx": np.concatenate([own["ubx"], upper]),
+        }
+
+    def sizes(self, x: np.ndarray) -> np.ndarray:
+        """The problem's own; 1 for violations."""
+        return np.concatenate([self.base.sizes(x[: self.base.n]), np.ones(2 * self.base.m)])
+
+    def pair_name(self, index: int) -> PairName:
+        """The problem's own."""
+        return self.base.pair_name(index)
+
+    def lifted(self, x: np.ndarray, p: np.ndarray, limits: dict[str, np.ndarray]) -> np.ndarray:
+        """Add to x (n,) the violations that it has."""
+        g = np.array(self.base.f_g(x, p)[1]).ravel()
+        off = [np.maximum(g - limits["ubg"], 0.0), np.maximum(limits["lbg"] - g, 0.0)]
+        return np.concatenate([x, *np.nan_to_num(off)])
+
+
+def restored(follower: Homotopy, x: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Minimise violation over branches from a point of the program in the form "none".
+
+    Branch and improve as for any cost (:class:`~ocp.routes.branches.Branches`); a violation left at
+    the end is a local minimum over all branches to first order. Returns the point and its sum of
+    violations, None where no branch was solved.
+    """
+    base = follower.nlp_of("none")
+    elastic = Elastic(base)
+    inner = Homotopy(lambda form: elastic, follower.solver, follower.values, follower.progress)
+    inner.trace = follower.trace
+    branches = Branches(inner)
+    own = base.bounds(follower.values)
+    inside = np.clip(x, own["lbx"], own["ubx"])
+    start = Point(elastic.lifted(inside, branches.p, own))
+    found = branches.settle(start) or branches.propose(start)
+    if found is None:
+        return None
+    found = branches.improve(found)
+    return found.point.x[: base.n], found.f
 
 
 def violation(

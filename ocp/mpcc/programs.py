@@ -1,0 +1,154 @@
+"""The programs of a complementarity problem given as expressions, differentiated once for all."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ocp.layout import Layout
+from ocp.mpcc.statement import MPCC
+from ocp.program import PairName, Program, closure_rows
+
+
+class Lifted:
+    """An :class:`~ocp.mpcc.MPCC` whose pairs are entries of x, with its derivatives.
+
+    Every side of a pair that is an entry of x, of no other pair and with no bound above zero, is
+    that entry; for any other there is a variable with an equation. Repeated parts of the
+    expressions are found once, before these are differentiated: that is cheaper than to look for
+    them in every derivative.
+    """
+
+    def __init__(self, mpcc: MPCC) -> None:
+        self.mpcc = mpcc
+        f, *parts = ca.cse([mpcc.f, mpcc.g, mpcc.G, mpcc.H])
+        self.variables, self.constraints = Layout(), Layout()
+        n, k = mpcc.x.numel(), mpcc.G.numel()
+        self.variables.add("x", (n,), tuple(str(mpcc.x[i]) for i in range(n)))
+        self.constraints.add("g", (mpcc.g.numel(),))
+        own, rows, places, taken = [mpcc.x], [parts[0]], [], set()
+        for label, sides in (("G", parts[1]), ("H", parts[2])):
+            at = self._entries(sides, taken)
+            fresh = np.flatnonzero(at < 0)
+            at[fresh] = self.variables.add(label, (fresh.size,)).index
+            self.constraints.add(f"{label}_definition", (fresh.size,))
+            symbol = ca.SX.sym(label, fresh.size)
+            own.append(symbol)
+            rows.append(sides[[int(i) for i in fresh]] - symbol if fresh.size else ca.SX(0, 1))
+            places.append(at)
+        self.pairs = np.array(places).reshape(2, k)
+        self.x, self.f, self.g = ca.vertcat(*own), f, ca.vertcat(*rows)
+        self.lam_f, self.lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self.g.numel())
+        self.gradient, self.jacobian = ca.gradient(f, self.x), ca.jacobian(self.g, self.x)
+        lagrangian = self.lam_f * f + ca.dot(self.lam_g, self.g)
+        self.hessian = ca.triu(ca.hessian(lagrangian, self.x)[0])
+        self.sides = ca.Function("sides", [mpcc.x, mpcc.p], [mpcc.G, mpcc.H])
+
+    def _entries(self, sides: ca.SX, taken: set[int]) -> np.ndarray:
+        """Places in x of the sides that are entries of it, -1 for the others."""
+        x, (lower, _) = self.mpcc.x, self.mpcc.x_bounds
+        places = {x[i].element_hash(): i for i in range(x.numel()) if lower[i] <= 0}
+        found = np.full(sides.numel(), -1)
+        for i in range(sides.numel()):
+            at = places.get(sides[i].element_hash(), -1) if sides[i].is_symbolic() else -1
+            if at not in taken:
+                found[i] = at
+                taken |= {at} - {-1}
+        return found
+
+
+class Programs:
+    """The programs of a problem at parameters p, one a form, built when first asked for."""
+
+    def __init__(self, mpcc: MPCC, p: np.ndarray) -> None:
+        self.lifted, self.p = Lifted(mpcc), p
+        self.built: dict[str, MPCCProgram] = {}
+
+    def __call__(self, form: str) -> MPCCProgram:
+        """Return the program of a form."""
+        if form not in self.built:
+            self.built[form] = MPCCProgram(self.lifted, form, self.p)
+        return self.built[form]
+
+
+class MPCCProgram(Program):
+    """An :class:`~ocp.mpcc.MPCC` in one of the forms of :class:`~ocp.program.Program`."""
+
+    def __init__(self, lifted: Lifted, form: str, p: np.ndarray) -> None:
+        self.lifted, self.mpcc, self.form, self.given = lifted, lifted.mpcc, form, p
+        self.solvers = {}
+        self.variables, self.constraints, self.pairs = lifted.variables, Layout(), lifted.pairs
+        for name, block in lifted.constraints.blocks.items():
+            self.constraints.add(name, block.shape)
+        x, k = lifted.x, self.pairs.shape[1]
+        first, second = (x[[int(i) for i in at]] if k else ca.SX(0, 1) for at in self.pairs)
+        penalty, t = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
+        rows = closure_rows(form, first, second, 0.0, t)
+        for name, row in rows:
+            self.constraints.add(name, (row.numel(),))
+        penalised = penalty * ca.dot(first, second) if form == "none" and k else ca.SX(0)
+        closure = ca.vertcat(ca.SX(0, 1), *(row for _, row in rows))
+        self._differentiate(penalised, closure, ca.vertcat(self.mpcc.p, penalty, t))
+
+    def _differentiate(self, penalised: ca.SX, closure: ca.SX, p: ca.SX) -> None:
+        """Add the derivatives of what closes the pairs to those of the problem."""
+        base, x = self.lifted, self.lifted.x
+        more = ca.SX.sym("lam_closure", closure.numel())
+        f, g = base.f + penalised, ca.vertcat(base.g, closure)
+        gradient = ca.densify(base.gradient + ca.gradient(penalised, x))
+        jacobian = ca.vertcat(base.jacobian, ca.jacobian(closure, x))
+        closing = base.lam_f * penalised + ca.dot(more, closure)
+        hessian = base.hessian + ca.triu(ca.hessian(closing, x)[0])
+        lam_g = ca.vertcat(base.lam_g, more)
+        given, names = [x, p], ["x", "p"]
+        self.f_g = ca.Function("f_g", given, [f, g], names, ["f", "g"])
+        self.gradient = ca.Function("grad_f", given, [f, gradient], names, ["f", "grad_f_x"])
+        self.jacobian = ca.Function("jac_g", given, [g, jacobian], names, ["g", "jac_g_x"])
+        self.hessian = ca.Function(
+            "hess_lag", [*given, base.lam_f, lam_g], [hessian],
+            [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
+        )  # fmt: skip
+
+    @property
+    def title(self) -> str:
+        """Name of the problem."""
+        return self.mpcc.name
+
+    def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
+        """p, then penalty and relaxation."""
+        return np.concatenate([self.given, [values["penalty"], values["relaxation"]]])
+
+    def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
+        """Bounds of the problem; members of pairs are at least zero."""
+        lower, upper = self.mpcc.x_bounds
+        lbx = np.full(self.n, -np.inf)
+        ubx = np.full(self.n, np.inf)
+        lbx[: lower.size], ubx[: upper.size] = lower, upper
+        lbx[self.pairs] = np.maximum(lbx[self.pairs], 0.0)
+        g_lower, g_upper = self.mpcc.g_bounds
+        ends = {"g": (g_lower, g_upper)}
+        if "separation" in self.constraints:
+            ends["separation"] = (np.zeros(1), np.full(1, np.inf))
+        return {
+            "lbx": lbx,
+            "ubx": ubx,
+            "lbg": self.constraints.pack({name: pair[0] for name, pair in ends.items()}),
+            "ubg": self.constraints.pack({name: pair[1] for name, pair in ends.items()}),
+        }
+
+    def sizes(self, x: np.ndarray) -> np.ndarray:
+        """1, or where a variable is larger its own size there."""
+        return np.maximum(1.0, np.abs(x))
+
+    def pair_name(self, index: int) -> PairName:
+        """Name of a pair, which has neither scenario nor step."""
+        return PairName("pair", self.mpcc.pair(index))
+
+    def extended(self, x: np.ndarray) -> np.ndarray:
+        """Add the variables of sides that have their own, at their values at x (n,)."""
+        whole = np.zeros(self.n)
+        whole[: x.size] = x
+        for at, value in zip(self.pairs, self.lifted.sides(x, self.given), strict=True):
+            own = at >= x.size
+            whole[at[own]] = np.maximum(np.array(value).ravel()[own], 0.0)
+        return whole

@@ -1,0 +1,193 @@
+"""Measure ``ocp.mpcc.solve`` on a directory of AMPL .nl files, against a plain Scholtes loop.
+
+    python -m tests.benchmarks.mpcc.bench DIR [--only NAME ...] [--cross-check] [--out FILE]
+
+DIR holds .nl files, at any depth, and ``reference.csv`` with columns name and solution. Every
+problem is read and solved in a child process with a time limit, so none can stop the run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import multiprocessing as mp
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from decimal import Decimal, InvalidOperation
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ocp.mpcc import MPCC, MPCCSolution, solve
+from tests.benchmarks.mpcc import report, scholtes_peer
+from tests.benchmarks.mpcc.nl import read_nl
+from tests.benchmarks.mpcc.report import Row
+
+FEASIBLE, COMPLEMENTARY = 1e-6, 1e-6
+"""What the audit asks: violation of bounds and rows; min(G, H), or for the loop the product."""
+RELATIVE, ABSOLUTE = 1e-4, 1e-6
+"""At the reference is what is above it by no more than this and what its digits leave open."""
+LIMIT_S = 120.0
+_STARTS, _SPREAD = 5, 1.0
+
+
+def residuals(mpcc: MPCC, x: np.ndarray) -> tuple[float, float, float]:
+    """Violation of bounds, rows and signs; largest |min(G, H)|; largest |G H|."""
+    g, G, H = (
+        np.array(v).ravel() for v in ca.Function("all", [mpcc.x], [mpcc.g, mpcc.G, mpcc.H])(x)
+    )
+    (lbx, ubx), (lbg, ubg) = mpcc.x_bounds, mpcc.g_bounds
+    off = np.concatenate([lbx - x, x - ubx, lbg - g, g - ubg, -G, -H])
+    worst = float(np.max(np.nan_to_num(off, nan=np.inf), initial=0.0))
+    apart = float(np.abs(np.minimum(G, H)).max(initial=0.0))
+    return worst, apart, float(np.abs(G * H).max(initial=0.0))
+
+
+def at_reference(cost: float, reference: tuple[float, float], sense: float) -> bool:
+    """Whether a cost is as good as a reference (with its rounding), or better; 1 is minimised."""
+    best, rounding = reference
+    return bool(sense * (cost - best) <= ABSOLUTE + RELATIVE * abs(best) + rounding)
+
+
+def measure(path: Path, reference: tuple[float, float], check: bool) -> dict[str, Any]:
+    """Solve one file and audit: fields of a :class:`~tests.benchmarks.mpcc.report.Row`."""
+    stated = read_nl(path)
+    mpcc, sense = stated.mpcc, -1.0 if stated.maximise else 1.0
+    began = time.perf_counter()
+    found = solve(mpcc, stated.start)
+    seconds = time.perf_counter() - began
+    worst, apart, _ = residuals(mpcc, found.x)
+    audited = worst <= FEASIBLE and apart <= COMPLEMENTARY
+    return {
+        "n": mpcc.x.numel(), "pairs": mpcc.G.numel(), "cost": sense * found.f,
+        "stationarity": found.certificate.stationarity, "kind": found.certificate.kind,
+        "audited": audited,
+        "hit": audited and at_reference(sense * found.f, reference, sense),
+        "seconds": seconds, "strategy": found.strategy, "note": found.verdict,
+        "disproved": disproof(mpcc, stated.start, found) if check and found.success else "",
+    }  # fmt: skip
+
+
+def measure_peer(path: Path, reference: tuple[float, float]) -> dict[str, Any]:
+    """The same for the loop; its complementarity is judged by the product, as it states it."""
+    stated = read_nl(path)
+    mpcc, sense = stated.mpcc, -1.0 if stated.maximise else 1.0
+    began = time.perf_counter()
+    found = scholtes_peer.solve(mpcc, stated.start)
+    seconds = time.perf_counter() - began
+    worst, _, product = residuals(mpcc, found.x)
+    audited = worst <= FEASIBLE and product <= COMPLEMENTARY
+    return {
+        "peer_cost": sense * found.f, "peer_audited": audited,
+        "peer_hit": audited and at_reference(sense * found.f, reference, sense),
+        "peer_seconds": seconds,
+    }  # fmt: skip
+
+
+def disproof(mpcc: MPCC, start: np.ndarray, found: MPCCSolution) -> str:
+    """Say how the answers of other starts disprove a certificate; "" where they do not.
+
+    They do where the answer of a start near the certified point itself (a thousandth of the
+    variables' sizes off) costs less although it came no farther than a hundredth of them: to first
+    order there is then a descent. Other minima farther away are none of the certificate's affair.
+    """
+    rng = np.random.default_rng(0)
+    size = np.maximum(1.0, np.abs(found.x))
+    for i in range(_STARTS):
+        near = found.x + 1e-3 * size * rng.standard_normal(size.size)
+        far = start + _SPREAD * np.maximum(1.0, np.abs(start)) * rng.standard_normal(size.size)
+        for begin in (near, far):
+            other = solve(mpcc, begin)
+            worst, apart, _ = residuals(mpcc, other.x)
+            step = float(np.max(np.abs(other.x - found.x) / size, initial=0.0))
+            if worst > FEASIBLE or apart > COMPLEMENTARY or step > 1e-2 or step == 0.0:
+                continue
+            slope = (found.f - other.f) / step
+            if slope > 2 * found.certificate.tolerance and found.f - other.f > 1e-6:
+                return f"start {i} falls by {found.f - other.f:.2g} within {step:.1g}"
+    return ""
+
+
+def _child(pipe: Connection, work: Callable[..., dict[str, Any]], *given: Any) -> None:
+    try:
+        pipe.send(work(*given))
+    except Exception as error:  # the run goes on, and the table names it
+        pipe.send({"note": f"{type(error).__name__}: {error}"[:200]})
+        traceback.print_exc()
+
+
+def limited(limit: float, work: Callable[..., dict[str, Any]], *given: Any) -> dict[str, Any]:
+    """Do work in a child process of limited time; without an answer a note says why."""
+    context = mp.get_context("fork")
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(target=_child, args=(theirs, work, *given))
+    child.start()
+    theirs.close()
+    found: dict[str, Any] = {"note": f"no answer in {limit:g} s"}
+    try:
+        if ours.poll(limit):
+            found = ours.recv()
+    except EOFError:
+        found = {"note": "the process ended without an answer"}
+    child.join(1.0)
+    if child.is_alive():
+        child.kill()
+        child.join()
+    return found
+
+
+def measured(path: Path, reference: tuple[float, float], limit: float, check: bool) -> Row:
+    """Measure one file by both; who gives no answer is charged the limit."""
+    longest = limit * (2 * _STARTS + 1 if check else 1)
+    found = {"seconds": limit, **limited(longest, measure, path, reference, check)}
+    peer = {"peer_seconds": limit, **limited(limit, measure_peer, path, reference)}
+    return Row(path.stem, reference=reference[0], **{**peer, **found})
+
+
+def references(folder: Path) -> dict[str, tuple[float, float]]:
+    """Best known costs by name, each with half a unit of its last digit; what is no number not."""
+    found: dict[str, tuple[float, float]] = {}
+    for table in folder.rglob("reference.csv"):
+        with table.open() as lines:
+            for line in csv.DictReader(lines):
+                try:
+                    value = Decimal(line["solution"])
+                except InvalidOperation:
+                    continue
+                exponent = int(value.as_tuple().exponent)
+                found[line["name"]] = float(value), 0.5 * 10.0**exponent
+    return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the benchmark; 1 where a floor is missed."""
+    parser = argparse.ArgumentParser(prog="bench-mpcc")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--cross-check", action="store_true")
+    parser.add_argument("--limit", type=float, default=LIMIT_S)
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.md"))
+    given = parser.parse_args(arguments)
+    known = references(given.folder)
+    rows = []
+    for path in sorted(given.folder.rglob("*.nl"), key=lambda path: path.stem):
+        if given.only and path.stem not in given.only:
+            continue
+        row = measured(path, known.get(path.stem, (math.nan, 0.0)), given.limit, given.cross_check)
+        rows.append(row)
+        print(report.line(row), flush=True)
+    text, missed = report.summary(rows, given.cross_check)
+    print(text)
+    if not given.only:
+        given.out.write_text(text + "\n\n" + report.table(rows) + "\n")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
