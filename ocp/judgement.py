@@ -23,8 +23,8 @@ from ocp.referee import Hearing, hear
 from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
 from ocp.routes.landing import embedded
 from ocp.routes.legs import translate
-from ocp.session import Outcome, Session
 from ocp.sensitivity import sensitivity
+from ocp.session import Outcome, Session
 from ocp.solution import Solution, Status
 from ocp.solver import Point
 from ocp.studies.provenance import versions

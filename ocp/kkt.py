@@ -8,7 +8,9 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
+from ocp.certificate import fit_multipliers, linear_model
 from ocp.curvature import negative_curvature
+from ocp.errors import InputError
 from ocp.program import Program
 from ocp.solver import Point
 
@@ -34,6 +36,13 @@ class Held:
         sign, at = (-1, at) if at < part.size else (1, at - part.size)
         part[at] = 0 if part[at] else sign
         return Held(x, g)
+
+    def holds(self, end: int) -> bool:
+        """Whether an end of :meth:`Curve.margins` is held."""
+        after = self.toggled(end)
+        return np.abs(after.x).sum() + np.abs(after.g).sum() < (
+            np.abs(self.x).sum() + np.abs(self.g).sum()
+        )
 
 
 class Curve:
@@ -213,12 +222,50 @@ class Curve:
             )
         return np.concatenate([np.concatenate(part) for part in parts])
 
+    def press(self, v: np.ndarray) -> np.ndarray:
+        """How hard every variable presses against its lower end, scaled; zero where it is free."""
+        return self._state(v)[0]
+
+    def place(self, end: int) -> tuple[str, int, bool]:
+        """Name and step of an end of :meth:`margins`, and whether it belongs to a pair."""
+        program = self.program
+        if end < 2 * program.n:
+            at = end % program.n
+            found = np.flatnonzero((program.pairs == at).any(axis=0))
+            if found.size and end < program.n:
+                pair = program.pair_name(int(found[0]))
+                return pair.name, pair.step, True
+            block, index = program.variables.locate(at)
+        else:
+            block, index = program.constraints.locate((end - 2 * program.n) % program.m)
+        own = block.components[index[-1]] if block.components else block.name
+        return own, int(index[1]) if len(index) > 2 else 0, False
+
     def result(self, v: np.ndarray) -> tuple[Point, float, np.ndarray]:
         """Point with the multipliers of rows and bounds, cost and constraints."""
         (x, y), (p, _) = self.point(v), self.given(v[-1])
         f, g = self.program.f_g(x, p)
         slope = self._state(v)[0] * self.scale / self.sizes
         return Point(x, np.where(self.free, 0.0, -slope), y), float(f), np.array(g).ravel()
+
+
+def regular(
+    program: Program, point: Point, values: dict[str, float], name: str, unit: float
+) -> tuple[Curve, np.ndarray]:
+    """Put a solved point on its curve; raises ``InputError`` where it has none."""
+    p, bounds = program.parameter_vector(values), program.bounds(values)
+    y = point.lam_g
+    if y is None:
+        y = fit_multipliers(linear_model(program, point.x, p, bounds))
+    curve = Curve(program, values, name, unit, point, y)
+    border = np.eye(1, curve.start.size, curve.start.size - 1).ravel()
+    v = curve.newton(curve.start, border, curve.start[-1])
+    if v is None:
+        raise InputError(
+            f"no derivative by {name}: with the active set held the optimality conditions are not"
+            " solved near this point (they are singular, or contacts are undecided)"
+        )
+    return curve, v
 
 
 def _pressing(

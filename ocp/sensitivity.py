@@ -6,9 +6,8 @@ import numpy as np
 import xarray as xr
 
 from ocp.audit import trajectories
-from ocp.certificate import fit_multipliers, linear_model
 from ocp.errors import InputError
-from ocp.kkt import Curve
+from ocp.kkt import Curve, regular
 from ocp.solution import Status
 from ocp.solver import Point, Result
 from ocp.transcription.nlp import NLP
@@ -16,13 +15,13 @@ from ocp.transcription.nlp import NLP
 _WEAK = 1e-7
 """A slack or multiplier, in characteristic sizes, below which an end is not strictly one or other.
 """
+_STILL = 1e-6
+"""How fast, per unit, such a slack may grow and still count as staying zero."""
 _SINGULAR = 1e-8
 _DIFFERENCE = 1e-4
 
 
-def sensitivity(
-    program: NLP, point: Point, values: dict[str, float], name: str
-) -> xr.Dataset:
+def sensitivity(program: NLP, point: Point, values: dict[str, float], name: str) -> xr.Dataset:
     """Return ``dx/dp``, ``du/dp`` and ``dcost/dp`` for the parameter ``name`` at a solved point.
 
     On the active set, held, the KKT conditions ``F(z, p) = 0`` are smooth, and ``dz/dp`` solves
@@ -40,6 +39,7 @@ def sensitivity(
     curve, v = regular(program, point, values, name, abs(values[name]) or 1.0)
     _check_regular(program, curve, v)
     t = curve.tangent(v)
+    _check_strict(curve, v, t)
     ends = [_trajectories(program, curve, v + s * _DIFFERENCE * t) for s in (1, -1)]
     dx, du = ((a - b) / (2 * _DIFFERENCE * curve.unit) for a, b in zip(*ends, strict=True))
     parameter = (program.problem.parameters + program.step.p).get(name)
@@ -50,61 +50,37 @@ def sensitivity(
             "u": (("scenario", "interval", "control"), du),
             "cost": ((), _cost_slope(curve, v)),
         },
-        coords={"state": [s.name for s in system.states], "control": [s.name for s in system.inputs],
+        coords={"state": [s.name for s in system.states],
+                "control": [s.name for s in system.inputs],
                 "state_unit": ("state", [s.unit for s in system.states]),
                 "control_unit": ("control", [s.unit for s in system.inputs])},
         attrs={"parameter": name, "per": parameter.unit},
     )  # fmt: skip
 
 
-def regular(
-    program: NLP, point: Point, values: dict[str, float], name: str, unit: float
-) -> tuple[Curve, np.ndarray]:
-    """Put a solved point on its curve; raises ``InputError`` where its active set is undecided."""
-    p, bounds = program.parameter_vector(values), program.bounds(values)
-    y = point.lam_g
-    if y is None:
-        y = fit_multipliers(linear_model(program, point.x, p, bounds))
-    curve = Curve(program, values, name, unit, point, y)
-    border = np.eye(1, curve.start.size, curve.start.size - 1).ravel()
-    v = curve.newton(curve.start, border, curve.start[-1])
-    if v is None:
-        raise InputError(
-            f"no derivative by {name}: with the active set held the optimality conditions are not"
-            " solved near this point (they are singular, or contacts are undecided)"
-        )
+def _check_strict(curve: Curve, v: np.ndarray, t: np.ndarray) -> None:
+    """Refuse where an end is neither held nor free.
+
+    One whose slack and multiplier are zero, and stay so to first order along the tangent, does no
+    harm: held or free the derivative is the same, as long as a pair's held member is pressed.
+    """
+    step = _DIFFERENCE * t
     margins = curve.margins(v)
-    if program.form != "none":
-        margins[program.pairs] = np.inf
-    worst = int(np.argmin(margins))
-    if margins[worst] < _WEAK:
-        raise InputError(
-            f"no derivative by {name}: complementarity is not strict at"
-            f" {described(curve, worst)} (slack and multiplier are both zero)"
-        )
-    return curve, v
-
-
-def described(curve: Curve, end: int) -> str:
-    """Name an end of :meth:`~ocp.kkt.Curve.margins` for a sentence."""
-    name, step, _ = place(curve, end)
-    return f"{name!r}, step {step}"
-
-
-def place(curve: Curve, end: int) -> tuple[str, int, bool]:
-    """Name and step of an end, and whether it belongs to a pair."""
-    program = curve.program
-    if end < 2 * program.n:
-        at = end % program.n
-        found = np.flatnonzero((program.pairs == at).any(axis=0))
-        if found.size and end < program.n:
-            pair = program.pair_name(int(found[0]))
-            return pair.name, pair.step, True
-        block, index = program.variables.locate(at)
+    with np.errstate(invalid="ignore"):
+        slopes = (curve.margins(v + step) - curve.margins(v - step)) / (2 * _DIFFERENCE)
+    weak = (margins < _WEAK) & ~((margins > -_WEAK) & (np.abs(slopes) < _STILL))
+    if curve.own.size:
+        pressed = curve.press(v)[curve.own[::-1]] > _WEAK
+        alone = (curve.held.x[curve.own[::-1]] != 0) & (curve.held.x[curve.own] == 0)
+        weak[curve.own] |= (margins[curve.own] < _WEAK) & alone & ~pressed
     else:
-        block, index = program.constraints.locate((end - 2 * program.n) % program.m)
-    own = block.components[index[-1]] if block.components else block.name
-    return own, int(index[1]) if len(index) > 2 else 0, False
+        weak[curve.program.pairs] = False
+    if weak.any():
+        name, step, _ = curve.place(int(np.flatnonzero(weak)[0]))
+        raise InputError(
+            f"no derivative by {curve.name}: complementarity is not strict at"
+            f" {name!r}, step {step} (slack and multiplier are both zero)"
+        )
 
 
 def _check_regular(program: NLP, curve: Curve, v: np.ndarray) -> None:

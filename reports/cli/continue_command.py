@@ -47,9 +47,9 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Follow a solution along a parameter of the problem, the law or the start; store the path."""
+    from ocp.continuation import Continuation, continue_over, path_dataset, resolve
     from ocp.solve import new_session
     from ocp.studies import store
-    from ocp.studies.continuation import Continuation, continue_over, path_dataset, resolve
     from reports import console
     from reports.cli import interrupt
     from reports.cli.choices import choose

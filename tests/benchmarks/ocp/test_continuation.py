@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dynamics.contact import Barrier
-from ocp.studies.continuation import continue_over
+from ocp.continuation import continue_over
 from tests.benchmarks.ocp.cases import FIVE, session
 from tests.benchmarks.ocp.race import tell
 

@@ -9,9 +9,9 @@ import pytest
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Constraint, Direct, InputError, MultipleShooting, SingleShooting, solve
+from ocp.continuation import Continuation, PathPoint, continue_over, path_dataset, resolve
 from ocp.session import Session
 from ocp.solve import new_session
-from ocp.studies.continuation import Continuation, PathPoint, continue_over, path_dataset, resolve
 from problems import get
 
 
