@@ -10,22 +10,16 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError
+from ocp.events import LOCATED, Event, joined
 from ocp.judgement import judged
 from ocp.session import Outcome, Session
 from ocp.solution import Solution, Status
 from ocp.solver import Point
-from ocp.tracking import LOCATED, Event, Tracker, joined
+from ocp.tracking import Tracker
 
 SMALLEST = 1e-3
 """The step along the path is never smaller than this fraction of the asked one."""
 _EASY = 15
-KINDS = {
-    "contact": ("contact event", "contact events"),
-    "bound": ("bound event", "bound events"),
-    "fold": ("fold", "folds"),
-    "switch": ("switch", "switches"),
-}
-"""What events are called, one and many."""
 
 
 @dataclass(frozen=True)
@@ -63,17 +57,6 @@ class Continuation:
     nlp_builds: int = 0
     broke: str | None = None
 
-    def told(self) -> str:
-        """The events in a sentence, three of a kind, or nothing."""
-        parts = []
-        for kind, words in KINDS.items():
-            found = [event for event in self.events if event.kind == kind]
-            if found:
-                listed = ", ".join(event.told(self.parameter) for event in found[:3])
-                more = f" and {len(found) - 3} more" if len(found) > 3 else ""
-                parts.append(f"{len(found)} {words[len(found) > 1]}: {listed}{more}")
-        return "; ".join(parts)
-
 
 def resolve(session: Session, over: str) -> str:
     """Find the parameter that ``over`` means: ``contact.mu``, ``M`` or ``problem.M``.
@@ -104,11 +87,11 @@ def continue_over(
     is predicted by its sensitivity and corrected by Newton's method on that set; where the set
     changes on the way the place is located to 1e-6 of the range, and the path goes on with the
     changed set. Where the curve cannot be followed folds are stepped round by pseudo-arclength;
-    where there is none the solver starts at the last answer with its multipliers, and a step that
-    fails is halved, down to a thousandth of the asked one. Where that finds another curve, or a
-    linear program with complementarity constraints leads to a cheaper point, the path goes on
-    there: a switch. Where nothing succeeds the path is said to break, with the reason, and the
-    points so far are kept.
+    where there is none, or the curve does not come round, the solver starts at the last answer
+    with its multipliers, and a step that fails is halved, down to a thousandth of the asked one.
+    Where that finds another curve, or a linear program with complementarity constraints leads to a
+    cheaper point, the path goes on there: a switch. Where nothing succeeds the path is said to
+    break, with the reason, and the points so far are kept.
 
     Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
     equal or non-finite ends, or a log scale through zero.
@@ -143,7 +126,8 @@ class _Walk:
             verdict = path.points[-1].solution.verdict
             path.broke = f"at the first point, {path.parameter} = {start:g}: {verdict}"
         path.nlp_builds = session.nlp_builds
-        path.events = joined(path.events, LOCATED * abs(end - start))
+        path.iterations += self.tracker.wasted
+        path.events = joined(path.events, None if self.tracker.log else abs(end - start))
         return path
 
     def _walk(self, asked: float) -> None:
@@ -200,25 +184,20 @@ class _Walk:
         outcome = tracker.to(value)
         if outcome is None:
             return False
-        better = tracker.cheaper(outcome)
+        better, events = tracker.cheaper(outcome), tracker.events
+        if better is not None:
+            events = [*events, tracker.crossing(better, self.path.points[-1].value)]
         if not self._add(better or outcome, value):
             self._restart()
             return False
-        self.path.events += tracker.events
+        self.path.events += events
         if better is not None:
-            gain = outcome.result.f - better.result.f
-            change = f"another point is cheaper by {gain:.3g}"
-            self.path.events.append(Event("switch", value, better.result.f, change))
             tracker.begin(better)
         return True
 
     def _past_end(self) -> bool:
         """Where a curve ends, solve just beyond its end."""
-        tracker, (start, end, _) = self.tracker, self.asked
-        if not tracker.stuck:
-            return False
-        beyond = tracker.value + 0.5 * LOCATED * (end - start)
-        return self._solved(end if (beyond - end) * (end - start) > 0 else beyond)
+        return self.tracker.stuck and self._solved(self._beyond(self.tracker.value))
 
     def _solved(self, value: float) -> bool:
         """Let the solver find a point at a value, from where the tracker stands."""
@@ -250,16 +229,23 @@ class _Walk:
         if not folds:
             self._restart()
             return False
-        path.events += before
-        if not all(self._add(stop.outcome, stop.value) for stop in way):
-            path.broke = f"on the way round a fold: {self.failed.verdict}"
-        path.events += folds
+        path.events += [*before, *folds]
         if not tracker.around:
-            path.broke = (
-                f"after {path.parameter} = {folds[0].value:g}, where it turns: it does not come"
-                f" forward again (last point {tracker.value:g})"
-            )
+            tracker.wasted += sum(stop.outcome.trace.iterations for stop in way)
+            self._restart()
+            return self._solved(self._beyond(folds[0].value))
+        for stop in way:
+            if not self._add(stop.outcome, stop.value):
+                path.broke = f"on the way round a fold: {self.failed.verdict}"
+                break
         return True
+
+    def _beyond(self, value: float) -> float:
+        """A value just beyond an event's, at most the last one asked."""
+        start, end, _ = self.asked
+        reach = math.copysign(value, end - start) if self.tracker.log else end - start
+        beyond = value + 0.5 * LOCATED * reach
+        return end if (beyond - end) * (end - start) > 0 else beyond
 
     def _break(self, value: float) -> None:
         last, failed = self.path.points[-1].value, self.failed

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.kkt import Curve, regular
+from ocp.events import LOCATED, Event
+from ocp.kkt import Curve, Held, regular
 from ocp.routes.branches import Branches
 from ocp.routes.legs import Homotopy
 from ocp.session import Outcome, Session
 from ocp.solution import Status
 from ocp.solver import Point, Result
 
-LOCATED = 1e-6
-"""Within what share of the parameter's range an event is located."""
 _OFF = 1e-8
 _CHANGES = 500
 _SHARE = 1 / 16
@@ -26,34 +24,6 @@ _LOCATING = 60
 _ARCS = 400
 _JUMP = 1e-2
 _GAIN = 1e-6
-
-
-@dataclass(frozen=True)
-class Event:
-    """What happens on the way at ``value``.
-
-    ``kind`` is "contact" (strict complementarity is lost at a pair), "bound" (at another end),
-    "fold" (the reduced KKT matrix is singular, the path turns) or "switch" (another stationary
-    point is cheaper, or this one ends). ``contact`` and ``steps`` say where, ``change`` what.
-    """
-
-    kind: str
-    value: float
-    cost: float
-    change: str
-    contact: str = ""
-    steps: tuple[int, ...] = ()
-
-    def told(self, parameter: str) -> str:
-        """The event in words."""
-        steps = "-".join(dict.fromkeys(f"{step}" for step in (*self.steps[:1], *self.steps[-1:])))
-        who = f"{self.contact!r} " if self.contact else ""
-        where = f" at step{'s' if len(self.steps) > 1 else ''} {steps}" if steps else ""
-        return f"{who}{self.change}{where} ({parameter} = {self.value:.6g})"
-
-    def row(self) -> dict[str, Any]:
-        """The event as JSON tells it."""
-        return {**vars(self), "steps": list(self.steps)}
 
 
 @dataclass(frozen=True)
@@ -65,36 +35,19 @@ class Stop:
     events: list[Event]
 
 
-def joined(events: list[Event], near: float) -> list[Event]:
-    """Events in order, those of one contact that happen at once, within ``near``, as one."""
-    found: list[Event] = []
-    for event in events:
-        same = [
-            i for i, e in enumerate(found)
-            if (e.kind, e.contact, e.change) == (event.kind, event.contact, event.change)
-            and abs(e.value - event.value) <= near and event.steps
-        ]  # fmt: skip
-        if same:
-            steps = tuple(sorted({*found[same[0]].steps, *event.steps}))
-            found[same[0]] = replace(found[same[0]], steps=steps)
-        else:
-            found.append(event)
-    return found
-
-
 class Tracker:
     """Stands at a solved point of a session and moves it along the parameter ``name``.
 
-    ``events`` are those on the way of the last move. Where the point has no curve (contacts
-    undecided, a kink of shooting under the exact law) ``curve`` is None. ``stuck`` says that the
-    curve ends at the place where the tracker stands.
+    ``events`` are those on the way of the last move, ``wasted`` the iterations that led nowhere.
+    Where the point has no curve (contacts undecided, a kink of shooting under the exact law)
+    ``curve`` is None. ``stuck`` says that the curve ends at the place where the tracker stands.
     """
 
     def __init__(self, session: Session, name: str, span: float, log: bool) -> None:
         self.session, self.name, self.span, self.log = session, name, span, log
         self.curve: Curve | None = None
         self.v, self.events, self.down = np.zeros(0), list[Event](), 0
-        self.stuck, self.around = False, False
+        self.stuck, self.around, self.wasted = False, False, 0
 
     def begin(self, outcome: Outcome) -> None:
         """Stand at an outcome at the session's present values."""
@@ -142,7 +95,8 @@ class Tracker:
                 v = found
                 if target == goal:
                     self.curve, self.v = curve, v
-                    return self._outcome(spent + curve.iterations, time.perf_counter() - began)
+                    spent += curve.iterations
+                    return self._outcome(spent, time.perf_counter() - began)
                 target = goal
                 continue
             v, end = self._located(curve, v, found)
@@ -155,6 +109,7 @@ class Tracker:
             spent += curve.iterations
             curve, v, last, target = after, after.start, end, goal
         self.curve, self.v = curve, v
+        self.wasted += spent + curve.iterations
         return None
 
     def _violated(self, curve: Curve, v: np.ndarray | None) -> np.ndarray | None:
@@ -170,8 +125,6 @@ class Tracker:
 
     def _changed(self, curve: Curve, v: np.ndarray, end: int) -> Curve | None:
         """The curve beyond an event; None where a pair at (0, 0) would gain by leaving it."""
-        x, y = curve.point(v)
-        values = {**curve.values, self.name: float(v[-1] * curve.unit)}
         held = curve.held.toggled(end)
         if end in curve.own and held.x[end]:
             if curve.program.form != "none":
@@ -179,7 +132,14 @@ class Tracker:
             column = np.flatnonzero((curve.own == end).any(axis=0))[0]
             if (curve.press(v)[curve.own[:, column]] < -_OFF).any():
                 return None
-        return Curve(curve.program, values, self.name, curve.unit, Point(x), y, held)
+        return self._curve(curve, v, held)
+
+    def _curve(self, curve: Curve, v: np.ndarray, held: Held) -> Curve:
+        """A curve through a point of another, in sizes and the unit of that place."""
+        (x, y), value = curve.point(v), float(v[-1] * curve.unit)
+        unit = abs(value) if self.log else self.span
+        values = {**curve.values, self.name: value}
+        return Curve(curve.program, values, self.name, unit, Point(x), y, held)
 
     def _located(self, curve: Curve, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, int]:
         """The first end that changes between two points of a curve, and the point where it does.
@@ -187,7 +147,7 @@ class Tracker:
         The secant of the end that is linearly predicted to be first, every third time a bisection.
         """
         near, far = (self._kept(curve.margins(v)) for v in (low, high))
-        end, width = 0, 1e-3 * LOCATED * self.span / curve.unit
+        end, width = 0, 1e-3 * LOCATED
         for count in range(_LOCATING):
             crossing = np.flatnonzero(far < -_OFF)
             positive = np.maximum(near[crossing], 0.0)
@@ -227,10 +187,12 @@ class Tracker:
     def _outcome(self, iterations: int, seconds: float) -> Outcome:
         assert self.curve is not None
         curve, session = self.curve, self.session
-        point, f, g = curve.result(self.v)
+        (point, f, g), value = curve.result(self.v), self.value
+        self.curve = self._curve(curve, self.v, curve.held)
         result = Result(point, f, g, Status.SOLVED, "newton", iterations, seconds)
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        follower.record(self.name, self.value, self.program, result, *curve.given(self.v[-1]))
+        follower.record(self.name, value, self.program, result, *curve.given(self.v[-1]))
+        self.v = self.curve.start
         return Outcome(result, self.program, True, follower.trace)
 
     def warm(self) -> Point:
@@ -253,8 +215,32 @@ class Tracker:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
         better = Branches(follower).improve(outcome.result)
         if better.f >= outcome.result.f - _GAIN * abs(outcome.result.f):
+            self.wasted += follower.trace.iterations
             return None
+        follower.trace.absorb(outcome.trace)
         return Outcome(better, outcome.nlp, True, follower.trace)
+
+    def crossing(self, better: Outcome, since: float) -> Event:
+        """The switch to another curve: where, at most back to ``since``, it becomes the cheaper."""
+        other, curve, v = Tracker(self.session, self.name, self.span, self.log), self.curve, self.v
+        other.begin(better)
+        low, high, cost = since, self.value, better.result.f
+        assert curve is not None
+        while other.curve is not None and abs(high - low) > 0.1 * LOCATED * curve.unit:
+            middle = (low + high) / 2
+            here = curve.at(v, middle / curve.unit)
+            there = other.curve.at(other.v, middle / other.curve.unit)
+            below = self._violated(other.curve, there)
+            gain = -1.0
+            if here is not None and there is not None and below is not None and not below.any():
+                gain = curve.result(here)[1] - other.curve.result(there)[1]
+            if gain > 0 and here is not None and there is not None:
+                high, v, other.v, cost = middle, here, there, curve.result(here)[1]
+            else:
+                low = middle
+        if abs(high - since) <= LOCATED * curve.unit:
+            return Event("switch", self.value, better.result.f, "another point is cheaper")
+        return Event("switch", high, cost, "another point becomes cheaper")
 
     def turn(self, forward: float, first: float) -> Iterator[Stop]:
         """Step round folds by pseudo-arclength until the path goes ``forward`` again, and on.
@@ -263,12 +249,12 @@ class Tracker:
         ``first``. The tracker stands at the last stop.
         """
         assert self.curve is not None
-        curve, began = self.curve, time.perf_counter()
-        t, weights = _unit(curve, curve.tangent(self.v) * forward)
-        arc, turned, edge = 0.05, False, self.v[-1]
+        curve, v, began = self.curve, self.v, time.perf_counter()
+        t, weights = _unit(curve, curve.tangent(v) * forward)
+        arc, turned, edge = 0.05, False, v[-1]
         for _ in range(_ARCS):
             curve.iterations, self.events = 0, []
-            found = curve.newton(self.v + arc * t, weights * t, (weights * t) @ self.v + arc)
+            found = curve.newton(v + arc * t, weights * t, float((weights * t) @ v) + arc)
             if found is None or (self._kept(curve.margins(found)) < -_OFF).any():
                 arc /= 2
                 if arc < 1e-6:
@@ -279,26 +265,28 @@ class Tracker:
                 arc /= 2
                 continue
             if after[-1] * t[-1] < 0:
-                at = self._fold(curve, t, weights, arc)
+                at = self._fold(curve, v, t, weights, arc)
                 cost, value = curve.result(at)[1], float(at[-1] * curve.unit)
                 self.events = [Event("fold", value, cost, "turns")]
                 edge = at[-1] if not turned else edge
                 turned = True
-            self.v, t, arc = found, after, min(1.5 * arc, 0.2)
-            self.down = curve.curvature(found)
+            v, t, arc = found, after, min(1.5 * arc, 0.2)
+            self.curve, self.v, self.down = curve, v, curve.curvature(v)
             now = time.perf_counter()
             yield Stop(self.value, self._outcome(curve.iterations, now - began), self.events)
             began = now
-            self.around = turned and (self.v[-1] - edge) * forward > 0 and t[-1] * forward > 0
-            if self.around or (self.v[-1] - first / curve.unit) * forward <= 0:
+            self.around = turned and (v[-1] - edge) * forward > 0 and t[-1] * forward > 0
+            if self.around or (v[-1] - first / curve.unit) * forward <= 0:
                 return
 
-    def _fold(self, curve: Curve, t: np.ndarray, weights: np.ndarray, arc: float) -> np.ndarray:
+    def _fold(
+        self, curve: Curve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float
+    ) -> np.ndarray:
         """Where the parameter's part of the tangent is zero, by bisection in the arc."""
-        low, high, at = 0.0, arc, self.v
+        low, high, at = 0.0, arc, v
         for _ in range(40):
             s = (low + high) / 2
-            found = curve.newton(self.v + s * t, weights * t, (weights * t) @ self.v + s)
+            found = curve.newton(v + s * t, weights * t, float((weights * t) @ v) + s)
             if found is None:
                 break
             at, after = found, curve.tangent(found, weights * t)

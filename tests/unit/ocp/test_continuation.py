@@ -12,6 +12,7 @@ from ocp import Constraint, Direct, InputError, MultipleShooting, SingleShooting
 from ocp.continuation import Continuation, PathPoint, continue_over, path_dataset, resolve
 from ocp.session import Session
 from ocp.solve import new_session
+from ocp.tracking import Tracker
 from problems import get
 
 
@@ -103,7 +104,9 @@ def test_the_exact_law_can_be_followed_in_direct() -> None:
 
 
 def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A solver that refuses every step longer than 0.03 in M, between M = 1.2 and M = 1.5 only."""
+    """Without a curve to follow, a solver that refuses every step longer than 0.03 in M, between
+    M = 1.2 and M = 1.5 only.
+    """
     session = barrier_session()
     steps, plain = [], Session.solve
 
@@ -121,6 +124,7 @@ def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPa
         return found if good else replace(found, finished=False)
 
     monkeypatch.setattr(Session, "solve", refuse)
+    monkeypatch.setattr(Tracker, "begin", lambda *_: None)
     path = continue_over(session, "M", 1.0, 2.0, 10)
     assert path.broke is None
     values = [point.value for point in path.points]
