@@ -35,7 +35,7 @@ def one_step(stage, terminal, walls: float = 1.0, size: float = 1.0) -> Problem:
         terminal_cost=terminal(system.x, p["theta"]),
         x0=ca.SX.zeros(1),
         parameters=p,
-        reference=Reference(impulse=size, gap=size),
+        reference=Reference(size, size, size, size),
     )
 
 
