@@ -138,7 +138,7 @@ class _Walk:
             if self._tracked(value) or self._past_end():
                 step = min(asked, 2 * step)
                 continue
-            if self._turned() or self._solved(value):
+            if self._turned(value) or self._solved(value):
                 easy = self.outcome.trace.iterations <= _EASY
                 step = min(asked, 2 * step) if easy else step
                 continue
@@ -218,15 +218,16 @@ class _Walk:
         self.session.values[self.path.parameter] = self.path.points[-1].value
         self.tracker.begin(self.outcome)
 
-    def _turned(self) -> bool:
+    def _turned(self, value: float) -> bool:
         """Step round folds; every stop on the way is a point."""
         tracker, path, (start, end, _) = self.tracker, self.path, self.asked
         if tracker.curve is None:
             return False
         before = tracker.events
-        way = list(tracker.turn(math.copysign(1.0, end - start), start))
+        way = list(tracker.turn(math.copysign(1.0, end - start), start, value))
         folds = [event for stop in way for event in stop.events]
         if not folds:
+            tracker.wasted += sum(stop.outcome.trace.iterations for stop in way)
             self._restart()
             return False
         path.events += [*before, *folds]

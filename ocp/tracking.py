@@ -22,6 +22,7 @@ _CHANGES = 500
 _SHARE = 1 / 16
 _LOCATING = 60
 _ARCS = 400
+_PATIENCE = 40
 _JUMP = 1e-2
 _GAIN = 1e-6
 
@@ -82,13 +83,13 @@ class Tracker:
         assert self.curve is not None
         began, spent, last, self.events = time.perf_counter(), 0, -1, []
         curve, v, goal = self.curve, self.v, value / self.curve.unit
-        curve.iterations, least, target = 0, _SHARE * abs(goal - v[-1]), goal
+        curve.iterations, least, target = 0, _SHARE * self._far(v[-1], goal), goal
         for _ in range(_CHANGES):
             found = curve.at(v, target)
             below = self._violated(curve, found)
             if found is None or below is None or self._bent(curve, found, below):
-                target = (v[-1] + target) / 2
-                if abs(target - v[-1]) < least:
+                target = v[-1] * np.sqrt(target / v[-1]) if self.log else (v[-1] + target) / 2
+                if self._far(v[-1], target) < least:
                     break
                 continue
             if not below.any():
@@ -111,6 +112,9 @@ class Tracker:
         self.curve, self.v = curve, v
         self.wasted += spent + curve.iterations
         return None
+
+    def _far(self, one: float, other: float) -> float:
+        return abs(np.log(other / one)) if self.log else abs(other - one)
 
     def _violated(self, curve: Curve, v: np.ndarray | None) -> np.ndarray | None:
         """Ends beyond which a point lies; None where a smooth law's pair lies on no curve."""
@@ -242,17 +246,19 @@ class Tracker:
             return Event("switch", self.value, better.result.f, "another point is cheaper")
         return Event("switch", high, cost, "another point becomes cheaper")
 
-    def turn(self, forward: float, first: float) -> Iterator[Stop]:
+    def turn(self, forward: float, first: float, goal: float) -> Iterator[Stop]:
         """Step round folds by pseudo-arclength until the path goes ``forward`` again, and on.
 
-        Ends early, not ``around``, where the active set changes or the parameter is back at
-        ``first``. The tracker stands at the last stop.
+        Ends early, not ``around``, where the active set changes, the parameter is back at
+        ``first``, or no fold comes before ``goal``. The tracker stands at the last stop.
         """
         assert self.curve is not None
         curve, v, began = self.curve, self.v, time.perf_counter()
         t, weights = _unit(curve, curve.tangent(v) * forward)
         arc, turned, edge = 0.05, False, v[-1]
-        for _ in range(_ARCS):
+        for count in range(_ARCS):
+            if not turned and (count > _PATIENCE or (v[-1] - goal / curve.unit) * forward > 0):
+                return
             curve.iterations, self.events = 0, []
             found = curve.newton(v + arc * t, weights * t, float((weights * t) @ v) + arc)
             if found is None or (self._kept(curve.margins(found)) < -_OFF).any():

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from reports.figures.run import FLOOR, label, time_panels
-from reports.style import CYCLE, FAINT, GREEN, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH
+from reports.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH
 from reports.view import RunView
 
 _MOST_STATES = 6
@@ -65,13 +65,14 @@ def states(view: RunView) -> Figure | None:
 
 
 def _mark(figure: Figure, events: list[dict]) -> None:
-    """A line at every event, numbered at the top as in the table; faint where a bound is met."""
+    """A line at every event, numbered at the top as in the table; dotted where a bound is met."""
     number = 0
     for event in events:
         bound = event["kind"] == "bound"
-        colour = FAINT if bound else _COLOURS[event["kind"]]
+        colour = GREY if bound else _COLOURS[event["kind"]]
         for axis in figure.axes:
-            axis.axvline(event["value"], color=colour, linewidth=0.6 if bound else 1, zorder=0.5)
+            style = {"linewidth": 0.4, "linestyle": ":"} if bound else {"linewidth": 1.0}
+            axis.axvline(event["value"], color=colour, zorder=0.5, **style)
         if not bound:
             number += 1
             figure.axes[0].annotate(
