@@ -20,6 +20,7 @@ from ocp.tracking import Tracker
 SMALLEST = 1e-3
 """The step along the path is never smaller than this fraction of the asked one."""
 _EASY = 15
+_SMALL = 1 / 16
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,8 @@ class _Walk:
             if self._tracked(value) or self._past_end():
                 step = min(asked, 2 * step)
                 continue
-            if self._turned(value) or self._solved(value):
+            small = step <= _SMALL * asked
+            if self._turned(value) or self._solved(value, small):
                 easy = self.outcome.trace.iterations <= _EASY
                 step = min(asked, 2 * step) if easy else step
                 continue
@@ -161,12 +163,12 @@ class _Walk:
         """Judge an outcome; take it as the next point where it is good, or the first."""
         self.session.values[self.path.parameter] = value
         solution = judged(self.session, outcome, self.seed)
-        self.path.iterations += solution.iterations
         point = PathPoint(value, solution)
         good = outcome.finished and solution.status in (Status.SOLVED, Status.NO_PROGRESS)
         if not good and self.path.points:
             self.failed = solution
             return False
+        self.path.iterations += solution.iterations
         self.path.points.append(point)
         if good:
             first, at, last = (self.scales[1](v) for v in (self.asked[0], value, self.asked[1]))
@@ -188,6 +190,7 @@ class _Walk:
         if better is not None:
             events = [*events, tracker.crossing(better, self.path.points[-1].value)]
         if not self._add(better or outcome, value):
+            tracker.wasted += (better or outcome).trace.iterations
             self._restart()
             return False
         self.path.events += events
@@ -199,16 +202,21 @@ class _Walk:
         """Where a curve ends, solve just beyond its end."""
         return self.tracker.stuck and self._solved(self._beyond(self.tracker.value))
 
-    def _solved(self, value: float) -> bool:
-        """Let the solver find a point at a value, from where the tracker stands."""
+    def _solved(self, value: float, small: bool = True) -> bool:
+        """Let the solver find a point at a value, from where the tracker stands.
+
+        One that is not near the tangent counts only after a ``small`` step, and is told.
+        """
         tracker = self.tracker
         warm = self.outcome.result.point if tracker.curve is None else tracker.warm()
         tried = self._solve(value, warm)
-        if not self._add(tried, value):
+        jumped = tracker.curve is not None and tracker.jumped(tried, value)
+        if (jumped and not small) or not self._add(tried, value):
+            tracker.wasted += tried.trace.iterations
             self._restart()
             return False
         self.path.events += tracker.events
-        if tracker.curve is not None and tracker.jumped(tried):
+        if jumped:
             self.path.events.append(Event("switch", value, tried.result.f, "the curve ends"))
         tracker.begin(tried)
         return True
@@ -221,7 +229,7 @@ class _Walk:
     def _turned(self, value: float) -> bool:
         """Step round folds; every stop on the way is a point."""
         tracker, path, (start, end, _) = self.tracker, self.path, self.asked
-        if tracker.curve is None:
+        if tracker.curve is None or tracker.kinked:
             return False
         before = tracker.events
         way = list(tracker.turn(math.copysign(1.0, end - start), start, value))

@@ -41,14 +41,15 @@ class Tracker:
 
     ``events`` are those on the way of the last move, ``wasted`` the iterations that led nowhere.
     Where the point has no curve (contacts undecided, a kink of shooting under the exact law)
-    ``curve`` is None. ``stuck`` says that the curve ends at the place where the tracker stands.
+    ``curve`` is None. ``kinked`` says that a bound is in the way, of a law without pairs, which is
+    the solver's to pass; ``stuck`` that the curve ends at the place where the tracker stands.
     """
 
     def __init__(self, session: Session, name: str, span: float, log: bool) -> None:
         self.session, self.name, self.span, self.log = session, name, span, log
         self.curve: Curve | None = None
         self.v, self.events, self.down = np.zeros(0), list[Event](), 0
-        self.stuck, self.around, self.wasted = False, False, 0
+        self.stuck, self.around, self.kinked, self.wasted = False, False, False, 0
 
     def begin(self, outcome: Outcome) -> None:
         """Stand at an outcome at the session's present values."""
@@ -81,7 +82,8 @@ class Tracker:
         curve ends on the way, None too, with ``stuck``, at that end.
         """
         assert self.curve is not None
-        began, spent, last, self.events = time.perf_counter(), 0, -1, []
+        began, spent, last = time.perf_counter(), 0, -1
+        self.events, self.kinked = [], False
         curve, v, goal = self.curve, self.v, value / self.curve.unit
         curve.iterations, least, target = 0, _SHARE * self._far(v[-1], goal), goal
         for _ in range(_CHANGES):
@@ -100,6 +102,9 @@ class Tracker:
                     return self._outcome(spent, time.perf_counter() - began)
                 target = goal
                 continue
+            if not curve.own.size:
+                self.kinked = True
+                break
             v, end = self._located(curve, v, found)
             after = self._changed(curve, v, end)
             if after is None or (end == last and abs(v[-1] - curve.start[-1]) < 1e-12):
@@ -204,12 +209,13 @@ class Tracker:
         assert self.curve is not None
         return self.curve.result(self.v)[0]
 
-    def jumped(self, outcome: Outcome) -> bool:
-        """Whether an outcome at a value nearby lies on another curve than this point."""
+    def jumped(self, outcome: Outcome, value: float) -> bool:
+        """Whether an outcome lies off the curve's tangent by more than twice the predicted way."""
         assert self.curve is not None
         curve, x = self.curve, outcome.result.point.x
-        ours = curve.point(self.v)[0]
-        return bool(np.abs((x - ours) / curve.sizes)[curve.free].max(initial=0.0) > _JUMP)
+        way = (value / curve.unit - self.v[-1]) * curve.tangent(self.v)[: curve.nx]
+        off = (x / curve.sizes)[curve.free] - self.v[: curve.nx] - way
+        return bool(np.abs(off).max(initial=0.0) > _JUMP + 2 * np.abs(way).max(initial=0.0))
 
     def cheaper(self, outcome: Outcome) -> Outcome | None:
         """A cheaper stationary point that a linear program with complementarity leads to."""
