@@ -16,10 +16,10 @@ from ocp.solve import new_session
 R = 0.5
 
 
-def one_step(stage, terminal, walls: float = 1.0, size: float = 1.0) -> Problem:
-    """One step of ``x+ = x + u + left - right`` from 0 between walls at -1 and 1.
+def between_walls(stage, terminal, walls: float = 1.0, size: float = 1.0, N: int = 1) -> Problem:
+    """``N`` steps of ``x+ = x + u + left - right`` from 0 between walls at -1 and 1.
 
-    Costs are functions of (u, theta) and (x+, theta).
+    Costs are functions of (u, theta) and of the last (x, theta).
     """
     p = ParameterTable([Parameter("theta", 0.0)])
     F = [[1.0, -1.0], [-1.0, 1.0]]
@@ -30,7 +30,7 @@ def one_step(stage, terminal, walls: float = 1.0, size: float = 1.0) -> Problem:
     return Problem(
         name="between-walls",
         system=system,
-        N=1,
+        N=N,
         stage_cost=stage(system.u, p["theta"]),
         terminal_cost=terminal(system.x, p["theta"]),
         x0=ca.SX.zeros(1),
@@ -47,7 +47,7 @@ def test_contacts_of_a_mass_between_two_walls_are_found_where_they_change() -> N
     """min r u² + (x+ - theta)², x+ = u = clip(theta / (1 + r), -1, 1): a wall is touched without
     force, since u alone costs less.
     """
-    problem = one_step(lambda u, _: R * u**2, lambda x, theta: (x - theta) ** 2)
+    problem = between_walls(lambda u, _: R * u**2, lambda x, theta: (x - theta) ** 2)
     path = follow(problem, -3.0, 3.0, 7)
     assert path.broke is None
     assert [event.kind for event in path.events] == ["contact", "contact"]
@@ -68,7 +68,7 @@ def pressing(c: float, size: float = 1.0) -> Problem:
     theta = 1 + c; pressed against it u = theta at a cost of c, down to theta = 1. Both cost the
     same at theta² = 1 + c.
     """
-    return one_step(
+    return between_walls(
         lambda u, theta: (u - theta) ** 2, lambda x, _: c * x**2, size=size
     )  # fmt: skip
 
@@ -104,7 +104,9 @@ def test_another_minimum_is_taken_where_it_becomes_the_cheaper() -> None:
 
 def test_a_fold_is_stepped_round() -> None:
     """Stationary points of u⁴/4 - u²/2 - theta u are theta = u³ - u, with folds at u² = 1/3."""
-    problem = one_step(lambda u, t: u**4 / 4 - u**2 / 2 - t * u, lambda x, _: 0 * x, walls=100.0)
+    problem = between_walls(
+        lambda u, t: u**4 / 4 - u**2 / 2 - t * u, lambda x, _: 0 * x, walls=100.0
+    )
     path = follow(problem, -1.0, 1.0, 10)
     assert path.broke is None
     at = 2 / (3 * np.sqrt(3))
