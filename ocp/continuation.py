@@ -202,10 +202,11 @@ class _Walk:
         """Where a curve ends, solve just beyond its end."""
         return self.tracker.stuck and self._solved(self._beyond(self.tracker.value))
 
-    def _solved(self, value: float, small: bool = True) -> bool:
+    def _solved(self, value: float, small: bool = True, ended: bool = False) -> bool:
         """Let the solver find a point at a value, from where the tracker stands.
 
-        One that is not near the tangent counts only after a ``small`` step, and is told.
+        One that is not near the tangent counts only after a ``small`` step. That is told as a
+        switch, as is any where the curve has ``ended``.
         """
         tracker = self.tracker
         warm = self.outcome.result.point if tracker.curve is None else tracker.warm()
@@ -216,7 +217,7 @@ class _Walk:
             self._restart()
             return False
         self.path.events += tracker.events
-        if jumped:
+        if jumped or ended:
             self.path.events.append(Event("switch", value, tried.result.f, "the curve ends"))
         tracker.begin(tried)
         return True
@@ -242,7 +243,7 @@ class _Walk:
         if not tracker.around:
             tracker.wasted += sum(stop.outcome.trace.iterations for stop in way)
             self._restart()
-            return self._solved(self._beyond(folds[0].value))
+            return self._solved(self._beyond(folds[0].value), ended=True)
         for stop in way:
             if not self._add(stop.outcome, stop.value):
                 path.broke = f"on the way round a fold: {self.failed.verdict}"

@@ -24,7 +24,7 @@ def costs(path: Continuation) -> list[float]:
     return [point.solution.cost for point in path.points]
 
 
-def test_a_sweep_of_mu_costs_a_third_of_cold_solves_at_most() -> None:
+def test_a_sweep_of_mu_costs_a_sixth_of_cold_solves_at_most() -> None:
     session = barrier_session("push-disc", 1.0)
     path = continue_over(session, "contact.mu", 1.0, 1e-8, 20, "log")
     values = np.geomspace(1.0, 1e-8, 21)
@@ -35,7 +35,7 @@ def test_a_sweep_of_mu_costs_a_third_of_cold_solves_at_most() -> None:
     assert all(point.solution.success for point in path.points)
     assert path.iterations == sum(point.solution.iterations for point in path.points)
     cold = [solve(get("push-disc"), Barrier(mu=mu), Direct()) for mu in values]
-    assert path.iterations <= sum(found.iterations for found in cold) / 3
+    assert path.iterations <= sum(found.iterations for found in cold) / 6
     np.testing.assert_allclose(costs(path), [found.cost for found in cold], rtol=1e-6)
     for point in path.points:
         assert point.solution.audit.complementarity == pytest.approx(point.value, rel=1e-4)
