@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,9 +24,12 @@ from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
 from ocp.routes.landing import embedded
 from ocp.routes.legs import translate
 from ocp.routes.outcome import Outcome
+from ocp.sensitivity import sensitivity
 from ocp.session import Session
 from ocp.solution import Solution, Status
+from ocp.solver import Point
 from ocp.studies.provenance import versions
+from ocp.transcription.nlp import NLP
 from ocp.verdict import UNJUDGED
 
 _FLAT = 1e-7
@@ -53,10 +57,15 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
     costs = trajectory_costs(session.problem, plan.x, plan.u, physical)
     rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, costs)
     certificate = Certificate("undecided", reason=UNJUDGED)
-    idle, span = float("nan"), 0.0
+    idle, span, derivative = float("nan"), 0.0, None
     if kept:
         span = cost_span(session.problem, rolled, physical)
-        certificate = certificate_of(session, outcome, rolled, plan.gains, span)
+        asked, point = judged_point(session, outcome, rolled, plan.gains)
+        given = {**values, "penalty": 0.0}
+        certificate = certify(
+            asked, point.x, asked.parameter_vector(given), asked.bounds(given), point.lam_g, span
+        )
+        derivative = partial(sensitivity, asked, point, given)
         idle = idle_cost(session, rolled)
     heard = hear(session.problem, session.step, rolled, values, plan.gains)
     return Solution(
@@ -76,24 +85,22 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         values=dict(values),
         gains=plan.gains,
         evaluation_s=outcome.trace.evaluation_s,
+        derivative=derivative,
     )
 
 
-def certificate_of(
-    session: Session, outcome: Outcome, plan: Rollout, gains: Gains | None, span: float
-) -> Certificate:
-    """Certify an outcome's point for the problem that was asked, see :func:`certify`."""
+def judged_point(
+    session: Session, outcome: Outcome, plan: Rollout, gains: Gains | None
+) -> tuple[NLP, Point]:
+    """The program that was asked, and an outcome's point in it, with the multipliers there are."""
     nlp, point = session.judging_nlp(), outcome.result.point
-    values = {**session.values, "penalty": 0.0}
-    p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     if nlp is outcome.nlp:
-        return certify(nlp, point.x, p, bounds, point.lam_g, span)
+        return nlp, point
     if nlp.method == outcome.nlp.method:
-        return certify(nlp, translate(point, outcome.nlp, nlp).x, p, bounds, None, span)
+        return nlp, Point(translate(point, outcome.nlp, nlp).x)
     if outcome.settled is not None:
-        there = outcome.settled.point
-        return certify(nlp, there.x, p, bounds, there.lam_g, span)
-    return certify(nlp, embedded(nlp, plan, gains), p, bounds, None, span)
+        return nlp, outcome.settled.point
+    return nlp, Point(embedded(nlp, plan, gains))
 
 
 def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:

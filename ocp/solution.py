@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -11,6 +12,7 @@ import xarray as xr
 
 from dynamics.contact import ContactLaw
 from ocp.certificate import Certificate
+from ocp.errors import InputError
 from ocp.findings import Audit, Refereed
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
@@ -107,6 +109,17 @@ class Solution:
     gains: Gains | None = None
     others: list[dict[str, Any]] = field(default_factory=list)
     evaluation_s: float = math.nan
+    derivative: Callable[[str], xr.Dataset] | None = None
+
+    def sensitivity(self, name: str) -> xr.Dataset:
+        """How the solution changes per unit of a parameter: x, u, cost (:mod:`ocp.sensitivity`).
+
+        Raises :class:`~ocp.errors.InputError` for an unknown name, for a point that is no solution,
+        and where there is no derivative.
+        """
+        if self.derivative is None:
+            raise InputError("a point that was not solved has no sensitivity; solve it first")
+        return self.derivative(name)
 
     @property
     def solver_s(self) -> float:

@@ -120,6 +120,25 @@ def path_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     return table
 
 
+def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    """Number, value, kind, what happens, where, and cost of events other than bounds being met."""
+    kept = [event for event in events if event["kind"] != "bound"]
+    for count, event in enumerate(kept, start=1):
+        steps = ", ".join(str(step) for step in event["steps"])
+        what = f"{event['contact']} {event['change']}".strip()
+        yield (str(count), f"{event['value']:.8g}", event["kind"], what, steps,
+               number(event["cost"], 7))  # fmt: skip
+
+
+def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
+    """The events of a continuation."""
+    table = _table(("", "right"), (knob_title(name), "right"), ("event", "left"), ("", "left"),
+                   ("steps", "left"), ("cost", "right"))  # fmt: skip
+    for row in event_rows(events):
+        table.add_row(*row)
+    return table
+
+
 def result_table(solution: Solution) -> Table:
     """Cost, exact cost, iterations and the audited residuals."""
     audit = solution.audit

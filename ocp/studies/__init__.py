@@ -1,4 +1,4 @@
-"""Studies: continuation, gradient estimation, and the store of their runs."""
+"""Studies: gradient estimation, and the store of their runs."""
 
 from ocp.studies.estimation import Estimate, Plan, estimate_gradient
 from ocp.studies.objective import SampledObjective, StaticObjective

@@ -47,9 +47,9 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Follow a solution along a parameter of the problem, the law or the start; store the path."""
+    from ocp.continuation import Continuation, continue_over, path_dataset, resolve
     from ocp.solve import new_session
     from ocp.studies import store
-    from ocp.studies.continuation import Continuation, continue_over, path_dataset, resolve
     from reports import console
     from reports.cli import interrupt
     from reports.cli.choices import choose
@@ -86,8 +86,10 @@ def run(
             raise
         interrupted = True
         path = Continuation(
-            resolve(session, over), finished, sum(p.solution.iterations for p in finished),
-            session.nlp_builds, f"after {over} = {finished[-1].value:g}: stopped by the user",
+            resolve(session, over), finished,
+            iterations=sum(p.solution.iterations for p in finished),
+            nlp_builds=session.nlp_builds,
+            broke=f"after {over} = {finished[-1].value:g}: stopped by the user",
         )  # fmt: skip
     record = {**path.points[0].solution.record, **asked.origin}
     rows = [point.row() for point in path.points]
@@ -103,6 +105,7 @@ def run(
         "scale": scale,
         "unit": _unit(session, path.parameter),
         "points": rows,
+        "events": [event.row() for event in path.events],
         "iterations": path.iterations,
         "nlp_builds": path.nlp_builds,
         "success": path.broke is None,
@@ -111,6 +114,8 @@ def run(
     }
     stored = store.write(out, asked.problem.name, path_dataset(path), meta)
     output.note(console.path_table(path.parameter, rows))
+    if path.events:
+        output.note(console.event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])
     output.say(f"run: {stored}")
     if pdf is not None:
@@ -132,10 +137,14 @@ def _unit(session: Any, name: str) -> str:
 
 
 def _verdict(path: Any, end: float) -> str:
+    from ocp.events import told
+
+    happened = told(path.events, path.parameter)
+    events = f"\nOn the way {happened}." if happened else ""
     if path.broke is not None:
-        return f"The path broke {path.broke}"
+        return f"The path broke {path.broke}{events}"
     first, last = path.points[0].solution, path.points[-1].solution
     return (
         f"Followed to {path.parameter} = {end:g}: cost from {first.cost:.6g} to {last.cost:.6g},"
-        f" under exact physics {last.audit.exact_cost:.6g} there."
+        f" under exact physics {last.audit.exact_cost:.6g} there.{events}"
     )

@@ -6,14 +6,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from reports.figures.run import FLOOR, label, time_panels
-from reports.style import CYCLE, INK, PLANNED, REPLAYED, WIDTH
+from reports.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH
 from reports.view import RunView
 
 _MOST_STATES = 6
+_COLOURS = {"contact": GREEN, "fold": PURPLE, "switch": ORANGE}
 
 
 def path(view: RunView) -> Figure:
-    """Cost and exact cost, complementarity, and iterations over the parameter."""
+    """Cost and exact cost, complementarity, and iterations over the parameter, events marked."""
     points = view.run.meta["points"]
     value = _column(points, "value")
     good = np.array([bool(point["success"]) for point in points])
@@ -38,6 +39,7 @@ def path(view: RunView) -> Figure:
             axis.axvline(place, color=INK, linestyle=":", linewidth=0.9)
         if view.run.meta["scale"] == "log":
             axis.set_xscale("log")
+    _mark(figure, view.run.meta["events"])
     if not good.all():
         top.plot([], [], ":", color=INK, label="failed")
     figure.legend(loc="outside upper center", ncols=3)
@@ -60,6 +62,24 @@ def states(view: RunView) -> Figure | None:
         axis.set_ylabel(label(signal.name, signal.unit))
     figure.legend(loc="outside upper center", ncols=6, title=_parameter_label(view))
     return figure
+
+
+def _mark(figure: Figure, events: list[dict]) -> None:
+    """A line at every event, numbered at the top as in the table; dotted where a bound is met."""
+    number = 0
+    for event in events:
+        bound = event["kind"] == "bound"
+        colour = GREY if bound else _COLOURS[event["kind"]]
+        for axis in figure.axes:
+            style = {"linewidth": 0.4, "linestyle": ":"} if bound else {"linewidth": 1.0}
+            axis.axvline(event["value"], color=colour, zorder=0.5, **style)
+        if not bound:
+            number += 1
+            figure.axes[0].annotate(
+                str(number), (event["value"], 1), xycoords=("data", "axes fraction"), color=colour,
+                xytext=(0, 2 + 8 * (number % 2 == 0)), textcoords="offset points", ha="center",
+                fontsize=8,
+            )  # fmt: skip
 
 
 def _column(points: list[dict], name: str) -> np.ndarray:

@@ -112,10 +112,26 @@ def test_continue_json(ocp) -> None:
     assert [point["value"] for point in found["points"]] == pytest.approx([1e-1, 1e-2, 1e-3, 1e-4])
     for point in found["points"]:
         assert point["complementarity"] == pytest.approx(point["value"], rel=1e-5)
-    assert found["iterations"] == sum(point["iterations"] for point in found["points"])
+    assert found["iterations"] >= sum(point["iterations"] for point in found["points"])
+    assert found["events"] == []
     assert found["nlp_builds"] == 1
     listed = strict(ocp("runs", "--json").out)["runs"]
     assert [entry["kind"] for entry in listed] == ["continue"]
+
+
+def test_events_are_told_by_every_output_of_a_continuation(ocp) -> None:
+    done = ocp("continue", "planar-push", "--contact", "exact", "--over", "goal_x", "--from", "0.3",
+               "--to", "0.35", "--steps", "1", "--json")  # fmt: skip
+    found = strict(done.out)
+    event = next(event for event in found["events"] if event["kind"] == "contact")
+    assert (event["contact"], event["change"], event["steps"]) == ("push+", "opens", [2])
+    assert 0.3 < event["value"] < 0.35
+    assert event["cost"] == pytest.approx(85.805682, rel=1e-6)
+    assert (
+        f"1 contact event: 'push+' opens at step 2 (goal_x = {event['value']:.6g})"
+        in (found["verdict"])
+    )
+    assert "push+ opens" in done.err
 
 
 def test_replay_json(ocp, store_of_runs: Path) -> None:

@@ -59,7 +59,7 @@ def test_what_is_not_certified_is_not_done(ocp, arguments: tuple[str, ...]) -> N
     assert (found["success"], found["grade"]) == (False, "failed")
     assert found["status"] in ("no-progress", "not-optimal")
     assert found["dynamics_residual"] < 1e-8, "it is feasible, and that is not enough"
-    assert found["cost"] > 7 * 0.1006, "the optimum costs a seventh"
+    assert found["cost"] > 1.02 * 0.1006, "the optimum costs less"
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,10 @@ import pytest
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Constraint, Direct, InputError, MultipleShooting, SingleShooting, solve
+from ocp.continuation import Continuation, PathPoint, continue_over, path_dataset, resolve
 from ocp.session import Session
 from ocp.solve import new_session
-from ocp.studies.continuation import Continuation, PathPoint, continue_over, path_dataset, resolve
+from ocp.tracking import Tracker
 from problems import get
 
 
@@ -23,7 +24,7 @@ def costs(path: Continuation) -> list[float]:
     return [point.solution.cost for point in path.points]
 
 
-def test_a_sweep_of_mu_costs_a_third_of_cold_solves_at_most() -> None:
+def test_a_sweep_of_mu_costs_a_sixth_of_cold_solves_at_most() -> None:
     session = barrier_session("push-disc", 1.0)
     path = continue_over(session, "contact.mu", 1.0, 1e-8, 20, "log")
     values = np.geomspace(1.0, 1e-8, 21)
@@ -34,7 +35,7 @@ def test_a_sweep_of_mu_costs_a_third_of_cold_solves_at_most() -> None:
     assert all(point.solution.success for point in path.points)
     assert path.iterations == sum(point.solution.iterations for point in path.points)
     cold = [solve(get("push-disc"), Barrier(mu=mu), Direct()) for mu in values]
-    assert path.iterations <= sum(found.iterations for found in cold) / 3
+    assert path.iterations <= sum(found.iterations for found in cold) / 6
     np.testing.assert_allclose(costs(path), [found.cost for found in cold], rtol=1e-6)
     for point in path.points:
         assert point.solution.audit.complementarity == pytest.approx(point.value, rel=1e-4)
@@ -103,7 +104,9 @@ def test_the_exact_law_can_be_followed_in_direct() -> None:
 
 
 def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A solver that refuses every step longer than 0.03 in M, between M = 1.2 and M = 1.5 only."""
+    """Without a curve to follow, a solver that refuses every step longer than 0.03 in M, between
+    M = 1.2 and M = 1.5 only.
+    """
     session = barrier_session()
     steps, plain = [], Session.solve
 
@@ -121,6 +124,7 @@ def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPa
         return found if good else replace(found, finished=False)
 
     monkeypatch.setattr(Session, "solve", refuse)
+    monkeypatch.setattr(Tracker, "begin", lambda *_: None)
     path = continue_over(session, "M", 1.0, 2.0, 10)
     assert path.broke is None
     values = [point.value for point in path.points]

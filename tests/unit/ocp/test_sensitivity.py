@@ -1,0 +1,124 @@
+"""Sensitivities against tight re-solves, and points that have none."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from dynamics.contact import Barrier, ContactLaw, Exact
+from ocp import Direct, InputError, MultipleShooting, Problem, SingleShooting, Solution, solve
+from ocp.solve import new_session, solve_session
+from problems import get
+from tests.unit.ocp.test_tracking import R, between_walls, pressing
+
+LAWS = {"exact": Exact(), "barrier": Barrier(mu=1e-3)}
+
+
+@functools.cache
+def solved(name: str, law: str) -> Solution:
+    return solve(get(name), LAWS[law], Direct())
+
+
+def differences(name: str, law: ContactLaw, parameter: str, at: Solution) -> tuple[float, ...]:
+    """Central differences of cost, x and u over a thousandth of the parameter's value."""
+    value = at.values[parameter]
+    h = 1e-3 * abs(value)
+    there, back = (
+        solve(get(name, **{parameter: value + s * h}), law, Direct(), start=at) for s in (1, -1)
+    )
+    return tuple(
+        (a - b) / (2 * h)
+        for a, b in (
+            (there.cost, back.cost),
+            (there.data["x"].values, back.data["x"].values),
+            (there.data["u"].values, back.data["u"].values),
+        )
+    )
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [("push-1d", "M"), ("push-1d", "qa0"), ("push-disc", "M"), ("cart-walls", "mp"),
+     ("cart-walls", "u_max"), ("planar-push", "goal_x")],
+)  # fmt: skip
+def test_sensitivities_are_the_limit_of_re_solves(name: str, parameter: str, law: str) -> None:
+    found = solved(name, law)
+    ours = found.sensitivity(parameter)
+    cost, x, u = differences(name, LAWS[law], parameter, found)
+    assert float(ours["cost"]) == pytest.approx(cost, rel=2e-5, abs=1e-8)
+    if (name, law) == ("push-1d", "exact"):
+        # Where the pusher leaves it keeps pace with the object, to 1e-4 m: the solver's cost is
+        # flat there, so that only the sums of what it does are known so well.
+        assert ours["x"].values[0, -1, 0] == pytest.approx(x[0, -1, 0], rel=1e-4, abs=1e-6)
+        return
+    np.testing.assert_allclose(ours["x"].values, x, atol=1e-4 * max(np.abs(x).max(), 1e-3))
+    np.testing.assert_allclose(ours["u"].values, u, atol=1e-4 * max(np.abs(u).max(), 1e-3))
+    assert ours["x"].dims == found.data["x"].dims
+    assert ours.attrs["parameter"] == parameter
+
+
+@pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
+def test_shooting_has_the_sensitivity_of_direct(method) -> None:
+    law = Barrier(mu=1e-3)
+    ours = solve(get("push-1d"), law, method).sensitivity("M")
+    direct = solved("push-1d", "barrier").sensitivity("M")
+    for name in ("x", "u", "cost"):
+        np.testing.assert_allclose(ours[name].values, direct[name].values, rtol=1e-5, atol=1e-7)
+
+
+def test_the_law_has_sensitivities_too() -> None:
+    found = solved("push-1d", "barrier")
+    costs = [
+        solve(get("push-1d"), Barrier(mu=1e-3 * (1 + s)), Direct()).cost for s in (1e-3, -1e-3)
+    ]
+    slope = (costs[0] - costs[1]) / 2e-6
+    assert float(found.sensitivity("contact.mu")["cost"]) == pytest.approx(slope, rel=1e-5)
+
+
+@pytest.mark.parametrize("theta", [-2.0, 0.5, 2.0])
+def test_between_two_walls_it_is_the_closed_form(theta: float) -> None:
+    """x+ = u = clip(theta / (1 + r), -1, 1): free or resting against a wall."""
+    problem = between_walls(lambda u, _: R * u**2, lambda x, theta: (x - theta) ** 2)
+    ours = solve_at(problem, theta).sensitivity("theta")
+    free = abs(theta) < 1 + R
+    u = theta / (1 + R) if free else np.sign(theta)
+    assert ours["u"].values.item() == pytest.approx(1 / (1 + R) if free else 0.0, abs=1e-9)
+    assert ours["x"].values[0, 1, 0] == pytest.approx(1 / (1 + R) if free else 0.0, abs=1e-9)
+    assert float(ours["cost"]) == pytest.approx(2 * (theta - u), abs=1e-8)
+
+
+def solve_at(problem: Problem, theta: float) -> Solution:
+    session = new_session(problem, Exact(), Direct())
+    session.values["theta"] = theta
+    return solve_session(session)
+
+
+def test_a_wall_that_is_just_touched_has_none() -> None:
+    problem = between_walls(lambda u, _: R * u**2, lambda x, theta: (x - theta) ** 2)
+    with pytest.raises(InputError, match=r"not strict at 'contact1', step 0|not solved near"):
+        solve_at(problem, 1 + R).sensitivity("theta")
+
+
+def test_an_optimum_that_can_move_has_none() -> None:
+    """Of two inputs only the sum is weighed, by where it leads."""
+    problem = between_walls(lambda u, _: 0 * u, lambda x, theta: (x - theta) ** 2, N=2)
+    with pytest.raises(InputError, match="singular"):
+        solve_at(problem, 0.3).sensitivity("theta")
+
+
+def test_what_is_no_parameter_or_no_solution_is_told() -> None:
+    with pytest.raises(InputError, match=r"no parameter 'mass'.*there are"):
+        solved("push-1d", "barrier").sensitivity("mass")
+    found = solve(get("push-1d"), Barrier(mu=1e-3), Direct(), settings={"ipopt.max_iter": "1"})
+    with pytest.raises(InputError, match="not solved"):
+        found.sensitivity("M")
+
+
+def test_pressed_against_a_wall_only_the_input_moves() -> None:
+    """Pressed against the wall the cost c depends on theta no more, and u follows it."""
+    ours = solve_at(pressing(1.0, size=10.0), 3.0).sensitivity("theta")
+    assert ours["u"].values.item() == pytest.approx(1.0)
+    assert float(ours["cost"]) == pytest.approx(0.0, abs=1e-9)
