@@ -64,6 +64,7 @@ class Tracker:
             self.curve, self.v = regular(program, point, values, self.name, unit)
         except InputError:
             return
+        self.wasted += self.curve.iterations
         if (self._kept(self.curve.margins(self.v)) < -_OFF).any():
             self.curve = None
         else:
