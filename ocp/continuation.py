@@ -187,6 +187,8 @@ class _Walk:
         outcome = tracker.to(value)
         if outcome is None:
             return False
+        if not math.isclose(tracker.value, value, rel_tol=1e-9, abs_tol=1e-12):
+            value = self.session.values[self.path.parameter] = tracker.value
         better, events = tracker.cheaper(outcome), tracker.events
         if better is not None:
             events = [*events, tracker.crossing(better, self.path.points[-1].value)]
@@ -206,13 +208,15 @@ class _Walk:
     def _solved(self, value: float, small: bool = True, ended: bool = False) -> bool:
         """Let the solver find a point at a value, from where the tracker stands.
 
-        One that is not near the tangent counts only after a ``small`` step. That is told as a
-        switch, as is any where the curve has ``ended``.
+        One that is not near the tangent, or has pairs, counts only after a ``small`` step. A jump
+        is told as a switch, as is any where the curve has ``ended``.
         """
-        tracker = self.tracker
-        warm = self.outcome.result.point if tracker.curve is None else tracker.warm()
+        tracker, curve = self.tracker, self.tracker.curve
+        if curve is not None and curve.own.size and not small:
+            return False
+        warm = self.outcome.result.point if curve is None else tracker.warm()
         tried = self._solve(value, warm)
-        jumped = tracker.curve is not None and tracker.jumped(tried, value)
+        jumped = curve is not None and tracker.jumped(tried, value)
         if (jumped and not small) or not self._add(tried, value):
             tracker.wasted += tried.trace.iterations
             self._restart()
@@ -220,7 +224,10 @@ class _Walk:
         self.path.events += tracker.events
         if jumped or ended:
             self.path.events.append(Event("switch", value, tried.result.f, "the curve ends"))
+        known = jumped or ended or any(e.kind == "contact" for e in tracker.events)
         tracker.begin(tried)
+        if curve is not None and not known:
+            self.path.events += tracker.changed(curve, tried)
         return True
 
     def _restart(self) -> None:

@@ -65,6 +65,7 @@ class Tracker:
             self.curve, self.v = regular(program, point, values, self.name, unit)
         except InputError:
             return
+        self.wasted += self.curve.iterations
         if (self._kept(self.curve.margins(self.v)) < -_OFF).any():
             self.curve = None
         else:
@@ -77,10 +78,10 @@ class Tracker:
         return float(self.v[-1] * self.curve.unit)
 
     def to(self, value: float) -> Outcome | None:
-        """Move to a value, in as few predictions as come back to the curve.
+        """Move to a value, or past some events towards it, in predictions that come back.
 
-        None where a sixteenth of the way is too far, with the tracker where it came to; where the
-        curve ends on the way, None too, with ``stuck``, at that end.
+        None where a sixteenth of the way is too far and nothing happened, with the tracker where it
+        came to; where the curve ends on the way, None too, with ``stuck``, at that end.
         """
         assert self.curve is not None
         began, spent, last = time.perf_counter(), 0, -1
@@ -115,8 +116,10 @@ class Tracker:
             self.events.append(self._event(curve, v, end))
             spent += curve.iterations
             curve, v, last, target = after, after.start, end, goal
-        self.curve, self.v = curve, v
-        self.wasted += spent + curve.iterations
+        self.curve, self.v, spent = curve, v, spent + curve.iterations
+        if self.events and not self.stuck:
+            return self._outcome(spent, time.perf_counter() - began)
+        self.wasted += spent
         return None
 
     def _far(self, one: float, other: float) -> float:
@@ -204,6 +207,18 @@ class Tracker:
         follower.record(self.name, value, self.program, result, *curve.given(self.v[-1]))
         self.v = self.curve.start
         return Outcome(result, self.program, True, follower.trace)
+
+    def changed(self, before: Curve, outcome: Outcome) -> list[Event]:
+        """Pairs whose state differs from that on another curve, as events at this point."""
+        if self.curve is None or not self.curve.own.size:
+            return []
+        program = self.curve.program
+        differ = (before.held.x != self.curve.held.x)[program.pairs].any(axis=0)
+        named = [program.pair_name(int(i)) for i in np.flatnonzero(differ)]
+        return [
+            Event("contact", self.value, outcome.result.f, "changes", pair.name, (pair.step,))
+            for pair in named
+        ]
 
     def warm(self) -> Point:
         """The point at which the tracker stands."""

@@ -65,21 +65,21 @@ def states(view: RunView) -> Figure | None:
 
 
 def _mark(figure: Figure, events: list[dict]) -> None:
-    """A line at every event, numbered at the top as in the table; dotted where a bound is met."""
-    number = 0
+    """A line at every event, numbered at the top as in the table; a tick where a bound is met."""
+    top, number = figure.axes[0], 0
     for event in events:
-        bound = event["kind"] == "bound"
-        colour = GREY if bound else _COLOURS[event["kind"]]
+        value = event["value"]
+        if event["kind"] == "bound":
+            top.axvline(value, ymax=0.06, color=GREY, linewidth=0.6)
+            continue
+        number += 1
+        colour = _COLOURS[event["kind"]]
         for axis in figure.axes:
-            style = {"linewidth": 0.4, "linestyle": ":"} if bound else {"linewidth": 1.0}
-            axis.axvline(event["value"], color=colour, zorder=0.5, **style)
-        if not bound:
-            number += 1
-            figure.axes[0].annotate(
-                str(number), (event["value"], 1), xycoords=("data", "axes fraction"), color=colour,
-                xytext=(0, 2 + 8 * (number % 2 == 0)), textcoords="offset points", ha="center",
-                fontsize=8,
-            )  # fmt: skip
+            axis.axvline(value, color=colour, linewidth=0.9, zorder=0.5)
+        top.annotate(
+            str(number), (value, 1), xycoords=("data", "axes fraction"), color=colour, fontsize=8,
+            xytext=(0, 2 + 8 * (number % 2 == 0)), textcoords="offset points", ha="center",
+        )  # fmt: skip
 
 
 def _column(points: list[dict], name: str) -> np.ndarray:

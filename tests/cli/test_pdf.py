@@ -168,6 +168,28 @@ def test_the_continuation_page(views) -> None:
     assert top.get_xscale() == "log"
 
 
+def test_events_are_marked_and_listed_on_the_continuation_page(
+    views, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = views["continue wall-1d barrier"]
+    shared = {"cost": 17.8, "change": "touches", "contact": "wall", "steps": [3]}
+    events = [
+        {"kind": "contact", "value": 2e-3, **shared},
+        {"kind": "bound", "value": 3e-3, **shared},
+        {"kind": "fold", "value": 5e-3, **shared, "contact": "", "steps": [], "change": "turns"},
+    ]
+    monkeypatch.setitem(view.run.meta, "events", events)
+    with styled():
+        content, drawn = pages.continuation_page(view)
+    assert [row[:5] for row in content["events"]] == [
+        ["1", "0.002", "contact", "wall touches", "3"], ["2", "0.005", "fold", "turns", ""]
+    ]  # fmt: skip
+    top, middle, _ = drawn["path"].axes
+    assert [text.get_text() for text in top.texts] == ["1", "2"]
+    marked = [np.asarray(line.get_xdata())[0] for line in middle.lines[1:]]
+    assert marked == [2e-3, 5e-3]
+
+
 def test_an_svg_has_no_date_and_no_fonts_to_find() -> None:
     with styled():
         figure = Figure()

@@ -33,7 +33,7 @@ def test_a_sweep_of_mu_costs_a_sixth_of_cold_solves_at_most() -> None:
     np.testing.assert_allclose([point.value for point in path.points], values, rtol=1e-9)
     assert path.points[-1].value == 1e-8, "the end is exactly what was asked"
     assert all(point.solution.success for point in path.points)
-    assert path.iterations == sum(point.solution.iterations for point in path.points)
+    assert path.iterations >= sum(point.solution.iterations for point in path.points)
     cold = [solve(get("push-disc"), Barrier(mu=mu), Direct()) for mu in values]
     assert path.iterations <= sum(found.iterations for found in cold) / 6
     np.testing.assert_allclose(costs(path), [found.cost for found in cold], rtol=1e-6)

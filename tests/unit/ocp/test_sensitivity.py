@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ def solved(name: str, law: str) -> Solution:
     return solve(get(name), LAWS[law], Direct())
 
 
-def differences(name: str, law: ContactLaw, parameter: str, at: Solution) -> tuple[float, ...]:
+def differences(name: str, law: ContactLaw, parameter: str, at: Solution) -> tuple[Any, ...]:
     """Central differences of cost, x and u over a thousandth of the parameter's value."""
     value = at.values[parameter]
     h = 1e-3 * abs(value)
