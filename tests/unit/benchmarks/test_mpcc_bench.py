@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from ocp.mpcc import MPCC
-from tests.benchmarks.mpcc.bench import at_reference, limited, references, residuals
+from ocp.mpcc import MPCC, solve
+from tests.benchmarks.mpcc.bench import at_reference, disproof, limited, references, residuals
 from tests.benchmarks.mpcc.report import Row, summary
 from tests.benchmarks.mpcc.scholtes_peer import solve as loop
 
@@ -88,3 +89,14 @@ def test_the_peer_is_a_scholtes_loop() -> None:
     assert found.converged
     assert found.x == pytest.approx([0, 2], abs=1e-4)
     assert found.f == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_certificate_that_does_not_hold_is_disproved() -> None:
+    """``(x - 1)² + y²`` has its minimum at (1, 0); 0.005 off it a certificate would be wrong."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    mpcc = MPCC(ca.vertcat(x, y), 100 * (x - 1) ** 2 + y**2, x, y)
+    right = solve(mpcc, [2.0, 0.0])
+    assert disproof(mpcc, np.array([2.0, 0.0]), right) == ""
+    off = np.array([1.005, 0.0])
+    wrong = replace(right, x=off, f=100 * 0.005**2)
+    assert "falls by 0.0025" in disproof(mpcc, np.array([2.0, 0.0]), wrong)

@@ -101,7 +101,7 @@ def test_expressions_as_sides_against_all_branches() -> None:
         A, B = rng.normal(size=(2, 4)), rng.normal(size=(2, 4))
         a, b, c = rng.uniform(0.5, 1, 2), rng.uniform(0.5, 1, 2), rng.normal(size=4)
         x = ca.SX.sym("x", 4)
-        mpcc = MPCC(x, ca.sumsqr(x - c), A @ x + a, B @ x + b)
+        mpcc = MPCC(x, ca.sumsqr(x - c), ca.mtimes(A, x) + a, ca.mtimes(B, x) + b)
         solution = solve(mpcc)
         assert solution.success
         assert np.minimum(solution.G, solution.H) == pytest.approx([0, 0], abs=1e-7)
