@@ -14,7 +14,6 @@ import math
 import multiprocessing as mp
 import sys
 import time
-import traceback
 from collections.abc import Callable
 from decimal import Decimal, InvalidOperation
 from multiprocessing.connection import Connection
@@ -119,17 +118,21 @@ def _child(pipe: Connection, work: Callable[..., dict[str, Any]], *given: Any) -
         pipe.send(work(*given))
     except Exception as error:  # the run goes on, and the table names it
         pipe.send({"note": f"{type(error).__name__}: {error}"[:200]})
-        traceback.print_exc()
 
 
-def limited(limit: float, work: Callable[..., dict[str, Any]], *given: Any) -> dict[str, Any]:
-    """Do work in a child process of limited time; without an answer a note says why."""
+def limited(
+    limit: float, charged: str, work: Callable[..., dict[str, Any]], *given: Any
+) -> dict[str, Any]:
+    """Do work in a child process of limited time; without an answer a note says why.
+
+    Who runs out of time has the limit written under ``charged``.
+    """
     context = mp.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_child, args=(theirs, work, *given))
     child.start()
     theirs.close()
-    found: dict[str, Any] = {"note": f"no answer in {limit:g} s"}
+    found: dict[str, Any] = {charged: limit, "note": f"no answer in {limit:g} s"}
     try:
         if ours.poll(limit):
             found = ours.recv()
@@ -143,10 +146,10 @@ def limited(limit: float, work: Callable[..., dict[str, Any]], *given: Any) -> d
 
 
 def measured(path: Path, reference: tuple[float, float], limit: float, check: bool) -> Row:
-    """Measure one file by both; who gives no answer is charged the limit."""
+    """Measure one file by both."""
     longest = limit * (_STARTS + 1 if check else 1)
-    found = {"seconds": limit, **limited(longest, measure, path, reference, check)}
-    peer = {"peer_seconds": limit, **limited(limit, measure_peer, path, reference)}
+    found = limited(longest, "seconds", measure, path, reference, check)
+    peer = limited(limit, "peer_seconds", measure_peer, path, reference)
     return Row(path.stem, reference=reference[0], **{**peer, **found})
 
 

@@ -75,10 +75,11 @@ def test_no_problem_stops_the_run() -> None:
     def die() -> dict[str, object]:
         os._exit(3)
 
-    assert "no answer in 0.2 s" in limited(0.2, hang)["note"]
-    assert "no good" in limited(10.0, raise_)["note"]
-    assert "ended without an answer" in limited(10.0, die)["note"]
-    assert limited(10.0, lambda: {"cost": 1.0}) == {"cost": 1.0}
+    assert limited(0.2, "s", hang)["s"] == 0.2
+    assert "no answer in 0.2 s" in limited(0.2, "s", hang)["note"]
+    assert "no good" in limited(10.0, "s", raise_)["note"]
+    assert "ended without an answer" in limited(10.0, "s", die)["note"]
+    assert limited(10.0, "s", lambda: {"cost": 1.0}) == {"cost": 1.0}
 
 
 def test_the_peer_is_a_scholtes_loop() -> None:

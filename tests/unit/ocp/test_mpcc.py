@@ -178,6 +178,7 @@ def test_the_cheaper_of_two_minima_that_strategies_find() -> None:
     ("mpcc", "named"),
     [
         (lambda v, x, y: MPCC(v, x + y, x, y, lbx=1.0, names=["wall"]), "wall"),
+        (lambda v, x, y: MPCC(v, x, -1 - x * x, y, names=["wall"]), "constraint G >= 0 of 'wall'"),
         (lambda v, x, y: MPCC(v, x, x, y, g=x * x + y * y, lbg=-1.0, ubg=-1.0), "constraint g[0]"),
     ],
 )
