@@ -31,7 +31,8 @@ class Lifted:
             at = self._entries(sides, taken)
             fresh = np.flatnonzero(at < 0)
             at[fresh] = self.variables.add(label, (fresh.size,)).index
-            self.constraints.add(f"{label}_definition", (fresh.size,))
+            called = tuple(f"{label} >= 0 of {mpcc.pair(int(i))!r}" for i in fresh)
+            self.constraints.add(f"{label}_definition", (fresh.size,), called)
             symbol = ca.SX.sym(label, fresh.size)
             own.append(symbol)
             rows.append(sides[[int(i) for i in fresh]] - symbol if fresh.size else ca.SX(0, 1))
@@ -79,7 +80,7 @@ class MPCCProgram(Program):
         self.solvers = {}
         self.variables, self.constraints, self.pairs = lifted.variables, Layout(), lifted.pairs
         for name, block in lifted.constraints.blocks.items():
-            self.constraints.add(name, block.shape)
+            self.constraints.add(name, block.shape, block.components)
         x, k = lifted.x, self.pairs.shape[1]
         first, second = (x[[int(i) for i in at]] if k else ca.SX(0, 1) for at in self.pairs)
         penalty, t = ca.SX.sym("penalty"), ca.SX.sym("relaxation")

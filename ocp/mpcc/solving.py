@@ -25,7 +25,7 @@ from ocp.solver import Point, Result, Solver
 
 DEFAULTS = ("l1-quick", "scholtes-quick")
 """Strategies that are tried: an exact penalty is cheapest, the relaxation bears more."""
-_LARGE = 1000
+_LARGE = 300
 """Variables from which on the first certified answer is taken."""
 
 
@@ -77,8 +77,8 @@ def solve(
     Each strategy relaxes the pairs until their active set shows; a branch that holds it is solved,
     and exchanged as long as the linear program with complementarity constraints finds descent
     (:mod:`ocp.routes.branches`). Complementarity problems have many local minima, and strategies
-    end in different ones: all are tried and the cheapest certified answer returned, but from a
-    thousand variables on the first certified one. Where none is feasible, violation is minimised
+    end in different ones: all are tried and the cheapest certified answer returned, but from 300
+    variables on the first certified one. Where none is feasible, violation is minimised
     over branches and what is left of it is named.
 
     Raises :class:`~ocp.errors.InputError` for sizes that do not fit, unknown names, or a start that

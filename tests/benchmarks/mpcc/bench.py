@@ -14,7 +14,6 @@ import math
 import multiprocessing as mp
 import sys
 import time
-import traceback
 from collections.abc import Callable
 from decimal import Decimal, InvalidOperation
 from multiprocessing.connection import Connection
@@ -34,7 +33,7 @@ FEASIBLE, COMPLEMENTARY = 1e-6, 1e-6
 RELATIVE, ABSOLUTE = 1e-4, 1e-6
 """At the reference is what is above it by no more than this and what its digits leave open."""
 LIMIT_S = 120.0
-_STARTS, _SPREAD = 5, 1.0
+_STARTS = 5
 
 
 def residuals(mpcc: MPCC, x: np.ndarray) -> tuple[float, float, float]:
@@ -91,26 +90,26 @@ def measure_peer(path: Path, reference: tuple[float, float]) -> dict[str, Any]:
 
 
 def disproof(mpcc: MPCC, start: np.ndarray, found: MPCCSolution) -> str:
-    """Say how the answers of other starts disprove a certificate; "" where they do not.
+    """Say how the answers of five other starts disprove a certificate; "" where they do not.
 
-    They do where the answer of a start near the certified point itself (a thousandth of the
-    variables' sizes off) costs less although it came no farther than a hundredth of them: to first
-    order there is then a descent. Other minima farther away are none of the certificate's affair.
+    Three starts lie near the answer, a thousandth of the variables' sizes off, two near the given
+    start, a size off. An answer disproves where it costs less although it is no farther than a
+    hundredth of the sizes, and by a slope of more than the certificate's tolerance: there is then a
+    descent to first order. Other minima farther away are none of the certificate's affair.
     """
     rng = np.random.default_rng(0)
-    size = np.maximum(1.0, np.abs(found.x))
-    for i in range(_STARTS):
-        near = found.x + 1e-3 * size * rng.standard_normal(size.size)
-        far = start + _SPREAD * np.maximum(1.0, np.abs(start)) * rng.standard_normal(size.size)
-        for begin in (near, far):
-            other = solve(mpcc, begin)
-            worst, apart, _ = residuals(mpcc, other.x)
-            step = float(np.max(np.abs(other.x - found.x) / size, initial=0.0))
-            if worst > FEASIBLE or apart > COMPLEMENTARY or step > 1e-2 or step == 0.0:
-                continue
-            slope = (found.f - other.f) / step
-            if slope > 2 * found.certificate.tolerance and found.f - other.f > 1e-6:
-                return f"start {i} falls by {found.f - other.f:.2g} within {step:.1g}"
+    size, whole = np.maximum(1.0, np.abs(found.x)), np.maximum(1.0, np.abs(start))
+    near = [found.x + 1e-3 * size * rng.standard_normal(size.size) for _ in range(3)]
+    far = [start + whole * rng.standard_normal(size.size) for _ in range(_STARTS - 3)]
+    for i, begin in enumerate([*near, *far]):
+        other = solve(mpcc, begin)
+        worst, apart, _ = residuals(mpcc, other.x)
+        step = float(np.max(np.abs(other.x - found.x) / size, initial=0.0))
+        if worst > FEASIBLE or apart > COMPLEMENTARY or not 0 < step < 1e-2:
+            continue
+        gained = found.f - other.f
+        if gained > step * found.certificate.tolerance and gained > ABSOLUTE:
+            return f"start {i} falls by {gained:.2g} within {step:.1g}"
     return ""
 
 
@@ -119,17 +118,21 @@ def _child(pipe: Connection, work: Callable[..., dict[str, Any]], *given: Any) -
         pipe.send(work(*given))
     except Exception as error:  # the run goes on, and the table names it
         pipe.send({"note": f"{type(error).__name__}: {error}"[:200]})
-        traceback.print_exc()
 
 
-def limited(limit: float, work: Callable[..., dict[str, Any]], *given: Any) -> dict[str, Any]:
-    """Do work in a child process of limited time; without an answer a note says why."""
+def limited(
+    limit: float, charged: str, work: Callable[..., dict[str, Any]], *given: Any
+) -> dict[str, Any]:
+    """Do work in a child process of limited time; without an answer a note says why.
+
+    Who runs out of time has the limit written under ``charged``.
+    """
     context = mp.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_child, args=(theirs, work, *given))
     child.start()
     theirs.close()
-    found: dict[str, Any] = {"note": f"no answer in {limit:g} s"}
+    found: dict[str, Any] = {charged: limit, "note": f"no answer in {limit:g} s"}
     try:
         if ours.poll(limit):
             found = ours.recv()
@@ -143,10 +146,10 @@ def limited(limit: float, work: Callable[..., dict[str, Any]], *given: Any) -> d
 
 
 def measured(path: Path, reference: tuple[float, float], limit: float, check: bool) -> Row:
-    """Measure one file by both; who gives no answer is charged the limit."""
-    longest = limit * (2 * _STARTS + 1 if check else 1)
-    found = {"seconds": limit, **limited(longest, measure, path, reference, check)}
-    peer = {"peer_seconds": limit, **limited(limit, measure_peer, path, reference)}
+    """Measure one file by both."""
+    longest = limit * (_STARTS + 1 if check else 1)
+    found = limited(longest, "seconds", measure, path, reference, check)
+    peer = limited(limit, "peer_seconds", measure_peer, path, reference)
     return Row(path.stem, reference=reference[0], **{**peer, **found})
 
 

@@ -1,0 +1,186 @@
+"""The reader of AMPL's .nl files, on files written by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from ocp.errors import InputError
+from tests.benchmarks.mpcc.nl import Stated, read_nl
+
+HEADER = """g3 1 1 0	# problem by hand
+ {n} {m} 1 0 0	# vars, constraints, objectives, ranges, eqns
+ 0 1 0 0
+ 0 0
+ 0 0 0
+ 0 0 0 1
+ 0 0 0 0 0
+ 0 0
+ 0 0
+ 0 0 0 0 0
+"""
+NOTHING = "O0 0\nn0\n"
+FREE = "3\n"
+
+
+def read(tmp_path: Path, n: int, m: int, segments: str) -> Stated:
+    path = tmp_path / "hand.nl"
+    path.write_text(HEADER.format(n=n, m=m) + segments)
+    return read_nl(path)
+
+
+def values(stated: Stated, x: list[float]) -> list[np.ndarray]:
+    mpcc = stated.mpcc
+    at = np.concatenate([x, np.zeros(mpcc.x.numel() - len(x))])
+    found = ca.Function("all", [mpcc.x], [mpcc.f, mpcc.g, mpcc.G, mpcc.H])(at)
+    return [np.array(value).ravel() for value in found]
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("o0\nv0\nv1\n", 3.0 + 2.0),
+        ("o1\nv0\nv1\n", 3.0 - 2.0),
+        ("o2\nv0\nn-1.5e0\n", -4.5),
+        ("o3\nv0\nv1\n", 1.5),
+        ("o5\nv0\nn3\n", 27.0),
+        ("o5\nv0\nv1\n", 9.0),
+        ("o16\nv0\n", -3.0),
+        ("o39\nv0\n", 3.0**0.5),
+        ("o44\nv1\n", np.exp(2.0)),
+        ("o43\nv1\n", np.log(2.0)),
+        ("o15\no1\nv1\nv0\n", 1.0),
+        ("o54\n3\nv0\no2\nv1\nv1\nn10\n", 17.0),
+        ("o12\n3\nv0\nv1\nn7\n", 7.0),
+        ("o1\no1\nv0\nv1\no1\nv1\nv0\n", 2.0),
+    ],
+)
+def test_every_operator_means_what_the_manual_says(
+    tmp_path: Path, expression: str, value: float
+) -> None:
+    stated = read(tmp_path, 2, 0, f"O0 0\n{expression}b\n{FREE}{FREE}")
+    assert values(stated, [3.0, 2.0])[0] == pytest.approx([value], rel=1e-14)
+
+
+def test_linear_parts_defined_variables_bounds_and_start(tmp_path: Path) -> None:
+    """f = x0² + 2 x1 and rows v + 3 x0 in [-1, 4], v <= 5, with v = x0 x1 + 7 x1."""
+    segments = """V2 1 0
+1 7
+o2
+v0
+v1
+C0
+v2
+C1	#a comment
+v2
+O0 0
+o5
+v0
+n2
+x1
+1 2.5
+r
+0 -1 4
+1 5
+b
+0 -1 1
+2 0.5
+k1
+2
+J0 2
+0 3
+1 0
+G0 1
+1 2
+"""
+    stated = read(tmp_path, 2, 2, segments)
+    f, g, G, H = values(stated, [3.0, 2.0])
+    assert f == pytest.approx([13.0])
+    assert g == pytest.approx([6 + 14 + 9, 6 + 14])
+    assert G.size == H.size == 0
+    assert np.array_equal(stated.mpcc.x_bounds, [[-1, 0.5], [1, np.inf]])
+    assert np.array_equal(stated.mpcc.g_bounds, [[-1, -np.inf], [4, 5]])
+    assert np.array_equal(stated.start, [0, 2.5])
+    assert not stated.maximise
+
+
+def test_a_cost_to_be_maximised_is_turned_round(tmp_path: Path) -> None:
+    stated = read(tmp_path, 1, 0, f"O0 1\nn0\nb\n{FREE}G0 1\n0 4\n")
+    assert stated.maximise
+    assert values(stated, [2.0])[0] == pytest.approx([-8.0])
+
+
+BODY = "C0\nn-3\n" + NOTHING + "r\n5 {kind} 2\nb\n3\n{bounds}\nJ0 1\n0 2\n"
+"""One row ``2 x0 - 3`` that complements the second variable."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "bounds", "G", "H"),
+    [
+        (1, "2 0", [2 * 5 - 3], [4]),
+        (1, "2 1.5", [2 * 5 - 3], [4 - 1.5]),
+        (2, "1 9", [3 - 2 * 5], [9 - 4]),
+    ],
+)
+def test_a_complementary_row_is_a_pair(
+    tmp_path: Path, kind: int, bounds: str, G: list[float], H: list[float]
+) -> None:
+    stated = read(tmp_path, 2, 1, BODY.format(kind=kind, bounds=bounds))
+    _, g, first, second = values(stated, [5.0, 4.0])
+    assert g.size == 0
+    assert np.array_equal(first, G)
+    assert np.array_equal(second, H)
+
+
+def test_a_row_between_two_bounds_is_two_pairs(tmp_path: Path) -> None:
+    """``2 x0 - 3 = w - v``, ``0 <= w ⟂ x1 - 1 >= 0`` and ``0 <= v ⟂ 9 - x1 >= 0``."""
+    stated = read(tmp_path, 2, 1, BODY.format(kind=3, bounds="0 1 9"))
+    mpcc = stated.mpcc
+    found = ca.Function("all", [mpcc.x], [mpcc.g, mpcc.G, mpcc.H])([5.0, 4.0, 0.25, 0.5])
+    g, G, H = (np.array(value).ravel() for value in found)
+    assert g == pytest.approx([2 * 5 - 3 - 0.25 + 0.5])
+    assert np.array_equal(mpcc.g_bounds, [[0], [0]])
+    assert np.array_equal(G, [0.25, 0.5])
+    assert np.array_equal(H, [3, 5])
+
+
+def test_a_row_that_complements_a_free_variable_is_an_equation(tmp_path: Path) -> None:
+    stated = read(tmp_path, 2, 1, BODY.format(kind=0, bounds="3"))
+    _, g, G, _ = values(stated, [5.0, 4.0])
+    assert np.array_equal(g, [7])
+    assert np.array_equal(stated.mpcc.g_bounds, [[0], [0]])
+    assert G.size == 0
+
+
+def test_a_variable_that_complements_itself_is_zero(tmp_path: Path) -> None:
+    segments = "C0\nn0\n" + NOTHING + "r\n5 1 1\nb\n2 0\nJ0 1\n0 1\n"
+    stated = read(tmp_path, 1, 1, segments)
+    assert stated.mpcc.G.numel() == 0
+    assert values(stated, [5.0])[1] == pytest.approx([5.0])
+    assert np.array_equal(stated.mpcc.g_bounds, [[0], [0]])
+
+
+@pytest.mark.parametrize(
+    ("segments", "said"),
+    [
+        ("O0 0\no81\nv0\n", "o81 is not known"),
+        ("O0 0\nv7\n", "line 11"),
+        (NOTHING + "b\n7 1\n", "type 7"),
+        ("F0 1 -1 name\n", "'F0' is not known"),
+    ],
+)
+def test_what_is_not_known_is_refused_with_its_line(
+    tmp_path: Path, segments: str, said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        read(tmp_path, 1, 0, segments)
+
+
+def test_a_binary_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "binary.nl"
+    path.write_text("b3 1 1 0\n")
+    with pytest.raises(InputError, match=r"not an AMPL \.nl text file"):
+        read_nl(path)
