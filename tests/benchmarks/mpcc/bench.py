@@ -74,7 +74,7 @@ def measure(path: Path, reference: tuple[float, float], check: bool) -> dict[str
 
 
 def measure_peer(path: Path, reference: tuple[float, float]) -> dict[str, Any]:
-    """The same for the loop, whose complementarity is judged by the product where that is kinder."""
+    """The same for the loop; the kinder of product and minimum judges its complementarity."""
     stated = read_nl(path)
     mpcc, sense = stated.mpcc, -1.0 if stated.maximise else 1.0
     began = time.perf_counter()
