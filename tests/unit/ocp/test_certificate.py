@@ -70,7 +70,8 @@ def test_the_lpec_finds_a_descent_exactly_where_a_branch_has_one(seed: int, biac
     assert found.decrease <= known + 1e-7
     assert found.decrease >= 0.5 * known - 1e-6, "the gap at which the search may stop"
     after = model.members + RADIUS * found.step[model.pairs]
-    assert np.abs(np.minimum(after[0], after[1])).max() <= 1e-8, "the direction keeps the pairs"
+    # A member below a millionth of its size is taken for zero.
+    assert np.abs(np.minimum(after[0], after[1])).max() <= 1e-6, "the direction keeps the pairs"
     assert np.abs((model.rows @ found.step)[:3]).max() <= 1e-6
 
 
