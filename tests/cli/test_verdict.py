@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import json
+import math
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -76,6 +77,13 @@ def test_unknown_words_say_what_was_meant(ocp, option: str, word: str, meant: st
 # --- trouble of the certificate ----------------------------------------------------------------
 
 
+@pytest.fixture
+def without_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No multipliers prove stationarity, so that programs have to."""
+    monkeypatch.setattr("ocp.lpec.LinearModel.dual_bound", lambda *_: math.inf)
+
+
+@pytest.mark.usefixtures("without_proof")
 def test_a_certificate_out_of_time_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ocp.judgement.certify", functools.partial(certify, seconds=0.0))
     done = ocp(*KINKED, *QUIET)
@@ -86,6 +94,7 @@ def test_a_certificate_out_of_time_is_undecided(ocp, monkeypatch: pytest.MonkeyP
     assert found["grade"] == "failed" and found["lpec_decrease"] is None
 
 
+@pytest.mark.usefixtures("without_proof")
 def test_a_program_that_fails_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     failure = SimpleNamespace(status=4, x=None, message="numerical difficulties")
     monkeypatch.setattr("ocp.lpec.milp", lambda *_, **__: failure)
