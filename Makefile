@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test test-slow bench bench-solve lint gallery claims
+.PHONY: setup demo test test-slow bench bench-solve bench-random lint gallery claims
 
 setup: $(READY)
 
@@ -35,6 +35,13 @@ bench: setup
 # PROBLEMS="hopper push-1d" does some of them.
 bench-solve: setup
 	$(BIN)/python -m tests.benchmarks.ocp.dependability $(PROBLEMS)
+
+# Solves instances of ten problems with drawn parameters by the default route and by all our other
+# ways, which it compares; COUNT=5 draws five a problem, PROBLEMS="push-1d" of some of them.
+# Answers of the other ways are kept in runs/bench-random.json and read again.
+COUNT ?= 30
+bench-random: setup
+	$(BIN)/python -m tests.benchmarks.ocp.random_instances --count $(COUNT) $(PROBLEMS)
 
 # Makes every figure of the papers and rewrites the README's tables of their claims.
 claims: setup

@@ -29,23 +29,24 @@ class Route:
 
 def solve_pairs(follower: Homotopy, route: Route) -> End:
     """Follow a strategy, land on a branch and improve it; ``second`` where that does not land."""
-    end = _by_strategy(follower, route, route.strategy)
+    end = by_strategy(follower, route, route.strategy)
     if end[2] or route.second is None:
         return end
-    again = _by_strategy(follower, route, route.second)
+    again = by_strategy(follower, route, route.second)
     return again if again[2] else end
 
 
-def _by_strategy(follower: Homotopy, route: Route, name: str) -> End:
+def by_strategy(follower: Homotopy, route: Route, name: str, improving: bool = True) -> End:
+    """Follow one strategy and land on a branch, which is improved unless told otherwise."""
     strategy = STRATEGIES[name]()
     paths = strategy.paths(route.reference)
     source = follower.nlp_of(paths[0].plan(paths[0].values[0]).form)
     result, source = along(follower, paths, route.start(source), source)
-    landed = land(follower, source, result)
+    landed = land(follower, source, result, improving)
     if not landed[2] and result.ok and isinstance(strategy, CentralPath):
         further = strategy.further(route.reference)
         result, source = along(follower, further, result.point, source, warm=True)
-        landed = land(follower, source, result)
+        landed = land(follower, source, result, improving)
     return landed
 
 
