@@ -122,8 +122,8 @@ class Session:
         return Outcome(result, nlp, finished, follower.trace)
 
     def _schedule(self) -> Schedule | None:
-        reference = self.problem.reference
-        return self.step.law.schedule(reference.impulse, reference.gap)
+        sizes = self.problem.sizes
+        return self.step.law.schedule(sizes.impulse, sizes.gap)
 
     def _absorbed(self, helper: Session, follower: Homotopy, guess: Guessed) -> Outcome:
         """Solve by a helping session, whose table and work are added to the follower's."""
@@ -260,9 +260,11 @@ class Session:
         if isinstance(self.policy, Feedback):
             blocks["k"] = U[:1] if self.policy.stationary else U
         if "lam" in nlp.variables:
-            mu = self.problem.reference.impulse * self.problem.reference.gap
-            gap = np.maximum(self._free_gaps(X, U), np.sqrt(mu * self.problem.reference.gap))
-            blocks["gap"], blocks["lam"] = gap[None], (mu / gap)[None]
+            reference, units = self.problem.reference, nlp.variables.unpack(nlp.natural.x)
+            mu = reference.impulse * reference.gap
+            free = self._free_gaps(X, U) / units["gap"][0]
+            gap = np.maximum(free, np.sqrt(mu * reference.gap))
+            blocks["gap"], blocks["lam"] = gap * units["gap"], mu / gap * units["lam"]
         return Point(nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables}))
 
     def _free_gaps(self, X: np.ndarray, U: np.ndarray) -> np.ndarray:

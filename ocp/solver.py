@@ -12,6 +12,7 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.program import Program
+from ocp.scaled import Point, Scaled
 from ocp.solution import Status
 
 SOLVERS = {
@@ -48,15 +49,6 @@ _STATUS = {
     "Invalid_Number_Detected": Status.DIVERGED,
     "User_Requested_Stop": Status.STOPPED,
 }
-
-
-@dataclass(frozen=True)
-class Point:
-    """Variables and multipliers of an NLP: what a warm start needs."""
-
-    x: np.ndarray
-    lam_x: np.ndarray | None = None
-    lam_g: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -108,9 +100,8 @@ class Solver:
         """Solve from ``start``, with its multipliers where ``warm_start_init_point`` is set."""
         function = self._instance(nlp, overrides)
         _check_bounds(nlp, bounds)
-        arguments: dict[str, Any] = {"x0": start.x, "p": p, **bounds}
-        if start.lam_g is not None:
-            arguments |= {"lam_g0": start.lam_g, "lam_x0": start.lam_x}
+        scaled = Scaled(nlp)
+        arguments: dict[str, Any] = {"p": p, **scaled.given(start, bounds)}
         began = time.perf_counter()
         try:
             answer = function(**arguments)
@@ -122,12 +113,11 @@ class Solver:
         good = bool(stats.get("success", False))
         status = _STATUS.get(word, Status.SOLVED if good else Status.FAILED)
         values = {key: np.array(answer[key]).ravel() for key in ("x", "lam_x", "lam_g", "g")}
-        point = Point(values["x"], values["lam_x"], values["lam_g"])
-        cost = float(answer["f"])
+        point, cost, g = scaled.answer(float(answer["f"]), **values)
         if not np.all(np.isfinite(values["x"])):
             status = Status.DIVERGED
         return Result(
-            point, cost, values["g"], status, word, int(stats.get("iter_count", 0)), seconds,
+            point, cost, g, status, word, int(stats.get("iter_count", 0)), seconds,
             _evaluation_s(stats),
         )  # fmt: skip
 
@@ -153,14 +143,15 @@ class Solver:
 
     def _create(self, nlp: Program, options: dict[str, Any]) -> ca.Function:
         x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", nlp.n_parameters)
-        f, g = nlp.f_g.call([x, p], True, False)
+        functions = Scaled(nlp).functions()
+        f, g = functions["f_g"].call([x, p], True, False)
         common: dict[str, Any] = {
             "print_time": False, "calc_lam_p": False, "error_on_fail": False,
             "show_eval_warnings": False,
         }  # fmt: skip
         if self.name == "ipopt":
             inner = {**IPOPT_DEFAULTS, **options}
-            derivatives = {"grad_f": nlp.gradient, "jac_g": nlp.jacobian, "hess_lag": nlp.hessian}
+            derivatives = {name: functions[name] for name in ("grad_f", "jac_g", "hess_lag")}
             common |= {"ipopt": inner, "no_nlp_grad": True, **derivatives}
         else:
             common[self.name] = {**_QUIET.get(self.name, {}), **options}

@@ -95,7 +95,7 @@ def _referee(found: Solution) -> str:
 def _planned(found: Solution) -> str:
     """Lengths of the plan itself that no body has: what a plan that does not survive leans on."""
     far, through = found.referee.force_distance, found.referee.between
-    least, said = _NOTABLE * found.problem.reference.gap, ""
+    least, said = _NOTABLE * found.problem.sizes.gap, ""
     if found.record.get("contact") == "exact" and far is not None and far.amount > least:
         said += f"; planned, {far.contact} acts from {far.amount:.2g} m away at step {far.step}"
     if through is not None and through.amount > least:

@@ -120,9 +120,10 @@ class Branches:
 
     def _other_side(self, found: Result, active: np.ndarray) -> np.ndarray:
         """Pairs at (0, 0) whose held member would lower the cost by growing."""
-        (first, second), x, lam_x = self.program.pairs, found.point.x, found.point.lam_x
-        if lam_x is None:
+        (first, second), units = self.program.pairs, self.program.natural
+        if found.point.lam_x is None:
             return np.zeros_like(active)
+        x, lam_x = found.point.x / units.x, found.point.lam_x * units.x / units.f
         both = (x[first] < _NEAR) & (x[second] < _NEAR)
         held = np.where(active, lam_x[second], lam_x[first])
         return both & (held > 1e-6)

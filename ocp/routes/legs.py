@@ -37,8 +37,9 @@ _STEP_BACKS = 4
 class Plan:
     """One stage: the form of the Program, parameter values, bounds on the contact rows, options.
 
-    ``options`` are IPOPT's; another solver runs every stage with its own defaults. A ``partial``
-    stage may end at its iteration limit: the next one starts from there.
+    ``contact`` is in natural units of the program. ``options`` are IPOPT's; another solver runs
+    every stage with its own defaults. A ``partial`` stage may end at its iteration limit: the next
+    one starts from there.
     """
 
     knob: str
@@ -128,7 +129,9 @@ class Homotopy:
         p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
         if plan.contact is not None and "contact" in nlp.constraints:
             rows = nlp.constraints["contact"].index.ravel()
-            bounds["lbg"][rows], bounds["ubg"][rows] = plan.contact
+            lower, upper = plan.contact
+            bounds["lbg"][rows] = lower * nlp.natural.g[rows]
+            bounds["ubg"][rows] = upper * nlp.natural.g[rows]
         options: dict[str, Any] = {}
         usable = start if warm else Point(start.x)
         if self.solver.name == "ipopt":

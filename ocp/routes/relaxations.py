@@ -149,7 +149,7 @@ class ScholtesCold:
 
 def _complementary(tolerance: float) -> Callable[[Program, Result], bool]:
     def reached(nlp: Program, result: Result) -> bool:
-        lam, gap = result.point.x[nlp.pairs]
+        lam, gap = (result.point.x / nlp.natural.x)[nlp.pairs]
         return bool(np.abs(lam * gap).max(initial=0.0) <= tolerance)
 
     return reached
