@@ -136,11 +136,12 @@ def _answer(found: Solution, seconds: float, wall: float) -> Answer:
 
 
 def _misplaced(found: Solution) -> float:
-    """How far an audited throw is off its bounds, or below where a bounce puts it, e h V."""
+    """How far an audited throw is off its bounds, or below where a bounce puts a node at most."""
     physical = np.array([found.values[name] for name in found.problem.parameters.names])
     x, u = found.data["x"].values, found.data["u"].values
     broken = broken_constraints(found.problem, x, u, physical)
-    deep = found.values["restitution"] * found.values["h"] * np.sqrt(x[..., 5].max())
+    e, g, h = (found.values[name] for name in ("restitution", "g", "h"))
+    deep = e * h * np.sqrt(x[..., 5].max()) + (1 + e) * g * h**2 / 2
     below = max(0.0, -float(x[..., 1].min()) - deep)
     return max([below, *(one.violation.amount for one in broken)])
 
