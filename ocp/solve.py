@@ -123,8 +123,8 @@ def solve_session(
     """
     solutions: list[Solution] = []
     try:
-        for guess in guesses(session, starts, seed):
-            outcome = session.solve(progress=progress, guess=guess)
+        for number, guess in enumerate(guesses(session, starts, seed)):
+            outcome = session.solve(progress=progress, guess=guess, number=number)
             solutions.append(judged(session, outcome, seed))
     except KeyboardInterrupt as stop:
         if not solutions:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,13 +45,17 @@ _STATUS = {
     "Solve_Succeeded": Status.SOLVED,
     "Solved_To_Acceptable_Level": Status.SOLVED,
     "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
-    "Maximum_CpuTime_Exceeded": Status.ITERATION_LIMIT,
-    "Maximum_WallTime_Exceeded": Status.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
+    "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
     "Diverging_Iterates": Status.DIVERGED,
     "Invalid_Number_Detected": Status.DIVERGED,
     "User_Requested_Stop": Status.STOPPED,
 }
+
+
+GIVEN_UP = "Maximum_WallTime_Exceeded"
+"""The word of a run that was given up, IPOPT's."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +95,18 @@ class Solver:
         if not ca.has_nlpsol(name):
             raise InputError(f"this CasADi has no {name}; use --solver ipopt")
         self.name, self.options = name, dict(options or {})
+        self.deadline: float | None = None
+
+    @contextmanager
+    def within(self, seconds: float | None) -> Iterator[None]:
+        """Give up all runs inside after ``seconds`` in all; None for no limit."""
+        before = self.deadline
+        if seconds is not None:
+            self.deadline = time.perf_counter() + seconds
+        try:
+            yield
+        finally:
+            self.deadline = before
 
     def run(
         self,
@@ -98,6 +117,13 @@ class Solver:
         **overrides: Any,
     ) -> Result:
         """Solve from ``start``, with its multipliers where ``warm_start_init_point`` is set."""
+        if self.deadline is not None:
+            left = self.deadline - time.perf_counter()
+            if left <= 0:
+                return _given_up(nlp, start, p)
+            if self.name == "ipopt":
+                # Powers of two, since every set of options is a solver instance of its own.
+                overrides = {**overrides, "max_wall_time": 2.0 ** math.ceil(math.log2(left))}
         function = self._instance(nlp, overrides)
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
@@ -161,6 +187,11 @@ class Solver:
             line = next((s for s in str(error).splitlines() if "ption" in s), str(error).strip())
             reason = line.rpartition(".cpp:")[2].partition(": ")[2].strip() or line.strip()
             raise InputError(f"{self.name} refused its options: {reason}") from error
+
+
+def _given_up(nlp: Program, start: Point, p: np.ndarray) -> Result:
+    f, g = nlp.f_g(start.x, p)
+    return Result(start, float(f), np.array(g).ravel(), Status.TIME_LIMIT, GIVEN_UP, 0, 0.0)
 
 
 def _evaluation_s(stats: dict[str, Any]) -> float:

@@ -65,6 +65,8 @@ def findings(found: Solution) -> list[str]:
         lines.append(_sentence(found.certificate.sentence))
     lines += [_sentence(line) for line in (_referee(found), _replay(found), _parting(found))
               if line]  # fmt: skip
+    if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):
+        lines.append("A second way of solving took too long beside the first and was given up.")
     if not found.record.get("resumed", True):
         lines.append(
             "The solver did not converge from the run it started at; this is a cold solve with"

@@ -90,6 +90,9 @@ class Branches:
             if left <= 0 or radius < RADII[-1] or not self.program.pairs.size:
                 break
             model = linear_model(self.program, best.point.x, self.p, self.limits)
+            if self._at_rest(model, best, radius):
+                radius /= 10
+                continue
             found = self._exchanged(model, best, radius, left)
             if found is not None and found.f < best.f - _GAIN * abs(best.f):
                 best = found
@@ -98,6 +101,13 @@ class Branches:
         ran = self.follower.trace.seconds - before
         self.follower.trace.seconds += time.perf_counter() - began - ran
         return best
+
+    def _at_rest(self, model: LinearModel, best: Result, radius: float) -> bool:
+        """Whether the multipliers alone tell that there is no descent, by weak duality."""
+        multipliers = best.point.lam_g
+        if multipliers is None:
+            return False
+        return model.dual_bound(multipliers, radius) <= tolerance_of(model, best.f)
 
     def _exchanged(
         self, model: LinearModel, best: Result, radius: float, seconds: float

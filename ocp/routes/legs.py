@@ -62,7 +62,7 @@ class Path:
     values: Sequence[float]
     plan: Callable[[float], Plan]
     strict: bool = True
-    complete: Callable[[Program, Result], bool] | None = None
+    complete: Callable[[Program, Result], object] | None = None
 
 
 @dataclass
@@ -95,6 +95,7 @@ class Homotopy:
                  progress: Progress | None = None) -> None:  # fmt: skip
         self.nlp_of, self.solver, self.values = nlp_of, solver, values
         self.progress, self.trace = progress, Trace()
+        self.early: Point | None = None
 
     def follow(self, path: Path, start: Point, warm: bool = False) -> tuple[Result, Program, bool]:
         """Follow one path: the last result, its program, and whether the end was reached."""
@@ -111,6 +112,7 @@ class Homotopy:
                 point, form, good = result.point, nlp, value
                 tries = 0 if value in path.values else tries
                 best = (result, nlp)
+                self.early = self.early or point
                 if path.complete is not None and path.complete(nlp, result):
                     break
                 continue

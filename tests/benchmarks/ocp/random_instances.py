@@ -25,6 +25,7 @@ from ocp.physics import broken_constraints
 from ocp.routes.complementarity import Route, by_strategy
 from ocp.routes.legs import Homotopy
 from ocp.routes.outcome import Outcome
+from ocp.routes.relaxations import CentralPath
 from ocp.session import Session
 from ocp.solution import Solution, Status
 from ocp.solve import guesses, new_session, solve
@@ -72,8 +73,8 @@ def alone(instance: Instance) -> Answer:
 
     def run(session: Session) -> Outcome:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        route = Route(session.strategy, session.problem.reference, session.first_point)
-        ended = by_strategy(follower, route, route.strategy, improving=False)
+        route = Route([CentralPath()], session.problem.reference, session.first_point)
+        ended = by_strategy(follower, route, route.looks[0])
         return Outcome(*ended, follower.trace)
 
     return _from_session(instance, run)
