@@ -13,7 +13,7 @@ from ocp.errors import InputError, NotConverged
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.routes.branches import land
-from ocp.routes.complementarity import FEW, LOOKS, SECOND, Route, solve_pairs
+from ocp.routes.complementarity import FEW, LOOKS, SECOND, SECOND_FEW, Route, solve_pairs
 from ocp.routes.landing import rolled_down
 from ocp.routes.legs import (
     PRIMAL,
@@ -213,11 +213,12 @@ class Session:
         usual = self.strategy == DEFAULT_STRATEGY
         few = usual and self.nlp_of("product").pairs.shape[1] <= FEW
         looks = LOOKS if few else [STRATEGIES[self.strategy]()]
+        second = SECOND_FEW if few else SECOND
         if few and number:
             looks = [LOOKS[-number % len(LOOKS)]]
         route = Route(
             looks, self.problem.reference,
-            lambda nlp: self.first_point(nlp, guess), SECOND if usual else None,
+            lambda nlp: self.first_point(nlp, guess), second if usual else None,
         )  # fmt: skip
         return Outcome(*solve_pairs(follower, route), follower.trace)
 

@@ -48,7 +48,9 @@ def solve_pairs(follower: Homotopy, route: Route) -> End:
             break
         ends.append(found)
         first = first or follower.trace.iterations
-        if follower.trace.iterations > _WORTH * first:
+        # Without any stage solved the looks that are left would fail as these did.
+        stuck = follower.early is None and len(ends) > 1
+        if stuck or follower.trace.iterations > _WORTH * first:
             break
     landed = [end for end in ends if end[2]]
     if not landed and route.second is not None:
@@ -113,6 +115,8 @@ def along(
 
 SECOND = ScholtesAdaptive()
 """Slower than the default, but it keeps to the constraints where many pairs pull off the path."""
+SECOND_FEW = CentralPath(below=False)
+"""Where small problems land nowhere: on the central path from the first stage on."""
 FEW = 128
 """Pairs up to which a problem is looked at twice; a larger one takes its time as it is."""
 _WORTH = 4
