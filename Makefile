@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test test-slow bench bench-solve bench-mpcc lint gallery claims
+.PHONY: setup demo test test-slow bench bench-solve bench-mpcc bench-random lint gallery claims
 
 setup: $(READY)
 
@@ -40,6 +40,13 @@ bench-solve: setup
 # against a plain Scholtes loop; CHECK=--cross-check tries to disprove the certificates.
 bench-mpcc: setup
 	$(BIN)/python -m tests.benchmarks.mpcc.bench $(DIR) $(CHECK)
+
+# Solves instances of ten problems with drawn parameters by the default route and by all our other
+# ways, which it compares; COUNT=5 draws five a problem, PROBLEMS="push-1d" of some of them.
+# Answers of the other ways are kept in runs/bench-random.json and read again.
+COUNT ?= 30
+bench-random: setup
+	$(BIN)/python -m tests.benchmarks.ocp.random_instances --count $(COUNT) $(PROBLEMS)
 
 # Makes every figure of the papers and rewrites the README's tables of their claims.
 claims: setup

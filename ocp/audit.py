@@ -108,18 +108,18 @@ def audit(
     physical = np.array([values[name] for name in problem.parameters.names])
     inputs = plan.u if plan.gains is None else plan.gains
     replay, unsolved = roll_on(problem, inputs, values, x0=plan.x[:, 0])
-    products = np.abs(plan.lam * plan.gap)
+    sharp, closed, moved = _natural(nlp, plan)
     g = np.array(nlp.f_g(result.point.x, p)[1]).ravel()
     x_off = np.maximum(bounds["lbx"] - result.point.x, result.point.x - bounds["ubx"])
-    g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
-    free = np.concatenate([x_off, _without_contact(nlp, g_off)])
+    g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
+    free = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
     smallest = np.minimum(plan.lam, plan.gap)
     book = contact_book(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
     found = Audit(
-        complementarity=_largest(products),
+        complementarity=_largest(sharp),
         complementarity_min=_largest(np.abs(smallest)),
-        dynamics_residual=_largest(np.abs(plan.residual)),
-        law_residual=_largest(np.abs(plan.lam * plan.gap - plan.mu)),
+        dynamics_residual=_largest(moved),
+        law_residual=_largest(closed),
         constraint_violation=max(0.0, _largest(free)),
         penetration=_penetration(problem, plan.x, plan.gap, physical),
         exact_penetration=_penetration(problem, replay.x, replay.gap, physical),
@@ -137,6 +137,17 @@ def audit(
         replay_failed="" if unsolved is None else unsolved.brief,
     )
     return found, replay, book
+
+
+def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``|lam gap|``, ``|lam gap - mu|`` and ``|residual|`` in natural units."""
+    units, products, residual = nlp.natural, plan.lam * plan.gap, plan.residual
+    off = products - plan.mu
+    if nlp.scale is not None:
+        pair = np.prod([units.x[nlp.variables[name].index] for name in ("lam", "gap")], axis=0)
+        products, off = products / pair, off / pair
+        residual = residual / units.g[nlp.constraints["dynamics"].index]
+    return np.abs(products), np.abs(off), np.abs(residual)
 
 
 def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:

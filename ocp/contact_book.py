@@ -11,7 +11,7 @@ from dynamics.contact import Step
 from dynamics.systems import ContactSystem, EnergyBook
 from ocp.along import Along, mean_multipliers
 from ocp.findings import ContactSummary
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Sizes
 
 _ACTS = 1e-6
 """Share of the characteristic impulse above which a contact counts as acting."""
@@ -72,10 +72,10 @@ def contact_book(
         normal, tangential, slip, friction = at(
             forces.normal, forces.tangential, forces.slip, forces.friction
         )
-    weak = _weak_steps(system, problem.reference, lam, gap, len(names))
+    weak = _weak_steps(system, problem.sizes, lam, gap, len(names))
     h = at(ca.SX(system.h))[0]
-    acts = normal > _ACTS * problem.reference.impulse
-    slides = acts & (np.abs(slip) * h > _SLIDES * problem.reference.gap)
+    acts = normal > _ACTS * problem.sizes.impulse
+    slides = acts & (np.abs(slip) * h > _SLIDES * problem.sizes.gap)
     # A multiplier in newton is a force already.
     are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
     force = normal if are_forces else normal / h
@@ -90,7 +90,7 @@ def contact_book(
 
 
 def _weak_steps(
-    system: ContactSystem, reference: Reference, lam: np.ndarray, gap: np.ndarray, points: int
+    system: ContactSystem, reference: Sizes, lam: np.ndarray, gap: np.ndarray, points: int
 ) -> np.ndarray:
     """Whether a pair of the contact has both members near zero, (S, N, points)."""
     pairs = system.pairs

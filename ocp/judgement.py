@@ -18,7 +18,7 @@ from ocp.findings import Audit, Refereed
 from ocp.labelled import label
 from ocp.parting import Parting
 from ocp.physics import broken_constraints
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Sizes
 from ocp.referee import Hearing, hear
 from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
 from ocp.routes.landing import embedded
@@ -74,7 +74,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
         audit=found,
         certificate=certificate,
-        referee=refereed(heard, session.problem.reference),
+        referee=refereed(heard, session.problem.sizes),
         idle_cost=idle,
         stages=outcome.trace.records,
         iterations=outcome.trace.iterations,
@@ -108,9 +108,9 @@ def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
 
     They move freely, not along a motion, so that no instability enters.
     """
-    reference = problem.reference
+    sizes = problem.sizes
     costs = [
-        trajectory_costs(problem, plan.x + s * reference.x, plan.u + s * reference.u, physical)
+        trajectory_costs(problem, plan.x + s * sizes.x, plan.u + s * sizes.u, physical)
         for s in (-1.0, 1.0)
     ]
     return float(np.nan_to_num([np.abs(c - plan.costs).max() for c in costs]).max())
@@ -142,36 +142,37 @@ def _still_cost(session: Session, plan: Rollout) -> float:
     physical = np.array([values[name] for name in problem.parameters.names])
     before = np.array(problem.limits(physical)[1]).ravel()
     x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(before, (len(plan.x), N, 1))
-    limit, S = _STILL * problem.reference.x / N, len(x)
+    limit, S = _STILL * problem.sizes.x / N, len(x)
     if not all(_holds(session, x[s, 0], plan.u[s], limit) for s in range(S)):
         return float("nan")
     costs = trajectory_costs(problem, x, u, physical)
     still = replace(plan, x=x, u=u, costs=costs)
-    wanted = problem.reference.x * max(_state_slope(problem, x[s, 0], physical) for s in range(S))
+    wanted = max(_state_slope(problem, x[s, 0], physical) for s in range(S))
     if wanted <= _CONTENT * cost_span(problem, still, physical):
         return float("nan")
     return float("nan") if broken_constraints(problem, x, u, physical) else still.cost
 
 
 def _state_slope(problem: Problem, x: np.ndarray, physical: np.ndarray) -> float:
-    """Largest derivative by a state of what staying at x (nx,) costs."""
+    """Most that staying at x (nx,) costs more where one state moves by its size, first order."""
     before = problem.limits(physical)[1]
     stage, end = problem.state_slopes(x, before, 0 * before, physical)
-    return float(np.abs(problem.N * np.array(stage) + np.array(end)).max(initial=0.0))
+    slopes = np.abs(problem.N * np.array(stage) + np.array(end)).ravel()
+    return float((problem.sizes.x * slopes).max(initial=0.0))
 
 
-def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: float) -> bool:
-    """Whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit``."""
+def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: np.ndarray) -> bool:
+    """Whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit`` (nx,)."""
     p = np.array([session.values[name] for name in session.step.p.names])
     start = np.repeat(x[:, None], len(inputs), axis=1)
     after = np.array(session.step.solve.map(len(inputs))(start, inputs.T, p)[0])
-    return bool(np.any(np.abs(after - start).max(axis=0) <= limit))
+    return bool(np.any(np.all(np.abs(after - start) <= limit[:, None], axis=0)))
 
 
-def refereed(heard: Hearing, reference: Reference) -> Refereed:
+def refereed(heard: Hearing, sizes: Sizes) -> Refereed:
     """What a run keeps of the referee's hearing; without geometry there is no referee."""
     referee, survival, broken = heard.referee, heard.survival, list(heard.broken)
-    parting = _undetermined(heard.parting, reference)
+    parting = _undetermined(heard.parting, sizes)
     if referee.note is None:
         return Refereed(note="no geometry", parting=parting)
     return Refereed(
@@ -192,10 +193,10 @@ def refereed(heard: Hearing, reference: Reference) -> Refereed:
     )
 
 
-def _undetermined(parting: Parting | None, reference: Reference) -> str:
+def _undetermined(parting: Parting | None, sizes: Sizes) -> str:
     if parting is None:
         return ""
-    mu, unit = _SHARP * reference.impulse * reference.gap, parting.unit.removeprefix("1")
+    mu, unit = _SHARP * sizes.mu, parting.unit.removeprefix("1")
     return (
         f"the contact forces at step {parting.step} are not determined by the model"
         f" ({', '.join(parting.contacts)}): from the same state and input {parting.state} may as"
@@ -217,7 +218,7 @@ def status_of(
         return Status.INEXACT if result.ok else result.status
     # A force from afar moves what its exact replay does not: that is smoothing, and no dead end.
     # And where standing still breaks constraints that the plan keeps, the plan is better.
-    own = found.state_gap <= _STILL * outcome.nlp.problem.reference.x and np.isfinite(idle)
+    own = found.state_gap <= _STILL * outcome.nlp.problem.sizes.x.max() and np.isfinite(idle)
     blind = found.active_steps == 0 and found.task_gradient < _FLAT and system.nlam > 0 and own
     wants = certificate.slope > _CONTENT * span
     if blind or (wants and cost >= idle - _IDLE * abs(idle)):

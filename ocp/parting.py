@@ -58,23 +58,24 @@ def find_parting(
     found = step.solve.map(S * N)(*columns, p)
     x_next, other, _, error = (np.array(part).T.reshape(S, N, -1) for part in found)
     apart = np.abs(x_next - x[:, 1:])
-    distance = apart.max(axis=2)
+    distance = (apart / problem.sizes.x).max(axis=2)
     solved = np.all(error <= SATISFIED, axis=2)
-    two = solved & _obeys(problem, x, u, lam, values) & (distance > APART * problem.reference.x)
+    two = solved & _obeys(problem, x, u, lam, values) & (distance > APART)
     if not two.any():
         return None
     k = int(np.flatnonzero(two.any(axis=0))[0])
     s = int(np.flatnonzero(two[:, k])[0])
-    signal = problem.system.states[int(apart[s, k].argmax())]
+    i = int((apart[s, k] / problem.sizes.x).argmax())
+    signal = problem.system.states[i]
     contacts = _differing(problem, lam[s, k], other[s, k])
-    return Parting(k, s, contacts, float(distance[s, k]), signal.name, signal.unit)
+    return Parting(k, s, contacts, float(apart[s, k, i]), signal.name, signal.unit)
 
 
 def _obeys(
     problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
 ) -> np.ndarray:
     """Whether the plan's own steps obey the exact relation, (S, N)."""
-    system, reference = problem.system, problem.reference
+    system, reference = problem.system, problem.sizes
     physical = np.array([values[name] for name in problem.parameters.names])
     residual, gap = Along(problem, system, x, u, lam, physical)(system.residual, system.gap)
     product = reference.impulse * reference.gap
@@ -86,7 +87,7 @@ def _obeys(
 def _differing(problem: Problem, one: np.ndarray, other: np.ndarray) -> tuple[str, ...]:
     """Names of the contacts whose impulses, each (nlam,), are not the same."""
     system = problem.system
-    apart = np.abs(one - other) > APART * problem.reference.impulse
+    apart = np.abs(one - other) > APART * problem.sizes.impulse
     names = [signal.name for signal in system.contacts]
     first = {pair.contact: i for i, pair in reversed(list(enumerate(system.pairs)))}
     called = {

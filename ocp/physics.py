@@ -46,7 +46,7 @@ def measure(
     phi, names = distances(problem, x, physical), problem.system.distance_names
     impulse = normal_impulses(problem, step, x, u, lam, physical)
     after = phi[:, 1:, : impulse.shape[2]]
-    acting = np.where(impulse > ACTS * problem.reference.impulse, after, 0.0)
+    acting = np.where(impulse > ACTS * problem.sizes.impulse, after, 0.0)
     return Physics(
         _worst(-phi, names),
         _worst(-least_between(problem, x, physical), names),
@@ -116,12 +116,12 @@ def broken_constraints(
     is chosen; the worst first. What is no number is no violation: say that it was not replayed.
     """
     u_low, u_high, x_low, x_high = (np.array(v).ravel() for v in problem.limits(physical)[2:])
-    system, reference = problem.system, problem.reference
+    system, sizes = problem.system, problem.sizes
     states, inputs = ([signal.name for signal in part] for part in (system.states, system.inputs))
     after = x[:, 1:]
     found = [
-        *_worst_entries("bound on x", states, _off(after, x_low, x_high), reference.x, 1),
-        *_worst_entries("bound on u", inputs, _off(u, u_low, u_high), reference.u),
+        *_worst_entries("bound on x", states, _off(after, x_low, x_high), sizes.x, 1),
+        *_worst_entries("bound on u", inputs, _off(u, u_low, u_high), sizes.u),
     ]
     for kind, constraints in (("path", problem.path), ("terminal", problem.terminal)):
         if constraints:
@@ -134,7 +134,7 @@ def broken_constraints(
         which = list(problem.start.periodic)
         off = np.abs(x[:, -1:, which] - x[:, :1, which])
         names = [states[i] for i in which]
-        found += _worst_entries("periodic", names, off, reference.x, problem.N)
+        found += _worst_entries("periodic", names, off, sizes.x[which], problem.N)
     return sorted(found, key=lambda broken: -broken.share)
 
 
@@ -162,7 +162,7 @@ def _constraints_off(
     physical: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Violation of every entry, (S, steps, n), and the size of a change of it."""
-    system, reference = problem.system, problem.reference
+    system, sizes = problem.system, problem.sizes
     value = ca.vertcat(*(c.expression for c in constraints))
     low, high = (
         ca.vertcat(*(
@@ -171,7 +171,7 @@ def _constraints_off(
         ))
         for ends in ([c.lower for c in constraints], [c.upper for c in constraints])
     )  # fmt: skip
-    size = reference.x * _row_sizes(value, system.x) + reference.u * _row_sizes(value, system.u)
+    size = _row_sizes(value, system.x, sizes.x) + _row_sizes(value, system.u, sizes.u)
     function = ca.Function(
         "constraints",
         [system.x, system.u, problem.parameters.vector],
@@ -184,7 +184,7 @@ def _constraints_off(
     return np.array(off).T.reshape(shape), np.fmax(np.array(sizes).T.reshape(shape), 1e-12)
 
 
-def _row_sizes(value: ca.SX, of: ca.SX) -> ca.SX:
-    """Largest derivative of every entry by an entry of ``of``, (n, 1)."""
-    J = ca.fabs(ca.densify(ca.jacobian(value, of)))
+def _row_sizes(value: ca.SX, of: ca.SX, sizes: np.ndarray) -> ca.SX:
+    """Largest change of every entry by an entry of ``of`` that moves by its size, (n, 1)."""
+    J = ca.fabs(ca.densify(ca.jacobian(value, of))) @ ca.diag(ca.DM(sizes))
     return ca.vertcat(*(ca.mmax(ca.horzcat(0, J[i, :])) for i in range(value.numel())))

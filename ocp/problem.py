@@ -12,6 +12,7 @@ import numpy as np
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError
+from ocp.units import SI, Units
 
 Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
@@ -32,13 +33,31 @@ class Reference:
     """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
 
     ``impulse * gap`` is the mu at which homotopies start; ``x`` and ``u`` scale the perturbation
-    of guesses in a multi-start and normalise what the audit compares.
+    of guesses in a multi-start and normalise what the audit compares. All are multiples of the
+    natural ``units`` of their signals, so that none depends on the units of the parameters;
+    :meth:`~Problem.sizes` gives them in SI.
     """
 
     impulse: float = 1.0
     gap: float = 0.1
     x: float = 1.0
     u: float = 1.0
+    units: Units = SI
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Characteristic sizes in SI: impulse, gap, states (nx,) and inputs (nu,)."""
+
+    impulse: float
+    gap: float
+    x: np.ndarray
+    u: np.ndarray
+
+    @property
+    def mu(self) -> float:
+        """``impulse * gap``, at which homotopies start."""
+        return self.impulse * self.gap
 
 
 @dataclass(frozen=True)
@@ -212,6 +231,17 @@ class Problem:
         x, costs = self.system.x, (self.stage_cost, self.terminal_cost)
         slopes = [ca.densify(ca.gradient(cost, x)) for cost in costs]
         return ca.Function("state_slopes", [x, self.system.u, du, self.parameters.vector], slopes)
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """The reference's characteristic sizes in SI, signal by signal."""
+        reference, units = self.reference, self.reference.units
+        states, inputs = (
+            np.array([units.of(signal.unit) for signal in part])
+            for part in (self.system.states, self.system.inputs)
+        )
+        return Sizes(reference.impulse * units.of("N s"), reference.gap * units.of("m"),
+                     reference.x * states, reference.u * inputs)  # fmt: skip
 
     def check_step_size(self) -> None:
         """Raise :class:`~ocp.errors.InputError` unless h is positive, at the defaults and x0."""

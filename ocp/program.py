@@ -5,12 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ocp.layout import Layout
+from ocp.units import Scale
 
 FORMS = ("product", "none", "fischer-burmeister", "lin-fukushima")
 """How ``0 <= G ⟂ H >= 0`` stands in a program, see :class:`Program`."""
@@ -70,6 +72,16 @@ class Program(ABC):
     @abstractmethod
     def pair_name(self, index: int) -> PairName:
         """What the pair ``pairs[:, index]`` is called."""
+
+    @cached_property
+    def scale(self) -> Scale | None:
+        """What a solver divides variables, constraints and cost by; None for nothing."""
+        return None
+
+    @property
+    def natural(self) -> Scale:
+        """:attr:`scale`, of ones where it is None."""
+        return self.scale or Scale.none(self.n, self.m)
 
     @property
     def n(self) -> int:

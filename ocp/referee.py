@@ -172,7 +172,8 @@ def survival(
     """Judge a refereed plan; ``physics`` and ``broken`` are those of the referee's replay."""
     excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST)
     off = np.abs(heard.replay.x - plan.x)
-    share = float(off.max()) / problem.reference.x
+    shares = off / problem.sizes.x
+    share = float(shares.max())
     reasons = []
     if heard.failed is not None:
         reasons.append(heard.failed.brief)
@@ -183,12 +184,12 @@ def survival(
     if excess > COST_SHARE:
         reasons.append(f"it costs {heard.cost:.6g} instead of {plan.cost:.6g}")
     if share > STATE_SHARE:
-        _, k, i = (int(v) for v in np.unravel_index(int(off.argmax()), off.shape))
+        s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), off.shape))
         signal = problem.system.states[i]
-        reasons.append(f"{signal.name} is {off.max():.2g} {signal.unit} off at node {k}")
+        reasons.append(f"{signal.name} is {off[s, k, i]:.2g} {signal.unit} off at node {k}")
     reasons += _what_breaks(broken)
     for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
-        if worst is not None and worst.amount > PENETRATION_SHARE * problem.reference.gap:
+        if worst is not None and worst.amount > PENETRATION_SHARE * problem.sizes.gap:
             reasons.append(
                 f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}"
             )

@@ -13,7 +13,7 @@ from ocp.errors import InputError, NotConverged
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.routes.branches import land
-from ocp.routes.complementarity import SECOND, Route, solve_pairs
+from ocp.routes.complementarity import FEW, LOOKS, SECOND, SECOND_FEW, Route, solve_pairs
 from ocp.routes.landing import rolled_down
 from ocp.routes.legs import (
     PRIMAL,
@@ -34,6 +34,8 @@ _WIDE = 1e-3
 """Relaxation of lam gap, in characteristic units, on which an exact solve from elsewhere starts."""
 _PARTED = 1e-3
 """Relative rise of the cost from which on a rollout has parted from its plan."""
+_PATIENCE, _PATIENCE_S = 10.0, 20.0
+"""Times what the first way took, and seconds at least, after which a second way is given up."""
 Guessed = tuple[np.ndarray, np.ndarray] | None
 
 
@@ -91,14 +93,18 @@ class Session:
 
     def solve(
         self, start: Point | None = None, progress: Progress | None = None,
-        guess: Guessed = None, warm_from: NLP | None = None,
+        guess: Guessed = None, warm_from: NLP | None = None, number: int = 0,
     ) -> Outcome:  # fmt: skip
-        """Solve at the present values, from a warm point of ``warm_from`` or from a guess."""
+        """Solve at the present values, from a warm point of ``warm_from`` or from a guess.
+
+        ``number`` counts several guesses: each takes another relaxation than the one before, since
+        a relaxation that starts wide forgets its guess and ends in the same minimum.
+        """
         follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
         if start is not None and warm_from is not None:
             return self._continue(follower, start, warm_from)
         if self.complementary:
-            return self._exact(follower, guess)
+            return self._exact(follower, guess, number)
         return self._smooth(follower, guess)
 
     def _smooth(self, follower: Homotopy, guess: Guessed) -> Outcome:
@@ -122,8 +128,8 @@ class Session:
         return Outcome(result, nlp, finished, follower.trace)
 
     def _schedule(self) -> Schedule | None:
-        reference = self.problem.reference
-        return self.step.law.schedule(reference.impulse, reference.gap)
+        sizes = self.problem.sizes
+        return self.step.law.schedule(sizes.impulse, sizes.gap)
 
     def _absorbed(self, helper: Session, follower: Homotopy, guess: Guessed) -> Outcome:
         """Solve by a helping session, whose table and work are added to the follower's."""
@@ -146,7 +152,9 @@ class Session:
         for helper in helpers:
             if helper.step.exact:
                 helper.values |= {name: self.values[name] for name in self.step.p.names}
-            plan = self._absorbed(helper, follower, guess)
+            first = helper is helpers[0]
+            with self.solver.within(None if first else self._patience(follower)):
+                plan = self._absorbed(helper, follower, guess)
             direct = self.judging_nlp()
             settling = Homotopy(lambda _, nlp=direct: nlp, self.solver, self.values,
                                 follower.progress)  # fmt: skip
@@ -164,6 +172,10 @@ class Session:
                 break
         assert best is not None
         return best
+
+    def _patience(self, follower: Homotopy) -> float:
+        """Seconds for a second way, where the first took what the follower's trace says."""
+        return max(_PATIENCE_S, _PATIENCE * follower.trace.seconds)
 
     def _helper(self, law: ContactLaw, method: Method) -> Session:
         """Return the session of the same problem under another law, at the same values."""
@@ -193,15 +205,20 @@ class Session:
         """Seconds of set-up, of helping sessions too."""
         return self.build_s + sum(helper.total_build_s for helper in self.helpers.values())
 
-    def _exact(self, follower: Homotopy, guess: Guessed) -> Outcome:
+    def _exact(self, follower: Homotopy, guess: Guessed, number: int) -> Outcome:
         if self.strategy not in STRATEGIES:
             raise InputError(
                 f"unknown strategy {self.strategy!r}; there are {', '.join(STRATEGIES)}"
             )
-        second = SECOND if self.strategy == DEFAULT_STRATEGY else None
+        usual = self.strategy == DEFAULT_STRATEGY
+        few = usual and self.nlp_of("product").pairs.shape[1] <= FEW
+        looks = LOOKS if few else [STRATEGIES[self.strategy]()]
+        second = SECOND_FEW if few else SECOND
+        if few and number:
+            looks = [LOOKS[-number % len(LOOKS)]]
         route = Route(
-            self.strategy, self.problem.reference,
-            lambda nlp: self.first_point(nlp, guess), second,
+            looks, self.problem.reference,
+            lambda nlp: self.first_point(nlp, guess), second if usual else None,
         )  # fmt: skip
         return Outcome(*solve_pairs(follower, route), follower.trace)
 
@@ -260,9 +277,11 @@ class Session:
         if isinstance(self.policy, Feedback):
             blocks["k"] = U[:1] if self.policy.stationary else U
         if "lam" in nlp.variables:
-            mu = self.problem.reference.impulse * self.problem.reference.gap
-            gap = np.maximum(self._free_gaps(X, U), np.sqrt(mu * self.problem.reference.gap))
-            blocks["gap"], blocks["lam"] = gap[None], (mu / gap)[None]
+            reference, units = self.problem.reference, nlp.variables.unpack(nlp.natural.x)
+            mu = reference.impulse * reference.gap
+            free = self._free_gaps(X, U) / units["gap"][0]
+            gap = np.maximum(free, np.sqrt(mu * reference.gap))
+            blocks["gap"], blocks["lam"] = gap * units["gap"], mu / gap * units["lam"]
         return Point(nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables}))
 
     def _free_gaps(self, X: np.ndarray, U: np.ndarray) -> np.ndarray:

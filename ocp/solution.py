@@ -31,6 +31,7 @@ class Status(Enum):
         " follow it (--contact exact -s homotopy=true)"
     )
     ITERATION_LIMIT = "not converged: the iteration limit was reached"
+    TIME_LIMIT = "not converged: it took too long and was given up"
     INFEASIBLE = "not converged: the constraints could not be met from this guess"
     DIVERGED = "not converged: the iterates diverged or a function returned no number"
     STOPPED = "stopped by the user"

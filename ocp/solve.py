@@ -123,8 +123,8 @@ def solve_session(
     """
     solutions: list[Solution] = []
     try:
-        for guess in guesses(session, starts, seed):
-            outcome = session.solve(progress=progress, guess=guess)
+        for number, guess in enumerate(guesses(session, starts, seed)):
+            outcome = session.solve(progress=progress, guess=guess, number=number)
             solutions.append(judged(session, outcome, seed))
     except KeyboardInterrupt as stop:
         if not solutions:
@@ -170,7 +170,7 @@ def guesses(session: Session, starts: int, seed: int) -> list[tuple[np.ndarray, 
     found = [(X, U)]
     for stream in np.random.SeedSequence(seed).spawn(starts - 1):
         noise = np.random.default_rng(stream)
-        size_x, size_u = problem.reference.x, problem.reference.u
+        size_x, size_u = problem.sizes.x, problem.sizes.u
         shaken = X + _SPREAD * size_x * noise.standard_normal(X.shape)
         shaken[0] = X[0]
         found.append((shaken, U + _SPREAD * size_u * noise.standard_normal(U.shape)))

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +15,7 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.program import Program
+from ocp.scaled import Point, Scaled
 from ocp.solution import Status
 
 SOLVERS = {
@@ -41,8 +45,8 @@ _STATUS = {
     "Solve_Succeeded": Status.SOLVED,
     "Solved_To_Acceptable_Level": Status.SOLVED,
     "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
-    "Maximum_CpuTime_Exceeded": Status.ITERATION_LIMIT,
-    "Maximum_WallTime_Exceeded": Status.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
+    "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
     "Diverging_Iterates": Status.DIVERGED,
     "Invalid_Number_Detected": Status.DIVERGED,
@@ -50,13 +54,8 @@ _STATUS = {
 }
 
 
-@dataclass(frozen=True)
-class Point:
-    """Variables and multipliers of an NLP: what a warm start needs."""
-
-    x: np.ndarray
-    lam_x: np.ndarray | None = None
-    lam_g: np.ndarray | None = None
+GIVEN_UP = "Maximum_WallTime_Exceeded"
+"""The word of a run that was given up, IPOPT's."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +95,18 @@ class Solver:
         if not ca.has_nlpsol(name):
             raise InputError(f"this CasADi has no {name}; use --solver ipopt")
         self.name, self.options = name, dict(options or {})
+        self.deadline: float | None = None
+
+    @contextmanager
+    def within(self, seconds: float | None) -> Iterator[None]:
+        """Give up all runs inside after ``seconds`` in all; None for no limit."""
+        before = self.deadline
+        if seconds is not None:
+            self.deadline = time.perf_counter() + seconds
+        try:
+            yield
+        finally:
+            self.deadline = before
 
     def run(
         self,
@@ -106,11 +117,17 @@ class Solver:
         **overrides: Any,
     ) -> Result:
         """Solve from ``start``, with its multipliers where ``warm_start_init_point`` is set."""
+        if self.deadline is not None:
+            left = self.deadline - time.perf_counter()
+            if left <= 0:
+                return _given_up(nlp, start, p)
+            if self.name == "ipopt":
+                # Powers of two, since every set of options is a solver instance of its own.
+                overrides = {**overrides, "max_wall_time": 2.0 ** math.ceil(math.log2(left))}
         function = self._instance(nlp, overrides)
         _check_bounds(nlp, bounds)
-        arguments: dict[str, Any] = {"x0": start.x, "p": p, **bounds}
-        if start.lam_g is not None:
-            arguments |= {"lam_g0": start.lam_g, "lam_x0": start.lam_x}
+        scaled = Scaled(nlp)
+        arguments: dict[str, Any] = {"p": p, **scaled.given(start, bounds)}
         began = time.perf_counter()
         try:
             answer = function(**arguments)
@@ -122,12 +139,11 @@ class Solver:
         good = bool(stats.get("success", False))
         status = _STATUS.get(word, Status.SOLVED if good else Status.FAILED)
         values = {key: np.array(answer[key]).ravel() for key in ("x", "lam_x", "lam_g", "g")}
-        point = Point(values["x"], values["lam_x"], values["lam_g"])
-        cost = float(answer["f"])
+        point, cost, g = scaled.answer(float(answer["f"]), **values)
         if not np.all(np.isfinite(values["x"])):
             status = Status.DIVERGED
         return Result(
-            point, cost, values["g"], status, word, int(stats.get("iter_count", 0)), seconds,
+            point, cost, g, status, word, int(stats.get("iter_count", 0)), seconds,
             _evaluation_s(stats),
         )  # fmt: skip
 
@@ -153,14 +169,15 @@ class Solver:
 
     def _create(self, nlp: Program, options: dict[str, Any]) -> ca.Function:
         x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", nlp.n_parameters)
-        f, g = nlp.f_g.call([x, p], True, False)
+        functions = Scaled(nlp).functions()
+        f, g = functions["f_g"].call([x, p], True, False)
         common: dict[str, Any] = {
             "print_time": False, "calc_lam_p": False, "error_on_fail": False,
             "show_eval_warnings": False,
         }  # fmt: skip
         if self.name == "ipopt":
             inner = {**IPOPT_DEFAULTS, **options}
-            derivatives = {"grad_f": nlp.gradient, "jac_g": nlp.jacobian, "hess_lag": nlp.hessian}
+            derivatives = {name: functions[name] for name in ("grad_f", "jac_g", "hess_lag")}
             common |= {"ipopt": inner, "no_nlp_grad": True, **derivatives}
         else:
             common[self.name] = {**_QUIET.get(self.name, {}), **options}
@@ -170,6 +187,11 @@ class Solver:
             line = next((s for s in str(error).splitlines() if "ption" in s), str(error).strip())
             reason = line.rpartition(".cpp:")[2].partition(": ")[2].strip() or line.strip()
             raise InputError(f"{self.name} refused its options: {reason}") from error
+
+
+def _given_up(nlp: Program, start: Point, p: np.ndarray) -> Result:
+    f, g = nlp.f_g(start.x, p)
+    return Result(start, float(f), np.array(g).ravel(), Status.TIME_LIMIT, GIVEN_UP, 0, 0.0)
 
 
 def _evaluation_s(stats: dict[str, Any]) -> float:

@@ -65,6 +65,8 @@ def findings(found: Solution) -> list[str]:
         lines.append(_sentence(found.certificate.sentence))
     lines += [_sentence(line) for line in (_referee(found), _replay(found), _parting(found))
               if line]  # fmt: skip
+    if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):
+        lines.append("A second way of solving took too long beside the first and was given up.")
     if not found.record.get("resumed", True):
         lines.append(
             "The solver did not converge from the run it started at; this is a cold solve with"
@@ -95,7 +97,7 @@ def _referee(found: Solution) -> str:
 def _planned(found: Solution) -> str:
     """Lengths of the plan itself that no body has: what a plan that does not survive leans on."""
     far, through = found.referee.force_distance, found.referee.between
-    least, said = _NOTABLE * found.problem.reference.gap, ""
+    least, said = _NOTABLE * found.problem.sizes.gap, ""
     if found.record.get("contact") == "exact" and far is not None and far.amount > least:
         said += f"; planned, {far.contact} acts from {far.amount:.2g} m away at step {far.step}"
     if through is not None and through.amount > least:

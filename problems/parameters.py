@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from dynamics.systems import Parameter, ParameterTable
+from ocp.units import Units, fitted
 
 
 class Parameters(BaseModel):
@@ -99,6 +100,19 @@ def table(params: BaseModel) -> ParameterTable:
         Parameter(name, float(getattr(params, name)), unit_of(field), field.description or "")
         for name, field in type(params).model_fields.items()
         if not is_structural(field)
+    )
+
+
+def natural_units(params: BaseModel) -> Units:
+    """Natural units that follow the parameters from their defaults, see :func:`~ocp.units.fitted`.
+
+    What is zero, or has changed its sign, says nothing; nor does a word or a setting.
+    """
+    fields = {n: f for n, f in type(params).model_fields.items() if not is_structural(f)}
+    return fitted(
+        (unit_of(field), float(getattr(params, name)) / float(field.default))
+        for name, field in fields.items()
+        if isinstance(field.default, (int, float)) and field.default
     )
 
 

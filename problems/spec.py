@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import traceback
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 from ocp.errors import InputError
 from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
-from problems.parameters import range_of, unit_of
+from problems.parameters import natural_units, range_of, unit_of
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,8 @@ class ProblemSpec:
                 f"{self.path or self.name}: build(params) returned"
                 f" {_kind(problem)}, expected an ocp.problem.Problem"
             )
-        return problem
+        units = natural_units(params)
+        return replace(problem, reference=replace(problem.reference, units=units))
 
 
 def check_parameters(owner: str, Params: type[BaseModel], values: Mapping[str, Any]) -> Any:

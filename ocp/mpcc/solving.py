@@ -100,7 +100,9 @@ def solve(
     reference = Reference(impulse=1.0, gap=1.0)
     best: MPCCSolution | None = None
     for name in strategies:
-        route = Route(name, reference, lambda program: Point(program.extended(inside)))
+        route = Route(
+            [STRATEGIES[name]()], reference, lambda program: Point(program.extended(inside))
+        )
         result, program, _ = solve_pairs(follower, route)
         found = _judged(programs("none"), program, result, inside, name)
         if best is None or _rank(found) < _rank(best):

@@ -126,6 +126,9 @@ class Branches:
             if left <= 0 or radius < RADII[-1] or not self.program.pairs.size:
                 break
             model = linear_model(self.program, best.point.x, self.p, self.limits)
+            if self._at_rest(model, best, radius):
+                radius /= 10
+                continue
             found = self._exchanged(model, best, radius, left)
             if found is not None and found.f < best.f - _GAIN * abs(best.f):
                 best = found
@@ -134,6 +137,13 @@ class Branches:
         ran = self.follower.trace.seconds - before
         self.follower.trace.seconds += time.perf_counter() - began - ran
         return best
+
+    def _at_rest(self, model: LinearModel, best: Result, radius: float) -> bool:
+        """Whether the multipliers alone tell that there is no descent, by weak duality."""
+        multipliers = best.point.lam_g
+        if multipliers is None:
+            return False
+        return model.dual_bound(multipliers, radius) <= tolerance_of(model, best.f)
 
     def _exchanged(
         self, model: LinearModel, best: Result, radius: float, seconds: float
@@ -156,9 +166,10 @@ class Branches:
 
     def _other_side(self, found: Result, active: np.ndarray) -> np.ndarray:
         """Pairs at (0, 0) whose held member would lower the cost by growing."""
-        (first, second), x, lam_x = self.program.pairs, found.point.x, found.point.lam_x
-        if lam_x is None:
+        (first, second), units = self.program.pairs, self.program.natural
+        if found.point.lam_x is None:
             return np.zeros_like(active)
+        x, lam_x = found.point.x / units.x, found.point.lam_x * units.x / units.f
         both = (x[first] < _NEAR) & (x[second] < _NEAR)
         held = np.where(active, lam_x[second], lam_x[first])
         return both & (held > 1e-6)

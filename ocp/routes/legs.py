@@ -37,8 +37,9 @@ _STEP_BACKS = 4
 class Plan:
     """One stage: the form of the Program, parameter values, bounds on the contact rows, options.
 
-    ``options`` are IPOPT's; another solver runs every stage with its own defaults. A ``partial``
-    stage may end at its iteration limit: the next one starts from there.
+    ``contact`` is in natural units of the program. ``options`` are IPOPT's; another solver runs
+    every stage with its own defaults. A ``partial`` stage may end at its iteration limit: the next
+    one starts from there.
     """
 
     knob: str
@@ -61,7 +62,7 @@ class Path:
     values: Sequence[float]
     plan: Callable[[float], Plan]
     strict: bool = True
-    complete: Callable[[Program, Result], bool] | None = None
+    complete: Callable[[Program, Result], object] | None = None
 
 
 @dataclass
@@ -94,6 +95,7 @@ class Homotopy:
                  progress: Progress | None = None) -> None:  # fmt: skip
         self.nlp_of, self.solver, self.values = nlp_of, solver, values
         self.progress, self.trace = progress, Trace()
+        self.early: Point | None = None
 
     def follow(self, path: Path, start: Point, warm: bool = False) -> tuple[Result, Program, bool]:
         """Follow one path: the last result, its program, and whether the end was reached."""
@@ -110,6 +112,7 @@ class Homotopy:
                 point, form, good = result.point, nlp, value
                 tries = 0 if value in path.values else tries
                 best = (result, nlp)
+                self.early = self.early or point
                 if path.complete is not None and path.complete(nlp, result):
                     break
                 continue
@@ -128,7 +131,9 @@ class Homotopy:
         p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
         if plan.contact is not None and "contact" in nlp.constraints:
             rows = nlp.constraints["contact"].index.ravel()
-            bounds["lbg"][rows], bounds["ubg"][rows] = plan.contact
+            lower, upper = plan.contact
+            bounds["lbg"][rows] = lower * nlp.natural.g[rows]
+            bounds["ubg"][rows] = upper * nlp.natural.g[rows]
         options: dict[str, Any] = {}
         usable = start if warm else Point(start.x)
         if self.solver.name == "ipopt":

@@ -54,21 +54,25 @@ class CentralPath:
     """
 
     factor: float = 0.03
+    wide: float = 1.0
+    below: bool = True
     name: ClassVar[str] = "central-path"
     summary: ClassVar[str] = "lam gap = t, t falling, then the active set (the default)"
 
     def paths(self, reference: Reference) -> list[Path]:
-        """One path from t = impulse times distance to its ten-thousandth.
+        """One path from ``wide`` times impulse times distance to a ten-thousandth of these.
 
-        The first stage may lie below the path (``lam gap <= t``): from a cold start that halves
-        its iterations on systems with many contacts.
+        The first stage may lie ``below`` the path (``lam gap <= t``): from a cold start that
+        halves its iterations on systems with many contacts.
         """
-        start = reference.impulse * reference.gap
+        size = reference.impulse * reference.gap
+        start = self.wide * size
 
         def plan(t: float) -> Plan:
-            return self._plan(t) if t < start else replace(self._plan(t), contact=(-np.inf, t))
+            first = self.below and t >= start
+            return replace(self._plan(t), contact=(-np.inf, t)) if first else self._plan(t)
 
-        return [Path(geometric(start, T_LOOSE * start, self.factor), plan)]
+        return [Path(geometric(start, T_LOOSE * size, self.factor), plan)]
 
     def further(self, reference: Reference) -> list[Path]:
         """The same path on to 1e-8."""
@@ -176,7 +180,7 @@ class ScholtesCold:
 
 def _complementary(tolerance: float) -> Callable[[Program, Result], bool]:
     def reached(nlp: Program, result: Result) -> bool:
-        lam, gap = result.point.x[nlp.pairs]
+        lam, gap = (result.point.x / nlp.natural.x)[nlp.pairs]
         return bool(np.abs(lam * gap).max(initial=0.0) <= tolerance)
 
     return reached

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
 from dynamics.contact import Step
 from ocp.layout import Layout
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.program import PairName, Program
+from ocp.units import Scale, measured
 
 _SLIP = 1e3
 """Largest slip in a step, in characteristic distances."""
@@ -106,14 +109,44 @@ class NLP(Program):
         gap = np.where(slips, reference.impulse, reference.gap)
         known = {"x": reference.x, "x0": reference.x, "u": reference.u, "k": reference.u,
                  "K": reference.u / reference.x, "lam": impulse, "gap": gap}  # fmt: skip
-        return self.variables.pack({name: known[name] for name in self.variables.blocks})
+        natural = self.variables.pack({name: known[name] for name in self.variables.blocks})
+        return natural * self.natural.x
+
+    @cached_property
+    def scale(self) -> Scale | None:
+        """Natural units of variables, constraints and cost, see :func:`~ocp.units.measured`.
+
+        None in SI, and by shooting, whose contacts are solved on the way.
+        """
+        units, table = self.problem.reference.units, self.problem.parameters + self.step.p
+        if units.plain or "gap" not in self.variables:
+            return None
+        system = self.problem.system
+        x, u = (np.array([units.of(signal.unit) for signal in part])
+                for part in (system.states, system.inputs))  # fmt: skip
+        lam = np.array([units.of(signal.unit) for signal in self.step.contacts])
+        known = {"x": x, "x0": x, "u": u, "k": u, "K": u[:, None] / x, "lam": lam, "gap": 1.0}
+        own = np.full(self.m, -1)
+        own[self.constraints["gap_definition"].index] = self.variables["gap"].index
+        values = {parameter.name: float(parameter.value) for parameter in table}
+        natural = {p.name: values[p.name] / units.of(p.unit) for p in table}
+        given = [
+            self.parameter_vector({"penalty": 0.0, "relaxation": 0.0, **part})
+            for part in (values, natural)
+        ]
+        first = self.variables.pack({name: known[name] for name in self.variables.blocks})
+
+        def entries(z: np.ndarray, p: np.ndarray) -> tuple[float, sp.csr_matrix]:
+            return float(self.f_g(z, p)[0]), sp.csr_matrix(self.jacobian(z, p)[1].sparse())
+
+        return measured(first, own, entries, *given)
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
         """By the sizes of both members and, where slip makes that another set, as if all were
         impulses and gaps: friction that hardly slides is cut off by neither alone.
         """
         own = super().active_sets(x)
-        first, second = x[self.pairs]
+        first, second = (x / self.natural.x)[self.pairs]
         other = first / self.problem.reference.impulse > second / self.problem.reference.gap
         return own if np.array_equal(own[0], other) else [other, *own]
 
@@ -126,7 +159,7 @@ class NLP(Program):
     def _largest_multipliers(self) -> np.ndarray:
         """No bound, but for the slip of a contact: without a normal force nothing else holds it."""
         kinds = [pair.kind for pair in self.problem.system.pairs] * self.step.branches
-        far = _SLIP * self.problem.reference.gap
+        far = _SLIP * self.problem.sizes.gap
         return np.array([far if kind == "slip" else np.inf for kind in kinds])
 
     def _constraint_bounds(

@@ -165,7 +165,7 @@ def build(
         objective = RolloutObjective(problem, law, chosen, theta, **how["engine"])
     except ValueError as error:
         raise InputError(str(error)) from error
-    return objective, values, SIGMA_SHARE * problem.reference.u
+    return objective, values, SIGMA_SHARE * float(problem.sizes.u.max())
 
 
 def _check_values(

@@ -176,7 +176,8 @@ def test_the_table_of_a_solve_tells_the_whole_way() -> None:
     )
     path = [line.value for line in found.stages if line.knob == "mu"]
     np.testing.assert_allclose(path, np.geomspace(1e-2, 1e-6, 5))
-    assert [line.knob for line in found.stages[-2:]] == ["active set", "from exact"]
+    knobs = [line.knob for line in found.stages]
+    assert knobs[-1] == "from exact" and "active set" in knobs
     np.testing.assert_array_equal(found.data["stage_value"], [line.value for line in found.stages])
     np.testing.assert_array_equal(found.data["stage_cost"], [line.cost for line in found.stages])
     assert found.iterations == sum(line.iterations for line in found.stages)

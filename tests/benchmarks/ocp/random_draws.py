@@ -1,0 +1,74 @@
+"""Instances of the named problems with parameters drawn around their defaults."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic.fields import FieldInfo
+
+from ocp.errors import InputError
+from problems import spec
+from problems.parameters import is_structural
+
+PROBLEMS = (
+    "wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "ball-throw",
+    "cart-transport", "hopper-1d", "planar-push",
+)  # fmt: skip
+_FACTOR = 2.0
+_SHIFT, _FROM_ZERO = 0.3, 0.1
+"""Shares of its own size, or units where it is zero, by which a place is moved at most."""
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A problem at drawn parameters."""
+
+    problem: str
+    index: int
+    params: dict[str, float]
+
+    @property
+    def key(self) -> str:
+        """Name of the instance by its content."""
+        text = json.dumps([self.problem, self.params], sort_keys=True)
+        return f"{self.problem}/{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+    @property
+    def command(self) -> str:
+        """How to solve it by hand."""
+        given = " ".join(f"-p {name}={value!r}" for name, value in self.params.items())
+        return f"ocp solve {self.problem} {given}"
+
+
+def drawn(problem: str, count: int, seed: int) -> Iterator[Instance]:
+    """Draw ``count`` instances; what the problem's validation refuses is drawn again."""
+    fields = {
+        name: field
+        for name, field in spec(problem).Params.model_fields.items()
+        if not is_structural(field)
+    }
+    for index in range(count):
+        rng = np.random.default_rng([seed, PROBLEMS.index(problem), index])
+        while True:
+            params = {name: _value(field, rng) for name, field in fields.items()}
+            try:
+                spec(problem).problem(params)
+            except InputError:
+                continue
+            yield Instance(problem, index, params)
+            break
+
+
+def _value(field: FieldInfo, rng: np.random.Generator) -> float:
+    """Log-uniform within a factor of two for what is positive, else moved by a share of itself."""
+    default = float(field.default)
+    positive = any(
+        getattr(limit, "gt", getattr(limit, "ge", None)) == 0 for limit in field.metadata
+    )
+    if positive and default > 0:
+        return default * _FACTOR ** rng.uniform(-1, 1)
+    return default + rng.uniform(-1, 1) * (_SHIFT * abs(default) or _FROM_ZERO)

@@ -1,0 +1,292 @@
+"""Default solves of random instances against every other way we have of solving them.
+
+``make bench-random`` runs it; ``COUNT=5 PROBLEMS="push-1d"`` draws fewer. What the other ways found
+is kept in ``runs/bench-random.json``, so that a changed default route is measured at once;
+``--fresh`` forgets it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from dynamics.contact import Barrier, Exact
+from ocp.judgement import judged
+from ocp.physics import broken_constraints
+from ocp.routes.complementarity import Route, by_strategy
+from ocp.routes.legs import Homotopy
+from ocp.routes.outcome import Outcome
+from ocp.routes.relaxations import CentralPath
+from ocp.session import Session
+from ocp.solution import Solution, Status
+from ocp.solve import guesses, new_session, solve
+from ocp.transcription import MultipleShooting, SingleShooting
+from problems import get
+from tests.benchmarks.ocp.random_draws import PROBLEMS, Instance, drawn
+
+STORE = Path("runs/bench-random.json")
+SEED, STARTS = 0, 4
+LIMIT_S = 60.0
+WORSE, MOST_WORSE, MOST_TIME = 0.01, 0.03, 1.5
+BASELINE = "first strategy alone"
+FEASIBLE = {s.label for s in (Status.SOLVED, Status.NOT_OPTIMAL, Status.UNDECIDED,
+                              Status.NO_PROGRESS)}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What one way made of an instance: costs, processor seconds of the solve, and wall seconds.
+
+    ``certified`` says whether the certificate itself does; ``misplaced`` is how far [m] an audited
+    ball-throw is off a bound or deeper in the ground than its model lets it be at a node.
+    """
+
+    status: str
+    certified: bool
+    cost: float
+    seconds: float
+    wall: float
+    misplaced: float = 0.0
+
+    @property
+    def solved(self) -> bool:
+        """Whether the program calls it solved."""
+        return self.status == Status.SOLVED.label
+
+
+def default(instance: Instance) -> Answer:
+    """The default route from the problem's own guess."""
+    return _from_session(instance, lambda session: session.solve())
+
+
+def alone(instance: Instance) -> Answer:
+    """The baseline of times: the first strategy alone, no second look and no improvement."""
+
+    def run(session: Session) -> Outcome:
+        follower = Homotopy(session.nlp_of, session.solver, session.values)
+        route = Route([CentralPath()], session.problem.reference, session.first_point)
+        ended = by_strategy(follower, route, route.looks[0])
+        return Outcome(*ended, follower.trace)
+
+    return _from_session(instance, run)
+
+
+def _from_session(
+    instance: Instance, run: Callable[[Session], Outcome], settings: dict[str, str] | None = None,
+    method: MultipleShooting | SingleShooting | None = None,
+) -> Answer:  # fmt: skip
+    session = new_session(get(instance.problem, **instance.params), Exact(), method, None,
+                          "ipopt", settings)  # fmt: skip
+    began, wall = time.process_time(), time.perf_counter()
+    outcome = run(session)
+    spent = time.process_time() - began, time.perf_counter() - wall
+    return _answer(judged(session, outcome, SEED), *spent)
+
+
+def _strategy(name: str) -> Callable[[Instance], Answer]:
+    return lambda instance: _from_session(
+        instance, lambda session: session.solve(), {"strategy": name}
+    )
+
+
+def _start(number: int) -> Callable[[Instance], Answer]:
+    def run(session: Session) -> Outcome:
+        return session.solve(guess=guesses(session, number + 1, SEED)[number])
+
+    return lambda instance: _from_session(instance, run)
+
+
+def _from_barrier(instance: Instance) -> Answer:
+    """Exact law from the end of the barrier law's path."""
+    problem = get(instance.problem, **instance.params)
+    began, wall = time.process_time(), time.perf_counter()
+    soft = solve(problem, Barrier(mu=1e-6))
+    found = solve(problem, Exact(), start=soft)
+    return _answer(found, time.process_time() - began, time.perf_counter() - wall)
+
+
+def _shooting(method: MultipleShooting | SingleShooting) -> Callable[[Instance], Answer]:
+    return lambda instance: _from_session(instance, lambda session: session.solve(), method=method)
+
+
+SHOOTING = ("multiple shooting", "single shooting")
+OTHERS: dict[str, Callable[[Instance], Answer]] = {
+    "scholtes-adaptive": _strategy("scholtes-adaptive"),
+    "scholtes": _strategy("scholtes"),
+    **{f"start {k}": _start(k) for k in range(1, STARTS + 1)},
+    "from barrier": _from_barrier,
+    "multiple shooting": _shooting(MultipleShooting()),
+    "single shooting": _shooting(SingleShooting()),
+}
+
+
+def _answer(found: Solution, seconds: float, wall: float) -> Answer:
+    label, misplaced = found.status.label, 0.0
+    if found.problem.name == "ball-throw" and label in FEASIBLE:
+        misplaced = _misplaced(found)
+    return Answer(label, found.certificate.certified, found.cost, seconds, wall, misplaced)
+
+
+def _misplaced(found: Solution) -> float:
+    """How far an audited throw is off its bounds, or below where a bounce puts a node at most."""
+    physical = np.array([found.values[name] for name in found.problem.parameters.names])
+    x, u = found.data["x"].values, found.data["u"].values
+    broken = broken_constraints(found.problem, x, u, physical)
+    e, g, h = (found.values[name] for name in ("restitution", "g", "h"))
+    deep = e * h * np.sqrt(x[..., 5].max()) + (1 + e) * g * h**2 / 2
+    below = max(0.0, -float(x[..., 1].min()) - deep)
+    return max([below, *(one.violation.amount for one in broken)])
+
+
+def measured(
+    instance: Instance, kept: dict[str, dict], now: dict[str, Callable[[Instance], Answer]]
+) -> dict[str, Answer]:
+    """All answers of an instance: those of ``now`` afresh, the others where they are not kept."""
+    ways = {**OTHERS, **now}
+    found = {}
+    for name, way in ways.items():
+        if name in now or name not in kept:
+            kept[name] = asdict(way(instance))
+        found[name] = Answer(**kept[name])
+    return found
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Counts over instances, as the floors ask for them."""
+
+    count: int
+    solved: int
+    worse: int
+    shot: int
+    uncertified: int
+    slow: int
+    misplaced: int
+    seconds: float
+    ratio: float
+
+    @property
+    def missed(self) -> list[str]:
+        """Floors that are not met, in words."""
+        floors = {
+            f"more than 1 % above the best: {self.worse} of {self.solved} solved, floor 3 %": (
+                self.worse > MOST_WORSE * self.solved
+            ),
+            f"{self.uncertified} shooting answers solved without a certificate": self.uncertified,
+            f"{self.slow} solves of over {LIMIT_S:g} s where direct needs 1 s": self.slow,
+            f"{self.misplaced} audited throws off a bound or in the ground": self.misplaced,
+            f"{self.ratio:.2f} times the baseline's median time, floor {MOST_TIME}": (
+                self.ratio > MOST_TIME
+            ),
+        }
+        return [words for words, wrong in floors.items() if wrong]
+
+
+def best(answers: dict[str, Answer]) -> float:
+    """Lowest certified cost over all ways, infinite where there is none."""
+    return min((a.cost for a in answers.values() if a.solved and a.certified), default=math.inf)
+
+
+def is_worse(answers: dict[str, Answer]) -> bool:
+    """Whether the default route's answer is solved and more than 1 % above the best."""
+    low, own = best(answers), answers["default"]
+    return own.solved and own.cost > low + WORSE * abs(low)
+
+
+def summary(found: Sequence[dict[str, Answer]]) -> Summary:
+    """Count over instances; the time is the ratio of medians of processor time."""
+    shots = [answers[name] for answers in found for name in SHOOTING]
+    slow = [
+        answer
+        for answers in found
+        for answer in answers.values()
+        if answer.wall > LIMIT_S and answers["default"].wall <= 1.0
+    ]
+    own, base = (
+        median(answers[name].seconds for answers in found) for name in ("default", BASELINE)
+    )
+    return Summary(
+        len(found),
+        sum(answers["default"].solved and answers["default"].certified for answers in found),
+        sum(is_worse(answers) for answers in found),
+        sum(shot.solved for shot in shots),
+        sum(shot.solved and not shot.certified for shot in shots),
+        len(slow),
+        sum(a.misplaced > 1e-6 for answers in found for a in answers.values()),
+        own,
+        own / base,
+    )
+
+
+COLUMNS = (
+    "problem", "instances", "solved and certified", "> 1 % above the best", "shooting solved",
+    "of them uncertified", "over 60 s", "misplaced", "median s", "of the baseline's",
+)  # fmt: skip
+
+
+def row(name: str, s: Summary) -> str:
+    """A line of the table."""
+    cells = (name, s.count, s.solved, s.worse, s.shot, s.uncertified, s.slow, s.misplaced,
+             f"{s.seconds:.2g}", f"{s.ratio:.2f}")  # fmt: skip
+    return f"| {' | '.join(str(cell) for cell in cells)} |"
+
+
+def main() -> int:
+    """Measure, tell the worse ones as they come, print the table; 1 where a floor is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("problems", nargs="*", metavar="PROBLEM", choices=[*PROBLEMS, []])
+    parser.add_argument("--count", type=int, default=30, help="instances a problem")
+    parser.add_argument("--fresh", action="store_true", help="forget what other ways found")
+    given = parser.parse_args()
+    store: dict[str, dict] = {}
+    if STORE.exists() and not given.fresh:
+        store = json.loads(STORE.read_text())
+    now = {"default": default, BASELINE: alone}
+    every: dict[str, list[dict[str, Answer]]] = {}
+    for name in given.problems or PROBLEMS:
+        every[name] = []
+        for instance in drawn(name, given.count, SEED):
+            answers = measured(instance, store.setdefault(instance.key, {}), now)
+            every[name].append(answers)
+            _keep(store)
+            _tell(instance, answers)
+    print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
+    for name, found in every.items():
+        print(row(f"`{name}`", summary(found)))
+    total = summary([answers for found in every.values() for answers in found])
+    print(row("all", total))
+    print("missed: " + "; ".join(total.missed) if total.missed else "every floor is met")
+    return 1 if total.missed else 0
+
+
+def _tell(instance: Instance, answers: dict[str, Answer]) -> None:
+    own, low = answers["default"], best(answers)
+    if is_worse(answers) or not own.solved:
+        ways = [
+            name for name, a in answers.items() if a.solved and a.cost <= low + WORSE * abs(low)
+        ]
+        print(
+            f"{instance.problem} {instance.index}: {own.status} {own.cost:.6g}, best {low:.6g} by"
+            f" {', '.join(ways) or 'none'}; {instance.command}",
+            file=sys.stderr, flush=True,
+        )  # fmt: skip
+
+
+def _keep(store: dict[str, dict]) -> None:
+    STORE.parent.mkdir(exist_ok=True)
+    fresh = STORE.with_suffix(".new")
+    fresh.write_text(json.dumps(store))
+    fresh.replace(STORE)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""Answers do not depend on the units of mass, length and time in which a problem is stated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ocp.solution import Solution, Status
+from ocp.solve import solve
+from ocp.units import Units, dimension, fitted
+from problems import get, spec
+from problems.parameters import is_structural, natural_units, unit_of
+
+OTHER = (Units(1e3, 1.0, 1.0), Units(1.0, 1e-3, 1.0), Units(1.0, 1.0, 60.0), Units(1e-3, 1e2, 1e-3))
+CONSISTENT = ("wall-1d", "push-1d", "push-disc", "ball-bounce", "box-slide", "cart-transport",
+              "hopper-1d", "planar-push")  # fmt: skip
+"""Problems of which every parameter and every term of the cost has its unit; one cost is a way."""
+
+
+def stated(problem: str, units: Units, **params: float) -> dict[str, float]:
+    """Numbers of the parameters, were ``units`` what they are counted in instead of kg, m, s."""
+    checked = spec(problem).params(params)
+    return {
+        name: getattr(checked, name) * units.of(unit_of(field))
+        for name, field in type(checked).model_fields.items()
+        if not is_structural(field) or unit_of(field) != "1"
+    }
+
+
+@pytest.mark.parametrize("problem", CONSISTENT)
+def test_costs_are_invariant_under_a_change_of_units(problem: str) -> None:
+    known = solve(get(problem))
+    for units in OTHER:
+        found = solve(get(problem, **stated(problem, units)))
+        size = units.of("m") if problem == "hopper-1d" else 1.0
+        assert found.status is known.status is Status.SOLVED
+        assert found.cost / size == pytest.approx(known.cost, rel=1e-6)
+        x, u = (dimensionless(found, units, key) for key in ("x", "u"))
+        if problem != "hopper-1d":
+            assert np.abs(x - known.data["x"].values).max() < 1e-5
+            assert np.abs(u - known.data["u"].values).max() < 1e-5
+
+
+def dimensionless(found: Solution, units: Units, key: str) -> np.ndarray:
+    """A trajectory as it would read in SI."""
+    system = found.problem.system
+    signals = system.states if key == "x" else system.inputs
+    return found.data[key].values / np.array([units.of(signal.unit) for signal in signals])
+
+
+@pytest.mark.parametrize(
+    ("problem", "params", "cost"),
+    [("ball-bounce", {"m": 0.01, "u_max": 0.15, "w_u": 100.0}, 0.745009),
+     ("push-disc", {"M": 1e6, "K": 5e7}, 0.100678)],
+)  # fmt: skip
+def test_light_balls_and_heavy_discs_end_where_others_do(
+    problem: str, params: dict[str, float], cost: float
+) -> None:
+    found = solve(get(problem, **params))
+    assert found.success and found.cost == pytest.approx(cost, rel=1e-5)
+
+
+@pytest.mark.parametrize("problem", CONSISTENT)
+def test_units_are_found_from_the_numbers(problem: str) -> None:
+    for units in OTHER:
+        params = stated(problem, units)
+        found = natural_units(spec(problem).params(params))
+        for unit in ("N s", "m", "m/s", "N"):
+            if problem != "planar-push" or unit == "m":
+                assert found.of(unit) == pytest.approx(units.of(unit), rel=1e-6)
+        assert natural_units(spec(problem).params({})).plain
+
+
+def test_one_parameter_that_leaves_the_others_is_outvoted() -> None:
+    changes = [("m", 50.0), ("m", 2.0), ("m", 2.0), ("m/s", 2.0), ("s", 1.0), ("s", 1.0)]
+    found = fitted(changes)
+    assert found.m == pytest.approx(2.0, rel=1e-2) and found.s == pytest.approx(1.0, abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("unit", "exponents"),
+    [("1/(N s)^2", (-2, -2, 2)), ("1/(N^2 s)", (-2, -2, 3)), ("N m s/rad", (1, 2, -1)),
+     ("kg m²", (1, 2, 0)), ("s^2/m", (0, -1, 2)), ("1", (0, 0, 0))],
+)  # fmt: skip
+def test_units_are_read(unit: str, exponents: tuple[int, int, int]) -> None:
+    read = dimension(unit)
+    assert read is not None and read.tolist() == list(exponents)
+    assert dimension("SI") is None
