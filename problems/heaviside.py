@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from dynamics.systems import ParameterTable, Signal
-from ocp.studies.objective import ClosedForm, StaticObjective
+from ocp.gradients.objective import ClosedForm, StaticObjective
 from problems.parameters import Parameters, quantity
 from problems.spec import Citation
 

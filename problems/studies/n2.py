@@ -7,8 +7,8 @@ import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from ocp import SingleShooting, Solution, Status, solve
+from ocp.judges.referee import COST_SHARE
 from ocp.problem import Problem
-from ocp.referee import COST_SHARE
 from problems.registry import get
 from problems.spec import Citation
 from problems.studies.study import (
