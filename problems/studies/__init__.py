@@ -9,7 +9,21 @@ from ocp.errors import InputError
 from problems.spec import did_you_mean
 from problems.studies.study import Claim, Study
 
-_IDS = ("N2", "P1", "P2", "P3", "P4", "P5", "P6", "P7", "A1", "A2", "A2v", "A6", "T1")
+_IDS = {
+    "N2": "start_without_contact",
+    "P1": "jumping_objectives",
+    "P2": "heaviside_bias",
+    "P3": "friction_bias",
+    "P4": "wall_corner",
+    "P5": "stiff_pushing",
+    "P6": "barrier_relaxation",
+    "P7": "interpolated_gradients",
+    "A1": "adaptive_mu",
+    "A2": "bouncing_ball",
+    "A2v": "landing_variance",
+    "A6": "impact_and_friction",
+    "T1": "audited_theory",
+}
 
 
 def ids() -> list[str]:
@@ -32,7 +46,7 @@ def get(name: str) -> Study:
 
 @cache
 def _load(identifier: str) -> Study:
-    return importlib.import_module(f"problems.studies.{identifier.lower()}").study
+    return importlib.import_module(f"problems.studies.{_IDS[identifier]}.data").study
 
 
 __all__ = ["Claim", "Study", "get", "ids"]

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ocp.studies.stored_run import StoredRun
 from problems.parameters import unit_of
-from problems.studies import get
+from problems.studies import _IDS, get
 from problems.studies.study import CHOICE
 from reports.bibliography import full_citation
 from reports.console import number
@@ -20,7 +20,7 @@ def study_page(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
     """Content and figure of a stored study; raises ``InputError`` for an unknown one."""
     meta = run.meta
     study = get(meta["problem"])
-    drawing = importlib.import_module(f"reports.figures.{study.id.lower()}")
+    drawing = importlib.import_module(f"reports.figures.studies.{_IDS[study.id]}")
     content = {
         "title": f"{study.id}: {study.title}",
         "hash": meta["hash"],

@@ -9,7 +9,7 @@ from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solve
 from ocp.judgement import judged
 from ocp.solve import guesses, new_session
-from problems.studies import n2
+from problems.studies.start_without_contact import data as n2
 from tests.golden.known import LAWS, better
 
 NAMES = ("planar-push", "planar-hand")

@@ -21,7 +21,7 @@ def test_data_carry_units_and_are_drawn(identifier: str) -> None:
     found = studies.get(identifier).data(SMALL[identifier])
     for name, variable in found.variables.items():
         assert variable.dtype.kind not in "fiu" or variable.attrs["units"], name
-    drawing = importlib.import_module(f"reports.figures.{identifier.lower()}")
+    drawing = importlib.import_module(f"reports.figures.studies.{studies._IDS[identifier]}")
     with styled():
         figure = drawing.draw(found)
         assert len(to_svg(figure)) > 10_000

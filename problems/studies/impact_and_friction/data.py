@@ -9,9 +9,13 @@ from scipy.stats import norm
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from problems.registry import get
 from problems.spec import Citation
-from problems.studies.a6_claims import claims
-from problems.studies.box_push import cost_of_averaging, smoothed_box, softened_box
-from problems.studies.sampled_step import SampledStep
+from problems.studies.impact_and_friction.box_push import (
+    cost_of_averaging,
+    smoothed_box,
+    softened_box,
+)
+from problems.studies.impact_and_friction.claims import claims
+from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.study import CHOICE, Study, StudyParams, quantity_of, setting
 
 COUNTS = (10, 100, 1000)

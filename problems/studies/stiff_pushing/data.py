@@ -9,8 +9,8 @@ import xarray as xr
 from dynamics.batch import Gaussian, RolloutFunction, open_loop
 from dynamics.contact import Barrier, Exact, Step
 from problems.spec import Citation
-from problems.studies.pushing import pushing_system
-from problems.studies.sampled_step import SampledStep
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.stiff_pushing.pushing import pushing_system
 from problems.studies.study import (
     CHOICE,
     CODE,

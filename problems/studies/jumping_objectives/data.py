@@ -7,8 +7,8 @@ import xarray as xr
 from scipy.stats import norm
 
 from problems.spec import Citation
-from problems.studies.along_decision import along
-from problems.studies.simple_systems import drop, pivot, throw_wall
+from problems.studies.jumping_objectives.systems import drop, pivot, throw_wall
+from problems.studies.shared.along_decision import along
 from problems.studies.study import CHOICE, CODE, Claim, Study, StudyParams, quantity_of, setting
 
 NAMES = ("drop", "throw", "pivot")

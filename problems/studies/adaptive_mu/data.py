@@ -9,8 +9,8 @@ from scipy.stats import t as student_t
 
 from dynamics.contact import Adaptive, Exact
 from problems.spec import Citation
-from problems.studies.a1_claims import claims
-from problems.studies.noise import (
+from problems.studies.adaptive_mu.claims import claims
+from problems.studies.shared.noise import (
     averaged_exact,
     gaussian,
     linearisations,
@@ -19,7 +19,7 @@ from problems.studies.noise import (
     printed_kappa,
     student,
 )
-from problems.studies.scalar_contact import barrier_contact, gaussian_contact, scalar_contact
+from problems.studies.shared.scalar_contact import barrier_contact, gaussian_contact, scalar_contact
 from problems.studies.study import CHOICE, Study, StudyParams, quantity_of, setting
 
 MUS = (0.01, 0.1, 1.0)

@@ -8,8 +8,13 @@ import xarray as xr
 from dynamics.contact import Barrier, Exact
 from problems.registry import get
 from problems.spec import Citation
-from problems.studies.ball_ode import as_printed, in_log_height, least_height, turning_points
-from problems.studies.sampled_step import SampledStep
+from problems.studies.bouncing_ball.ball_ode import (
+    as_printed,
+    in_log_height,
+    least_height,
+    turning_points,
+)
+from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.study import (
     CHOICE,
     PAPER,

@@ -9,7 +9,7 @@ import xarray as xr
 from dynamics.contact import Barrier, Exact
 from problems.registry import get
 from problems.spec import Citation
-from problems.studies.sampled_step import SampledStep
+from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.study import CHOICE, Claim, Study, StudyParams, quantity_of, setting
 
 KAPPAS = (10.0, 50.0, 100.0, 500.0, 1000.0)

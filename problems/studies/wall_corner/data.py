@@ -9,7 +9,7 @@ from dynamics.batch import Gaussian
 from ocp.studies.estimators import SAMPLED
 from ocp.studies.sampling import run_estimator
 from problems.spec import Citation
-from problems.studies.along_decision import along
+from problems.studies.shared.along_decision import along
 from problems.studies.study import (
     CHOICE,
     CODE,
@@ -20,7 +20,7 @@ from problems.studies.study import (
     quantity_of,
     setting,
 )
-from problems.studies.thrown_ball import ThrownBall, Wall
+from problems.studies.wall_corner.thrown_ball import ThrownBall, Wall
 
 SHAPES = ("rectangle", "dome")
 _HALVINGS = 5

@@ -6,10 +6,10 @@ import numpy as np
 import xarray as xr
 
 from problems.spec import Citation
-from problems.studies import random_lcs as rl
-from problems.studies import scalar_theory as theory
+from problems.studies.audited_theory import random_lcs as rl
+from problems.studies.audited_theory import scalar_theory as theory
+from problems.studies.audited_theory.claims import claims
 from problems.studies.study import CHOICE, Study, StudyParams, quantity_of, setting
-from problems.studies.t1_claims import claims
 
 SIZES = tuple(range(1, 9))
 MUS = 10.0 ** np.arange(-8, 1)
