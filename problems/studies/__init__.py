@@ -1,34 +1,49 @@
-"""Studies: one figure of a paper each, one a file; ``get("P6").data()`` runs one."""
+"""Studies: one figure of a paper each, one a folder; ``get("P6").data()`` runs one."""
 
 from __future__ import annotations
 
-import importlib
-from functools import cache
-
 from ocp.errors import InputError
 from problems.spec import did_you_mean
+from problems.studies import (
+    adaptive_mu,
+    audited_theory,
+    barrier_relaxation,
+    bouncing_ball,
+    friction_bias,
+    heaviside_bias,
+    impact_and_friction,
+    interpolated_gradients,
+    jumping_objectives,
+    landing_variance,
+    start_without_contact,
+    stiff_pushing,
+    wall_corner,
+)
 from problems.studies.study import Claim, Study
 
-_IDS = {
-    "N2": "start_without_contact",
-    "P1": "jumping_objectives",
-    "P2": "heaviside_bias",
-    "P3": "friction_bias",
-    "P4": "wall_corner",
-    "P5": "stiff_pushing",
-    "P6": "barrier_relaxation",
-    "P7": "interpolated_gradients",
-    "A1": "adaptive_mu",
-    "A2": "bouncing_ball",
-    "A2v": "landing_variance",
-    "A6": "impact_and_friction",
-    "T1": "audited_theory",
+_STUDIES = {
+    module.study.id: module.study
+    for module in (
+        start_without_contact,
+        jumping_objectives,
+        heaviside_bias,
+        friction_bias,
+        wall_corner,
+        stiff_pushing,
+        barrier_relaxation,
+        interpolated_gradients,
+        adaptive_mu,
+        bouncing_ball,
+        landing_variance,
+        impact_and_friction,
+        audited_theory,
+    )
 }
 
 
 def ids() -> list[str]:
     """Identifiers of all studies, in the order of the papers."""
-    return list(_IDS)
+    return list(_STUDIES)
 
 
 def get(name: str) -> Study:
@@ -36,17 +51,13 @@ def get(name: str) -> Study:
 
     Raises :class:`~ocp.errors.InputError` for an unknown one.
     """
-    known = {identifier.lower(): identifier for identifier in _IDS}
+    known = {identifier.lower(): study for identifier, study in _STUDIES.items()}
     if name.lower() not in known:
         raise InputError(
-            f"unknown figure {name!r}{did_you_mean(name, _IDS)}; there are {', '.join(_IDS)}"
+            f"unknown figure {name!r}{did_you_mean(name, _STUDIES)}; there are"
+            f" {', '.join(_STUDIES)}"
         )
-    return _load(known[name.lower()])
-
-
-@cache
-def _load(identifier: str) -> Study:
-    return importlib.import_module(f"problems.studies.{_IDS[identifier]}.data").study
+    return known[name.lower()]
 
 
 __all__ = ["Claim", "Study", "get", "ids"]

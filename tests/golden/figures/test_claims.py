@@ -13,7 +13,7 @@ import xarray as xr
 
 import problems.studies
 from problems import studies
-from problems.studies.start_without_contact import data as n2
+from problems.studies.start_without_contact import claims as n2
 from problems.studies.study import Claim, largest, over
 from tests.golden.figures.verdicts import SMALL, VERDICTS
 
