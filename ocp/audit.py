@@ -212,15 +212,15 @@ def _slopes(
     for s in range(len(replay.x)):
         u = replay.u[s]
         increments = np.diff(np.vstack([before, u]), axis=0)
-        nu = mask * np.array(slopes(replay.x[s, -1], u[-1], increments[-1], physical)[1]).ravel()
-        size += np.abs(nu).sum()
+        x, after, n = replay.x[s, :-1], replay.x[s, 1:], problem.system.nx
+        here = mask * np.array(slopes(x.T, u.T, increments.T, physical)[0]).T
+        nu = mask * np.array(slopes(after[-1], u[-1], increments[-1], physical)[1]).ravel()
+        size += np.abs(here).sum() + np.abs(nu).sum()
+        A, B = (np.array(J) for J in jacobian(x.T, u.T, p, after.T, replay.lam[s].T)[:2])
         for k in reversed(range(problem.N)):
-            J = jacobian(replay.x[s, k], u[k], p, replay.x[s, k + 1], replay.lam[s, k])
-            largest = max(largest, float(np.abs(np.array(J[1]).T @ nu).max(initial=0.0)))
-            here = slopes(replay.x[s, k], u[k], increments[k], physical)[0]
-            slope = mask * np.array(here).ravel()
-            size += np.abs(slope).sum()
-            nu = slope + np.array(J[0]).T @ nu
+            by_input = B[:, k * u.shape[1] : (k + 1) * u.shape[1]].T @ nu
+            largest = max(largest, float(np.abs(by_input).max(initial=0.0)))
+            nu = here[k] + A[:, k * n : (k + 1) * n].T @ nu
     return largest, size
 
 

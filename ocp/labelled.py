@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 
@@ -13,6 +15,9 @@ from ocp.rollout import Rollout
 from ocp.routes.outcome import Outcome
 from ocp.transcription.nlp import NLP
 from ocp.warm_start import multipliers, node_times
+
+Variables = dict[str, Any]
+"""What a Dataset is built of, by name: dimensions, values and attributes."""
 
 
 def label(
@@ -27,34 +32,37 @@ def label(
     """Return the dataset that :class:`~ocp.solution.Solution` documents."""
     problem = nlp.problem
     physical = np.array([values[name] for name in problem.parameters.names])
-    data = xr.Dataset(coords=_coordinates(nlp, physical, plan.x[0, 0]))
+    nodes = ("scenario", "node", "state")
     along = ("scenario", "interval")
-    data["x"] = (("scenario", "node", "state"), plan.x)
-    data["u"] = ((*along, "control"), plan.u)
-    for name in ("lam", "gap", "mu"):
-        data[name] = ((*along, "contact"), getattr(plan, name))
-    data["x_replay"] = (("scenario", "node", "state"), replay.x)
-    data["u_replay"] = ((*along, "control"), replay.u)
-    data["x_referee"] = (("scenario", "node", "state"), refereed.x)
-    data["u_referee"] = ((*along, "control"), refereed.u)
-    data["lam_replay"] = ((*along, "contact_exact"), replay.lam)
-    data["gap_replay"] = ((*along, "contact_exact"), replay.gap)
+    # Collected and built at once: each variable that is set in a Dataset aligns all the others.
+    data: Variables = {
+        "x": (nodes, plan.x),
+        "u": ((*along, "control"), plan.u),
+        **{name: ((*along, "contact"), getattr(plan, name)) for name in ("lam", "gap", "mu")},
+        "x_replay": (nodes, replay.x),
+        "u_replay": ((*along, "control"), replay.u),
+        "x_referee": (nodes, refereed.x),
+        "u_referee": ((*along, "control"), refereed.u),
+        "lam_replay": ((*along, "contact_exact"), replay.lam),
+        "gap_replay": ((*along, "contact_exact"), replay.gap),
+    }
     for name, x in (("phi", plan.x), ("phi_replay", replay.x)):
         phi = signed_distances(problem, x, physical)
         if phi is not None:
             data[name] = (("scenario", "node", "distance"), phi)
     if problem.system.forces is not None:
-        _add_forces(data, book, _exact_book(problem, replay, physical))
+        data |= _forces(book, _exact_book(problem, replay, physical))
     if plan.gains is not None:
         N = problem.N
         K = np.broadcast_to(plan.gains.K, (N, *plan.gains.K.shape[1:]))
         k = np.broadcast_to(plan.gains.k, (N, *plan.gains.k.shape[1:]))
         data["K"] = (("interval", "control", "state"), K)
         data["k"] = (("interval", "control"), k)
-    data = data.assign(multipliers(nlp, outcome.result.point))
-    _add_stages(data, nlp, outcome)
-    _add_units(data, problem)
-    return data
+    data |= multipliers(nlp, outcome.result.point) | _stages(nlp, outcome, len(plan.x))
+    data |= _entry_units(problem, plan.lam.shape[-1])
+    labelled = xr.Dataset(data, coords=_coordinates(nlp, physical, plan.x[0, 0], book))
+    _add_units(labelled, problem)
+    return labelled
 
 
 def _exact_book(problem: Problem, replay: Rollout, physical: np.ndarray) -> ContactBook:
@@ -63,8 +71,8 @@ def _exact_book(problem: Problem, replay: Rollout, physical: np.ndarray) -> Cont
     return contact_book(problem, step, replay.x, replay.u, replay.lam, replay.gap, physical)
 
 
-def _add_forces(data: xr.Dataset, planned: ContactBook, exact: ContactBook) -> None:
-    data.coords["point"] = list(planned.names)
+def _forces(planned: ContactBook, exact: ContactBook) -> Variables:
+    found: Variables = {}
     for suffix, book in (("", planned), ("_replay", exact)):
         parts = (
             ("normal_impulse", book.normal, "N s"),
@@ -77,17 +85,19 @@ def _add_forces(data: xr.Dataset, planned: ContactBook, exact: ContactBook) -> N
         )
         for name, values, unit in parts:
             dims = ("scenario", "interval", "point")
-            data[f"{name}{suffix}"] = (dims, np.asarray(values, dtype=float), {"units": unit})
+            found[f"{name}{suffix}"] = (dims, np.asarray(values, dtype=float), {"units": unit})
+    return found
 
 
 def _names(signals: tuple[Signal, ...]) -> list[str]:
     return [signal.name for signal in signals]
 
 
-def _coordinates(nlp: NLP, physical: np.ndarray, start: np.ndarray) -> dict[str, object]:
+def _coordinates(nlp: NLP, physical: np.ndarray, start: np.ndarray, book: ContactBook) -> Variables:
     problem, system = nlp.problem, nlp.problem.system
     time = node_times(problem, physical, start)
-    return {
+    points: Variables = {"point": list(book.names)} if system.forces is not None else {}
+    return points | {
         "state": _names(system.states),
         "control": _names(system.inputs),
         "contact": _names(nlp.step.contacts),
@@ -97,32 +107,39 @@ def _coordinates(nlp: NLP, physical: np.ndarray, start: np.ndarray) -> dict[str,
     }
 
 
-def _add_stages(data: xr.Dataset, nlp: NLP, outcome: Outcome) -> None:
+def _stages(nlp: NLP, outcome: Outcome, scenarios: int) -> Variables:
     records = outcome.trace.records
-    data["stage_knob"] = ("stage", [record.knob for record in records])
-    data["stage_status"] = ("stage", [record.status for record in records])
+    found: Variables = {
+        "stage_knob": ("stage", [record.knob for record in records]),
+        "stage_status": ("stage", [record.status for record in records]),
+    }
     for name in ("value", "cost", "complementarity", "residual", "iterations", "seconds"):
-        data[f"stage_{name}"] = ("stage", [getattr(record, name) for record in records])
+        found[f"stage_{name}"] = ("stage", [getattr(record, name) for record in records])
     kept = [nlp.variables.unpack(x) for _, x in outcome.trace.points if x.size == nlp.n]
     for block in ("x", "u"):
         if kept and block in nlp.variables:
             stack = np.stack([blocks[block] for blocks in kept])
             last = {"x": "state", "u": "control"}[block]
-            rows = "scenario" if stack.shape[1] == data.sizes["scenario"] else "shared"
-            data[f"stage_{block}"] = (("accepted_stage", rows, "interval", last), stack)
+            rows = "scenario" if stack.shape[1] == scenarios else "shared"
+            found[f"stage_{block}"] = (("accepted_stage", rows, "interval", last), stack)
+    return found
+
+
+def _entry_units(problem: Problem, contacts: int) -> Variables:
+    """Units of every state, input and contact; a law that averages has each contact often."""
+    system = problem.system
+    exact = [signal.unit for signal in system.contacts]
+    units = {
+        "state": [signal.unit for signal in system.states],
+        "control": [signal.unit for signal in system.inputs],
+        "contact_exact": exact,
+        "contact": exact * (contacts // max(1, system.nlam)),
+    }
+    return {f"{dimension}_unit": (dimension, values) for dimension, values in units.items()}
 
 
 def _add_units(data: xr.Dataset, problem: Problem) -> None:
     system = problem.system
-    units = {
-        "state": [signal.unit for signal in system.states],
-        "control": [signal.unit for signal in system.inputs],
-        "contact_exact": [signal.unit for signal in system.contacts],
-    }
-    branches = data.sizes["contact"] // max(1, system.nlam)
-    units["contact"] = units["contact_exact"] * branches
-    for dimension, values in units.items():
-        data[f"{dimension}_unit"] = (dimension, values)
     per_entry = {
         "x": "state_unit", "x_replay": "state_unit", "x_referee": "state_unit",
         "u": "control_unit", "u_referee": "control_unit",
