@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import xarray as xr
 
 from dynamics.systems import Signal
 from ocp.audit import Trajectories, signed_distances
@@ -13,6 +14,9 @@ from ocp.rollout import Rollout
 from ocp.routes.outcome import Outcome
 from ocp.transcription.nlp import NLP
 from ocp.warm_start import multipliers, node_times
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def label(
@@ -25,6 +29,8 @@ def label(
     refereed: Rollout,
 ) -> xr.Dataset:
     """Return the dataset that :class:`~ocp.solution.Solution` documents."""
+    import xarray as xr
+
     problem = nlp.problem
     physical = np.array([values[name] for name in problem.parameters.names])
     data = xr.Dataset(coords=_coordinates(nlp, physical, plan.x[0, 0]))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import xarray as xr
 
 from ocp.audit import trajectories
 from ocp.errors import InputError
@@ -11,6 +12,9 @@ from ocp.kkt import Curve, regular
 from ocp.solution import Status
 from ocp.solver import Point, Result
 from ocp.transcription.nlp import NLP
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _WEAK = 1e-7
 """A slack or multiplier, in characteristic sizes, below which an end is not strictly one or other.
@@ -33,6 +37,8 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], name: str)
     Raises :class:`~ocp.errors.InputError` for an unknown name, and where the solution has no
     derivative: where strict complementarity does not hold, or the reduced KKT matrix is singular.
     """
+    import xarray as xr
+
     if name not in program.names[:-2]:
         listed = ", ".join(program.names[:-2])
         raise InputError(f"there is no parameter {name!r} to differentiate by; there are {listed}")

@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
 from ocp.certificate import Certificate
@@ -17,6 +15,9 @@ from ocp.findings import Audit, Refereed
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.verdict import Grade, grade, verdict
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class Status(Enum):

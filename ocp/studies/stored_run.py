@@ -7,9 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from ocp.certificate import Certificate, Move
 from ocp.errors import DamagedRun, InputError
@@ -18,6 +16,9 @@ from ocp.problem import Problem
 from ocp.rollout import Gains
 from ocp.solution import Solution, StageRecord, Status
 from ocp.studies.plain import number, read
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 DATA_FILE, META_FILE = "solution.nc", "meta.json"
 
