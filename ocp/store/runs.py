@@ -20,15 +20,16 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NoReturn
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from ocp.errors import DamagedRun, InputError
 from ocp.solution import Solution
 from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import DATA_FILE, META_FILE, StoredRun
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SCHEMA = 1
 _PARTIAL = ".partial-"
@@ -124,6 +125,8 @@ def load(path: Path | str) -> StoredRun:
     Raises :class:`~ocp.errors.InputError` where there is no such directory and
     :class:`~ocp.errors.DamagedRun`, naming file and reason, where the run is not whole.
     """
+    import xarray as xr
+
     directory = Path(path)
     meta = read_meta(directory)
     file = directory / DATA_FILE
