@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError
@@ -17,6 +15,9 @@ from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.stationarity.certificate import Certificate
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
@@ -117,10 +118,12 @@ def natural_units(params: BaseModel) -> Units:
     )
 
 
-def structural_settings(params: BaseModel) -> dict[str, float | int | str]:
-    """Return the structural parameters by name, for the record of a run."""
-    return {
-        name: getattr(params, name)
-        for name, field in type(params).model_fields.items()
-        if is_structural(field)
-    }
+def rough_or_smooth(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
+    """Return the parameters and Coulomb's coefficient, or without it and None where it is zero.
+
+    A cone that has shrunk to a line has no inside for a central path: without friction there are
+    no friction pairs, and no parameter ``friction`` to turn.
+    """
+    if p.get("friction").value > 0:
+        return p, p["friction"]
+    return ParameterTable(parameter for parameter in p if parameter.name != "friction"), None

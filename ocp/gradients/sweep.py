@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from ocp.errors import InputError
 from ocp.gradients.estimation import Plan, carry_out, check_samples
@@ -16,6 +15,9 @@ from ocp.gradients.known_gradient import is_sampled
 from ocp.gradients.objective import SampledObjective
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.plain import plain
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Build = Callable[[dict[str, float]], SampledObjective]
 """Makes the objective at changed values of what shapes it, such as its horizon."""
@@ -164,6 +166,8 @@ def sweep_dataset(
 
     ``objective`` names the components; points that have fewer are filled up with NaN.
     """
+    import xarray as xr
+
     d = len(objective.decision)
     names = [row["estimator"] for row in rows[0]]
 

@@ -9,9 +9,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 BASE = ("kg", "m", "s")
 _KNOWN = {
@@ -95,7 +98,7 @@ class Scale:
         return cls(np.ones(n), np.ones(m))
 
 
-Entries = Callable[[np.ndarray, np.ndarray], tuple[float, sp.csr_matrix]]
+Entries = Callable[[np.ndarray, np.ndarray], "tuple[float, sp.csr_matrix]"]
 """Cost and Jacobian of the constraints, its entries in one order, at variables and parameters."""
 
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg as sla
 
 from ocp.programs.program import Program
 from ocp.stationarity.curvature import negative_curvature
 from ocp.stationarity.lpec import Descent, LinearModel
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 Stationarity = Literal["B", "KKT", "not", "undecided"]
 RADII = (1e-3, 1e-4)
@@ -180,6 +181,8 @@ def linear_model(
     With ``residuals`` steps are to mend what is off, see
     :meth:`~ocp.stationarity.lpec.LinearModel.at`.
     """
+    import scipy.sparse as sp
+
     _, gradient = nlp.gradient(x, p)
     g, jacobian = nlp.jacobian(x, p)
     pairs = nlp.pairs if nlp.form == "none" else np.zeros((2, 0), dtype=int)
@@ -230,6 +233,9 @@ def fit_multipliers(model: LinearModel) -> np.ndarray:
     ``min |cost + rows' y|²`` over the variables that are not held by a bound, by the augmented
     system; an inequality that would pull leaves the active set, four times at most.
     """
+    import scipy.sparse as sp
+    import scipy.sparse.linalg as sla
+
     free = (model.lower < 0) & (model.upper > 0)
     free[model.pairs[np.argmin(model.members, axis=0), np.arange(model.pairs.shape[1])]] = False
     at_lower, at_upper = model.row_lower == 0, model.row_upper == 0
@@ -284,6 +290,8 @@ def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
 def _scaled_hessian(
     nlp: Program, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray
 ) -> sp.csr_matrix:
+    import scipy.sparse as sp
+
     upper = sp.csr_matrix(nlp.hessian(x, p, 1.0, multipliers).sparse())
     return sp.csr_matrix(sp.diags(sizes) @ (upper + sp.triu(upper, 1).T) @ sp.diags(sizes))
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg as sla
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 _REGULAR = 1e-8
 _NOISE = 1e-7
@@ -18,6 +21,9 @@ def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> in
     small e; they are counted on the diagonal of its triangular factors, taken with symmetric
     pivots. Eigenvalues above -1e-7 of the largest entry of H do not count as negative.
     """
+    import scipy.sparse as sp
+    import scipy.sparse.linalg as sla
+
     n, m = hessian.indptr.size - 1, constraints.indptr.size - 1
     if n == 0:
         return 0

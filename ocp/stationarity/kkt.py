@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg as sla
 
 from ocp.errors import InputError
 from ocp.programs.program import Program
 from ocp.programs.solver import Point
 from ocp.stationarity.certificate import fit_multipliers, linear_model
 from ocp.stationarity.curvature import negative_curvature
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 SHARP = 1e-7
 """A Newton step, in characteristic sizes, after which the next one would be of rounding's size."""
@@ -59,6 +61,8 @@ class Curve:
         self, program: Program, values: dict[str, float], name: str, unit: float, point: Point,
         multipliers: np.ndarray, held: Held | None = None,
     ) -> None:  # fmt: skip
+        import scipy.sparse as sp
+
         self.program, self.values, self.name, self.unit = program, values, name, unit
         x = point.x
         p, bounds = self.given(values[name] / unit)
@@ -114,6 +118,8 @@ class Curve:
 
     def _state(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Slope of the Lagrangian (n,) and constraints (m,), scaled, and the bounds."""
+        import scipy.sparse as sp
+
         (x, y), (p, bounds) = self.point(v), self.given(v[-1])
         gradient = np.array(self.program.gradient(x, p)[1]).ravel()
         g, jacobian = self.program.jacobian(x, p)
@@ -128,6 +134,8 @@ class Curve:
 
     def matrix(self, v: np.ndarray) -> sp.csc_matrix:
         """Derivative of :meth:`equations`: the reduced KKT matrix, the parameter's column last."""
+        import scipy.sparse as sp
+
         (x, y), (p, _) = self.point(v), self.given(v[-1])
         H, A = self._second(x, y, p)
         step = np.zeros_like(v)
@@ -139,6 +147,8 @@ class Curve:
     def _second(
         self, x: np.ndarray, y: np.ndarray, p: np.ndarray
     ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+        import scipy.sparse as sp
+
         upper = sp.csr_matrix(self.program.hessian(x, p, 1.0, y).sparse())
         S = sp.diags(self.sizes)
         H = sp.csr_matrix(S @ (upper + sp.triu(upper, 1).T) @ S / self.scale)
@@ -156,6 +166,9 @@ class Curve:
 
         The bordered matrix is regular at a simple fold too, where the square one is not.
         """
+        import scipy.sparse as sp
+        import scipy.sparse.linalg as sla
+
         small = np.concatenate([np.full(self.nx, _REGULAR), np.full(self.ng, -_REGULAR)])
         diagonal = sp.hstack([sp.diags(small), sp.csr_matrix((small.size, 1))])
         whole = sp.csc_matrix(sp.vstack([self.matrix(v) + diagonal, sp.csr_matrix(border)]))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.optimize import Bounds, LinearConstraint, OptimizeResult, milp
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
+    from scipy.optimize import OptimizeResult
 
 _SNAP = 1e-4
 """A slack below this share of a characteristic size counts as none; so does a pair's member."""
@@ -47,6 +49,8 @@ class LinearModel:
 
         With ``residuals`` rows keep what they are off by, for a direction to mend.
         """
+        import scipy.sparse as sp
+
         scaled = sp.csr_matrix(jacobian) @ sp.diags(sizes)
         largest = abs(scaled).max(axis=1).toarray().ravel() if g.size else np.zeros(0)
         scale = 1 / np.maximum(largest, 1e-12)
@@ -136,6 +140,8 @@ class LinearModel:
         self, radius: float, near: np.ndarray, cut: float
     ) -> tuple[np.ndarray, tuple[Any, ...], tuple[Any, ...], np.ndarray]:
         """Objective, rows, bounds and integrality over the direction and one binary a near pair."""
+        import scipy.sparse as sp
+
         count, size = near.size, max(float(np.abs(self.cost).max(initial=0.0)), 1e-300)
         none, one = np.zeros(count), np.ones(count)
         lower, upper = self.box(radius)
@@ -154,6 +160,8 @@ class LinearModel:
 
     def _branches(self, near: np.ndarray, members: np.ndarray) -> list[sp.csr_matrix]:
         """``l + d_l <= z (l + 1)`` and ``g + d_g <= (1 - z) (g + 1)``, all over the radius."""
+        import scipy.sparse as sp
+
         count, n = near.size, self.cost.size
         at = np.arange(count), np.ones(count)
 
@@ -195,6 +203,8 @@ def _solved(
     seconds: float, gap: float,
 ) -> OptimizeResult:  # fmt: skip
     """Solve by HiGHS; a second time without presolve where it ran into numerical trouble."""
+    from scipy.optimize import Bounds, LinearConstraint, milp
+
     options = {"time_limit": seconds, "mip_rel_gap": gap}
     given = {"constraints": LinearConstraint(*rows), "bounds": Bounds(*box), "integrality": whole}
     found = milp(objective, options=options, **given)

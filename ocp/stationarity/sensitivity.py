@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import xarray as xr
 
 from ocp.errors import InputError
 from ocp.programs.solver import Point, Result
@@ -11,6 +12,9 @@ from ocp.programs.status import Status
 from ocp.stationarity.kkt import Curve, regular
 from ocp.transcription.nlp import NLP
 from ocp.transcription.trajectories import trajectories
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _WEAK = 1e-7
 """A slack or multiplier, in characteristic sizes, below which an end is not strictly one or other.
@@ -33,6 +37,8 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], name: str)
     Raises :class:`~ocp.errors.InputError` for an unknown name, and where the solution has no
     derivative: where strict complementarity does not hold, or the reduced KKT matrix is singular.
     """
+    import xarray as xr
+
     if name not in program.names[:-2]:
         listed = ", ".join(program.names[:-2])
         raise InputError(f"there is no parameter {name!r} to differentiate by; there are {listed}")

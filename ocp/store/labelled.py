@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from dynamics.systems import Signal
 from ocp.judges.audit import signed_distances
@@ -16,6 +15,9 @@ from ocp.routes.outcome import Outcome
 from ocp.transcription.nlp import NLP
 from ocp.transcription.trajectories import Trajectories
 from ocp.warm_start import multipliers, node_times
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Variables = dict[str, Any]
 """What a Dataset is built of, by name: dimensions, values and attributes."""
@@ -31,6 +33,8 @@ def label(
     refereed: Rollout,
 ) -> xr.Dataset:
     """Return the dataset that :class:`~ocp.solution.Solution` documents."""
+    import xarray as xr
+
     problem = nlp.problem
     physical = np.array([values[name] for name in problem.parameters.names])
     nodes = ("scenario", "node", "state")

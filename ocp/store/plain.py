@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 # Where, when and how fast a run was made: runs that differ only in these are the same answer.
 _PROVENANCE = {"argv", "created", "revision", "versions", "source"}

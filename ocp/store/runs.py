@@ -15,9 +15,7 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from ocp.errors import DamagedRun, InputError
 from ocp.solution import Solution
@@ -25,6 +23,9 @@ from ocp.store.atomic import drafts, flush, told
 from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import DATA_FILE, META_FILE, StoredRun
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SCHEMA = 1
 
@@ -115,6 +116,8 @@ def load(path: Path | str) -> StoredRun:
     Raises :class:`~ocp.errors.InputError` where there is no such directory and
     :class:`~ocp.errors.DamagedRun`, naming file and reason, where the run is not whole.
     """
+    import xarray as xr
+
     directory = Path(path)
     meta = read_meta(directory)
     file = directory / DATA_FILE

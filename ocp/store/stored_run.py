@@ -7,9 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from ocp.errors import DamagedRun, InputError
 from ocp.judges.findings import Audit, Refereed
@@ -21,6 +19,9 @@ from ocp.rollout import Gains
 from ocp.solution import Solution, StageRecord
 from ocp.stationarity.certificate import Certificate, Move
 from ocp.store.plain import number, read
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 DATA_FILE, META_FILE = "solution.nc", "meta.json"
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 
 from dynamics.contact import Step
 from ocp.policy import Policy
@@ -15,6 +15,9 @@ from ocp.problem import Problem
 from ocp.programs.layout import Layout
 from ocp.programs.program import PairName, Program
 from ocp.programs.units import Scale, measured
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 _SLIP = 1e3
 """Largest slip in a step, in characteristic distances."""
@@ -118,6 +121,8 @@ class NLP(Program):
 
         None in SI, and by shooting, whose contacts are solved on the way.
         """
+        import scipy.sparse as sp
+
         units, table = self.problem.reference.units, self.problem.parameters + self.step.p
         if units.plain or "gap" not in self.variables:
             return None

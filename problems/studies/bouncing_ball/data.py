@@ -7,23 +7,24 @@ import xarray as xr
 
 from dynamics.contact import Barrier, Exact
 from problems.registry import get
-from problems.spec import Citation
-from problems.studies.ball_ode import as_printed, in_log_height, least_height, turning_points
-from problems.studies.sampled_step import SampledStep
+from problems.studies.bouncing_ball.ball_ode import (
+    as_printed,
+    in_log_height,
+    least_height,
+    turning_points,
+)
+from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.study import (
     CHOICE,
     PAPER,
-    Claim,
-    Study,
     StudyParams,
-    largest,
     quantity_of,
     setting,
 )
 
 MUS = (1.0, 2.0, 3.0, 5.0)
 FINE = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
-_REBOUND_MU = 3.0
+REBOUND_MU = 3.0
 
 
 class Params(StudyParams):
@@ -59,7 +60,7 @@ def run(params: Params) -> xr.Dataset:
     exact = stepped(params, params.h, None)
     printed = as_printed(MUS[-1], params.q0, params.g, fine)[1]
     turns = [turning_points(mu, params.q0, params.g) for mu in MUS]
-    regained = turning_points(_REBOUND_MU, params.q0, params.g)[2]
+    regained = turning_points(REBOUND_MU, params.q0, params.g)[2]
     rebound = [_rebound(params, h, regained) for h in FINE]
     rates = [np.diff(v) / params.h / params.v0 for _, v in (*soft, exact)]
     per_mu, stepping = ("mu", "q_x"), ("mu", "q_step")
@@ -100,59 +101,5 @@ def run(params: Params) -> xr.Dataset:
 
 def _rebound(params: Params, h: float, duration: float) -> float:
     """Return the greatest height after the least one, by softened time stepping."""
-    y, _ = stepped(params.model_copy(update={"duration": duration}), h, _REBOUND_MU)
+    y, _ = stepped(params.model_copy(update={"duration": duration}), h, REBOUND_MU)
     return float(y[int(y.argmin()) :].max())
-
-
-def claims(data: xr.Dataset) -> list[Claim]:
-    """What fig. 2, sec. 7.1 and C.1 say."""
-    g, q0, h = data.attrs["g"], data.attrs["q0"], data.attrs["h"]
-    peak = data["rate"].values.max(axis=1)
-    peak_step = data["rate_step"].values.max(axis=1)
-    free = np.sqrt(2 * q0 / g)
-    fall = data["rate_exact"].values[data["q_mid"].values < free - h] * data.attrs["v0"]
-    velocity = data["v_exact"].values
-    jump = float((velocity[2:] - velocity[:-2]).max())
-    drift, apex = float(data["energy_drift"].max()), data["apex"].values
-    rebound = data["rebound"].values
-    rest = largest(data["y_exact"].values[data["q_step"].values > free + 2 * h])
-    least = np.abs(data["least"].values / data["least_closed"].values - 1).max()
-    return [
-        Claim("In the exact LCS the velocity falls at -g and jumps at contact", "ABS, fig. 2",
-              f"dv_y/dt = {-g:g}, then a jump", f"{fall.mean():.4f} m/s², jump {jump:.3f} m/s over"
-              " two steps", bool(np.allclose(fall, -g) and jump > 0.9 * g * free)),
-        Claim("Larger mu makes the dynamics less stiff", "ABS, sec. 7.1", "lower peak of dv/dq",
-              ", ".join(f"{p:.3g}" for p in peak) + " 1/s", bool(np.all(np.diff(peak) < 0))),
-        Claim("The same by time stepping", "ABS, sec. 7.1", "lower peak of dv/dq",
-              ", ".join(f"{p:.3g}" for p in peak_step) + " 1/s",
-              bool(np.all(np.diff(peak_step) < 0))),
-        Claim("(C.1) is the softened ball", "ABS, C.1", "y'' = mu/y - g",
-              f"{float(data['printed_error']):.1e} m/s apart at mu = {MUS[-1]:g}",
-              float(data["printed_error"]) < 1e-6),
-        Claim("Solving (C.1) gives the behaviour of the LCS, which does not bounce", "our check",
-              f"height regained {rest:.3g} m", f"{apex.min():.4f} to {apex.max():.4f} m: energy"
-              f" kept within {drift:.0e}", bool(apex.max() < 0.1 * q0)),
-        Claim("Least height is -(mu/g) W0(-(g/mu) exp(-E/mu))", "closed form", "equal",
-              f"within {least:.1e} relative", bool(least < 1e-6)),
-        Claim("Time stepping at fixed mu tends to that elastic ball as h falls",
-              "our check of C.1", f"{q0:g} m", ", ".join(f"{r:.2f}" for r in rebound)
-              + f" m at h = {FINE[0]:g} to {FINE[-1]:g} s, mu = {_REBOUND_MU:g}",
-              bool(np.all(np.diff(rebound) > 0) and rebound[-1] > 0.9 * q0)),
-    ]  # fmt: skip
-
-
-study = Study(
-    id="A2",
-    title="A bouncing ball: elastic as an equation, plastic by time stepping",
-    citation=Citation("zhang2023adaptive", "Fig. 2 and C.1"),
-    Params=Params,
-    run=run,
-    claims=claims,
-    notes=(
-        "mu is that of the force, gamma y = mu; the impulse of one step has h mu. Its values are"
-        " our choice, within what C.1 can be integrated at: least height is about exp(-g q0/mu).",
-        "The equation conserves energy, so the softened ball bounces back to its height, whatever"
-        " mu; the complementarity system of the paper is plastic. Neither is the other's limit:"
-        " mu to 0 at fixed h rests on the floor, h to 0 at fixed mu bounces.",
-    ),
-)

@@ -8,11 +8,13 @@ from scipy.stats import norm
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from problems.registry import get
-from problems.spec import Citation
-from problems.studies.a6_claims import claims
-from problems.studies.box_push import cost_of_averaging, smoothed_box, softened_box
-from problems.studies.sampled_step import SampledStep
-from problems.studies.study import CHOICE, Study, StudyParams, quantity_of, setting
+from problems.studies.impact_and_friction.box_push import (
+    cost_of_averaging,
+    smoothed_box,
+    softened_box,
+)
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
 
 COUNTS = (10, 100, 1000)
 BALL_MUS = (1e-4, 1e-3, 1e-2)
@@ -170,22 +172,3 @@ def run(params: Params) -> xr.Dataset:
             ),
         },
     )
-
-
-study = Study(
-    id="A6",
-    title="Smoothing an impact and smoothing friction",
-    citation=Citation("zhang2023adaptive", "Fig. 6"),
-    Params=Params,
-    run=run,
-    claims=claims,
-    notes=(
-        "RS averages the derivative that exists almost everywhere, as automatic differentiation"
-        " gives it; only a sample inside the one step of the impact sees the jump.",
-        "The box is problem box-slide: m (v+ - v) = h u + f, |f| <= b = friction h m g by maximal"
-        " dissipation, in two pairs; the paper gives no equations.",
-        "Costs are counted in solves, at the noise whose bias is the barrier's: an exact solve and"
-        " one of the barrier's path take about as long here.",
-        "The noise levels and every mu are our choice.",
-    ),
-)

@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.contact import Barrier
 from dynamics.systems import Parameter, ParameterTable, lcs
 from dynamics.systems.lcs import is_p_matrix
-from problems.studies.sampled_step import SampledStep
+from problems.studies.shared.sampled_step import SampledStep
 
 KINDS = ("symmetric", "P-matrix")
 

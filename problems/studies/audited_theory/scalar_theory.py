@@ -12,7 +12,7 @@ from dynamics.batch import Gaussian, RolloutFunction, RolloutPolicy, open_loop
 from dynamics.contact import Exact, Step
 from dynamics.systems import lcs
 from problems.registry import get
-from problems.studies.noise import (
+from problems.studies.shared.noise import (
     averaged_exact,
     gaussian,
     least_residual,
@@ -20,7 +20,7 @@ from problems.studies.noise import (
     printed_kappa,
     student,
 )
-from problems.studies.scalar_contact import barrier_contact, gaussian_contact
+from problems.studies.shared.scalar_contact import barrier_contact, gaussian_contact
 
 GROWTH_NOISE = 0.1
 """Noise of the policy in :func:`growth`, over a standard normal one."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.spec import Citation
-from problems.studies import random_lcs as rl
-from problems.studies import scalar_theory as theory
-from problems.studies.study import CHOICE, Study, StudyParams, quantity_of, setting
-from problems.studies.t1_claims import claims
+from problems.studies.audited_theory import random_lcs as rl
+from problems.studies.audited_theory import scalar_theory as theory
+from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
 
 SIZES = tuple(range(1, 9))
 MUS = 10.0 ** np.arange(-8, 1)
@@ -164,25 +162,3 @@ def run(params: Params) -> xr.Dataset:
             "horizon": quantity_of("horizon", HORIZONS, "1", "steps"),
         },
     )  # fmt: skip
-
-
-study = Study(
-    id="T1",
-    title="The theory audited on random contact problems",
-    citation=Citation(
-        "zhang2023adaptive",
-        "Thm. 4.4, 4.5, 5.1, 5.4, prop. 5.2, 5.3; and lemmas III.1, III.4 of Pathologies",
-    ),
-    Params=Params,
-    run=run,
-    claims=claims,
-    notes=(
-        "Systems: C = D = I, A = B = E = 0, where the bounds are tightest; z standard normal,"
-        " mu log-uniform from 1e-8 to 1; F symmetric positive definite, or a P-matrix that is"
-        " neither symmetric nor definite. All numbers are without units.",
-        "Thm. 4.5 puts a lower bound on l inside an upper bound on the slope, which bounds"
-        " nothing; taken as an equality, it is the printed formula, and its sign (A.32) is wrong.",
-        "dlam/dz = -(I - D + D F)^-1 D with D in [0, 1]: for a P-matrix the slope is bounded"
-        " whatever mu. What grows as mu falls is the curvature, 1/(4 F^1.5 sqrt(mu)).",
-    ),
-)

@@ -6,18 +6,13 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
-from ocp import SingleShooting, Solution, Status, solve
-from ocp.judges.referee import COST_SHARE
+from ocp import SingleShooting, Solution, solve
 from ocp.problem import Problem
 from problems.registry import get
-from problems.spec import Citation
 from problems.studies.study import (
     CHOICE,
     CODE,
-    Claim,
-    Study,
     StudyParams,
-    over,
     quantity_of,
     setting,
 )
@@ -26,8 +21,6 @@ PROBLEMS = ("planar-push", "planar-hand")
 LAWS = ("exact", "barrier", "adaptive", "randomized")
 _NODES = 21
 """Nodes of a plan, which all have: twenty steps."""
-_PROGRESS = 0.8
-"""Part of the object's cost at rest that a plan saves, to have made progress."""
 
 
 class Params(StudyParams):
@@ -108,56 +101,3 @@ def run(params: Params) -> xr.Dataset:
             "pose": ["x", "y", "angle"],
         },
     )  # fmt: skip
-
-
-def claims(data: xr.Dataset) -> list[Claim]:
-    """What sec. V-B says of the exact and the smoothed dynamics, and what a replay keeps."""
-    return [claim for name in PROBLEMS for claim in _claims(name, data.sel(problem=name))]
-
-
-def _claims(name: str, data: xr.Dataset) -> list[Claim]:
-    """Of one problem: stuck under the exact law, moved under the smoothed ones, replayed."""
-    place = "Noising data, sec. V-B and fig. 2"
-    smooth = [law for law in LAWS if law != "exact"]
-    rest, stuck, _ = (float(v) for v in data["cost"].sel(law="exact"))
-    word = str(data["status"].sel(law="exact").values)
-    fall = {law: 1 - float(data["cost"].sel(law=law, of="plan")) / rest for law in smooth}
-    plan, replay = data["total"].sel(law=smooth).values.T
-    dearer = (replay - plan) / np.abs(plan)
-    kept = dearer <= COST_SHARE
-    others = [law for law in smooth if law != "randomized"]
-    moved = [fall[law] >= _PROGRESS for law in others]
-    expected = f"the object's cost falls by {_PROGRESS:.0%} or more"
-    return [
-        Claim(f"{name}: the exact dynamics make no progress from a start without contact", place,
-              "the object's cost as at rest", f"{stuck:.6g} of {rest:.6g}, {word}",
-              bool(abs(stuck - rest) <= 1e-9 * rest and word == Status.NO_PROGRESS.label)),
-        Claim(f"{name}: randomized smoothing makes progress", place, expected,
-              f"{fall['randomized']:.1%}", bool(fall["randomized"] >= _PROGRESS)),
-        Claim(f"{name}: so do the barrier and the adaptive law", "our check", expected,
-              f"{over(others, moved)}: " + ", ".join(f"{fall[law]:.1%}" for law in others),
-              bool(all(moved))),
-        Claim(f"{name}: the plan keeps its cost under the exact law", "our check",
-              f"its replay costs at most {COST_SHARE:.0%} more, of all of the cost",
-              f"{over(smooth, kept)}: " + ", ".join(f"{part:+.1%}" for part in dearer),
-              bool(np.all(kept))),
-    ]  # fmt: skip
-
-
-study = Study(
-    id="N2",
-    title="Pushing and turning from a start without contact",
-    citation=Citation("suh2023noising", "Fig. 2 and sec. V-B"),
-    Params=Params,
-    run=run,
-    claims=claims,
-    notes=(
-        "Only the dynamics f and f_σ of the figure, beside two laws that the paper has not;"
-        " IPOPT over input sequences instead of Adam over gains, which are redundant along one"
-        " trajectory.",
-        "The cost shown is the object's part alone: under the exact law the actuator still goes to"
-        " its rest.",
-        "The average over noise of exact steps has kinks at which no gradient method can end; its"
-        " plan is found by direct transcription of the same average and rolled out.",
-    ),
-)

@@ -8,9 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import t as student_t
 
 from dynamics.contact import Adaptive, Exact
-from problems.spec import Citation
-from problems.studies.a1_claims import claims
-from problems.studies.noise import (
+from problems.studies.shared.noise import (
     averaged_exact,
     gaussian,
     linearisations,
@@ -19,8 +17,8 @@ from problems.studies.noise import (
     printed_kappa,
     student,
 )
-from problems.studies.scalar_contact import barrier_contact, gaussian_contact, scalar_contact
-from problems.studies.study import CHOICE, Study, StudyParams, quantity_of, setting
+from problems.studies.shared.scalar_contact import barrier_contact, gaussian_contact, scalar_contact
+from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
 
 MUS = (0.01, 0.1, 1.0)
 NAMED = 0.1
@@ -170,20 +168,3 @@ def _printed(params: Params) -> dict:
         "line": quantity_of(("tangent", "coefficient"), tangent, "1",
                             "softened solution F/sigma and its gradient F"),
     }  # fmt: skip
-
-
-study = Study(
-    id="A1",
-    title="Contact impulse and adaptive mu over the gap, and their noise",
-    citation=Citation("zhang2023adaptive", "Fig. 1c and 1d, propositions 5.2 and 5.3"),
-    Params=Params,
-    run=run,
-    claims=claims,
-    notes=(
-        "mu(z) is the corrected eq. 5.1: kappa = (sigma pdf(z/sigma) - z tail(z/sigma))/F and"
-        " mu = kappa (z + F kappa).",
-        "The heavy tail of Student's t is the force at a distance of constant mu.",
-        f"mu in {', '.join(map(str, MUS))} are our choice but for {NAMED:g}, which the caption"
-        " names; its sigma is not told, so what depends on sigma is judged over a range of it.",
-    ),
-)
