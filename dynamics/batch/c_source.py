@@ -1,11 +1,12 @@
-"""A tape as C: one function over SIMD registers, one statement per operation."""
+"""A tape as C: one function over SIMD registers or plain doubles, one statement per operation."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import casadi as ca
 
@@ -14,8 +15,8 @@ from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen
 
 # gcc's time grows faster than a function's length; past this many operations a tape is cut.
 PART = 1500
-# Values, masks and arrays in a statement, which get the number of their lane behind them.
-_NAMES = re.compile(r"\b([vm]\d+|in|out|w)\b")
+# Values and masks in a statement.
+_NAMES = re.compile(r"\b([vm])(\d+)\b")
 _CALLS = {
     **{ca.OP_EXP: "vexp", ca.OP_LOG: "vlog", ca.OP_LOG1P: "vlog1p", ca.OP_EXPM1: "vexpm1"},
     **{ca.OP_SQRT: "vsqrt", ca.OP_POW: "vpow", ca.OP_ERF: "verf", ca.OP_ERFINV: "verfinv"},
@@ -34,101 +35,145 @@ _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 def number(value: float) -> str:
     """A double as a C expression that gives exactly that double."""
     if math.isnan(value):
-        return '__builtin_nan("")'
+        return "NOT_A_NUMBER"
     if math.isinf(value):
-        return "__builtin_inf()" if value > 0 else "(-__builtin_inf())"
+        return "INFINITE" if value > 0 else "(-INFINITE)"
     return f"({value.hex()})"
 
 
-def _place(strides: Sequence[str], k: int, j: int) -> str:
-    """Where entry j of array k is."""
-    stride = strides[k] if k < len(strides) else "1"
-    return str(j) if stride == "1" else f"{j} * {stride}"
-
-
-def _in_lane(line: str, lane: int) -> str:
-    return _NAMES.sub(rf"\1_{lane}", line)
-
-
 @dataclass(frozen=True)
-class Strides:
-    """How far apart the entries of each input and output are: C expressions, "1" where not told.
+class Layout:
+    """Where the entries of inputs and outputs are, for a kernel over registers side by side.
 
-    They may name `ts`, which a kernel with strides takes as its last argument.
+    Entry j of an array for register r is number `j * stride + r`, or `j * stride` alone where the
+    stride is 1, which is what all registers share. Strides are C expressions, "1" where not told;
+    they may name `ts`, which the kernel then takes as its last argument. The kernel works on
+    `abreast` registers at once: a long chain of dependent operations leaves a processor idle that
+    two such chains keep busy.
     """
 
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    abreast: int = 1
+
+    @property
+    def with_ts(self) -> bool:
+        """Whether the kernel takes the argument `ts`."""
+        return "ts" in (*self.inputs, *self.outputs)
+
+    @staticmethod
+    def place(strides: Sequence[str], k: int, j: int, register: int) -> str:
+        """Where entry j of array k is for this register."""
+        stride = strides[k] if k < len(strides) else "1"
+        if stride == "1":
+            return str(j)
+        at = f"{j} * {stride}"
+        return at if register == 0 else f"{at} + ({stride} > 1) * {register}"
 
 
-def kernel(
-    tape: Tape, name: str, abreast: int = 1, part: int = PART, strides: Strides | None = None
-) -> str:
-    """C text of `static void name(const V *const in_0[], V *const out_0[], ...)`.
+def kernel(tape: Tape, name: str, layout: Layout | None = None, part: int = PART) -> str:
+    """C text of `void name(const V *const in[], V *const out[])`.
 
-    `in_0[k][j]` is nonzero j of input k, `out_0` likewise; no output may overlap an input. With
-    more than one `abreast` there are also in_1 and out_1 and so on, and every operation is written
-    once for each of them in turn: a long chain of dependent operations leaves a processor idle that
-    two such chains keep busy. A tape of more than `part` operations becomes several functions that
-    pass values through memory.
+    `in[k][j]` is nonzero j of input k, `out` likewise, laid out as `layout` says; no output may
+    overlap an input. A tape of more than `part` operations becomes several functions that pass
+    values through memory.
     """
-    return _Emitter(tape, name, abreast, part, strides).text()
+    return _Emitter(tape, name, layout or Layout(), part).text()
 
 
 class _Emitter:
-    def __init__(
-        self, tape: Tape, name: str, abreast: int, part: int, strides: Strides | None
-    ) -> None:
-        self.tape, self.name, self.lanes = tape, name, range(abreast)
-        self.cut = Parts(tape, part)
-        self.strides = strides or Strides()
-        self.parameter, self.argument = (", i64 ts", ", ts") if strides else ("", "")
+    def __init__(self, tape: Tape, name: str, layout: Layout, part: int) -> None:
+        self.name, self.layout, self.cut = name, layout, Parts(tape, part)
 
     def text(self) -> str:
-        cut = self.cut
+        cut, registers = self.cut, self.layout.abreast
+        if len(cut.parts) == 1:
+            return self._function("INLINE", self.name, self._body(0))
         names = [f"{self.name}_part{p}" for p in range(len(cut.parts))]
-        body = [self._part(names[p], part, cut.ends[p]) for p, part in enumerate(cut.parts)]
-        parameters = ", ".join(f"const V *const in_{k}[], V *const out_{k}[]" for k in self.lanes)
-        memory = "".join(f"  V w_{k}[{max(cut.n_slots, 1)}];\n" for k in self.lanes)
-        arguments = ", ".join(f"in_{k}, out_{k}, w_{k}" for k in self.lanes)
-        calls = "".join(f"  {name}({arguments}{self.argument});\n" for name in names)
-        head = f"INLINE void {self.name}({parameters}{self.parameter})"
-        return "".join(body) + f"{head} {{\n{memory}{calls}}}\n"
-
-    def _part(self, name: str, part: list[int], ends: Sequence[tuple[int, int, int]]) -> str:
-        here = set(part)
-        foreign = {a for i in part for a in self.cut.reads(self.tape.operations[i])} - here
-        foreign |= {value for value, _, _ in ends} - here
-        lines = [self._leaf(i) for i in sorted(foreign)]
-        for i in part:
-            lines.append(self._statement(i, here))
-            if i in self.cut.slots:
-                lines.append(f"w[{self.cut.slots[i]}] = v{i};")
-        lines += [
-            f"out[{k}][{_place(self.strides.outputs, k, j)}] = v{value};" for value, k, j in ends
+        parts = [
+            self._function("static NOINLINE", name, self._body(p), ", V *w")
+            for p, name in enumerate(names)
         ]
-        inline = "INLINE" if len(self.cut.parts) == 1 else "static __attribute__((noinline))"
-        each = "const V *const in_{0}[], V *const out_{0}[], V *w_{0}"
-        parameters = ", ".join(each.format(k) for k in self.lanes)
-        body = "".join(f"  {_in_lane(line, k)}\n" for line in lines for k in self.lanes)
-        return f"{inline} void {name}({parameters}{self.parameter}) {{\n{body}}}\n"
+        calls = [f"V w[{max(cut.n_slots, 1) * registers}];"]
+        calls += [f"{name}(in, out{', ts' * self.layout.with_ts}, w);" for name in names]
+        return "".join(parts) + self._function("INLINE", self.name, calls)
 
-    def _leaf(self, i: int) -> str:
+    def _function(self, kind: str, name: str, lines: list[str], more: str = "") -> str:
+        parameters = "const V *const in[], V *const out[]" + ", i64 ts" * self.layout.with_ts + more
+        body = "\n".join(lines)
+        for word in re.findall(r"(\w+)(?:\[\])?(?:,|$)", parameters):
+            if not re.search(rf"\b{word}\b", body):
+                lines = [f"(void){word};", *lines]
+        text = "".join(f"  {line}\n" for line in lines)
+        return f"{kind} void {name}({parameters}) {{\n{text}}}\n"
+
+    def _body(self, p: int) -> list[str]:
+        """The statements of a part, every one once for each register in turn."""
+        each = [_Part(self.cut, p, self.layout, r).lines() for r in range(self.layout.abreast)]
+        return list(chain.from_iterable(zip(*each, strict=True)))
+
+
+class _Part:
+    """The statements of one part of a tape, for one of the registers abreast."""
+
+    def __init__(self, cut: Parts, p: int, layout: Layout, register: int) -> None:
+        self.cut, self.tape, self.layout, self.register = cut, cut.tape, layout, register
+        self.part, self.here = cut.parts[p], set(cut.parts[p])
+        self.stores: dict[int, list[str]] = {}
+        for i in self.part:
+            if i in cut.slots:
+                self.stores.setdefault(i, []).append(f"{self._slot(i)} = v{i};")
+        for i, k, j in cut.ends[p]:
+            place = layout.place(layout.outputs, k, j, register)
+            self.stores.setdefault(i, []).append(f"out[{k}][{place}] = v{i};")
+
+    def lines(self) -> list[str]:
+        """Each value that is read, right before it is first used."""
+        lines: list[str] = []
+        known: set[str] = set()
+        for line in self._needed():
+            for kind, i in _NAMES.findall(line):
+                if int(i) not in self.here and kind + i not in known:
+                    known.add(kind + i)
+                    lines.append(self._leaf(kind, int(i)))
+            lines.append(line)
+        if self.layout.abreast == 1:
+            return lines
+        return [_NAMES.sub(rf"\g<0>_{self.register}", line) for line in lines]
+
+    def _needed(self) -> Iterable[str]:
+        """Statements in turn, without those whose value nobody reads, as of products in `fused`."""
+        foreign = [line for i, lines in self.stores.items() if i not in self.here for line in lines]
+        reverse = foreign[::-1]
+        wanted = {kind + i for line in reverse for kind, i in _NAMES.findall(line)}
+        for i in reversed(self.part):
+            for line in (*self.stores.get(i, [])[::-1], *self._statements(i)):
+                name = re.match(r"const \w (\w+) =", line)
+                if name is None or name[1] in wanted:
+                    wanted |= {kind + k for kind, k in _NAMES.findall(line)}
+                    reverse.append(line)
+        return reversed(reverse)
+
+    def _slot(self, i: int) -> str:
+        return f"w[{self.cut.slots[i] * self.layout.abreast + self.register}]"
+
+    def _leaf(self, kind: str, i: int) -> str:
         operation = self.tape.operations[i]
         if operation.op == ca.OP_INPUT:
             k, j = operation.args
-            return f"const V v{i} = in[{k}][{_place(self.strides.inputs, k, j)}];"
+            place = self.layout.place(self.layout.inputs, k, j, self.register)
+            return f"const V v{i} = in[{k}][{place}];"
         if operation.op == ca.OP_CONST:
             return f"const V v{i} = SPLAT({number(operation.value)});"
-        return f"const V v{i} = w[{self.cut.slots[i]}];" + (
-            f" const M m{i} = v{i} != 0.0;" if operation.op in BOOLEAN else ""
-        )
+        return f"const {kind.upper()} {kind}{i} = {self._slot(i)}{' != 0.0' * (kind == 'm')};"
 
-    def _statement(self, i: int, here: set[int]) -> str:
+    def _statements(self, i: int) -> tuple[str, ...]:
+        """What defines value i, the last line first."""
         operation = self.tape.operations[i]
         if operation.op in BOOLEAN:
-            return f"const M m{i} = {self._condition(operation)}; const V v{i} = truth(m{i});"
-        return f"const V v{i} = {self._expression(operation, here)};"
+            condition = self._condition(operation)
+            return f"const V v{i} = truth(m{i});", f"const M m{i} = {condition};"
+        return (f"const V v{i} = {self._expression(operation)};",)
 
     def _mask(self, i: int) -> str:
         return f"m{i}" if self.tape.operations[i].op in BOOLEAN else f"(v{i} != 0.0)"
@@ -138,14 +183,14 @@ class _Emitter:
         if operation.op in _COMPARE:
             return f"v{args[0]} {_COMPARE[operation.op]} v{args[1]}"
         if operation.op == ca.OP_NOT:
-            return f"~{self._mask(args[0])}"
+            return f"NOT({self._mask(args[0])})"
         sign = "&" if operation.op == ca.OP_AND else "|"
         return f"{self._mask(args[0])} {sign} {self._mask(args[1])}"
 
-    def _expression(self, operation: Operation, here: set[int]) -> str:
+    def _expression(self, operation: Operation) -> str:
         op, v = operation.op, [f"v{a}" for a in operation.args]
         if op in (ca.OP_ADD, ca.OP_SUB):
-            shorter = self._chosen(operation) or self._fused(operation, here)
+            shorter = self._chosen(operation) or self._fused(operation)
             if shorter:
                 return shorter
         if op == ca.OP_DIV:
@@ -181,14 +226,14 @@ class _Emitter:
         choice = chosen(self.tape, operation)
         return "pick(m{}, v{}, v{})".format(*choice) if choice else ""
 
-    def _fused(self, operation: Operation, here: set[int]) -> str:
+    def _fused(self, operation: Operation) -> str:
         """a*b + c as one rounding where the product has no other reader; else an empty string."""
         left, right = operation.args
         minus = "-" if operation.op == ca.OP_SUB else ""
-        factors = self.cut.factors(right, here)
+        factors = self.cut.factors(right, self.here)
         if factors:
             return f"fused({minus}v{factors[0]}, v{factors[1]}, v{left})"
-        factors = self.cut.factors(left, here)
+        factors = self.cut.factors(left, self.here)
         if factors:
             return f"fused(v{factors[0]}, v{factors[1]}, {minus}v{right})"
         return ""

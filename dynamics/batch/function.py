@@ -14,7 +14,6 @@ from dynamics.batch.arguments import as_output, as_rows, bind, common_length
 from dynamics.batch.backends import choose
 from dynamics.batch.c_flat import c_engine
 from dynamics.batch.casadi_backend import CasadiEngine
-from dynamics.batch.llvm_backend import llvm_engine
 from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
 from dynamics.batch.numpy_backend import NumpyEngine
 from dynamics.batch.parallel import checked_threads
@@ -43,15 +42,14 @@ class BatchFunction:
         y = f(x=x, p=p)["y"]   # by name: a dictionary of outputs
 
     Rows hold nonzeros in CasADi's order. Outputs are `(n_samples, nnz_out)`: one array, or a tuple
-    where the function has several. `backend` is `c`, `llvm`, `numpy`, `casadi`, or `auto` for the
-    fastest that can be built here; `llvm` needs no compiler, but the extra `centralpath[llvm]`.
-    `threads` is None for every CPU. `block` is how many samples are worked on at once. Results do
-    not depend on `threads` or `block`, to the last bit.
+    where the function has several. `backend` is `c`, `numpy`, `casadi`, or `auto` for the fastest
+    that can be built here. `threads` is None for every CPU. `block` is how many samples are worked
+    on at once. Results do not depend on `threads` or `block`, to the last bit.
 
     After a call `nonfinite` tells which samples gave NaN or infinity; a `BatchWarning` says so too.
 
     Raises `ValueError` for an unknown backend, wrong shapes or counts; `UnsupportedOperation` where
-    the named backend lacks an operation; `CompilerError` where `c` or `llvm` was asked for in vain.
+    the named backend lacks an operation; `CompilerError` where `c` was asked for in vain.
     """
 
     def __init__(
@@ -73,11 +71,7 @@ class BatchFunction:
 
     def _makers(self, fn: ca.Function, backend: str) -> dict[str, Any]:
         tape = functools.cache(lambda: tape_of(fn))
-        # LLVM's code was never slower than the C compiler's, and up to twice as fast.
-        compiled = {
-            "llvm": lambda: llvm_engine(tape(), self.threads),
-            "c": lambda: c_engine(tape(), self.threads, self.block),
-        }
+        compiled = {"c": lambda: c_engine(tape(), self.threads, self.block)}
         interpreted = {
             "numpy": lambda: NumpyEngine(tape(), self.threads, self.block),
             "casadi": lambda: CasadiEngine(fn, self.threads),

@@ -13,7 +13,6 @@ from dynamics.batch.arguments import as_doubles, as_output, as_rows, common_leng
 from dynamics.batch.backends import choose
 from dynamics.batch.casadi_backend import CasadiKernel
 from dynamics.batch.function import BLOCK, checked_block
-from dynamics.batch.llvm_backend import llvm_rollout_engine
 from dynamics.batch.moments import Moments, merge_chunks
 from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
 from dynamics.batch.numpy_backend import NumpyKernel
@@ -100,7 +99,6 @@ class RolloutFunction:
 
         return {
             "c": lambda: c_rollout_engine(self.tapes, self.threads, self.block),
-            "llvm": lambda: llvm_rollout_engine(self.tapes, self.threads, self.block),
             "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
             "casadi": lambda: chunks(CasadiKernel),
         }

@@ -69,7 +69,7 @@ def machine() -> dict[str, Any]:
     """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
     import casadi as ca
 
-    from dynamics.batch import compiler, llvm_backend
+    from dynamics.batch import compiler
     from ocp.solver import SOLVERS
     from ocp.studies.provenance import versions
 
@@ -79,7 +79,6 @@ def machine() -> dict[str, Any]:
         "solvers": {name: ca.has_nlpsol(name) for name in SOLVERS},
         "linear_solvers": {name: _linear_solver_works(name) for name in LINEAR_SOLVERS},
         "kernels": compiler.info(),
-        "llvm": llvm_backend.info() or "not installed; pip install 'centralpath[llvm]'",
     }
 
 

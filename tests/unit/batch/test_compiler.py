@@ -30,12 +30,6 @@ def graph() -> ca.Function:
     return ca.Function("graph", [x], [ca.sin(x) + x * x])
 
 
-@pytest.fixture
-def no_llvm(monkeypatch) -> None:
-    """As if the extra were not installed."""
-    monkeypatch.setitem(sys.modules, "llvmlite", None)
-
-
 def fake_compiler(folder: Path, script: str, monkeypatch) -> None:
     folder.mkdir()
     path = folder / "cc"
@@ -100,7 +94,7 @@ def test_full_disk_is_done_without(own_cache, monkeypatch):
     assert refused
 
 
-def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatch, no_llvm):
+def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     message = r"no C compiler found \(looked for cc, gcc, clang\); 'graph' runs on the numpy"
     with pytest.warns(BatchWarning, match=message):
@@ -112,7 +106,7 @@ def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatc
     assert compiler.info()["compiler"] is None
 
 
-def test_the_same_reason_is_told_once(graph, tmp_path, monkeypatch, no_llvm):
+def test_the_same_reason_is_told_once(graph, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.warns(BatchWarning) as told:
         for _ in range(3):
@@ -120,9 +114,7 @@ def test_the_same_reason_is_told_once(graph, tmp_path, monkeypatch, no_llvm):
     assert len(told) == 1
 
 
-def test_failing_compiler_shows_its_last_line_and_is_passed_over(
-    graph, tmp_path, monkeypatch, no_llvm
-):
+def test_failing_compiler_shows_its_last_line_and_is_passed_over(graph, tmp_path, monkeypatch):
     script = """case "$*" in
       *--version*) echo "cc 0.1" ;;
       *-dM*) echo "#define __SSE2__ 1" ;;
