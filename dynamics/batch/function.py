@@ -10,16 +10,22 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.arguments import as_output, as_rows, bind, common_length
-from dynamics.batch.backends import choose
-from dynamics.batch.c_flat import c_engine
-from dynamics.batch.casadi_backend import CasadiEngine
+from dynamics.batch.arguments import (
+    BLOCK,
+    as_output,
+    as_rows,
+    bind,
+    checked_block,
+    common_length,
+)
+from dynamics.batch.engines.c_flat import c_engine
+from dynamics.batch.engines.casadi_kernel import CasadiEngine
+from dynamics.batch.engines.choice import choose
+from dynamics.batch.engines.numpy_kernel import NumpyEngine
+from dynamics.batch.engines.parallel import checked_threads
+from dynamics.batch.graphs.tape import Tape, UnsupportedOperation, tape_of
 from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
-from dynamics.batch.numpy_backend import NumpyEngine
-from dynamics.batch.parallel import checked_threads
-from dynamics.batch.tape import Tape, UnsupportedOperation, tape_of
 
-BLOCK = 32
 LONGEST = 40_000
 """Operations beyond which `auto` interprets: compilers take minutes over longer programs."""
 
@@ -106,13 +112,6 @@ class BatchFunction:
             as_output(array, (n, size), name)
             for array, size, name in zip(given, self.output_sizes, self.output_names, strict=True)
         ]
-
-
-def checked_block(block: int) -> int:
-    """`block` if it is a whole number of at least 1, else `ValueError`."""
-    if isinstance(block, bool) or not isinstance(block, int) or block < 1:
-        raise ValueError(f"block must be a whole number of samples, at least 1, not {block!r}")
-    return block
 
 
 def _too_long(tape: Callable[[], Tape]) -> bool:

@@ -40,7 +40,7 @@ def run(
 
 def _clear(output: Output) -> int:
     """Empty the cache of kernels, say how many compiled objects went, and return that number."""
-    from dynamics.batch import compiler
+    from dynamics.batch.engines import compiler
 
     count = compiler.clear()
     output.say(f"{count} compiled object{'' if count == 1 else 's'} removed from the kernel cache")
@@ -69,7 +69,7 @@ def machine() -> dict[str, Any]:
     """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
     import casadi as ca
 
-    from dynamics.batch import compiler
+    from dynamics.batch.engines import compiler
     from ocp.solver import SOLVERS
     from ocp.studies.provenance import versions
 

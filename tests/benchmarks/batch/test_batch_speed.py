@@ -13,7 +13,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, compiler, open_loop
+from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, open_loop
+from dynamics.batch.engines import compiler
 from dynamics.contact import Barrier, Step
 from problems import get
 from tests.benchmarks.batch.peers import casadi_forms, fastest, generated, hand_written, mapped

@@ -17,20 +17,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import (
-    BatchFunction,
-    Gaussian,
-    RolloutFunction,
-    affine,
-    c_flat,
-    c_random,
-    c_rollout,
-    compiler,
-    open_loop,
-)
-from dynamics.batch.c_prelude import prelude
+from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, affine, open_loop
+from dynamics.batch.engines import c_flat, c_random, c_rollout, compiler
+from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.graphs.tape import tape_of
 from dynamics.batch.random import key_of, standard_normals
-from dynamics.batch.tape import tape_of
 from dynamics.contact import Barrier
 from problems import get
 from tests.unit.batch.rollout_cases import closed, four_contacts, wall
@@ -161,7 +152,7 @@ def test_random_numbers_are_the_same_everywhere(strict):
 
 def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
     """Every kind of source for a machine."""
-    from dynamics.batch.rollout_tapes import build_tapes
+    from dynamics.batch.graphs.rollout_tapes import build_tapes
 
     made: dict[str, Callable[[], str]] = {
         "function": lambda: c_flat.source(tape_of(every_operation()), 32, machine),

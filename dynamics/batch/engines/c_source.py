@@ -10,8 +10,8 @@ from itertools import chain
 
 import casadi as ca
 
-from dynamics.batch.parts import Parts
-from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen
+from dynamics.batch.graphs.parts import Parts
+from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, chosen
 
 # gcc's time grows faster than a function's length; past this many operations a tape is cut.
 PART = 1500

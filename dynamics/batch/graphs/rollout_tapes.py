@@ -19,16 +19,16 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from dynamics.batch.carrying import carried
-from dynamics.batch.hoisting import hoisted
-from dynamics.batch.inner import (
+from dynamics.batch.graphs.carrying import carried
+from dynamics.batch.graphs.hoisting import hoisted
+from dynamics.batch.graphs.inner import (
     NEWTON_ITERATIONS,
     InnerLoop,
     ScaledProblem,
     loop_graphs,
     path_graphs,
 )
-from dynamics.batch.policy import RolloutPolicy
+from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.contact import Step, interior_point
 from dynamics.contact.nonlinear import NonlinearPath
 from dynamics.systems.elimination import solve_without_pivoting

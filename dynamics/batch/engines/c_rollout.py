@@ -7,13 +7,13 @@ first-level cache for problems of ordinary size.
 
 from __future__ import annotations
 
-from dynamics.batch import c_random, c_source
-from dynamics.batch.c_prelude import prelude
-from dynamics.batch.c_source import Layout
-from dynamics.batch.compiler import Compiler
-from dynamics.batch.inner import InnerLoop
-from dynamics.batch.rollout_tapes import RolloutTapes
-from dynamics.batch.tape import tape_of, with_shared_reciprocals
+from dynamics.batch.engines import c_random, c_source
+from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.engines.compiler import Compiler
+from dynamics.batch.graphs.inner import InnerLoop
+from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
 
 # Operations up to which the registers of a block are worked on without a loop around them: more
 # would not find room in the processor at once, and take the compiler long.
@@ -139,6 +139,7 @@ _STRIDES = {
     "terminal": (("U", "PS"), ("A",)),
     "terminal_adjoint": (("U", "PS"), ("U",)),
 }
+_PATH_GRAPHS = ("path", "followed")
 _CLOSED_FORM = "#define one_step step\n"
 
 # A register that has come to rest keeps its value lane by lane, so that a sample does not depend on
@@ -364,9 +365,7 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
                 c_source.kernel(
                     with_shared_reciprocals(tape_of(fn)),
                     name,
-                    Layout(
-                        *_STRIDES[name], path_abreast if name in ("path", "followed") else abreast
-                    ),
+                    _layout(name, path_abreast if name in _PATH_GRAPHS else abreast),
                 )
                 for name, fn in functions.items()
             ),
@@ -379,3 +378,8 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
             _RUN,
         )
     )
+
+
+def _layout(name: str, abreast: int) -> Layout:
+    inputs, outputs = _STRIDES[name]
+    return Layout(inputs, outputs, abreast)

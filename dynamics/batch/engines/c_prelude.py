@@ -7,7 +7,7 @@ sample's result depends neither on its lane, nor on the block, nor on the thread
 
 from __future__ import annotations
 
-from dynamics.batch.compiler import TWO_ARGUMENTS, VECTOR_FUNCTIONS, Compiler
+from dynamics.batch.engines.compiler import TWO_ARGUMENTS, VECTOR_FUNCTIONS, Compiler
 
 _TYPES = """\
 typedef double V __attribute__((vector_size(8 * W)));

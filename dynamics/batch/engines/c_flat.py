@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.batch import c_source, compiler
-from dynamics.batch.c_prelude import prelude
-from dynamics.batch.c_source import Layout
-from dynamics.batch.compiler import Compiler
-from dynamics.batch.parallel import run_chunks
-from dynamics.batch.tape import Tape
+from dynamics.batch.engines import c_source, compiler
+from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.engines.compiler import Compiler
+from dynamics.batch.engines.parallel import run_chunks
+from dynamics.batch.graphs.tape import Tape
 
 CHUNK = 1024
 # Registers that a kernel works on at once.
