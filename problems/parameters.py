@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from dynamics.systems import Parameter, ParameterTable
-from ocp.units import Units, fitted
+from ocp.programs.units import Units, fitted
 
 
 class Parameters(BaseModel):
@@ -105,9 +105,10 @@ def table(params: BaseModel) -> ParameterTable:
 
 
 def natural_units(params: BaseModel) -> Units:
-    """Natural units that follow the parameters from their defaults, see :func:`~ocp.units.fitted`.
+    """Natural units that follow the parameters from their defaults.
 
-    What is zero, or has changed its sign, says nothing; nor does a word or a setting.
+    What is zero, or has changed its sign, says nothing; nor does a word or a setting. See
+    :func:`~ocp.programs.units.fitted`.
     """
     fields = {n: f for n, f in type(params).model_fields.items() if not is_structural(f)}
     return fitted(

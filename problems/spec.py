@@ -33,7 +33,7 @@ class Golden:
 
     Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
     of seed 0, see :func:`ocp.solve.guesses`) ends at ``cost``, within ``tolerance`` relative, with
-    a certificate that says ``stationarity`` and ``kind`` (:class:`~ocp.certificate.Certificate`).
+    a certificate (:mod:`ocp.stationarity.certificate`) that says ``stationarity`` and ``kind``.
     ``tried`` counts the solves, over strategies and guesses, of which no certified one ends lower.
 
     ``independent`` names what confirms the value without the workbench, "" where nothing does;

@@ -6,7 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from ocp.studies.stored_run import StoredRun
+from ocp.store.stored_run import StoredRun
 from problems.parameters import unit_of
 from problems.studies import get
 from problems.studies.study import CHOICE

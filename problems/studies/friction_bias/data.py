@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from dynamics.batch import Gaussian
-from ocp.studies import SampledObjective, estimate_gradient
-from ocp.studies.estimators import SAMPLED
+from ocp.gradients import SampledObjective, estimate_gradient
+from ocp.gradients.estimators import SAMPLED
 from problems.objectives import objective_spec
 from problems.studies.study import (
     CHOICE,

@@ -7,8 +7,8 @@ import xarray as xr
 from scipy.stats import norm
 
 from dynamics.batch import Gaussian
-from ocp.studies import estimate_gradient
-from ocp.studies.estimators import mean_cost
+from ocp.gradients import estimate_gradient
+from ocp.gradients.estimators import mean_cost
 from problems.objectives import objective_spec
 from problems.studies.study import CODE, StudyParams, quantity_of, setting
 

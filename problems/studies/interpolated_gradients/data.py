@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from ocp.studies import SampledObjective, estimate_gradient
-from ocp.studies.interpolation import ConfidenceTest, FixedWeight
-from ocp.studies.reference import known_gradient
+from ocp.gradients import SampledObjective, estimate_gradient
+from ocp.gradients.interpolation import ConfidenceTest, FixedWeight
+from ocp.gradients.known_gradient import known_gradient
 from problems.objectives import objective_spec
 from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.contact.interior_point import exact_scalar_solution
 from dynamics.systems import ParameterTable, Signal
-from ocp.studies.objective import StaticObjective
+from ocp.gradients.objective import StaticObjective
 
 
 def drop(step_height: float, start: float, g: float) -> StaticObjective:

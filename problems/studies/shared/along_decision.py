@@ -8,9 +8,9 @@ import numpy as np
 from scipy.stats import norm
 
 from dynamics.batch import Gaussian
-from ocp.studies.estimators import SAMPLED
-from ocp.studies.objective import SampledObjective
-from ocp.studies.sampling import run_estimator
+from ocp.gradients.estimators import SAMPLED
+from ocp.gradients.objective import SampledObjective
+from ocp.gradients.sampling import run_estimator
 
 _NODES = 4001
 

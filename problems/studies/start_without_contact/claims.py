@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from ocp import Status
-from ocp.referee import COST_SHARE
+from ocp.judges.referee import COST_SHARE
 from problems.studies.start_without_contact.data import LAWS, PROBLEMS
 from problems.studies.study import (
     Claim,

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from dynamics.batch import Gaussian
-from ocp.studies.estimators import SAMPLED
-from ocp.studies.sampling import run_estimator
+from ocp.gradients.estimators import SAMPLED
+from ocp.gradients.sampling import run_estimator
 from problems.studies.shared.along_decision import along
 from problems.studies.study import (
     CHOICE,

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynamics.batch import BatchFunction, Gaussian
 from dynamics.systems import Signal
-from ocp.studies.objective import SampledObjective, Samples, check_names
+from ocp.gradients.objective import SampledObjective, Samples, check_names
 
 
 @dataclass(frozen=True)
