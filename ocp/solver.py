@@ -13,10 +13,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ocp.errors import InputError
+from ocp.errors import InputError, choose
 from ocp.program import Program
 from ocp.scaled import Point, Scaled
 from ocp.solution import Status
+from ocp.solver_options import check_options
 
 SOLVERS = {
     "ipopt": "interior point, exact Hessian, MUMPS or SPRAL inside (the default)",
@@ -90,11 +91,10 @@ class Solver:
     """
 
     def __init__(self, name: str = "ipopt", options: dict[str, Any] | None = None) -> None:
-        if name not in SOLVERS:
-            raise InputError(f"unknown solver {name!r}; there are {', '.join(SOLVERS)}")
+        choose("solver", name, SOLVERS)
         if not ca.has_nlpsol(name):
             raise InputError(f"this CasADi has no {name}; use --solver ipopt")
-        self.name, self.options = name, dict(options or {})
+        self.name, self.options = name, check_options(name, options or {})
         self.deadline: float | None = None
 
     @contextmanager

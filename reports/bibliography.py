@@ -1,29 +1,26 @@
-"""The papers behind the problems, read from ``references.bib``."""
+"""The papers behind the problems, as typst sets them from ``references.bib``."""
 
 from __future__ import annotations
 
+import html
 import re
 from functools import cache
 from pathlib import Path
 
-_FILE = Path(__file__).with_name("references.bib")
+import typst
 
-
-def full_citation(key: str) -> str:
-    """Return ``authors: title, year`` of an entry; a key that is not there stands for itself."""
-    entry = _entries().get(key)
-    if entry is None:
-        return key
-    names = [" ".join(reversed(name.split(", "))) for name in entry["author"].split(" and ")]
-    last = f" and {names[-1]}" if len(names) > 1 else names[-1]
-    where = f", {entry['booktitle']}" if "booktitle" in entry else ""
-    title = entry["title"] + ("" if entry["title"].endswith("?") else ",")
-    return f"{', '.join(names[:-1])}{last}: {title}{where} {entry['year']}".replace(",,", ",")
+_PAGE = """#cite(<{key}>, form: "full")
+#bibliography("/references.bib", style: "springer-basic-author-date")"""
 
 
 @cache
-def _entries() -> dict[str, dict[str, str]]:
-    found = {}
-    for key, body in re.findall(r"@\w+\{([^,]+),\n(.*?)\n\}", _FILE.read_text(), re.DOTALL):
-        found[key] = dict(re.findall(r"(\w+) = \{(.*)\}", body))
-    return found
+def full_citation(key: str) -> str:
+    """Return an entry as its style writes it; a key that is not there stands for itself."""
+    source, root = _PAGE.format(key=key).encode(), str(Path(__file__).parent)
+    try:
+        page = typst.compile(source, root=root, format="html", ignore_system_fonts=True)
+    except typst.TypstError:
+        return key
+    cited = page.decode().partition("<p>")[2].partition("</p>")[0]
+    words = html.unescape(re.sub(r"<[^>]*>", "", cited)).split()
+    return " ".join(words).removesuffix(".")
