@@ -8,42 +8,26 @@ import numpy as np
 from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "ball-bounce"
 title = "A ball with thrust over a floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 1a, with thrust")
 axes = ("x [m]", "y [m]")
-equations = (
-    "m (v+ - v) = h (u - (0, m g)) + (0, lam),  q+ = q + h v+,  0 <= lam ⟂ y+ >= 0",
-    "minimise  sum_k w_u h |u_k|²  +  w_end |q_N - goal|² + w_v |v_N|²",
-    "with |u| <= u_max componentwise, from (x0, y0, vx0, vy0)",
-)
-typst = (
-    "m (v^+ - v) = h (u - (0, m g)) + (0, lambda), quad q^+ = q + h v^+,"
-    " quad 0 <= lambda perp y^+ >= 0",
-    'min sum_(k=0)^(N-1) w_u h norm(u_k)^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N)^2',
-    'norm(u)_infinity <= u_"max"',
-)
+equations = """
+m (v^+ - v) = h (u - (0, m g)) + (0, lambda), quad q^+ = q + h v^+, quad 0 <= lambda perp y^+ >= 0
+min sum_(k=0)^(N-1) w_u h norm(u_k)^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N)^2
+norm(u)_infinity <= u_"max", quad "from" (x_0, y_0, v_(x,0), v_(y,0))
+"""
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.745009295,
-        stationarity="B",
-        kind="S",
+        0.745009295,
         tried=33,
         independent="all 820 windows of contact, each a convex QP",
         note="other minima: 0.760166, 0.849701",
     ),
-    "barrier mu=1e-3": Golden(
-        law="barrier",
-        method="direct",
-        cost=0.703942109,
-        stationarity="KKT",
-        tried=11,
-    ),
+    "barrier mu=1e-3": Golden(0.703942109, law="barrier", stationarity="KKT", kind="", tried=11),
 }
 
 
@@ -80,7 +64,6 @@ def build(params: Params) -> Problem:
         impulse=lambda q, v, u: p["h"] * (u - weight),
         distance=lambda q: q[1],
         parameters=p,
-        citation=citation.key,
     )
     x, u = system.x, system.u
     off = ca.sumsqr(x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
@@ -95,8 +78,6 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         reference=Reference(impulse=1.0, gap=0.1, x=1.0, u=5.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

@@ -8,35 +8,25 @@ import numpy as np
 from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "ball-throw"
 title = "A ball thrown to a goal by way of the floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 7a; numbers are ours")
 axes = ("x [m]", "z [m]")
-equations = (
-    "w = v + hand speed (cos theta, sin theta) + hand (0, g h/2),  hand = 1 at first, then 0",
-    "m (v+ - w) = h (0, -m g) + (0, lam),  q+ = q + h v+:  v is the mean velocity of a step",
-    "0 <= lam ⟂ z+ + R(z - h w_z) >= 0,  R(s) = e s + (1 + e) g s²/(2 V²),  e: restitution",
-    "  V² = (w_z - g h/2)² + 2 g z of the step before: the square of the speed at the floor",
-    "minimise  w_speed speed²  +  w_end |q_N - goal|² + w_v |v_N - goal velocity|²",
-    "over theta and speed of the throw; later inputs move nothing and are put to zero",
-)
-typst = (
-    'w = v + "hand" (s cos theta, s sin theta + g h \\/ 2), quad "hand" = 1 "at first, then" 0',
-    "m (v^+ - w) = h (0, -m g) + (0, lambda), quad q^+ = q + h v^+",
-    "0 <= lambda perp z^+ + R(z - h w_z) >= 0, quad R(s) = e s + (1 + e) g s^2 \\/ (2 V^2)",
-    'V^2 = (w_z - g h \\/ 2)^2 + 2 g z quad "one step before"',
-    'min w_s s^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N - v_"goal")^2',
-)
+equations = r"""
+w = v + "hand" (s cos theta, s sin theta + g h \/ 2), quad "hand" = 1 "at first, then" 0
+m (v^+ - w) = h (0, -m g) + (0, lambda), quad q^+ = q + h v^+, quad v "the mean velocity of a step"
+0 <= lambda perp z^+ + R(z - h w_z) >= 0, quad R(d) = e d + (1 + e) g d^2 \/ (2 V^2), quad
+  e "the restitution"
+V^2 = (w_z - g h \/ 2)^2 + 2 g z "one step before: the square of the speed at the floor"
+min w_"speed" s^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N - v_"goal")^2
+"over angle" theta "and speed" s "of the throw; later inputs move nothing and are put to zero"
+"""
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.00898210373,
-        stationarity="B",
-        kind="S",
+        0.00898210373,
         settings={"tol": 1e-10},
         tried=33,
         independent="Nelder-Mead over angle and speed of a simulation in closed form",
@@ -105,8 +95,6 @@ def build(params: Params) -> Problem:
         u_upper=ca.vertcat(1.5, p["speed_max"]),
         guess=_guess(params),
         reference=Reference(impulse=1.0, gap=0.1, x=0.5, u=1.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 
@@ -145,7 +133,6 @@ def _system(p: ParameterTable) -> ContactSystem:
         parameters=p,
         phi=q[1],
         mu_per_kappa=h,
-        citation=citation.key,
         # The law of the bounce is in the gap, which is therefore no expansion of the distance.
         sharp=Sharp(),
     )

@@ -8,32 +8,22 @@ import numpy as np
 from dynamics.systems import dry_friction, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "box-slide"
 title = "A box pushed over a rough floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 6b, as a task")
 axes = ("x [m]", "y [m]")
-equations = (
-    "m (v+ - v) = h u + f,  x+ = x + h v+,  |f| <= b = friction h m g  (f an impulse)",
-    "h v+ = s_f - s_b,  0 <= s_f ⟂ b + f >= 0,  0 <= s_b ⟂ b - f >= 0",
-    "  sliding forward means f = -b, sliding backward f = b, and at rest f is what holds the box",
-    "minimise  sum_k w_u h u_k²  +  w_end (x_N - goal)² + w_v v_N²,  |u| <= u_max",
-)
-typst = (
-    'm (v^+ - v) = h u + f, quad x^+ = x + h v^+, quad abs(f) <= b = "friction" h m g',
-    "h v^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0",
-    'min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" (x_N - x_"goal")^2 + w_v v_N^2,'
-    ' quad abs(u) <= u_"max"',
-)
+equations = """
+m (v^+ - v) = h u + f, quad x^+ = x + h v^+, quad abs(f) <= b = "friction" h m g
+h v^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0
+"sliding forward" f = -b, quad "sliding backward" f = b, quad "at rest" f "is what holds the box"
+min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" (x_N - x_"goal")^2 + w_v v_N^2, quad abs(u) <= u_"max"
+"""
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.354703374,
-        stationarity="B",
-        kind="S",
+        0.354703374,
         tried=33,
         independent="all 820 schedules stick, slide, stick, each a convex QP",
     ),
@@ -76,7 +66,6 @@ def build(params: Params) -> Problem:
         load=p["m"] * p["g"],
         friction=p["friction"],
         parameters=p,
-        citation=citation.key,
     )
     x, u = system.x, system.u
     return Problem(
@@ -90,8 +79,6 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         reference=Reference(impulse=0.05, gap=0.25, x=1.0, u=5.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

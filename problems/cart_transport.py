@@ -9,34 +9,24 @@ from pydantic import model_validator
 from dynamics.systems import dry_friction, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "cart-transport"
 title = "A cart that carries a box by friction"
 citation = Citation("li2026impact", "IMPACT, cart transporter: the model; masses and task are ours")
 axes = ("x [m]", "y [m]")
-equations = (
-    "(mc + mb) (vc+ - vc) + mb (vr+ - vr) = h u,  mb (vc+ - vc + vr+ - vr) = f,  q+ = q + h v+",
-    "  c: cart, r: the box's offset on it; f the friction impulse, |f| <= b = friction h mb g",
-    "h vr+ = s_f - s_b,  0 <= s_f ⟂ b + f >= 0,  0 <= s_b ⟂ b - f >= 0,  |r| <= reach",
-    "minimise  sum_k w_u h u_k²  +  w_end ((c_N - goal)² + (r_N - goal_offset)²)"
-    "  +  w_v (vc_N² + vr_N²),  |u| <= u_max",
-)
-typst = (
-    "(m_c + m_b) (v_c^+ - v_c) + m_b (v_r^+ - v_r) = h u, quad m_b (v_c^+ - v_c + v_r^+ - v_r) = f",
-    'q^+ = q + h v^+, quad abs(f) <= b = "friction" h m_b g, quad abs(r) <= r_"reach"',
-    "h v_r^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0",
-    'min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" ((c_N - c_"goal")^2 + (r_N - r_"goal")^2)'
-    ' + w_v (v_(c,N)^2 + v_(r,N)^2), quad abs(u) <= u_"max"',
-)
+equations = """
+(m_c + m_b) (v_c^+ - v_c) + m_b (v_r^+ - v_r) = h u, quad m_b (v_c^+ - v_c + v_r^+ - v_r) = f
+q^+ = q + h v^+, quad abs(f) <= b = "friction" h m_b g, quad abs(r) <= r_"reach"
+c "the cart," r "the box's offset on it," f "the impulse of friction"
+h v_r^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0
+min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" ((c_N - c_"goal")^2 + (r_N - r_"goal")^2)
+  + w_v (v_(c,N)^2 + v_(r,N)^2), quad abs(u) <= u_"max"
+"""
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.592060446,
-        stationarity="B",
-        kind="S",
+        0.592060446,
         tried=33,
         independent="all 820 schedules stick, slide forward, stick, each a convex QP",
     ),
@@ -97,7 +87,6 @@ def build(params: Params) -> Problem:
         load=mb * p["g"],
         friction=p["friction"],
         parameters=p,
-        citation=citation.key,
     )
     x, u = system.x, system.u
     off = ca.sumsqr(x[:2] - ca.vertcat(p["goal"], p["goal_offset"]))
@@ -114,8 +103,6 @@ def build(params: Params) -> Problem:
         x_lower=ca.vertcat(-ca.inf, -p["reach"], -ca.inf, -ca.inf),
         x_upper=ca.vertcat(ca.inf, p["reach"], ca.inf, ca.inf),
         reference=Reference(impulse=0.03, gap=0.02, x=0.5, u=5.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

@@ -8,49 +8,36 @@ import numpy as np
 from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, Point, Segment, Shape, Spring
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "cart-walls"
 title = "A pole on a cart between soft walls"
 citation = Citation("zhang2023adaptive", "A linear complementarity system as in eq. 2.1-2.2")
 axes = ("x [m]", "y [m]")
-equations = (
-    "x = (p, theta, p', theta'),  x+ = x + h (A x+ + B u + C lam),  lam a force [N]",
-    "A[0,2] = A[1,3] = 1, A[2,1] = g mp/mc, A[3,1] = g (mc+mp)/(l mc), B = (0, 0, 1/mc, 1/(l mc))",
-    "C[3] = (-1/(l mp), 1/(l mp)),  tip = p+ + l theta+",
-    "0 <= lam_1 ⟂ lam_1/k + wall - tip >= 0,  0 <= lam_2 ⟂ lam_2/k + wall + tip >= 0",
-    "minimise  sum_k w_p p² + w_theta theta² + w_dp p'² + w_dtheta theta'² + w_u u²"
-    "  +  w_end |x_N|²",
-    "with |u| <= u_max, from (p0, theta0, dp0, dtheta0)",
-)
-typst = (
-    "x = (p, theta, dot(p), dot(theta)), quad x^+ = x + h (A x^+ + B u + C lambda)",
-    "A_13 = A_24 = 1, quad A_32 = g m_p / m_c, quad A_42 = g (m_c + m_p) / (l m_c)",
-    "B = (0, 0, 1 / m_c, 1 / (l m_c)), quad C_(4 dot) = (-1 / (l m_p), 1 / (l m_p))",
-    "0 <= lambda_1 perp lambda_1 / k + d - (p^+ + l theta^+) >= 0, quad"
-    " 0 <= lambda_2 perp lambda_2 / k + d + (p^+ + l theta^+) >= 0",
-    "min sum_(k=0)^(N-1) w_p p^2 + w_theta theta^2 + w_(dot(p)) dot(p)^2"
-    ' + w_(dot(theta)) dot(theta)^2 + w_u u^2 + w_"end" norm(x_N)^2',
-    'abs(u) <= u_"max"',
-)
+equations = """
+x = (p, theta, dot(p), dot(theta)), quad x^+ = x + h (A x^+ + B u + C lambda)
+A_13 = A_24 = 1, quad A_32 = g m_p / m_c, quad A_42 = g (m_c + m_p) / (l m_c)
+B = (0, 0, 1 / m_c, 1 / (l m_c)), quad C_4 = (-1 / (l m_p), 1 / (l m_p)), quad lambda "forces"
+0 <= lambda_1 perp lambda_1 / k + d - (p^+ + l theta^+) >= 0, quad
+  0 <= lambda_2 perp lambda_2 / k + d + (p^+ + l theta^+) >= 0
+min sum_(k=0)^(N-1) w_p p^2 + w_theta theta^2 + w_(dot(p)) dot(p)^2
+  + w_(dot(theta)) dot(theta)^2 + w_u u^2 + w_"end" norm(x_N)^2
+abs(u) <= u_"max", quad "from" (p_0, theta_0, dot(p)_0, dot(theta)_0)
+"""
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=186.588555,
-        stationarity="B",
-        kind="S",
+        186.588555,
         tried=33,
         independent="all 2550 windows of contact with one wall, each a convex QP",
         note="a plain Opti script, cold Scholtes homotopy, ends no lower from 36 random guesses;"
         " other minima: 193.17, 562.3",
     ),
     "barrier mu=1e-3": Golden(
+        184.91946,
         law="barrier",
-        method="direct",
-        cost=184.91946,
         stationarity="KKT",
+        kind="",
         tried=11,
         note="a plain Opti script ends no lower from 18 random guesses; one at 3285",
     ),
@@ -102,8 +89,6 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         reference=Reference(impulse=10.0, gap=0.01, x=0.2, u=2.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 
@@ -132,7 +117,6 @@ def _system(p: ParameterTable) -> ContactSystem:
         contacts=signals("right [N] force of the right wall; left [N] force of the left wall"),
         h=p["h"],
         parameters=p,
-        citation=citation.key,
         # A spring has no gap that could be truer.
         sharp=Sharp(),
         refinable=True,

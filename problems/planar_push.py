@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from dynamics.systems import ParameterTable, quasi_dynamic, signals
+from dynamics.systems import quasi_dynamic, signals
 from dynamics.systems.geometry import ContactGeometry, Pose, disc_box
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
@@ -16,7 +16,7 @@ from problems.parameters import (
     Parameters,
     choice,
     quantity,
-    structural_settings,
+    rough_or_smooth,
     structure,
     table,
 )
@@ -26,42 +26,22 @@ name = "planar-push"
 title = "Pushing a box in the plane, with friction"
 citation = Citation("suh2023noising", "Noising data, sec. V-B, planar pushing, and its code")
 axes = ("x [m]", "y [m]")
-equations = (
-    "state: box o = (ox, oy) and angle theta, pusher a; input u, where the pusher is told to be",
-    "(1/h) M dq = (J_n + friction J_t)' lam+ + (J_n - friction J_t)' lam-  on the box, where"
-    " M = diag(m, m, I), and  h K (a+ - u) = the same on the pusher",
-    "0 <= lam± ⟂ phi + (J_n ± friction J_t) dq >= 0,  phi from the disc's rim to the box's side",
-    "minimise  sum_k |o_k - goal|²_w + w_a |a_k - rest|² + w_du |du_k|²"
-    "  +  w_end (|o_N - goal|²_w + w_a |a_N - rest|²),  |o|²_w = w_x (ox² + oy²) + w_angle theta²",
-    "with du_k = u_k - u_(k-1), u_(-1) = a_0, |u_k - a_k| <= reach componentwise",
-)
-typst = (
-    "1 / h M delta q_u = (J_(n u) + nu J_(t u))^top lambda_+ + (J_(n u) - nu J_(t u))^top lambda_-,"
-    " quad M = diag(m, m, I)",
-    "h K (a^+ - u) = (J_(n a) + nu J_(t a))^top lambda_+ + (J_(n a) - nu J_(t a))^top lambda_-",
-    "0 <= lambda_plus.minus perp phi + (J_n plus.minus nu J_t) delta q >= 0, quad"
-    ' nu "the coefficient of friction"',
-    'min sum_(k=0)^(N-1) norm(o_k - o_"goal")_w^2 + w_a norm(a_k - a_"rest")^2'
-    ' + w_(delta u) norm(delta u_k)^2 + w_"end" (norm(o_N - o_"goal")_w^2'
-    ' + w_a norm(a_N - a_"rest")^2)',
-    'delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k - a_k)_infinity <= "reach"',
-)
+equations = """
+"box" o = (x, y, theta), "pusher" a, "input" u: "where the pusher is told to be"
+M / h delta q_u = (J_(n u) + nu J_(t u))^top lambda_+ + (J_(n u) - nu J_(t u))^top lambda_-, quad
+  M = diag(m, m, I)
+h K (a^+ - u) = (J_(n a) + nu J_(t a))^top lambda_+ + (J_(n a) - nu J_(t a))^top lambda_-
+0 <= lambda_plus.minus perp phi + (J_n plus.minus nu J_t) delta q >= 0, quad
+  nu "the coefficient of friction"
+phi "from the disc's rim to the box's side", quad norm(o)_w^2 = w_x (x^2 + y^2) + w_"angle" theta^2
+min sum_(k=0)^(N-1) norm(o_k - o_"goal")_w^2 + w_a norm(a_k - a_"rest")^2
+  + w_(delta u) norm(delta u_k)^2
+  + w_"end" (norm(o_N - o_"goal")_w^2 + w_a norm(a_N - a_"rest")^2)
+delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k - a_k)_infinity <= "reach"
+"""
 golden = {
-    "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=120.918554915,
-        stationarity="B",
-        kind="S",
-        tried=33,
-    ),
-    "barrier mu=1e-3": Golden(
-        law="barrier",
-        method="direct",
-        cost=120.603713118,
-        stationarity="KKT",
-        tried=11,
-    ),
+    "exact": Golden(120.918554915, tried=33),
+    "barrier mu=1e-3": Golden(120.603713118, law="barrier", stationarity="KKT", kind="", tried=11),
 }
 
 
@@ -137,10 +117,7 @@ def build(params: Params) -> Problem:
     u is the commanded position of the pusher [m], lam the impulses [N s] along the edges of the
     friction cone. Without friction there is one row, and no parameter ``friction`` to turn.
     """
-    p = table(params)
-    rough = params.friction > 0
-    if not rough:
-        p = ParameterTable(parameter for parameter in p if parameter.name != "friction")
+    p, friction = rough_or_smooth(table(params))
 
     def sliding(q: ca.SX) -> ca.SX:
         return _touch(q, p["side"], p["r"]).jacobians(Pose(q[3:], ca.SX(0)), _box(q), q)[1]
@@ -156,11 +133,10 @@ def build(params: Params) -> Problem:
         mass=ca.diag(ca.vertcat(p["m"], p["m"], p["inertia"])),
         stiffness=p["K"] * ca.SX.eye(2),
         distance=lambda q: _touch(q, p["side"], p["r"]).phi,
-        sliding=sliding if rough else None,
-        friction=p["friction"] if rough else 0.0,
+        sliding=None if friction is None else sliding,
+        friction=0.0 if friction is None else friction,
         linearised=params.gap == "linearised",
         parameters=p,
-        citation=citation.key,
     )
     x, du = system.x, ca.SX.sym("du", 2)
     off = x - ca.vertcat(p["goal_x"], p["goal_y"], p["goal_angle"], p["rest_x"], p["rest_y"])
@@ -182,8 +158,6 @@ def build(params: Params) -> Problem:
             params.scenarios, (std, std, params.scenario_angle_std, 0.0, 0.0), params.scenario_seed
         ),
         reference=Reference(impulse=1.0, gap=0.1, x=0.5, u=0.5),
-        settings=structural_settings(params) | ({} if rough else {"friction": 0.0}),
-        citation=citation.key,
     )
 
 

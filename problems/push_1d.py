@@ -9,40 +9,31 @@ from pydantic import model_validator
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "push-1d"
 title = "Pushing a mass along a line"
 citation = Citation("suh2023noising", "Noising data, sec. IV-B and eq. 13")
 axes = ("x [m]", "")
-equations = (
-    "(M/h) (qu+ - qu) = lam,  h K (qa+ - u) = -lam,  0 <= lam ⟂ qu+ - qa+ - width >= 0",
-    "minimise  sum_k w_x (qu_k - goal_x)² + w_du du_k²  +  w_end (qu_N - goal_x)²",
-    "with du_k = u_k - u_(k-1), u_(-1) = qa0, |u| <= u_max, from (qu0, qa0)",
-)
-typst = (
-    "M / h (q_u^+ - q_u) = lambda, quad h K (q_a^+ - u) = -lambda,"
-    " quad 0 <= lambda perp q_u^+ - q_a^+ - w >= 0",
-    'min sum_(k=0)^(N-1) w_x (q_(u,k) - x_"goal")^2 + w_(delta u) delta u_k^2'
-    ' + w_"end" (q_(u,N) - x_"goal")^2',
-    'delta u_k = u_k - u_(k-1), quad u_(-1) = q_(a,0), quad abs(u) <= u_"max"',
-)
+equations = """
+M / h (q_u^+ - q_u) = lambda, quad h K (q_a^+ - u) = -lambda, quad
+  0 <= lambda perp q_u^+ - q_a^+ - "width" >= 0
+min sum_(k=0)^(N-1) w_x (q_(u,k) - x_"goal")^2 + w_(delta u) delta u_k^2
+  + w_"end" (q_(u,N) - x_"goal")^2
+delta u_k = u_k - u_(k-1), quad u_(-1) = q_(a,0), quad abs(u) <= u_"max"
+"""
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=1.38481827,
-        stationarity="B",
-        kind="S",
+        1.38481827,
         tried=33,
         independent="all 210 windows of contact, each a convex QP",
     ),
     "barrier mu=1e-3": Golden(
+        1.3869158,
         law="barrier",
-        method="direct",
-        cost=1.3869158,
         stationarity="KKT",
+        kind="",
         tried=11,
         note="a plain Opti script ends no lower from 18 random guesses",
     ),
@@ -88,7 +79,6 @@ def build(params: Params) -> Problem:
         stiffness=p["K"],
         distance=lambda q: q[0] - q[1] - p["width"],
         parameters=p,
-        citation=citation.key,
     )
     du = ca.SX.sym("du", 1)
     off = system.x[0] - p["goal_x"]
@@ -105,8 +95,6 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

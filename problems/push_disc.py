@@ -9,41 +9,31 @@ from pydantic import model_validator
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem import Problem, Reference, Scenarios
 from problems.drawing import ContactFrame, Disc, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "push-disc"
 title = "Pushing a disc in the plane"
 citation = Citation("suh2023noising", "Noising data, eq. 13-14, in the plane and frictionless")
 axes = ("x [m]", "y [m]")
-equations = (
-    "(M/h) (o+ - o) = n lam,  h K (a+ - u) = -n lam",
-    "0 <= lam ⟂ |o - a| - R - r + n·((o+ - o) - (a+ - a)) >= 0,  n = (o - a) / |o - a|",
-    "minimise  sum_k w_x |o_k - goal|² + w_du |du_k|²  +  w_end |o_N - goal|²",
-    "with du_k = u_k - u_(k-1), u_(-1) = a_0, |u| <= u_max componentwise",
-)
-typst = (
-    "M / h (o^+ - o) = n lambda, quad h K (a^+ - u) = -n lambda, quad n = (o - a) / norm(o - a)",
-    "0 <= lambda perp norm(o - a) - R - r + n dot ((o^+ - o) - (a^+ - a)) >= 0",
-    'min sum_(k=0)^(N-1) w_x norm(o_k - o_"goal")^2 + w_(delta u) norm(delta u_k)^2'
-    ' + w_"end" norm(o_N - o_"goal")^2',
-    'delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u)_infinity <= u_"max"',
-)
+equations = """
+M / h (o^+ - o) = n lambda, quad h K (a^+ - u) = -n lambda, quad n = (o - a) / norm(o - a)
+0 <= lambda perp norm(o - a) - R - r + n dot ((o^+ - o) - (a^+ - a)) >= 0
+min sum_(k=0)^(N-1) w_x norm(o_k - o_"goal")^2 + w_(delta u) norm(delta u_k)^2
+  + w_"end" norm(o_N - o_"goal")^2
+delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k)_infinity <= u_"max"
+"""
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.100678475,
-        stationarity="B",
-        kind="S",
+        0.100678475,
         tried=33,
         note="a plain Opti script, cold Scholtes homotopy, ends no lower from 36 random guesses",
     ),
     "barrier mu=1e-3": Golden(
+        0.100609441,
         law="barrier",
-        method="direct",
-        cost=0.100609441,
         stationarity="KKT",
+        kind="",
         tried=11,
         note="a plain Opti script ends no lower from 18 random guesses",
     ),
@@ -104,7 +94,6 @@ def build(params: Params) -> Problem:
         stiffness=p["K"] * ca.SX.eye(2),
         distance=distance,
         parameters=p,
-        citation=citation.key,
     )
     du = ca.SX.sym("du", 2)
     off = ca.sumsqr(system.x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
@@ -123,8 +112,6 @@ def build(params: Params) -> Problem:
         u_upper=p["u_max"],
         scenarios=Scenarios(params.scenarios, (std, std, 0.0, 0.0), params.scenario_seed),
         reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

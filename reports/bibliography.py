@@ -9,18 +9,19 @@ from pathlib import Path
 
 import typst
 
-_PAGE = """#cite(<{key}>, form: "full")
-#bibliography("/references.bib", style: "springer-basic-author-date")"""
+_ROOT = Path(__file__).parent
 
 
 @cache
 def full_citation(key: str) -> str:
     """Return an entry as its style writes it; a key that is not there stands for itself."""
-    source, root = _PAGE.format(key=key).encode(), str(Path(__file__).parent)
+    page, given = str(_ROOT / "templates" / "citation.typ"), {"key": key}
     try:
-        page = typst.compile(source, root=root, format="html", ignore_system_fonts=True)
+        set_page = typst.compile(
+            page, root=str(_ROOT), format="html", ignore_system_fonts=True, sys_inputs=given
+        )
     except typst.TypstError:
         return key
-    cited = page.decode().partition("<p>")[2].partition("</p>")[0]
+    cited = set_page.decode().partition("<p>")[2].partition("</p>")[0]
     words = html.unescape(re.sub(r"<[^>]*>", "", cited)).split()
     return " ".join(words).removesuffix(".")

@@ -16,9 +16,9 @@ from rich.text import Text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ocp.certificate import Certificate
-    from ocp.findings import Audit, Refereed
+    from ocp.judges.findings import Audit, Refereed
     from ocp.solution import Solution, StageRecord
+    from ocp.stationarity.certificate import Certificate
 
 COLUMNS = 80
 

@@ -16,8 +16,8 @@ from reports.console import number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ocp.studies.stored_run import StoredRun
-    from ocp.studies.sweep import Progress
+    from ocp.gradients.sweep import Progress
+    from ocp.store.stored_run import StoredRun
 
 _EVERY_S = {True: 0.1, False: 5.0}
 
@@ -118,7 +118,6 @@ def estimate_page(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
             f"{row['estimator']}: {row['explanation']}" for row in meta["estimates"]
         ] if not swept else [],
         "equations": list(spec.equations) if spec else [],
-        "typst": list(spec.typst) if spec else [],
         "parameters": [
             [about["name"], number(params.get(about["name"])),
              "" if about["unit"] == "1" else about["unit"], about["description"]]

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dynamics.contact import LAWS
-from ocp.solution import Status
+from ocp.programs.status import Status
 from problems import describe
 from reports.bibliography import full_citation
 from reports.console import (
@@ -128,7 +128,6 @@ def _head(view: RunView) -> dict[str, Any]:
         "problem": meta["problem"],
         "hash": meta["hash"],
         "equations": list(spec.equations) if spec else [],
-        "typst": list(spec.typst) if spec else [],
         "parameters": _parameters(view),
         "citation": _citation(view),
         "settings": _pairs(_settings(view)),

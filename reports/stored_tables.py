@@ -11,7 +11,7 @@ from rich.text import Text
 from reports.console import number, table_of
 
 if TYPE_CHECKING:
-    from ocp.studies.stored_run import StoredRun
+    from ocp.store.stored_run import StoredRun
     from problems.spec import Golden
     from problems.studies import Claim
 

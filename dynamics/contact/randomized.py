@@ -7,9 +7,9 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from dynamics.contact.closure import Branch, Schedule
 from dynamics.contact.exact import Exact
-from dynamics.contact.law import ContactLaw, Schedule, by_sigma, knob, positive, whole
-from dynamics.contact.step import Branch
+from dynamics.contact.law import ContactLaw, by_sigma, knob, positive, whole
 from dynamics.systems import ContactSystem, ParameterTable
 
 SCHEMES = ("sobol", "monte-carlo", "gauss-hermite")

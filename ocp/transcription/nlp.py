@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.layout import Layout
 from ocp.policy import Policy
 from ocp.problem import Problem
-from ocp.program import PairName, Program
-from ocp.units import Scale, measured
+from ocp.programs.layout import Layout
+from ocp.programs.program import PairName, Program
+from ocp.programs.units import Scale, measured
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -117,7 +117,7 @@ class NLP(Program):
 
     @cached_property
     def scale(self) -> Scale | None:
-        """Natural units of variables, constraints and cost, see :func:`~ocp.units.measured`.
+        """Natural units of variables, constraints, cost: see :func:`~ocp.programs.units.measured`.
 
         None in SI, and by shooting, whose contacts are solved on the way.
         """

@@ -32,7 +32,8 @@ class ContinueOptions(SolverOptions):
 
 def check(options: ContinueOptions) -> Request:
     """Build the session, and see that the parameter may have both values."""
-    from ocp.continuation import check_range, resolve
+    from ocp.continuation import resolve
+    from ocp.continuation.walk import check_range
     from ocp.errors import InputError, choose
     from reports.cli.choices import assignments
     from reports.cli.places import check_places
@@ -54,8 +55,8 @@ def check(options: ContinueOptions) -> Request:
 
 def run(options: ContinueOptions, asked: Request) -> int:
     """Follow a solution along a parameter of the problem, the law or the start; store the path."""
+    from ocp import store
     from ocp.continuation import path_dataset
-    from ocp.studies import store
     from reports import path_tables
 
     path, interrupted = _followed(options, asked)
@@ -130,7 +131,7 @@ def _unit(session: Any, name: str) -> str:
 
 
 def _verdict(path: Any, end: float) -> str:
-    from ocp.events import told
+    from ocp.continuation.events import told
 
     happened = told(path.events, path.parameter)
     events = f"\nOn the way {happened}." if happened else ""

@@ -47,7 +47,7 @@ def run(options: DoctorOptions, place: dict[str, Any]) -> int:
 
 def _clear(output: Output) -> int:
     """Empty the cache of kernels, say how many compiled objects went, and return that number."""
-    from dynamics.batch import compiler
+    from dynamics.batch.engines import compiler
 
     count = compiler.clear()
     output.say(f"{count} compiled object{'' if count == 1 else 's'} removed from the kernel cache")
@@ -76,9 +76,9 @@ def machine() -> dict[str, Any]:
     """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
     import casadi as ca
 
-    from dynamics.batch import compiler, llvm_backend
-    from ocp.solver import SOLVERS
-    from ocp.studies.provenance import versions
+    from dynamics.batch.engines import compiler
+    from ocp.programs.solver import SOLVERS
+    from ocp.store.provenance import versions
 
     return {
         "versions": {**versions(), **{n: version(n) for n in ("matplotlib", "typst", "typer")}},
@@ -86,7 +86,6 @@ def machine() -> dict[str, Any]:
         "solvers": {name: ca.has_nlpsol(name) for name in SOLVERS},
         "linear_solvers": {name: _linear_solver_works(name) for name in LINEAR_SOLVERS},
         "kernels": compiler.info(),
-        "llvm": llvm_backend.info() or "not installed; pip install 'centralpath[llvm]'",
     }
 
 

@@ -8,16 +8,16 @@ from reports.cli.estimate_request import EstimateOptions, EstimateRequest
 from reports.cli.options import Command
 
 if TYPE_CHECKING:
-    from ocp.studies.checkpoint import Checkpoint
-    from ocp.studies.sweep import SweepRun
+    from ocp.gradients.sweep import SweepRun
+    from ocp.store.checkpoint import Checkpoint
 
 
 def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoint]:
     """Build the objective at every point, and see that all of them would end within a year."""
     from ocp.effort import check_time
-    from ocp.studies.checkpoint import Checkpoint
-    from ocp.studies.provenance import versions
-    from ocp.studies.sweep import SweepRun
+    from ocp.gradients.sweep import SweepRun
+    from ocp.store.checkpoint import Checkpoint
+    from ocp.store.provenance import versions
     from reports.cli.places import check_places
 
     asked = EstimateRequest.read(options)
@@ -35,8 +35,8 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
     The cost of an objective, or of a problem's rollout, is averaged over Gaussian noise on the
     decision or on the inputs. What is done is kept: the same command goes on after Ctrl-C.
     """
-    from ocp.studies import store
-    from ocp.studies.sweep import sweep_dataset
+    from ocp import store
+    from ocp.gradients.sweep import sweep_dataset
     from reports import estimates
     from reports.cli import interrupt
 
@@ -67,7 +67,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
 
 def _meta(asked: EstimateRequest, study: SweepRun) -> dict[str, Any]:
     """What is stored of the finished points beside their arrays."""
-    from ocp.studies.sweep import overall
+    from ocp.gradients.sweep import overall
 
     swept = asked.sweep
     return {

@@ -22,9 +22,9 @@ from reports.cli.options import ProblemOptions
 if TYPE_CHECKING:
     import numpy as np
 
-    from ocp.studies.estimation import Plan
-    from ocp.studies.objective import SampledObjective
-    from ocp.studies.sweep import Sweep
+    from ocp.gradients.estimation import Plan
+    from ocp.gradients.objective import SampledObjective
+    from ocp.gradients.sweep import Sweep
     from problems.objectives import ObjectiveSpec
     from problems.spec import ProblemSpec
 
@@ -78,9 +78,9 @@ class EstimateRequest:
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
         """Check the words of a command line; raises InputError for the first that does not fit."""
-        from ocp.studies.estimation import Plan
-        from ocp.studies.reference import is_sampled
-        from ocp.studies.sweep import Sweep
+        from ocp.gradients.estimation import Plan
+        from ocp.gradients.known_gradient import is_sampled
+        from ocp.gradients.sweep import Sweep
         from problems.objectives import named
 
         choose("backend", options.backend, dict.fromkeys(BACKENDS))
@@ -185,8 +185,8 @@ def _rollouts(
 ) -> tuple[SampledObjective, float]:
     """Return a problem's rollouts as an objective, and a share of its inputs' size as noise."""
     from ocp.effort import check_memory, sampling_memory
-    from ocp.studies.estimators import CHUNK
-    from ocp.studies.rollout_objective import RolloutObjective
+    from ocp.gradients.estimators import CHUNK
+    from ocp.gradients.rollout_objective import RolloutObjective
 
     problem = spec.problem(given)
     law = closing_law(options.contact, options.law_settings, problem.system)
@@ -255,8 +255,8 @@ def _stored_decision(options: EstimateOptions) -> np.ndarray:
 
 def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
+    from ocp.gradients.interpolation import RULES
     from ocp.settings import read
-    from ocp.studies.interpolation import RULES
 
     known = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
     settings: dict[str, dict[str, float]] = {}

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import sys
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -62,7 +59,8 @@ def run(options: FigureOptions, chosen: list[tuple[Study, dict[str, Any]]]) -> i
 def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> dict[str, Any]:
     from dataclasses import asdict
 
-    from ocp.studies import store
+    from ocp import store
+    from ocp.store import atomic
     from problems.studies.study import did_hold
     from reports.pdf import write_pdf
     from reports.stored_tables import claim_table
@@ -85,29 +83,13 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     write_pdf([store.load(stored)], pdf)
     # netCDF 3: HDF5 stamps its root group with the time of writing.
-    _replace(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
+    atomic.write(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
     output.note(claim_table(claims))
     output.say(f"{study.id}: {meta['verdict']}")
     files = [str(pdf), str(copy)]
     output.say(f"files: {', '.join(files)}")
     return {"id": study.id, "title": study.title, "files": files, "run": str(stored),
             "seed": asked["seed"], "claims": meta["claims"]}  # fmt: skip
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write whole or not at all."""
-    from ocp.errors import InputError
-
-    handle, partial = tempfile.mkstemp(prefix=".partial-", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(partial).chmod(0o644)
-        Path(partial).replace(path)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}; choose another --out") from error
-    finally:
-        Path(partial).unlink(missing_ok=True)
 
 
 COMMAND = Command(FigureOptions, check, run)

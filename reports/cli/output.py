@@ -54,7 +54,7 @@ class Output:
         """Print the one JSON document, where it was asked for."""
         if not self.as_json:
             return
-        from ocp.studies.plain import plain
+        from ocp.store.plain import plain
 
         print(json.dumps(plain(content), indent=1, allow_nan=False))
 
@@ -62,7 +62,7 @@ class Output:
         """Say where a run was stored, write its report to ``pdf``, and print its document."""
         self.say(f"run: {run}")
         if pdf is not None:
-            from ocp.studies import store
+            from ocp import store
             from reports.pdf import write_pdf
 
             write_pdf([store.load(run)], pdf)

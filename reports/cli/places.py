@@ -9,7 +9,7 @@ from ocp.errors import InputError
 
 def check_places(out: Path, pdf: Path | None) -> None:
     """Raise InputError where runs could not be stored in ``out`` or a report written to ``pdf``."""
-    from ocp.studies import store
+    from ocp import store
 
     store.check_writable(out)
     if pdf is not None:
@@ -18,7 +18,7 @@ def check_places(out: Path, pdf: Path | None) -> None:
 
 def check_place(file: Path, what: str) -> None:
     """Raise InputError where ``file``, a PDF say, could not be written."""
-    from ocp.studies import store
+    from ocp import store
 
     if file.is_dir():
         ending = "pdf" if what == "PDF" else "gif"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from dynamics.contact import ContactLaw
     from ocp.problem import Problem
     from ocp.solution import Solution
-    from ocp.studies.stored_run import StoredRun
+    from ocp.store.stored_run import StoredRun
 
     Asked = tuple[StoredRun, Solution, Problem, ContactLaw]
 
@@ -69,7 +69,7 @@ def replay(
     """
     import numpy as np
 
-    from ocp.audit import signed_distances
+    from ocp.judges.audit import signed_distances
 
     rolled = solution.replay(law)
     distance = signed_distances(problem, rolled.x, problem.parameters.values)

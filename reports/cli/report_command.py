@@ -11,7 +11,7 @@ import typer
 from reports.cli.options import Command, StoreOptions
 
 if TYPE_CHECKING:
-    from ocp.studies.stored_run import StoredRun
+    from ocp.store.stored_run import StoredRun
 
 
 @dataclass(frozen=True, kw_only=True)

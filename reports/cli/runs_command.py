@@ -11,7 +11,7 @@ import typer
 from reports.cli.options import RUN, Command, StoreOptions
 
 if TYPE_CHECKING:
-    from ocp.studies.stored_run import StoredRun
+    from ocp.store.stored_run import StoredRun
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,14 +48,14 @@ def run(options: RunsOptions, one: StoredRun | None) -> int:
 
 def stored(text: str, root: Path) -> StoredRun:
     """Read the run that ``text`` names; raises as :func:`find` and ``store.load`` do."""
-    from ocp.studies import store
+    from ocp import store
 
     return store.load(find(text, root))
 
 
 def listing(root: Path) -> list[dict[str, Any]]:
     """Return one object a run: run, problem, kind, created, hash, status, cost, ..., damage."""
-    from ocp.studies import store
+    from ocp import store
 
     rows = []
     for entry in store.list_runs(root):
@@ -80,8 +80,8 @@ def find(text: str, root: Path) -> Path:
 
     Raises :class:`~ocp.errors.InputError` for none and for several that differ.
     """
+    from ocp import store
     from ocp.errors import InputError
-    from ocp.studies import store
     from problems.spec import did_you_mean
 
     if Path(text).exists():

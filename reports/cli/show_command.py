@@ -33,14 +33,16 @@ def run(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
     """Show a problem: equations, parameters with units and defaults, citation, golden values."""
     from problems import describe
     from reports.bibliography import full_citation
+    from reports.notation import plain
 
     parameters = describe(found)
     citation = found.citation
+    equations = [plain(line) for line in found.equations]
     options.output.document(
         {
             "name": found.name,
             "title": found.title,
-            "equations": list(found.equations),
+            "equations": equations,
             "parameters": parameters,
             "citation": None if citation is None else asdict(citation),
             "golden": {name: asdict(golden) for name, golden in found.golden.items()},
@@ -49,7 +51,7 @@ def run(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
     if options.as_json:
         return 0
     print(f"{found.name}: {found.title}\n")
-    for line in found.equations:
+    for line in equations:
         print(fill(line, 80, initial_indent="    ", subsequent_indent="        "))
     print()
     from reports.console import print_table

@@ -53,7 +53,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     if "rank" in options.given and options.starts == 1:
         raise InputError("--rank orders several starts and there is one; give --starts 2 or more")
     if options.start is not None and options.starts > 1:
-        raise InputError("--from and --starts exclude each other; drop one of them")
+        raise InputError("--from and several starts exclude each other; leave starts at 1")
     asked = Request.read(options)
     check_places(options.out, options.pdf)
     start = None if options.start is None else _start(asked, options.start, options.out)
@@ -78,7 +78,7 @@ def _start(asked: Request, run: str, root: Path) -> Solution:
 
 def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     """Solve a problem under a contact law, audit the answer, and store the run."""
-    from ocp.studies import store
+    from ocp import store
 
     asked, start = checked
     output = options.output
@@ -95,9 +95,9 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
 
 def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> Solution:
     """Solve; where Ctrl-C falls between several starts the best answer so far is stored."""
+    from ocp import store
     from ocp.solution import Interrupted
     from ocp.solve import solve_from, solve_session
-    from ocp.studies import store
     from reports import console
     from reports.cli import interrupt
 
@@ -138,7 +138,7 @@ def document(solution: Solution, path: Path) -> dict[str, Any]:
     """Return what ``ocp solve --json`` prints, but for where the run and its report are."""
     from dataclasses import asdict
 
-    from ocp.studies import store
+    from ocp import store
 
     meta = store.read_meta(path)
     record, audit, certificate = solution.record, asdict(solution.audit), solution.certificate

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from ocp import store
 from ocp.errors import InputError
-from ocp.studies import store
 from problems import names, spec
 from reports import pages
 from reports.bibliography import full_citation
@@ -74,7 +74,8 @@ def test_equations_that_do_not_compile_are_named(views, monkeypatch) -> None:
     view = views["solve push-1d exact"]
     broken = spec("push-1d")
     monkeypatch.setattr(
-        "reports.view.spec", lambda _: type(broken)(**{**vars(broken), "typst": ("nosuchsymbol",)})
+        "reports.view.spec",
+        lambda _: type(broken)(**{**vars(broken), "equations": ("nosuchsymbol",)}),
     )
     with pytest.raises(InputError, match="typst equations"):
         render([view.run])

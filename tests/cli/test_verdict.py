@@ -12,8 +12,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from ocp.certificate import certify
-from ocp.studies import store
+from ocp import store
+from ocp.stationarity.certificate import certify
 from reports import pages
 from reports.cli.output import Output
 from reports.style import styled
@@ -74,7 +74,7 @@ def test_unknown_words_say_what_was_meant(ocp, option: str, word: str, meant: st
 @pytest.fixture
 def without_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     """No multipliers prove stationarity, so that programs have to."""
-    monkeypatch.setattr("ocp.lpec.LinearModel.dual_bound", lambda *_: math.inf)
+    monkeypatch.setattr("ocp.stationarity.lpec.LinearModel.dual_bound", lambda *_: math.inf)
 
 
 @pytest.mark.usefixtures("without_proof")

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from ocp.certificate import certify
-from ocp.curvature import negative_curvature
-from ocp.lpec import LinearModel
+from ocp.stationarity.certificate import certify
+from ocp.stationarity.curvature import negative_curvature
+from ocp.stationarity.lpec import LinearModel
 from tests.unit.ocp.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
 
 RADIUS = 1e-3

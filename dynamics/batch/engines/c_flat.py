@@ -1,0 +1,128 @@
+"""C backend of a batched function: the tape's kernel and a loop over blocks of samples."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from dynamics.batch.engines import c_source, compiler
+from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.engines.compiler import Compiler
+from dynamics.batch.engines.parallel import run_chunks
+from dynamics.batch.graphs.tape import Tape
+
+CHUNK = 1024
+# Registers that a kernel works on at once.
+ABREAST = 2
+# Shorter functions than elsewhere: with two registers abreast each is twice as long.
+PART = 250
+
+_DRIVER = """\
+static i64 evaluate(i64 begin, i64 end, const double *const *a, const i64 *shared,
+                    double *const *b) {
+  static const i64 nx[] = {%(input_sizes)s}, ny[] = {%(output_sizes)s};
+  V *memory = aligned_alloc(sizeof(V), sizeof(V) * (U * (%(nx)d + %(ny)d) + 1));
+  if (!memory) return -1;
+  V *x[%(n_in)d + 1], *y[%(n_out)d + 1], *top = memory;
+  for (int k = 0; k < %(n_in)d; top += U * nx[k++]) {
+    x[k] = top;
+    if (shared[k]) load_shared(a[k], nx[k], top, U);
+  }
+  for (int k = 0; k < %(n_out)d; top += U * ny[k++]) y[k] = top;
+  i64 bad = 0;
+  for (i64 block = begin; block < end; block += U * W) {
+    /* Rows past the end are the last one again, which nobody stores. */
+    i64 left = (end - block + A * W - 1) / (A * W) * A;
+    int registers = left < U ? (int)left : U;
+    for (int k = 0; k < %(n_in)d; k++)
+      for (int j = 0; j < registers && !shared[k]; j++)
+        load_rows(a[k], nx[k], block + j * W, end, x[k] + j, U);
+    for (int j = 0; j < registers; j += A) {
+      const V *in[%(n_in)d + 1];
+      V *out[%(n_out)d + 1];
+      for (int k = 0; k < %(n_in)d; k++) in[k] = x[k] + j;
+      for (int k = 0; k < %(n_out)d; k++) out[k] = y[k] + j;
+      kernel(in, out);
+    }
+    for (int j = 0; j < registers; j++) {
+      V spoiled = {};
+      for (int k = 0; k < %(n_out)d; k++) {
+        for (i64 i = 0; i < ny[k]; i++) spoiled += y[k][i * U + j] - y[k][i * U + j];
+        store_rows(b[k], ny[k], block + j * W, end, y[k] + j, U);
+      }
+      bad += count_rows(spoiled != 0.0, block + j * W, end);
+    }
+  }
+  free(memory);
+  return bad;
+}
+/* Threads draw chunks from one counter until there are none left. */
+i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
+        double *const *b);
+i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
+        double *const *b) {
+  i64 bad = 0, begin;
+  while ((begin = __atomic_fetch_add(next, chunk, __ATOMIC_RELAXED)) < n) {
+    i64 lost = evaluate(begin, begin + chunk < n ? begin + chunk : n, a, shared, b);
+    if (lost < 0) return -1;
+    bad += lost;
+  }
+  return bad;
+}
+"""
+
+
+class CompiledEngine:
+    """Evaluates a tape over samples by machine code `run(next, n, chunk, a, shared, b)`.
+
+    `evaluate(inputs, outputs)` takes arrays `(n_samples, nnz)` or `(1, nnz)`, fills `outputs`, and
+    returns how many samples have a value that is not finite.
+    """
+
+    def __init__(self, name: str, tape: Tape, threads: int, run: Any) -> None:
+        self.name, self.tape, self.threads, self._run = name, tape, threads, run
+        run.restype = ctypes.c_int64
+        run.argtypes = [ctypes.c_void_p, *2 * [ctypes.c_int64], *3 * [ctypes.c_void_p]]
+
+    def evaluate(self, inputs: list[np.ndarray], outputs: list[np.ndarray], n: int) -> int:
+        """Fill `outputs` for all n samples; returns how many of them are not finite."""
+        pointers_in = addresses(inputs)
+        pointers_out = addresses(outputs)
+        shared = np.array([a.shape[0] == 1 and n != 1 for a in inputs] + [False], dtype=np.int64)
+        arguments = pointers_in, shared.ctypes.data, pointers_out
+        return run_chunks(self._run, n, CHUNK, self.threads, *arguments)
+
+
+def c_engine(tape: Tape, threads: int, block: int) -> CompiledEngine:
+    """The engine of backend `c`. Raises `CompilerError`."""
+    return CompiledEngine(
+        "c", tape, threads, compiler.load(source(tape, block, compiler.find_compiler())).run
+    )
+
+
+def addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
+    """A C array of the arrays' data pointers."""
+    return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])
+
+
+def source(tape: Tape, block: int, machine: Compiler) -> str:
+    """The C text for a tape on this machine, working on blocks of about `block` samples."""
+    driver = _DRIVER % {
+        "input_sizes": ", ".join(map(str, (*tape.input_sizes, 0))),
+        "output_sizes": ", ".join(map(str, (*tape.output_sizes, 0))),
+        "nx": sum(tape.input_sizes),
+        "ny": sum(tape.output_sizes),
+        "n_in": len(tape.input_sizes),
+        "n_out": len(tape.output_sizes),
+    }
+    layout = Layout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), ABREAST)
+    registers = ABREAST * max(1, block // (ABREAST * machine.width))
+    return (
+        prelude(machine)
+        + f"#define A {ABREAST}\n#define U {registers}\n"
+        + c_source.kernel(tape, "kernel", layout, PART)
+        + driver
+    )

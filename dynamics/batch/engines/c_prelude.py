@@ -1,0 +1,195 @@
+"""The fixed part of the emitted C: SIMD vectors of doubles, their functions, rows in and out.
+
+A `V` is one SIMD register of `W` doubles, lane by lane one sample each. Every operation acts on
+all lanes alike, and the last register of a batch is padded with copies of the last row, so a
+sample's result depends neither on its lane, nor on the block, nor on the thread.
+"""
+
+from __future__ import annotations
+
+from dynamics.batch.engines.compiler import TWO_ARGUMENTS, VECTOR_FUNCTIONS, Compiler
+
+_TYPES = """\
+typedef double V __attribute__((vector_size(8 * W)));
+typedef long long M __attribute__((vector_size(8 * W)));
+typedef unsigned long long Q __attribute__((vector_size(8 * W)));
+typedef double VU __attribute__((vector_size(8 * W), aligned(8)));
+typedef long long i64;
+#define UNROLL _Pragma("GCC unroll 16")
+#define LANES UNROLL for (int l = 0; l < W; l++)
+#define UNUSED __attribute__((unused))
+#define INLINE static inline __attribute__((always_inline, unused))
+#define NOINLINE __attribute__((noinline))
+#define SPLAT(c) ((c) - (V){})
+#define NOT(m) (~(m))
+#define EVERYWHERE (~(M){})
+#define DIFFER(a, b) ((M)(a) != (M)(b))
+#define INFINITE __builtin_inf()
+#define NOT_A_NUMBER __builtin_nan("")
+#if defined(__clang__) || __GNUC__ >= 12
+#define SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define SHUFFLE(a, b, ...) __builtin_shuffle(a, b, (M){__VA_ARGS__})
+#endif
+void *aligned_alloc(__SIZE_TYPE__, __SIZE_TYPE__);
+void free(void *);
+INLINE V pick(M m, V a, V b) { return (V)((m & (M)a) | (~m & (M)b)); }
+INLINE V keep(M m, V a) { return (V)(m & (M)a); }
+INLINE V truth(M m) { return keep(m, SPLAT(1.0)); }
+INLINE int any(M m) { i64 r = 0; LANES r |= m[l]; return r != 0; }
+INLINE V vfabs(V a) { return (V)((M)a & 0x7fffffffffffffffLL); }
+INLINE V vcopysign(V a, V b) {
+  return (V)(((M)a & 0x7fffffffffffffffLL) | ((M)b & ~0x7fffffffffffffffLL));
+}
+INLINE V vsign(V a) { return pick(a < 0.0, SPLAT(-1.0), pick(a > 0.0, SPLAT(1.0), a)); }
+INLINE V vfmin(V a, V b) { return pick((a < b) | (b != b), a, b); }
+INLINE V vfmax(V a, V b) { return pick((a > b) | (b != b), a, b); }
+INLINE V vfloor(V a) { V r; LANES r[l] = __builtin_floor(a[l]); return r; }
+INLINE V vceil(V a) { V r; LANES r[l] = __builtin_ceil(a[l]); return r; }
+INLINE V vfmod(V a, V b) { V r; LANES r[l] = __builtin_fmod(a[l], b[l]); return r; }
+INLINE V vremainder(V a, V b) { V r; LANES r[l] = __builtin_remainder(a[l], b[l]); return r; }
+"""
+
+# The compiler's own names for one instruction, where it has one: a loop over lanes ends as the same
+# instruction, but takes the compiler ten times as long.
+_SQRT = (
+    ("__builtin_elementwise_sqrt", 0, "__builtin_elementwise_sqrt(a)"),
+    ("__builtin_ia32_sqrtpd512_mask", 8, "__builtin_ia32_sqrtpd512_mask(a, a, -1, 4)"),
+    ("__builtin_ia32_sqrtpd256", 4, "__builtin_ia32_sqrtpd256(a)"),
+    ("__builtin_ia32_sqrtpd", 2, "__builtin_ia32_sqrtpd(a)"),
+)
+_FUSED = (
+    ("__builtin_elementwise_fma", 0, "__builtin_elementwise_fma(a, b, c)"),
+    ("__builtin_ia32_vfmaddpd512_mask", 8, "__builtin_ia32_vfmaddpd512_mask(a, b, c, -1, 4)"),
+    ("__builtin_ia32_vfmaddpd256", 4, "__builtin_ia32_vfmaddpd256(a, b, c)"),
+    ("__builtin_ia32_vfmaddpd", 2, "__builtin_ia32_vfmaddpd(a, b, c)"),
+)
+_PROBE = "#ifndef __has_builtin\n#define __has_builtin(x) 0\n#endif\n"
+
+# Newton's method on erf(y) = x near 0 and on erfc(y) = 1 - |x| (exact there) further out, from
+# Winitzki's closed form; Halley's correction makes three steps enough for every double.
+_ERFINV = """\
+static UNUSED double erfinv_lane(double x) {
+  double a = __builtin_fabs(x), c = 1.0 - a;
+  if (!(a < 1.0)) return a == 1.0 ? x * __builtin_inf() : __builtin_nan("");
+  if (a < 1e-8) return x * 0.88622692545275801365;
+  double g = __builtin_log1p(-a * a), h = 4.3307467508 + 0.5 * g;
+  double y = __builtin_sqrt(__builtin_sqrt(h * h - g * 6.8027210884) - h);
+  for (int k = 0; k < 3; k++) {
+    double e = a < 0.5 ? __builtin_erf(y) - a : c - __builtin_erfc(y);
+    double s = e * 0.88622692545275801365 * __builtin_exp(y * y);
+    y -= s / (1.0 + y * s);
+  }
+  return __builtin_copysign(y, x);
+}
+INLINE V verfinv(V a) { V r; LANES r[l] = erfinv_lane(a[l]); return r; }
+"""
+
+# Rows of the caller's (n_samples, size) arrays to vectors and back. A row past the last one is the
+# last one again. Whole tiles go through registers; what is left over goes lane by lane.
+_ROWS = """\
+INLINE i64 row_at(i64 row, i64 end) { return row < end ? row : end - 1; }
+static UNUSED void load_rows(const double *a, i64 size, i64 row, i64 end, V *out, i64 step) {
+  i64 k = 0;
+  const double *r[W];
+  LANES r[l] = a + row_at(row + l, end) * size;
+  for (; k + W <= size; k += W) {
+    V t[W];
+    LANES t[l] = *(const VU *)(r[l] + k);
+    transpose(t);
+    LANES out[(k + l) * step] = t[l];
+  }
+  for (; k < size; k++) { V t; LANES t[l] = r[l][k]; out[k * step] = t; }
+}
+static UNUSED void store_rows(double *a, i64 size, i64 row, i64 end, const V *in, i64 step) {
+  i64 k = 0;
+  double *r[W];
+  LANES r[l] = a + row_at(row + l, end) * size;
+  if (row + W <= end)
+    for (; k + W <= size; k += W) {
+      V t[W];
+      LANES t[l] = in[(k + l) * step];
+      transpose(t);
+      LANES *(VU *)(r[l] + k) = t[l];
+    }
+  for (; k < size; k++) { V t = in[k * step]; LANES if (row + l < end) r[l][k] = t[l]; }
+}
+static UNUSED void load_shared(const double *a, i64 size, V *out, i64 step) {
+  for (i64 k = 0; k < size; k++)
+    for (i64 j = 0; j < step; j++) out[k * step + j] = SPLAT(a[k]);
+}
+INLINE i64 count_rows(M m, i64 row, i64 end) {
+  i64 n = 0;
+  LANES n += row + l < end && m[l];
+  return n;
+}
+"""
+
+
+def prelude(compiler: Compiler) -> str:
+    """C text that every emitted source begins with, for this compiler and CPU."""
+    functions = "".join(_vector_function(name, compiler) for name in VECTOR_FUNCTIONS)
+    return "".join(
+        (
+            f"#define W {compiler.width}\n",
+            _TYPES,
+            _PROBE,
+            _instruction("vsqrt", "V a", _SQRT, "__builtin_sqrt(a[l])"),
+            _fused(compiler),
+            functions,
+            _ERFINV,
+            _transpose(compiler.width),
+            _ROWS,
+        )
+    )
+
+
+def _fused(compiler: Compiler) -> str:
+    """a*b + c in one rounding; two where the CPU has no such instruction."""
+    if not compiler.has_fma:
+        return "INLINE V fused(V a, V b, V c) { return a * b + c; }\n"
+    return _instruction("fused", "V a, V b, V c", _FUSED, "__builtin_fma(a[l], b[l], c[l])")
+
+
+def _instruction(
+    name: str, parameters: str, variants: tuple[tuple[str, int, str], ...], lane: str
+) -> str:
+    """An inline function by the first builtin there is for this width (0: any), else by lanes."""
+    lines = []
+    for keyword, (builtin, width, call) in zip(("#if", *3 * ["#elif"]), variants, strict=True):
+        condition = f"__has_builtin({builtin})" + (f" && W == {width}" if width else "")
+        lines += [f"{keyword} {condition}", f"INLINE V {name}({parameters}) {{ return {call}; }}"]
+    lines += ["#else", f"INLINE V {name}({parameters}) {{ V r; LANES r[l] = {lane}; return r; }}"]
+    return "\n".join((*lines, "#endif\n"))
+
+
+def _vector_function(name: str, compiler: Compiler) -> str:
+    symbol = compiler.vector_math.get(name)
+    if symbol is not None:
+        parameters = "V, V" if name in TWO_ARGUMENTS else "V"
+        return f"extern V {symbol}({parameters});\n#define v{name} {symbol}\n"
+    if name in TWO_ARGUMENTS:
+        return (
+            f"INLINE V v{name}(V a, V b) "
+            f"{{ V r; LANES r[l] = __builtin_{name}(a[l], b[l]); return r; }}\n"
+        )
+    return f"INLINE V v{name}(V a) {{ V r; LANES r[l] = __builtin_{name}(a[l]); return r; }}\n"
+
+
+def _transpose(width: int) -> str:
+    """A W x W transposition by log2(W) rounds of pairwise shuffles."""
+    lines = ["INLINE void transpose(V *t) {", "  V a, b;"]
+    distance = 1
+    while distance < width:
+        low = [i if not i & distance else width + i - distance for i in range(width)]
+        high = [i + distance if not i & distance else width + i for i in range(width)]
+        for i in range(width):
+            if not i & distance:
+                j = i + distance
+                lines += [
+                    f"  a = t[{i}]; b = t[{j}];",
+                    f"  t[{i}] = SHUFFLE(a, b, {', '.join(map(str, low))});",
+                    f"  t[{j}] = SHUFFLE(a, b, {', '.join(map(str, high))});",
+                ]
+        distance *= 2
+    return "\n".join((*lines, "}\n"))

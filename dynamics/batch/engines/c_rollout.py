@@ -1,0 +1,385 @@
+"""C source of rollouts: the step's kernels inside real loops over time and inner iterations.
+
+The text does not depend on the horizon, which is an argument. Work is done on blocks of `U`
+registers of samples; what is stored between the sweeps (states, multipliers, noise) stays in the
+first-level cache for problems of ordinary size.
+"""
+
+from __future__ import annotations
+
+from dynamics.batch.engines import c_random, c_source
+from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.engines.compiler import Compiler
+from dynamics.batch.graphs.inner import InnerLoop
+from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
+
+# Operations up to which the registers of a block are worked on without a loop around them: more
+# would not find room in the processor at once, and take the compiler long.
+UNROLLED = 200
+# Operations up to which two registers of a block are worked on abreast, which doubles the text.
+LONG = 6000
+
+_JOB = """\
+enum { WANT_GRADIENT = 1, WANT_SCORE = 2, WANT_MOMENTS = 4 };
+typedef struct {
+  i64 horizon, parts, want, shared_x0, shared_theta, shared_p, noise, key0, key1, first;
+  const double *x0, *theta, *p, *w, *sigma, *precision;
+  double *cost, *gradient, *score, *moments;
+  double baseline;
+} job;
+typedef struct { V *x, *lam, *w, *theta, *p, *gradient, *score, *cost; i64 w_step, ts; } memory;
+"""
+
+# Entry k of what register j of a block has is number k U + j, so that all registers of a block
+# lie side by side; ts is 1 in place of U where all samples share theta, PS likewise for p.
+_SWEEPS = """\
+typedef struct { const char *at, *stop; i64 each; } lines;
+INLINE lines lines_of(const double *a, i64 size, i64 row, i64 end, i64 turns) {
+  const char *at = (const char *)(a + row * size), *stop = (const char *)(a + end * size);
+  if (row >= end) stop = at;
+  return (lines){at, stop, ((stop - at) / 64 / turns + 1) * 64};
+}
+INLINE const char *next_stop(lines f) { return f.at + f.each < f.stop ? f.at + f.each : f.stop; }
+#define FETCH(f, write) \\
+  for (const char *stop = next_stop(f); f.at < stop; f.at += 64) __builtin_prefetch(f.at, write)
+static void forward(const job *q, const memory *a, i64 next, i64 end) {
+  i64 ahead = next + U * W < end ? next + U * W : end, n = q->horizon, ts = a->ts;
+  i64 theta_step = q->parts > 1 ? NT * ts : 0;
+  lines theta_lines = lines_of(q->theta, q->parts * NT, next, q->shared_theta ? next : ahead, n);
+  lines noise_lines = lines_of(q->w, n * NU, next, q->noise == 1 ? ahead : next, n);
+  V p[NP * PS + 1], cost[U];
+  UNROLL for (int k = 0; k < NP * PS; k++) p[k] = a->p[k];
+  for (int j = 0; j < U; j++) cost[j] = (V){};
+  V *x = a->x, *lam = a->lam;
+  const V *theta = a->theta, *w = a->w;
+  for (i64 t = 0; t < n; t++, x += NX * U, lam += NL * U, theta += theta_step, w += a->w_step) {
+    FETCH(theta_lines, 0);
+    FETCH(noise_lines, 0);
+    EACH for (int j = 0; j < U; j += A) {
+      V stage[A];
+      const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j};
+      V *out[] = {x + NX * U + j, lam + j, stage};
+      one_step(in, out, ts);
+      UNROLL for (int r = 0; r < A; r++) cost[j + r] += stage[r];
+    }
+  }
+  for (int j = 0; j < U; j += A) {
+    V last[A];
+    const V *in[] = {x + j, p + (PS > 1) * j};
+    V *out[] = {last};
+    terminal(in, out);
+    UNROLL for (int r = 0; r < A; r++) a->cost[j + r] = cost[j + r] + last[r];
+  }
+}
+static void backward(const job *q, const memory *a, i64 row, i64 end) {
+  i64 last = row + U * W < end ? row + U * W : end, n = q->horizon, ts = a->ts;
+  i64 theta_step = q->parts > 1 ? NT * ts : 0;
+  lines gradient_lines = lines_of(q->gradient, q->parts * NT, row,
+                                  q->want & WANT_MOMENTS ? row : last, n);
+  V bars[(NX + 1) * U], p[NP * PS + 1];
+  UNROLL for (int k = 0; k < NP * PS; k++) p[k] = a->p[k];
+  V *x = a->x + n * NX * U, *lam = a->lam + n * NL * U, *g = a->gradient + (n - 1) * NT * U;
+  const V *theta = a->theta + n * theta_step, *w = a->w + n * a->w_step;
+  for (int j = 0; j < U; j += A) {
+    const V *in[] = {x + j, p + (PS > 1) * j};
+    V *out[] = {bars + j};
+    terminal_adjoint(in, out);
+  }
+  if (q->parts == 1) {
+    g = a->gradient;
+    for (int k = 0; k < NT * U; k++) g[k] = (V){};
+  }
+  for (i64 t = 0; t < n; t++) {
+    x -= NX * U, lam -= NL * U, theta -= theta_step, w -= a->w_step;
+    FETCH(gradient_lines, 1);
+    EACH for (int j = 0; j < U; j += A) {
+      V before[NX * A + 1], part[NT * A + 1];
+      const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j, lam + j, bars + j};
+      V *out[] = {before, part};
+      adjoint(in, out, ts);
+      UNROLL for (int k = 0; k < NX * A; k++) bars[k / A * U + j + k % A] = before[k];
+      if (q->parts > 1) UNROLL for (int k = 0; k < NT * A; k++) g[k / A * U + j + k % A] = part[k];
+      else UNROLL for (int k = 0; k < NT * A; k++) g[k / A * U + j + k % A] += part[k];
+    }
+    if (q->parts > 1) g -= NT * U;
+  }
+}
+static void scores(const job *q, const memory *a) {
+  i64 ts = a->ts, theta_step = q->parts > 1 ? NT * ts : 0, to = q->parts > 1 ? NT * U : 0;
+  V part[NT * A + 1], weighed[NU * A + 1];
+  for (i64 k = 0; k < q->parts * NT * U; k++) a->score[k] = (V){};
+  for (i64 t = 0; t < q->horizon; t++)
+    for (int j = 0; j < U; j += A) {
+      const V *w = a->w + t * a->w_step + j, *x = a->x + t * NX * U + j;
+      V *s = a->score + t * to + j;
+      for (int k = 0; k < NU * A; k++) weighed[k] = w[k / A * U + k % A] * q->precision[k / A];
+      const V *in[] = {x, a->theta + t * theta_step + (ts > 1) * j, weighed};
+      V *out[] = {part};
+      score(in, out, ts);
+      for (int k = 0; k < NT * A; k++) s[k / A * U + k % A] += part[k];
+    }
+}
+"""
+
+_INNER_GRAPHS = ("opening", "newton", "settled", "path", "followed", "closing")
+# Of (x, theta, w, p) and so on; U between entries of the block's memory, A in a step's own.
+_GIVEN = ("U", "ts", "U", "PS")
+_STRIDES = {
+    "step": (_GIVEN, ("U", "U", "A")),
+    "opening": (_GIVEN, ("A", "A")),
+    "newton": (("A", "A"), ("A", "A")),
+    "settled": (("A", "A"), ("A",)),
+    "path": (("PA", "A"), ("PA",)),
+    "followed": (("PA", "A"), ("PA",)),
+    "closing": ((*_GIVEN, "A"), ("U", "U", "A")),
+    "adjoint": ((*_GIVEN, "U", "U"), ("A", "A")),
+    "score": (("U", "ts", "A"), ("A",)),
+    "terminal": (("U", "PS"), ("A",)),
+    "terminal_adjoint": (("U", "PS"), ("U",)),
+}
+_PATH_GRAPHS = ("path", "followed")
+_CLOSED_FORM = "#define one_step step\n"
+
+# A register that has come to rest keeps its value lane by lane, so that a sample does not depend on
+# its neighbours. NaN never looks open, and so ends the loop.
+_INNER = """\
+INLINE int differ(const V *a, const V *b) {
+  M changed = DIFFER(a[0], b[0]);
+  for (int k = 1; k < NW * PA; k++) changed |= DIFFER(a[k], b[k]);
+  return any(changed);
+}
+INLINE int some(const M *m, int n) {
+  M either = m[0];
+  for (int r = 1; r < n; r++) either |= m[r];
+  return any(either);
+}
+static NOINLINE void follow_path(const V *data, const M *open, V *lam) {
+  V pair[NW * PA], moved[NW * PA], end[NB * PA], *to[] = {moved}, *out[] = {end};
+  const V *from[] = {pair, data};
+  if (!some(open, PA)) return;
+  for (int k = 0; k < NW * PA; k++) pair[k] = SPLAT(1.0);
+  for (int i = 0; i < %(path_iterations)d; i++) {
+    path(from, to);
+    if (!differ(pair, moved)) break;
+    for (int k = 0; k < NW * PA; k++) pair[k] = moved[k];
+  }
+  followed(from, out);
+  for (int k = 0; k < NB; k++)
+    for (int r = 0; r < PA; r++) lam[k * A + r] = pick(open[r], end[k * PA + r], lam[k * A + r]);
+}
+INLINE void solve_branch(V *lam, const V *data) {
+  V moved[NB * A], unrest[A], *to[] = {moved, unrest}, *out[] = {moved};
+  const V *from[] = {lam, data};
+  M open[A];
+  for (int r = 0; r < A; r++) open[r] = EVERYWHERE;
+  for (int i = 0; i < %(newton_iterations)d && some(open, A); i++) {
+    newton(from, to);
+    for (int k = 0; k < NB * A; k++) lam[k] = pick(open[k %% A], moved[k], lam[k]);
+    for (int r = 0; r < A; r++) open[r] &= unrest[r] != 0.0;
+  }
+  settled(from, out);
+  for (int k = 0; k < NB * A; k++) lam[k] = moved[k];
+  for (int r = 0; r < A; r += PA) follow_path(data + r, open + r, lam + r);
+}
+INLINE void one_step(const V *const in[], V *const out[], i64 ts) {
+  V lam[%(branches)d * NB * A], data[%(branches)d * ND * A];
+  V *opened[] = {lam, data};
+  opening(in, opened, ts);
+  for (int b = 0; b < %(branches)d; b++) solve_branch(lam + b * NB * A, data + b * ND * A);
+  const V *all[] = {in[0], in[1], in[2], in[3], lam};
+  closing(all, out, ts);
+}
+"""
+
+_LOAD = """\
+static void load_block(const job *q, const memory *a, i64 row, i64 end) {
+  i64 nw = q->horizon * NU, nt = q->parts * NT;
+  for (int j = 0; j < U; j++, row += W) {
+    if (!q->shared_x0) load_rows(q->x0, NX, row, end, a->x + j, U);
+    else for (int k = 0; k < NX; k++) a->x[k * U + j] = SPLAT(q->x0[k]);
+    if (!q->shared_theta) load_rows(q->theta, nt, row, end, a->theta + j, U);
+    if (PS > 1) load_rows(q->p, NP, row, end, a->p + j, U);
+    if (q->noise == 1) load_rows(q->w, nw, row, end, a->w + j, U);
+    if (q->noise == 2)
+      for (i64 m = 0; m < nw; m += 4) {
+        V z[4];
+        four_normals(q->first + row, m / 4, q->key0, q->key1, z);
+        for (i64 k = 0; k < 4 && m + k < nw; k++)
+          a->w[(m + k) * U + j] = z[k] * q->sigma[(m + k) %% NU];
+      }
+  }
+}
+"""
+
+# One chunk's moments: sums about the first register of samples, lane by lane, then the lanes merged
+# in order. Samples that are not finite, and the padding, are left out.
+_MOMENTS = """\
+/* A sum is finite only if all its terms are; one that overflows counts as not finite too. */
+typedef struct { V *pivot, *sum, *square; M count; } accumulator;
+INLINE void add_up(const V *a, i64 n, V *sum) {
+  for (i64 k = 0; k < n; k++)
+    UNROLL for (int j = 0; j < U; j++) sum[j] += a[k * U + j];
+}
+static void accumulate(accumulator *c, i64 at, const V *value, i64 n, M ok, int starting) {
+  if (starting) for (i64 k = 0; k < n; k++) c->pivot[at + k] = keep(ok, value[k * U]);
+  for (i64 k = 0; k < n; k++) {
+    V d = keep(ok, value[k * U] - c->pivot[at + k]);
+    c->sum[at + k] += d;
+    c->square[at + k] = fused(d, d, c->square[at + k]);
+  }
+}
+static void finish(const accumulator *c, i64 n, double *out) {
+  i64 total = 0;
+  LANES total += -c->count[l];
+  out[0] = (double)total;
+  for (i64 k = 0; k < n; k++) {
+    double mean = 0.0, m2 = 0.0, count = 0.0;
+    for (int l = 0; l < W; l++) {
+      double more = (double)-c->count[l];
+      if (more == 0.0) continue;
+      double sum = c->sum[k][l], here = c->square[k][l] - sum * sum / more;
+      double difference = c->pivot[k][l] + sum / more - mean, all = count + more;
+      mean += difference * (more / all);
+      m2 += (here > 0.0 ? here : 0.0) + difference * difference * (count * more / all);
+      count = all;
+    }
+    out[1 + k] = mean;
+    out[1 + n + k] = m2;
+  }
+}
+"""
+
+_RUN = """\
+INLINE M inside(i64 row, i64 end) { M m; LANES m[l] = -(i64)(row + l < end); return m; }
+static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
+  i64 N = q->horizon, nt = q->parts * NT;
+  int gradient = (q->want & WANT_GRADIENT) != 0, score = (q->want & WANT_SCORE) != 0;
+  int moments = (q->want & WANT_MOMENTS) != 0, in_place = !q->shared_theta && q->parts > 1;
+  i64 values = 1 + nt * (gradient + score), w_step = q->noise ? NU * U : 0;
+  i64 sizes[] = {(N + 1) * NX * U, N * NL * U, w_step ? N * w_step : NU * U,
+                 nt * (q->shared_theta ? 1 : U), NP * PS, in_place ? 0 : nt * U,
+                 score ? nt * U : 0, U, 3 * values};
+  i64 size = 0;
+  for (int k = 0; k < 9; k++) size += sizes[k];
+  V *all = aligned_alloc(sizeof(V), sizeof(V) * size), *parts[9], *top = all;
+  if (!all) return -1;
+  for (int k = 0; k < 9; k++) parts[k] = top, top += sizes[k];
+  memory a = {parts[0], parts[1], parts[2], parts[3], parts[4], parts[in_place ? 3 : 5],
+              parts[6], parts[7], w_step, q->shared_theta ? 1 : U};
+  top = parts[8];
+  if (q->shared_theta) load_shared(q->theta, nt, a.theta, 1);
+  if (PS == 1) load_shared(q->p, NP, a.p, 1);
+  if (!q->noise) for (i64 k = 0; k < NU * U; k++) a.w[k] = (V){};
+  accumulator sums = {top, top + values, top + 2 * values, {}};
+  for (i64 k = 0; k < 3 * values; k++) top[k] = (V){};
+  i64 bad = 0;
+  int starting = 1;
+  for (i64 block = begin; block < end; block += U * W) {
+    load_block(q, &a, block, end);
+    forward(q, &a, block + U * W, end);
+    if (score) scores(q, &a);
+    if (gradient) backward(q, &a, block, end);
+    V total[U];
+    for (int j = 0; j < U; j++) total[j] = a.cost[j];
+    if (gradient) add_up(a.gradient, nt, total);
+    if (score) add_up(a.score, nt, total);
+    for (int j = 0; j < U && block + j * W < end; j++) {
+      i64 row = block + j * W;
+      V *g = a.gradient + j, *s = a.score + j, *cost = a.cost + j;
+      M ok = total[j] - total[j] == 0.0;
+      bad += count_rows(~ok, row, end);
+      if (!moments) {
+        store_rows(q->cost, 1, row, end, cost, U);
+        if (gradient) store_rows(q->gradient, nt, row, end, g, U);
+        if (score) store_rows(q->score, nt, row, end, s, U);
+        continue;
+      }
+      ok &= inside(row, end);
+      V gain = *cost - q->baseline;
+      if (score) for (i64 k = 0; k < nt; k++) s[k * U] *= gain;
+      sums.count += ok;
+      accumulate(&sums, 0, cost, 1, ok, starting);
+      if (gradient) accumulate(&sums, 1, g, nt, ok, starting);
+      if (score) accumulate(&sums, 1 + gradient * nt, s, nt, ok, starting);
+      starting = 0;
+    }
+  }
+  if (moments) finish(&sums, values, q->moments + begin / chunk * (2 * values + 1));
+  free(all);
+  return bad;
+}
+/* Threads draw chunks from one counter until there are none left. */
+i64 run(i64 *next, i64 n, i64 chunk, const job *q);
+i64 run(i64 *next, i64 n, i64 chunk, const job *q) {
+  i64 bad = 0, begin;
+  while ((begin = __atomic_fetch_add(next, chunk, __ATOMIC_RELAXED)) < n) {
+    i64 lost = roll_out(begin, begin + chunk < n ? begin + chunk : n, chunk, q);
+    if (lost < 0) return -1;
+    bad += lost;
+  }
+  return bad;
+}
+"""
+
+
+def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = False) -> str:
+    """The C text of a rollout on this machine, for blocks of about `block` samples.
+
+    With `own_p` every sample has parameters of its own; else they may stay in registers.
+    """
+    loop = tapes.forward
+    if isinstance(loop, InnerLoop):
+        functions = {name: getattr(loop, name) for name in _INNER_GRAPHS}
+        sizes = loop.n, loop.n_data, loop.n_pair
+        stepping = _INNER % {
+            "newton_iterations": loop.newton_iterations,
+            "path_iterations": loop.path_iterations,
+            "branches": loop.branches,
+        }
+    else:
+        functions, sizes, stepping = {"step": loop}, (0, 0, 0), _CLOSED_FORM
+    for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
+        functions[name] = getattr(tapes, name)
+    length = sum(fn.n_instructions() for fn in functions.values())
+    abreast = 2 if UNROLLED < length <= LONG else 1
+    # Where Newton's method comes first the path is rare, and its text shorter by half.
+    path_abreast = 1 if isinstance(loop, InnerLoop) and loop.newton_iterations else abreast
+    constants = {
+        "EACH": "UNROLL" if length <= UNROLLED else "",
+        **{
+            "A": abreast,
+            "PA": path_abreast,
+            "U": abreast * max(1, block // (abreast * machine.width)),
+        },
+        **{"NX": tapes.nx, "NU": tapes.nu, "NP": tapes.np},
+        "PS": "U" if own_p else "1",
+        **{"NL": tapes.nlam, "NT": tapes.n_theta, "NB": sizes[0], "ND": sizes[1], "NW": sizes[2]},
+    }
+    return "".join(
+        (
+            prelude(machine),
+            *(f"#define {name} {value}\n" for name, value in constants.items()),
+            *(
+                c_source.kernel(
+                    with_shared_reciprocals(tape_of(fn)),
+                    name,
+                    _layout(name, path_abreast if name in _PATH_GRAPHS else abreast),
+                )
+                for name, fn in functions.items()
+            ),
+            stepping,
+            c_random.source(),
+            _JOB,
+            _SWEEPS,
+            _LOAD % (),
+            _MOMENTS,
+            _RUN,
+        )
+    )
+
+
+def _layout(name: str, abreast: int) -> Layout:
+    inputs, outputs = _STRIDES[name]
+    return Layout(inputs, outputs, abreast)

@@ -1,0 +1,141 @@
+"""Rollouts whose loops run in Python over chunks of samples: the NumPy and CasADi backends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch.engines.scratch import Scratch
+from dynamics.batch.graphs.inner import InnerLoop
+from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+
+Array = np.ndarray
+
+
+class Kernel(Protocol):
+    """Evaluates one short graph over samples: arrays `(nnz, m)` in and out, samples last."""
+
+    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
+        """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
+        ...
+
+
+class ChunkRollout:
+    """Forward and adjoint sweep of one chunk of samples, samples along the last axis.
+
+    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel.
+    """
+
+    def __init__(
+        self,
+        tapes: RolloutTapes,
+        horizon: int,
+        per_step: bool,
+        make: Callable[[ca.Function], Kernel],
+    ) -> None:
+        self.tapes, self.horizon, self.per_step = tapes, horizon, per_step
+        self.scratch = Scratch()
+        self.adjoint, self.score = make(tapes.adjoint), make(tapes.score)
+        self.terminal, self.terminal_adjoint = make(tapes.terminal), make(tapes.terminal_adjoint)
+        loop = tapes.forward
+        self.loop = loop if isinstance(loop, InnerLoop) else None
+        if isinstance(loop, InnerLoop):
+            self.opening, self.newton = make(loop.opening), make(loop.newton)
+            self.settled, self.path = make(loop.settled), make(loop.path)
+            self.followed, self.closing = make(loop.followed), make(loop.closing)
+        else:
+            self.step = make(loop)
+
+    def forward(
+        self, x0: Array, theta: Array, p: Array, w: Array, m: int
+    ) -> tuple[Array, Array, Array]:
+        """States `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
+
+        They are lost at the next call. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and
+        `w` (N, nu, m) may each have 1 in place of m, for one that all samples share.
+        """
+        x = self.scratch.array("x", self.horizon + 1, self.tapes.nx, m)
+        lam = self.scratch.array("lam", self.horizon, self.tapes.nlam, m)
+        cost, stage = self.scratch.array("costs", 2, 1, m)
+        cost[...] = 0.0
+        x[0] = x0
+        for t in range(self.horizon):
+            arguments = [x[t], self._theta(theta, t), w[t], p]
+            results = [x[t + 1], lam[t], stage]
+            if self.loop is None:
+                self.step.run(arguments, results)
+            else:
+                self.closing.run([*arguments, self._solve(self.loop, arguments)], results)
+            cost += stage
+        self.terminal.run([x[-1], p], [stage])
+        cost += stage
+        return x, lam, cost[0]
+
+    def _theta(self, theta: Array, t: int) -> Array:
+        return theta[t] if self.per_step else theta[0]
+
+    def _solve(self, loop: InnerLoop, arguments: list[Array]) -> Array:
+        """Multipliers (branches * n, m) of all samples."""
+        m = arguments[0].shape[-1]
+        lam, data = (np.empty((loop.branches * size, m)) for size in (loop.n, loop.n_data))
+        self.opening.run(arguments, [lam, data])
+        for branch in range(loop.branches):
+            rows = slice(branch * loop.n, (branch + 1) * loop.n)
+            given = data[branch * loop.n_data :][: loop.n_data]
+            lam[rows] = self._branch(loop, lam[rows], given)
+        return lam
+
+    def _branch(self, loop: InnerLoop, lam: Array, data: Array) -> Array:
+        still = np.arange(lam.shape[-1])
+        for _ in range(loop.newton_iterations):
+            moved, unrest = np.empty((loop.n, len(still))), np.empty((1, len(still)))
+            self.newton.run([lam[:, still], data[:, still]], [moved, unrest])
+            lam[:, still] = moved
+            still = still[unrest[0] != 0.0]
+            if not len(still):
+                break
+        end = np.empty_like(lam)
+        self.settled.run([lam, data], [end])
+        if len(still):
+            end[:, still] = self._follow_path(loop, np.ascontiguousarray(data[:, still]))
+        return end
+
+    def _follow_path(self, loop: InnerLoop, data: Array) -> Array:
+        pair, moved = np.ones((2, loop.n_pair, data.shape[-1]))
+        for _ in range(loop.path_iterations):
+            self.path.run([pair, data], [moved])
+            # NaN differs from itself: comparing bits lets a spoiled sample come to rest.
+            if np.array_equal(moved.view(np.int64), pair.view(np.int64)):
+                break
+            pair[...] = moved
+        end = np.empty((loop.n, data.shape[-1]))
+        self.followed.run([pair, data], [end])
+        return end
+
+    def backward(
+        self, x: Array, lam: Array, theta: Array, p: Array, w: Array, gradient: Array
+    ) -> None:
+        """Fill `gradient` (N or 1, n_theta, m) with the derivative of the cost by theta."""
+        m = x.shape[-1]
+        xbar, before = self.scratch.array("bars", 2, self.tapes.nx, m)
+        part = self.scratch.array("part", self.tapes.n_theta, m)
+        if not self.per_step:
+            gradient[...] = 0.0
+        self.terminal_adjoint.run([x[-1], p], [xbar])
+        for t in reversed(range(self.horizon)):
+            arguments = [x[t], self._theta(theta, t), w[t], p, lam[t], xbar]
+            self.adjoint.run(arguments, [before, gradient[t] if self.per_step else part])
+            if not self.per_step:
+                gradient[0] += part
+            xbar, before = before, xbar
+
+    def scores(self, x: Array, theta: Array, w: Array, score: Array) -> None:
+        """Fill `score` (N or 1, n_theta, m) with the sum over steps of D_theta law' w."""
+        part = np.empty((self.tapes.n_theta, x.shape[-1]))
+        score[...] = 0.0
+        for t in range(self.horizon):
+            self.score.run([x[t], self._theta(theta, t), w[t]], [part])
+            score[t if self.per_step else 0] += part

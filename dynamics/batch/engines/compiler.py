@@ -1,0 +1,284 @@
+"""The system's C compiler, and the cache of what it compiled.
+
+Objects live in the user's cache directory as `<key>-<sha256>.so`, where the key covers the source,
+the compiler's version, the flags and the CPU's instruction set, and the second part is the
+checksum of the object itself. A name appears by one atomic rename, so processes may race; an
+object whose bytes do not match its name is thrown away and compiled again before anything is
+loaded.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import hashlib
+import os
+import re
+import shutil
+import stat
+import subprocess
+import tempfile
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+CANDIDATES = ("cc", "gcc", "clang")
+# No flag here lets the compiler assume that NaN or infinity do not occur, reorder a sum, or choose
+# where to contract a*b+c: the emitted source says so itself with explicit fused operations.
+FLAGS = (
+    *("-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
+    *("-fPIC", "-shared"),
+)
+NATIVE_FLAGS = (("-march=native",), ("-mcpu=native",), ())
+COMPILE_TIMEOUT_S = 600
+VECTOR_FUNCTIONS = (
+    *("acos", "acosh", "asin", "asinh", "atan", "atanh", "cos", "cosh", "erf", "exp", "expm1"),
+    *("log", "log1p", "sin", "sinh", "tan", "tanh", "atan2", "hypot", "pow"),
+)
+TWO_ARGUMENTS = frozenset({"atan2", "hypot", "pow"})
+
+
+class CompilerError(RuntimeError):
+    """There is no working C compiler; the message is one line and says what failed."""
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A compiler that was found, and what code for this machine may use.
+
+    `width` is the number of doubles in a SIMD register; `vector_math` maps the name of a C function
+    to that of its vector version in the system's vector math library (empty where there is none).
+    """
+
+    path: str
+    version: str
+    native: tuple[str, ...]
+    instruction_set: str
+    width: int
+    has_fma: bool
+    vector_math: dict[str, str]
+    identity: str
+
+
+def find_compiler() -> Compiler:
+    """The first working compiler among `cc`, `gcc`, `clang` on the search path.
+
+    Raises `CompilerError` when there is none.
+    """
+    for name in CANDIDATES:
+        path = shutil.which(name)
+        if path is not None:
+            return _probe(path, Path(path).stat().st_mtime_ns)
+    raise CompilerError(f"no C compiler found (looked for {', '.join(CANDIDATES)})")
+
+
+@functools.lru_cache(maxsize=8)
+def _probe(path: str, _changed: int) -> Compiler:
+    version = (_run([path, "--version"]).splitlines() or ["unknown version"])[0]
+    for native in NATIVE_FLAGS:
+        with contextlib.suppress(CompilerError):
+            macros = _run([path, *native, "-dM", "-E", "-x", "c", os.devnull])
+            break
+    else:
+        raise CompilerError(f"{path} cannot preprocess an empty file")
+    defined = set(re.findall(r"^#define (\w+)", macros, re.MULTILINE))
+    instruction_set, width, mangling = _simd(defined)
+    return Compiler(
+        path=path,
+        version=version,
+        native=native,
+        instruction_set=instruction_set,
+        width=width,
+        has_fma=bool(defined & {"__FMA__", "__ARM_FEATURE_FMA"}),
+        vector_math=vector_math(mangling) if mangling else {},
+        identity=hashlib.sha256(f"{version}\n{macros}".encode()).hexdigest(),
+    )
+
+
+def _simd(defined: set[str]) -> tuple[str, int, str]:
+    """Instruction set, doubles a register, and how the vector math library mangles for it."""
+    if {"__AVX512F__", "__AVX512DQ__"} <= defined:
+        return "AVX-512", 8, "_ZGVeN8"
+    if "__AVX2__" in defined:
+        return "AVX2", 4, "_ZGVdN4"
+    if "__AVX__" in defined:
+        return "AVX", 4, "_ZGVcN4"
+    if "__SSE2__" in defined:
+        return "SSE2", 2, "_ZGVbN2"
+    if "__aarch64__" in defined:
+        return "NEON", 2, "_ZGVnN2"
+    return "scalar", 2, ""
+
+
+def vector_math(mangling: str) -> dict[str, str]:
+    """C's name of each function that glibc's vector library has, and its name there.
+
+    `mangling` begins a vector function's name and tells the instruction set; see "Vector Function
+    Application Binary Interface Specification for OpenMP", x86 and AArch64.
+    """
+    try:
+        library = ctypes.CDLL("libmvec.so.1")
+    except OSError:
+        return {}
+    names = {
+        name: f"{mangling}{'vv' if name in TWO_ARGUMENTS else 'v'}_{name}"
+        for name in VECTOR_FUNCTIONS
+    }
+    return {name: symbol for name, symbol in names.items() if hasattr(library, symbol)}
+
+
+def _run(command: list[str]) -> str:
+    try:
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=COMPILE_TIMEOUT_S,
+            check=False,
+            env={**os.environ, "LC_ALL": "C"},
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        raise CompilerError(f"{command[0]} could not run: {error}") from error
+    if done.returncode != 0:
+        lines = [line for line in done.stderr.splitlines() if line.strip()]
+        last = lines[-1].strip() if lines else f"exit status {done.returncode}, no message"
+        raise CompilerError(f"{command[0]} failed: {last}")
+    return done.stdout
+
+
+_loaded: dict[str, ctypes.CDLL] = {}
+_lock = threading.Lock()
+
+
+def load(source: str) -> ctypes.CDLL:
+    """Compile C source to a shared object, or take it from the cache, and load it.
+
+    Raises `CompilerError` with the compiler's last line where it fails, or with the loader's.
+    """
+    compiler = find_compiler()
+    flags = (*FLAGS, *compiler.native)
+    key = hashlib.sha256("\n".join((compiler.identity, *flags, source)).encode()).hexdigest()[:32]
+    with _lock:
+        if key not in _loaded:
+            _loaded[key] = _open(_object(key, source, compiler, flags))
+        return _loaded[key]
+
+
+def _open(path: Path) -> ctypes.CDLL:
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as error:
+        raise CompilerError(f"the compiled object does not load: {error}") from error
+
+
+def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -> Path:
+    directory = cache_directory()
+    if directory is not None:
+        found = _verified(directory, key)
+        if found is not None:
+            return found
+        with contextlib.suppress(OSError):
+            return _compile(key, source, compiler, flags, directory)
+    return _compile(key, source, compiler, flags, _private_directory())
+
+
+def _verified(directory: Path, key: str) -> Path | None:
+    for path in sorted(directory.glob(f"{key}-*.so")):
+        with contextlib.suppress(OSError):
+            if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem.partition("-")[2]:
+                return path
+            path.unlink()
+    return None
+
+
+def _compile(
+    key: str, source: str, compiler: Compiler, flags: tuple[str, ...], directory: Path
+) -> Path:
+    with tempfile.TemporaryDirectory(prefix="build-", dir=directory) as build:
+        text, built = Path(build) / "batch.c", Path(build) / "batch.so"
+        text.write_text(source)
+        libraries = ["-lmvec", "-lm"] if compiler.vector_math else ["-lm"]
+        _run([compiler.path, *flags, "-o", str(built), str(text), *libraries])
+        built.chmod(0o600)
+        checksum = hashlib.sha256(built.read_bytes()).hexdigest()
+        return built.replace(directory / f"{key}-{checksum}.so")
+
+
+@functools.cache
+def _private_directory() -> Path:
+    """Where objects go when the cache cannot be used: removed when the process ends."""
+    holder = tempfile.TemporaryDirectory(prefix="centralpath-")
+    _holders.append(holder)
+    return Path(holder.name)
+
+
+_holders: list[tempfile.TemporaryDirectory[str]] = []
+
+
+def cache_directory() -> Path | None:
+    """The owner-only directory of compiled objects, made if need be; None where it cannot be.
+
+    A directory that belongs to someone else, or that others may write to, is never loaded from.
+    """
+    try:
+        directory = _cache_path()
+        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = directory.stat()
+        if status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            return None
+        if not os.access(directory, os.W_OK | os.X_OK):
+            return None
+    except (OSError, RuntimeError):
+        return None
+    return directory
+
+
+def _cache_path() -> Path:
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "centralpath" / "objects"
+
+
+def info() -> dict[str, object]:
+    """What `ocp doctor` shows: the compiler, its vector library, and the cache.
+
+    Keys `compiler version instruction_set width vector_math cache objects bytes`; `compiler` is
+    None and `problem` says why where there is none, `cache` is None where it cannot be used.
+    """
+    directory = cache_directory()
+    objects = _objects(directory) if directory else []
+    cache = {
+        "cache": str(directory) if directory else None,
+        "objects": len(objects),
+        "bytes": sum(path.stat().st_size for path in objects),
+    }
+    try:
+        compiler = find_compiler()
+    except CompilerError as error:
+        return {"compiler": None, "problem": str(error), **cache}
+    return {
+        "compiler": compiler.path,
+        "version": compiler.version,
+        "instruction_set": compiler.instruction_set,
+        "width": compiler.width,
+        "vector_math": sorted(compiler.vector_math),
+        **cache,
+    }
+
+
+def clear() -> int:
+    """Empty the cache of compiled objects; returns how many there were."""
+    directory = cache_directory()
+    if directory is None:
+        return 0
+    objects = _objects(directory)
+    for path in objects:
+        path.unlink(missing_ok=True)
+    for path in directory.glob("build-*"):
+        shutil.rmtree(path, ignore_errors=True)
+    return len(objects)
+
+
+def _objects(directory: Path) -> list[Path]:
+    return list(directory.glob("*.so"))

@@ -1,0 +1,252 @@
+"""Backends of a rollout: what is asked of them, and how each answers."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch.engines import c_rollout, compiler
+from dynamics.batch.engines.chunk_rollout import ChunkRollout, Kernel
+from dynamics.batch.engines.parallel import over_chunks, run_chunks
+from dynamics.batch.engines.scratch import transpose
+from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.random import Gaussian, key_of
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Request:
+    """One evaluation of n rollouts; arrays have n rows, or one row shared by all.
+
+    `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is given noise,
+    `gaussian` noise to be drawn, both None for none. `baseline` is subtracted from the cost before
+    it multiplies the score, in moments.
+    """
+
+    n: int
+    horizon: int
+    parts: int
+    x0: Array
+    theta: Array
+    p: Array
+    w: Array | None = None
+    gaussian: Gaussian | None = None
+    gradient: bool = True
+    score: bool = False
+    baseline: float = 0.0
+
+    @property
+    def n_values(self) -> int:
+        """Entries of a sample's vector in moments: cost, gradient, score times cost."""
+        return 1 + self.theta.shape[1] * (self.gradient + self.score)
+
+    def part(self, begin: int, end: int) -> Request:
+        """The same request for samples `begin <= i < end` alone."""
+        rows = {
+            name: value[begin:end] if value is not None and len(value) > 1 else value
+            for name, value in (("x0", self.x0), ("theta", self.theta), ("p", self.p))
+        }
+        gaussian = None if self.gaussian is None else self.gaussian.after(begin)
+        w = None if self.w is None else self.w[begin:end]
+        same = {
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if f.name not in (*rows, "n", "w", "gaussian")
+        }
+        return Request(n=end - begin, w=w, gaussian=gaussian, **rows, **same)
+
+
+class RolloutEngine(Protocol):
+    """A backend. Both calls return how many samples are not finite."""
+
+    chunk: int
+
+    def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
+        """Fill `cost` (n, 1), and `gradient` and `score` (n, parts * n_theta) where asked."""
+        ...
+
+    def moments(self, q: Request, table: Array) -> int:
+        """Fill a row `(count, means, second moments)` of `table` for each chunk of samples."""
+        ...
+
+
+class Job(ctypes.Structure):
+    """The C structure `job` of `dynamics.batch.engines.c_rollout`; every field has eight bytes."""
+
+    _fields_ = [
+        *(
+            (name, ctypes.c_int64)
+            for name in (
+                *("horizon", "parts", "want", "shared_x0", "shared_theta", "shared_p"),
+                *("noise", "key0", "key1", "first"),
+            )
+        ),
+        *(
+            (name, ctypes.c_void_p)
+            for name in (
+                *("x0", "theta", "p", "w", "sigma", "precision"),
+                *("cost", "gradient", "score", "moments"),
+            )
+        ),
+        ("baseline", ctypes.c_double),
+    ]
+
+
+class CompiledRolloutEngine:
+    """Rollouts by a driver `run(next, n, chunk, job)` in machine code.
+
+    `make(own_p)` builds the driver for parameters that all samples share, or for parameters of
+    each sample's own, which is built when first asked for.
+    """
+
+    chunk = 1024
+
+    def __init__(self, nu: int, threads: int, make: Callable[[bool], Any]) -> None:
+        self._nu, self._threads, self._make = nu, threads, make
+        self._runs = {False: make(False)}
+
+    def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
+        """Fill the arrays sample by sample."""
+        want = (gradient is not None) + 2 * (score is not None)
+        return self._all(q, want, cost=cost, gradient=gradient, score=score)
+
+    def moments(self, q: Request, table: Array) -> int:
+        """Fill the table chunk by chunk; nothing is kept of single samples."""
+        return self._all(q, q.gradient + 2 * q.score + 4, moments=table)
+
+    def _all(self, q: Request, want: int, **results: Array | None) -> int:
+        job, _alive = self._job(q, want, results)
+        own_p = len(q.p) > 1
+        if own_p not in self._runs:
+            self._runs[own_p] = self._make(own_p)
+        run = self._runs[own_p]
+        run.restype = ctypes.c_int64
+        run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
+        return run_chunks(run, q.n, self.chunk, self._threads, ctypes.addressof(job))
+
+    def _job(self, q: Request, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
+        """The structure to pass, and the arrays that must live as long as it is in use."""
+        noise, key, sigma = 0, (0, 0), np.ones(self._nu)
+        if q.w is not None:
+            noise = 1
+        elif q.gaussian is not None:
+            noise, key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(self._nu)
+        arrays = {
+            **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w},
+            **{"sigma": sigma, "precision": 1.0 / sigma**2, **results},
+        }
+        job = Job(
+            horizon=q.horizon,
+            parts=q.parts,
+            want=want,
+            shared_x0=len(q.x0) == 1,
+            shared_theta=len(q.theta) == 1,
+            shared_p=len(q.p) == 1,
+            noise=noise,
+            key0=key[0],
+            key1=key[1],
+            first=0 if q.gaussian is None else q.gaussian.first,
+            baseline=q.baseline,
+            **{name: a.ctypes.data for name, a in arrays.items() if a is not None},
+        )
+        return job, arrays
+
+
+def c_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> CompiledRolloutEngine:
+    """The engine of backend `c`. Raises `CompilerError` where the rollout cannot be compiled."""
+    machine = compiler.find_compiler()
+
+    def make(own_p: bool) -> Any:
+        return compiler.load(c_rollout.source(tapes, block, machine, own_p)).run
+
+    return CompiledRolloutEngine(tapes.nu, threads, make)
+
+
+_SHORT = 300
+
+
+class ChunkEngine:
+    """Rollouts whose loops run in Python, over chunks of samples.
+
+    An operation on a chunk must outlast Python's part in it, so that threads run side by side; the
+    arrays of a long graph must stay in cache.
+    """
+
+    def __init__(
+        self,
+        tapes: RolloutTapes,
+        horizon: int,
+        per_step: bool,
+        threads: int,
+        make: Callable[[ca.Function], Kernel],
+    ) -> None:
+        self._tapes, self._threads = tapes, threads
+        self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
+        self._rollout = ChunkRollout(tapes, horizon, per_step, make)
+
+    def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
+        """Fill the arrays sample by sample."""
+        bad: list[int] = []
+
+        def work(begin: int, end: int) -> None:
+            chunk_cost, *rest = self._chunk(q.part(begin, end))
+            cost[begin:end, 0] = chunk_cost
+            for target, value in zip((gradient, score), rest, strict=True):
+                if target is not None:
+                    transpose(value.T, target[begin:end])
+            # A sum is finite only if all its terms are.
+            total = chunk_cost + sum(value.sum(axis=0) for value in rest)
+            bad.append(end - begin - int(np.count_nonzero(np.isfinite(total))))
+
+        over_chunks(q.n, self.chunk, self._threads, work)
+        return sum(bad)
+
+    def moments(self, q: Request, table: Array) -> int:
+        """Fill the table chunk by chunk; nothing is kept of single samples."""
+        bad: list[int] = []
+
+        def work(begin: int, end: int) -> None:
+            cost, gradient, score = self._chunk(q.part(begin, end))
+            values = np.vstack((cost[None], gradient, score * (cost - q.baseline)))
+            values = values[:, np.isfinite(values).all(axis=0)]
+            n = values.shape[1]
+            mean = values.sum(axis=1) / max(n, 1)
+            m2 = np.square(values - mean[:, None]).sum(axis=1)
+            table[begin // self.chunk] = (n, *mean, *m2)
+            bad.append(end - begin - n)
+
+        over_chunks(q.n, self.chunk, self._threads, work)
+        return sum(bad)
+
+    def _chunk(self, q: Request) -> tuple[Array, Array, Array]:
+        """Cost (m,), gradient and score (parts * n_theta or 0, m) of one chunk, until the next."""
+        tapes, m = self._tapes, q.n
+        scratch = self._rollout.scratch
+        given = {"x0": q.x0, "theta": q.theta, "p": q.p, "w": self._noise(q)}
+        x0, theta, p, w = (scratch.columns(name, a) for name, a in given.items())
+        theta = theta.reshape(q.parts, tapes.n_theta, -1)
+        w = w.reshape(q.horizon, tapes.nu, -1)
+        x, lam, cost = self._rollout.forward(x0, theta, p, w, m)
+        shape = (q.parts, tapes.n_theta, m)
+        gradient, score = np.empty((0, m)), np.empty((0, m))
+        if q.gradient:
+            gradient = scratch.array("gradient", *shape)
+            self._rollout.backward(x, lam, theta, p, w, gradient)
+        if q.score and q.gaussian is not None:
+            score = scratch.array("score", *shape)
+            precision = 1.0 / q.gaussian.scales(tapes.nu) ** 2
+            self._rollout.scores(x, theta, w * precision[:, None], score)
+        return cost, gradient.reshape(-1, m), score.reshape(-1, m)
+
+    def _noise(self, q: Request) -> Array:
+        if q.w is not None:
+            return q.w
+        if q.gaussian is not None:
+            return q.gaussian.draw(q.n, q.horizon, self._tapes.nu).reshape(q.n, -1)
+        return np.zeros((1, q.horizon * self._tapes.nu))

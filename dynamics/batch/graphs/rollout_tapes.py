@@ -1,0 +1,304 @@
+"""The short graphs that a rollout repeats: step, inner iteration, adjoint of the step, costs.
+
+The forward pass of one step under a policy and noise w is
+
+    u = law(x, theta) + w,    lam solves lam (z + F lam) = mu,    x_next = f(x, u, lam, p)
+
+with z, F, mu functions of (x, u, p). The adjoint pass goes through the solution by the implicit
+function theorem: with s = z + F lam,
+
+    (diag(s) + diag(lam) F) d lam = d mu - diag(lam) (d z + d F lam)
+
+where the exact law has in place of lam and s the active set (1 where lam > s) and its complement.
+Where the contact is no LCP the same goes through the relation that the step's inner unknowns solve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+
+from dynamics.batch.graphs.carrying import carried
+from dynamics.batch.graphs.hoisting import hoisted
+from dynamics.batch.graphs.inner import (
+    NEWTON_ITERATIONS,
+    InnerLoop,
+    guess,
+    loop_graphs,
+)
+from dynamics.batch.graphs.policy import RolloutPolicy
+from dynamics.contact import AffineStep, Step, interior_point
+from dynamics.contact.path import Path
+from dynamics.systems.elimination import solve_without_pivoting
+
+
+@dataclass(frozen=True)
+class RolloutTapes:
+    """CasADi functions of one step; all SX, all arguments dense columns.
+
+    Here x is what is carried from step to step: the system's state and, where the stage cost asks
+    for du, the input before (`nx` counts both, `n_before` the latter).
+
+    - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no
+      closed form for lam
+    - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
+    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w
+    - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
+
+    In all of these p stands for the `np` values `derived: parameters -> p`, which hold whatever
+    the graphs need that depends on parameters alone.
+    """
+
+    nx: int
+    n_before: int
+    nu: int
+    np: int
+    nlam: int
+    n_theta: int
+    forward: ca.Function | InnerLoop
+    adjoint: ca.Function
+    score: ca.Function
+    terminal: ca.Function
+    terminal_adjoint: ca.Function
+    derived: ca.Function
+
+
+def build_tapes(
+    step: Step,
+    stage_cost: ca.Function,
+    terminal_cost: ca.Function,
+    policy: RolloutPolicy,
+) -> RolloutTapes:
+    """Close the step under the policy and differentiate it once.
+
+    `stage_cost: (x, u, p) -> l`, or `(x, u, du, p) -> l` with du_t = u_t - u_{t-1}, and
+    `terminal_cost: (x, p) -> l` are scalar. The tapes take in place of p the derived values that
+    `RolloutTapes.derived` makes of it. Raises `ValueError`
+    where the dimensions of costs, policy and step do not fit.
+    """
+    _check(step, stage_cost, terminal_cost, policy)
+    return _Closed(step, stage_cost, terminal_cost, policy).tapes()
+
+
+def _check(
+    step: Step,
+    stage_cost: ca.Function,
+    terminal_cost: ca.Function,
+    policy: RolloutPolicy,
+) -> None:
+    nx, nu, np = step.system.nx, step.system.nu, len(step.p)
+    with_du = stage_cost.n_in() == 4
+    stage = ((nx, nu, nu, np), "(x, u, du, p)") if with_du else ((nx, nu, np), "(x, u, p)")
+    expected = (
+        ("stage cost", stage_cost, *stage),
+        ("terminal cost", terminal_cost, (nx, np), "(x, p)"),
+        ("policy", policy.law, (nx, policy.n_theta), "(x, theta)"),
+    )
+    for what, fn, sizes, arguments in expected:
+        given = tuple(fn.numel_in(k) for k in range(fn.n_in()))
+        if given != sizes:
+            raise ValueError(
+                f"the {what} must be a function of {arguments} with sizes {sizes}, "
+                f"but '{fn.name()}' takes sizes {given}"
+            )
+    for what, fn, size in (
+        ("stage cost", stage_cost, 1),
+        ("terminal cost", terminal_cost, 1),
+        ("policy", policy.law, nu),
+    ):
+        if fn.n_out() != 1 or fn.numel_out(0) != size:
+            raise ValueError(f"the {what} '{fn.name()}' must have one output with {size} entries")
+
+
+class _Closed:
+    """One step closed by a policy, in fresh symbols."""
+
+    def __init__(
+        self,
+        step: Step,
+        stage_cost: ca.Function,
+        terminal_cost: ca.Function,
+        policy: RolloutPolicy,
+    ) -> None:
+        system = step.system
+        self.step, self.law = step, _expanded(policy.law)
+        self.p, self.theta = step.p.vector, ca.SX.sym("theta", policy.n_theta)
+        self.w = ca.SX.sym("w", system.nu)
+        stage = _expanded(stage_cost)
+        self.before = ca.SX.sym("before", system.nu if stage.n_in() == 4 else 0)
+        self.x = ca.vertcat(system.x, self.before)
+        change = [system.u - self.before] if stage.n_in() == 4 else []
+        self.stage_cost = stage(system.x, system.u, *change, self.p)
+        self.terminal_cost = _expanded(terminal_cost)(system.x, self.p)
+        carried = system.u if stage.n_in() == 4 else ca.SX(0, 1)
+        self.x_next = ca.vertcat(step.landing, carried)
+        self.arguments = [self.x, self.theta, self.w, self.p]
+
+    def tapes(self) -> RolloutTapes:
+        law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
+        score = ca.jtimes(law, self.theta, self.w, True)
+        terminal_bar = ca.gradient(self.terminal_cost, self.x)
+        scalar = isinstance(self.step, AffineStep) and self.step.system.nlam <= 1
+        loop = None if scalar else self._loop()
+        with_p = {
+            "adjoint": (self._adjoint(), 3),
+            "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
+            "terminal_adjoint": (_function("terminal_adjoint", at_end, [terminal_bar]), 1),
+        }
+        if loop is None:
+            assert isinstance(self.step, AffineStep)
+            with_p["forward"] = (self._forward(self.step), 3)
+        else:
+            with_p |= {"opening": (loop.opening, 3), "closing": (loop.closing, 3)}
+        derived, rest = hoisted(with_p, len(self.step.p))
+        if loop is None:
+            rest["forward"], rest["adjoint"] = carried(rest["forward"], rest["adjoint"])
+        else:
+            loop = replace(loop, opening=rest["opening"], closing=rest["closing"])
+        return RolloutTapes(
+            nx=self.x.numel(),
+            n_before=self.before.numel(),
+            nu=self.step.system.nu,
+            np=derived.numel_out(0),
+            nlam=rest["adjoint"].numel_in(4),
+            n_theta=self.theta.numel(),
+            forward=loop or rest["forward"],
+            adjoint=rest["adjoint"],
+            score=_function("score", [self.x, self.theta, self.w], [score]),
+            terminal=rest["terminal"],
+            terminal_adjoint=rest["terminal_adjoint"],
+            derived=derived,
+        )
+
+    def _closed(self, *expressions: ca.SX) -> list[ca.SX]:
+        """Expressions in the step's own (x, u, p), with the policy's input put in for u."""
+        u = self.law(self.step.system.x, self.theta) + self.w
+        return ca.substitute(list(expressions), [self.step.system.u], [u])
+
+    def _effects(self, lam: ca.SX) -> list[ca.SX]:
+        """Next state, multiplier and stage cost, given the multiplier."""
+        x_next, cost = self._closed(self.x_next, self.stage_cost)
+        return [ca.substitute(x_next, self.step.lam, lam), lam, cost]
+
+    def _contacts(self, step: AffineStep) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+        """The problems (z, F, mu) of the branches, which do not touch each other."""
+        z, F, mu = self._closed(step.z, step.F, step.mu)
+        return [(z[rows], F[rows, rows], mu[rows]) for rows in step.rows]
+
+    def _forward(self, step: AffineStep) -> ca.Function:
+        solved = [
+            interior_point.exact_scalar_solution(z, F) if step.exact else _scalar_solution(z, F, mu)
+            for z, F, mu in (self._contacts(step) if step.n else [])
+        ]
+        return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
+
+    def _loop(self) -> InnerLoop:
+        step, lam = self.step, self.step.lam
+        if isinstance(step, AffineStep):
+            problems = self._contacts(step)
+            n = step.system.nlam
+            path = Path(sum((F.sparsity() for _, F, _ in problems), ca.Sparsity(n, n)), step.exact)
+            columns = [path.opening(*problem) for problem in problems]
+        else:
+            path = Path.of_system(step.system, step.exact)
+            columns = self._openings(path)
+        guesses = ca.vertcat(*[guess(path, column) for column in columns])
+        return InnerLoop(
+            opening=_function("opening", self.arguments, [guesses, ca.vertcat(*columns)]),
+            closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
+            **loop_graphs(path),
+            n=path.n,
+            n_pair=path.size,
+            n_data=path.data.numel(),
+            branches=step.branches,
+            newton_iterations=NEWTON_ITERATIONS if path.unique else 0,
+            path_iterations=interior_point.ITERATIONS,
+        )
+
+    def _openings(self, path: Path) -> list[ca.SX]:
+        """The data of the path of every branch."""
+        step, system, mu = self.step, self.step.system, ca.SX.sym("mu", path.n)
+        opening, data = path.opening_of(system, mu), []
+        for node, rows in zip(step.nodes, step.rows, strict=True):
+            old = ca.vertcat(system.x, system.u, mu)
+            new = ca.vertcat(system.x + node.noise_x, system.u + node.noise_u, step.mu[rows])
+            data += self._closed(ca.substitute(opening, old, new))
+        return data
+
+    def _adjoint(self) -> ca.Function:
+        step = self.step
+        xbar = ca.SX.sym("xbar", self.x.numel())
+        if not isinstance(step, AffineStep):
+            return self._adjoint_of_relation(xbar)
+        value = self.stage_cost + ca.dot(xbar, self.x_next)
+        frozen, meant = [ca.SX(0, 1)], [ca.SX(0, 1)]
+        if step.n:
+            frozen, meant, through_contact = self._implicit(step, step.B.T @ xbar[: step.system.nx])
+            value += through_contact
+        value = self._closed(value)[0]
+        bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
+        # Where contact moves no state the multiplier's cotangent has no entries.
+        bars = ca.substitute(bars, frozen, [ca.densify(each) for each in self._closed(*meant)])
+        return _function("adjoint", [*self.arguments, step.lam, xbar], bars)
+
+    def _adjoint_of_relation(self, xbar: ca.SX) -> ca.Function:
+        """Gradient of ``l + xbar' x_next - v' R(inner)``, v solving the transposed relation."""
+        step, nx = self.step, self.step.system.nx
+        relation = step.differentiable_relation
+        inner = step.inner
+        carried = ca.dot(xbar[:nx], step.following) + ca.dot(xbar[nx:], self.x_next[nx:])
+        by_inner = ca.densify(ca.gradient(carried, inner))
+        v = solve_without_pivoting(step.relation_jacobian.T, by_inner)
+        held_v = ca.SX.sym("v", inner.numel())
+        value = self._closed(self.stage_cost + carried - ca.dot(held_v, relation))[0]
+        bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
+        meant = [v]
+        symbols = [held_v]
+        if step.held is not None:
+            symbols.append(step.held[0])
+            meant.append(step.held[1])
+        bars = ca.substitute(bars, [ca.vertcat(*symbols)], self._closed(ca.vertcat(*meant)))
+        bars = ca.substitute(bars, [step.states], self._closed(step.landings))
+        return _function("adjoint", [*self.arguments, step.lam, xbar], ca.cse(bars))
+
+    def _implicit(self, step: AffineStep, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
+        """What contact adds to the function whose gradient is the adjoint.
+
+        The symbols to hold constant while differentiating, the expressions they stand for, and
+        the function `v' (mu - diag(lam) (z + F lam))`, v the solution of the transposed system.
+        """
+        lam, gap = step.lam, step.z + step.F @ step.lam
+        if step.exact:
+            weights, slack = lam > gap, lam <= gap
+        else:
+            weights, slack = lam, gap
+        if step.system.nlam == 1 and not step.exact:
+            # What slack + F lam is at the solution: the root that the forward step has taken.
+            v = lambar / _root(step.z, ca.diag(step.F), step.mu)
+        else:
+            v = solve_without_pivoting(ca.diag(slack) + step.F.T @ ca.diag(weights), lambar)
+        held_v, held_weights = frozen = [ca.SX.sym(name, step.n) for name in ("v", "weights")]
+        function = -ca.dot(held_v, held_weights * gap)
+        if not (step.exact or step.law.frozen):
+            function += ca.dot(held_v, step.mu)
+        return frozen, [v, weights], function
+
+
+def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
+    """`interior_point.scalar_solution` with one division for both signs of z."""
+    apart = z > 0
+    q = ca.fabs(z) + _root(z, F, mu)
+    return ca.if_else(apart, 2 * mu, q) / ca.if_else(apart, q, 2 * F)
+
+
+def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
+    return ca.sqrt(z * z + 4 * F * mu)
+
+
+def _expanded(fn: ca.Function) -> ca.Function:
+    return fn if fn.is_a("SXFunction") else fn.expand()
+
+
+def _function(name: str, arguments: list[ca.SX], results: list[ca.SX]) -> ca.Function:
+    return ca.Function(name, arguments, [ca.densify(result) for result in results])
