@@ -18,7 +18,6 @@ from ocp.programs.solver import Solver
 from ocp.programs.status import Status
 from ocp.routes.outcome import Outcome
 from ocp.session import Session
-from ocp.settings import Settings
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
@@ -110,6 +109,9 @@ def new_session(
     Raises :class:`~ocp.errors.InputError` for what cannot be, what would not fit into memory, and
     a setting that would change nothing.
     """
+    # Here, since pydantic costs a fifth of importing this package.
+    from ocp.settings import Settings
+
     chosen = Settings.read(settings or {})
     check_memory(f"{problem.name} with N = {problem.N}{_several(problem)}", solve_memory(problem))
     session = Session(

@@ -94,6 +94,15 @@ def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
     return checked
 
 
+def has_option(solver: str, name: str) -> bool:
+    """Whether the solver has an option of this name."""
+    try:
+        _option(solver, name)
+    except InputError:
+        return False
+    return True
+
+
 def _option(solver: str, name: str) -> Option:
     if solver in ("ipopt", "uno"):
         known = _ipopt() if solver == "ipopt" else {key: Option(_UNO[key]) for key in _UNO}

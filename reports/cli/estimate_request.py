@@ -201,6 +201,12 @@ def _rollouts(
     needed = sampling_memory(float(problem.N) * per_step, CHUNK)
     check_memory(f"{spec.name} with N = {problem.N}", needed)
     theta = None if options.at is None else _stored_decision(options)
+    expected = problem.N * per_step if not own.get("stationary") else None
+    if theta is not None and expected is not None and theta.size != expected:
+        raise InputError(
+            f"--at {options.at} decides {theta.size} numbers and {spec.name} takes {expected} here;"
+            " give the parameters of that run"
+        )
     try:
         objective = RolloutObjective(problem, law, chosen, theta, **engine)
     except ValueError as error:

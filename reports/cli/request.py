@@ -40,7 +40,7 @@ class Request:
         given = parse_parameters(found, options.params or ())
         method = choose("method", options.method, METHODS)()
         own, settings = split_policy_settings(assignments("-s", options.settings))
-        _check_spelling(settings)
+        _check_spelling(settings, options.solver)
         chosen = policy(options.policy, own)
         problem = found.problem(given)
         law = closing_law(options.contact, options.law_settings, problem.system)
@@ -68,12 +68,16 @@ class Request:
         return replace(solution, record={**solution.record, **self.origin})
 
 
-def _check_spelling(settings: dict[str, str]) -> None:
+def _check_spelling(settings: dict[str, str], solver: str) -> None:
     """Catch a misspelt setting of ours before the solver is asked about an option of that name."""
+    from ocp.programs.options import has_option
+    from ocp.programs.solver import SOLVERS
     from ocp.settings import OWN
 
-    for key in set(settings) - set(OWN):
-        if hint := did_you_mean(key, OWN, 0.8):
+    choose("solver", solver, SOLVERS)
+    for key in sorted(set(settings) - set(OWN)):
+        hint = did_you_mean(key, OWN, 0.8)
+        if hint and not has_option(solver, key):
             raise InputError(
                 f"unknown setting {key!r}{hint}; there are {', '.join(OWN)}, policy.<name>, and"
                 " every option of the solver"
