@@ -28,7 +28,7 @@ class Request:
         """Check the words of a command line; raises InputError for the first that does not fit."""
         from ocp.solve import new_session
         from ocp.transcription import METHODS
-        from problems import parse_parameters, spec
+        from problems import spec
         from problems.objectives import objective_names
 
         if options.problem in objective_names():
@@ -37,7 +37,7 @@ class Request:
                 f" gradients are estimated: ocp estimate {options.problem}"
             )
         found = spec(options.problem)
-        given = parse_parameters(found, options.params or ())
+        given = assignments("-p", options.params)
         method = choose("method", options.method, METHODS)()
         own, settings = split_policy_settings(assignments("-s", options.settings))
         _check_spelling(settings, options.solver)

@@ -81,8 +81,7 @@ def find(text: str, root: Path) -> Path:
     Raises :class:`~ocp.errors.InputError` for none and for several that differ.
     """
     from ocp import store
-    from ocp.errors import InputError
-    from problems.spec import did_you_mean
+    from ocp.errors import InputError, did_you_mean
 
     if Path(text).exists():
         return Path(text)
