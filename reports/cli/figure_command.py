@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +13,10 @@ from reports.cli.options import Command, StoreOptions
 
 if TYPE_CHECKING:
     from problems.studies import Study
+
+
+USUAL_S = 60.0
+"""Seconds that a figure takes at its default counts, about; it grows with each of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +34,7 @@ class FigureOptions(StoreOptions):
 
 def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
     """Find the studies, each with all its parameters."""
+    from ocp.effort import check_time
     from ocp.errors import InputError
     from problems import studies
     from reports.cli.choices import assignments
@@ -45,6 +51,10 @@ def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
     chosen = [studies.get(name) for name in named]
     asked = {"seed": options.seed, **values}
     found = [(study, study.params(asked).model_dump()) for study in chosen]
+    for study, params in found:
+        counts = {n: f.default for n, f in study.Params.model_fields.items() if f.annotation is int}
+        growth = math.prod(max(1.0, params[n] / usual) for n, usual in counts.items() if usual)
+        check_time(f"{study.id} with {', '.join(options.params or ())}", USUAL_S * growth)
     check_places(options.out, None)
     return found
 
