@@ -98,5 +98,6 @@ def _explain(error: Exception) -> tuple[str, int]:
 
 
 def _shortened(message: str) -> str:
-    """Leave out the middle of words that no name or path needs."""
+    """Leave out the middle of words that no name or path needs, and write what is no text so."""
+    message = message.encode("utf-8", "backslashreplace").decode()
     return re.sub(r"\S{200,}", lambda word: f"{word[0][:60]}...{word[0][-30:]}", message)

@@ -147,7 +147,7 @@ def _parameter(field: Field[Any], annotation: Any) -> inspect.Parameter:
 
 
 class Strict(TyperCommand):
-    """A command that takes each option once, no empty words, and finite numbers alone."""
+    """A command that takes each option once, texts that are not empty, and finite numbers."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the words of the command line, and refuse them as a usage error."""
@@ -160,12 +160,19 @@ class Strict(TyperCommand):
             for word in value if isinstance(value, list | tuple) else [value]:
                 if isinstance(word, str) and not word.strip():
                     ctx.fail(f"{label} is empty; give it a value")
+                if isinstance(word, str) and not _is_text(word):
+                    ctx.fail(f"{label} holds bytes that are no UTF-8 text, which no run can record")
         rest = super().parse_args(ctx, args)
         for parameter in self.params:
             value = ctx.params.get(parameter.name)
             if isinstance(value, float) and not math.isfinite(value):
                 ctx.fail(f"{_label(parameter)} must be a finite number, got {value}")
         return rest
+
+
+def _is_text(word: str) -> bool:
+    # What the system could not decode stands in the word as lone surrogates.
+    return not any("\ud800" <= character <= "\udfff" for character in word)
 
 
 def _label(parameter: Any) -> str:
