@@ -123,7 +123,7 @@ class Session:
         nlp = self.nlp_of("product")
         if self.step.exact and self.homotopy is not False:
             return self._rolled(follower, guess, nlp)
-        schedule = None if self.step.exact or self.homotopy is False else self._schedule()
+        schedule = None if self.step.exact or self.homotopy is False else self.schedule()
         value = self.values[schedule.knob] if schedule else 0.0
         path = one_stage(self.step.law.name, {})
         if schedule is not None:
@@ -138,7 +138,8 @@ class Session:
                     result, finished = below, True
         return Outcome(result, nlp, finished, follower.trace)
 
-    def _schedule(self) -> Schedule | None:
+    def schedule(self) -> Schedule | None:
+        """How the law's knob is followed down, if it has one."""
         sizes = self.problem.sizes
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 
