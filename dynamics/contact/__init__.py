@@ -1,8 +1,10 @@
 """How contact closes: the exact, barrier, adaptive and randomized laws, and the solved step."""
 
 from dynamics.contact.adaptive import Adaptive
+from dynamics.contact.affine_step import AffineStep
 from dynamics.contact.barrier import Barrier
 from dynamics.contact.exact import Exact
+from dynamics.contact.implicit_step import ImplicitStep
 from dynamics.contact.law import ContactLaw
 from dynamics.contact.randomized import Randomized
 from dynamics.contact.step import Step
@@ -14,9 +16,11 @@ LAWS: dict[str, type[ContactLaw]] = {
 __all__ = [
     "LAWS",
     "Adaptive",
+    "AffineStep",
     "Barrier",
     "ContactLaw",
     "Exact",
+    "ImplicitStep",
     "Randomized",
     "Step",
 ]

@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import casadi as ca
 
+from dynamics.contact.closure import Schedule
 from dynamics.contact.interior_point import scalar_solution
-from dynamics.contact.law import ContactLaw, Schedule, by_mu, by_sigma, knob, positive
+from dynamics.contact.law import ContactLaw, by_mu, by_sigma, knob, positive
 from dynamics.contact.normal import expected_excess
 from dynamics.systems import ContactSystem, ParameterTable
 

@@ -6,7 +6,8 @@ from typing import ClassVar
 
 import casadi as ca
 
-from dynamics.contact.law import ContactLaw, Schedule, by_mu, knob, positive
+from dynamics.contact.closure import Schedule
+from dynamics.contact.law import ContactLaw, by_mu, knob, positive
 from dynamics.systems import ContactSystem, ParameterTable
 
 

@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from abc import abstractmethod
 from typing import ClassVar
 
-import casadi as ca
 import numpy as np
 
-from dynamics.contact.step import Branch, Step
+from dynamics.contact.affine_step import AffineStep
+from dynamics.contact.closure import Closure, Schedule
+from dynamics.contact.implicit_step import ImplicitStep
+from dynamics.contact.step import Step
 from dynamics.systems import ContactSystem, Parameter, ParameterTable
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """The knob that leads a law to the exact one: followed from ``wide`` down by ``factor``.
-
-    ``is_mu`` says that the knob is the central-path parameter itself.
-    """
-
-    knob: str
-    wide: float
-    factor: float
-    is_mu: bool = False
 
 
 def by_mu(knob: str, impulse: float, gap: float) -> Schedule:
@@ -37,52 +25,27 @@ def by_sigma(gap: float) -> Schedule:
     return Schedule("contact.sigma", 3 * gap, 0.55)
 
 
-class ContactLaw(ABC):
-    """A closure ``lam_i gap_i = mu_i`` of ``0 <= lam ⟂ gap >= 0``.
+class ContactLaw(Closure):
+    """A closure with settings: which of its knobs a study may turn, and the step that it makes.
 
-    A law says what mu is (:meth:`target`), which of its knobs a study may turn (:meth:`knobs`,
-    each named ``contact.<knob>`` and a parameter of every graph), and, where it averages over
-    noise, at which disturbances the contact is solved (:meth:`nodes`).
+    Each of its :meth:`knobs` is named ``contact.<knob>`` and a parameter of every graph.
     """
 
-    name: ClassVar[str]
     summary: ClassVar[str]
-    exact: ClassVar[bool] = False
 
     @abstractmethod
     def knobs(self, system: ContactSystem) -> ParameterTable:
         """Parameters of the law for this system, with units and values."""
 
-    @abstractmethod
-    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
-        """Return mu, shape (nlam, 1), from the gap at lam = 0 ``z`` and the compliance ``F``."""
-
-    @property
-    def frozen(self) -> bool:
-        """Whether gradients treat mu as a constant (algorithm 2 of adaptive barrier smoothing)."""
-        return False
-
-    def schedule(self, impulse: float, gap: float) -> Schedule | None:
-        """How the law is followed down to the exact one, from a problem's characteristic sizes.
-
-        ``impulse`` and ``gap`` are in the units of a pair's members. None where no knob leads there
-        as it falls to zero.
-        """
-        return None
-
     def settings(self) -> dict[str, float | int | str]:
         """Return what was chosen, for the run's record."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
-    def nodes(self, system: ContactSystem, knobs: ParameterTable) -> list[Branch]:
-        """Disturbances at which the contact is solved, with their weights; one without noise."""
-        zero_x, zero_u = ca.SX.zeros(system.nx), ca.SX.zeros(system.nu)
-        return [Branch(1.0, zero_x, zero_u)]
-
     def close(self, system: ContactSystem) -> Step:
-        """Close the contact of ``system``: one :class:`~dynamics.contact.step.Step`."""
+        """Close the contact of ``system``; raises ``ValueError`` where the law cannot take it."""
         knobs = self.knobs(system)
-        return Step.build(system, self, knobs)
+        made = AffineStep if system.linear else ImplicitStep
+        return made(system, self, knobs, tuple(self.nodes(system, knobs)))
 
     def at(self, **values: float) -> ContactLaw:
         """Return the same law with other values of its settings."""

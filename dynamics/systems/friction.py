@@ -121,7 +121,6 @@ def frictional_time_stepping(
         pairs=rows.pairs,
         forces=rows.forces,
         book=_book(mechanism, x, u, x_next, rows.lam[: len(touching.names)], rows.forces),
-        implicit=True,
         redundant=True,
         sharp=Sharp(TRUE_GAPS, with_true_gaps) if truer else Sharp(),
         refinable=True,

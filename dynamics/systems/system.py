@@ -47,11 +47,10 @@ class ContactSystem:
     ``pairs`` say what each entry of ``lam`` stands for, by default the normal impulse of a contact
     of its own; ``forces`` add them up where there is friction, ``book`` has energy and momentum.
 
-    With ``implicit`` the closed step keeps ``x_next`` as an unknown beside ``lam`` and is
-    differentiated through ``residual`` and ``gap`` as they stand, which pays where a mass matrix
-    depends on the state; the Jacobian of ``residual`` by ``x_next`` must then have positive leading
-    minors, as a mass matrix has. ``redundant`` says that contacts may leave single multipliers open
-    (friction, more contacts than freedoms): the matrix F is then no P-matrix.
+    Where the Jacobian of ``residual`` by ``x_next`` depends on the state, as where a mass matrix
+    does, it must have positive leading minors, as a mass matrix has. ``redundant`` says that
+    contacts may leave single multipliers open (friction, more contacts than freedoms): the matrix F
+    is then no P-matrix.
 
     ``sharp`` leads to the sharpest contact that is known for the system, see :attr:`sharpest`.
     ``refinable`` says that h only discretises: ``h / 4`` is the same system, looked at more often.
@@ -78,7 +77,6 @@ class ContactSystem:
     pairs: tuple[Pair, ...] = ()
     forces: ContactForces | None = None
     book: EnergyBook | None = None
-    implicit: bool = False
     redundant: bool = False
     sharp: Sharp | None = None
     refinable: bool = False
@@ -166,6 +164,21 @@ class ContactSystem:
         return deciding_pairs(self.pairs)
 
     @cached_property
+    def _by_state(self) -> ca.SX:
+        """Jacobian of the residual by x_next (nx, nx)."""
+        return ca.jacobian(self.residual, self.x_next)
+
+    @cached_property
+    def configured(self) -> bool:
+        """Whether the inertia of the step depends on the state that it starts from."""
+        return ca.depends_on(self._by_state, ca.vertcat(self.x, self.u))
+
+    @cached_property
+    def linear(self) -> bool:
+        """Whether contact is a linear complementarity problem with a P-matrix of small graphs."""
+        return self.reduced.affine and not (self.configured or self.redundant)
+
+    @cached_property
     def reduced(self) -> ReducedContact:
         """The step solved for the next state, see :class:`ReducedContact`.
 
@@ -177,7 +190,7 @@ class ContactSystem:
         if ca.depends_on(jacobian, unknown):
             raise ValueError(f"system {self.name!r}: the step is not affine in (x_next, lam)")
         constant = ca.substitute(self.residual, unknown, ca.SX.zeros(unknown.numel()))
-        solve = solve_without_pivoting if self.implicit else ca.solve
+        solve = solve_without_pivoting if self.configured else ca.solve
         solved = -solve(jacobian[:, :nx], ca.horzcat(constant, jacobian[:, nx:]))
         # What is put in for a symbol must have an entry even where it is zero.
         a, B = ca.densify(solved[:, 0]), solved[:, 1:]
@@ -192,11 +205,15 @@ class ContactSystem:
     @cached_property
     def landing(self) -> ca.SX:
         """The next state (nx, 1) in terms of (x, u, lam, p); raises as :attr:`reduced` does."""
-        if not self.implicit:
+        if not self.configured:
             return self.reduced.a + self.reduced.B @ self.lam
-        jacobian = ca.jacobian(self.residual, self.x_next)
         at_zero = ca.substitute(self.residual, self.x_next, ca.SX.zeros(self.nx))
-        return -solve_without_pivoting(jacobian, ca.densify(at_zero))
+        return -solve_without_pivoting(self._by_state, ca.densify(at_zero))
+
+    @cached_property
+    def motion(self) -> ca.SX:
+        """The residual in a form whose Jacobian by x_next has positive leading minors (nx, 1)."""
+        return self.residual if self.configured else self.x_next - self.landing
 
 
 def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int]) -> None:

@@ -70,8 +70,8 @@ def machine() -> dict[str, Any]:
     import casadi as ca
 
     from dynamics.batch.engines import compiler
-    from ocp.solver import SOLVERS
-    from ocp.studies.provenance import versions
+    from ocp.programs.solver import SOLVERS
+    from ocp.store.provenance import versions
 
     return {
         "versions": {**versions(), **{n: version(n) for n in ("matplotlib", "typst", "typer")}},

@@ -157,3 +157,25 @@ def test_cart_walls_is_well_posed():
     F = Barrier().close(problem.system).data([0, 0, 0, 0], 0, [*problem.parameters.values, 1])[3]
     assert is_p_matrix(np.array(F))
     assert not is_p_matrix(-np.array(F))
+
+
+def test_a_step_does_not_ask_for_an_order_of_its_equations():
+    """Velocity before position: no pivot of the motion as it stands, and the same step."""
+    x, x_next = ca.SX.sym("x", 2), ca.SX.sym("x_next", 2)
+    u, lam = ca.SX.sym("u"), ca.SX.sym("lam")
+    rows = [x_next[0] - x[0] - 0.1 * x_next[1], x_next[1] - x[1] - u - lam]
+
+    def stepped(order: list[int]) -> list[np.ndarray]:
+        system = ContactSystem(
+            name="curved", x=x, u=u, x_next=x_next, lam=lam,
+            residual=ca.vertcat(*(rows[i] for i in order)), gap=x_next[0] + x_next[0] ** 2 / 4,
+            states=signals("q [m]; v [m/s]"), inputs=signals("u [N s]"),
+            contacts=signals("wall [N s]"), h=0.1,
+        )  # fmt: skip
+        step = Barrier(mu=1e-3).close(system).map
+        at = [0.1, -2.0], [0.3], [1e-3]
+        return [np.array(v) for v in (*step(*at), *step.jacobian()(*at, *step(*at)))]
+
+    for one, other in zip(stepped([0, 1]), stepped([1, 0]), strict=True):
+        assert np.all(np.isfinite(one))
+        assert np.allclose(one, other, rtol=1e-12, atol=1e-12)

@@ -29,7 +29,7 @@ from dynamics.batch.graphs.inner import (
     path_graphs,
 )
 from dynamics.batch.graphs.policy import RolloutPolicy
-from dynamics.contact import Step, interior_point
+from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.nonlinear import NonlinearPath
 from dynamics.systems.elimination import solve_without_pivoting
 
@@ -133,7 +133,7 @@ class _Closed:
         self.stage_cost = stage(system.x, system.u, *change, self.p)
         self.terminal_cost = _expanded(terminal_cost)(system.x, self.p)
         carried = system.u if stage.n_in() == 4 else ca.SX(0, 1)
-        self.x_next = ca.vertcat(_landing(step), carried)
+        self.x_next = ca.vertcat(step.landing, carried)
         self.arguments = [self.x, self.theta, self.w, self.p]
 
     def tapes(self) -> RolloutTapes:
@@ -141,17 +141,18 @@ class _Closed:
         score = ca.jtimes(law, self.theta, self.w, True)
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
         loop = None
-        if not self.step.linear:
+        if not isinstance(self.step, AffineStep):
             loop = self._path_loop()
         elif self.step.system.nlam > 1:
-            loop = self._inner_loop()
+            loop = self._inner_loop(self.step)
         with_p = {
             "adjoint": (self._adjoint(), 3),
             "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
             "terminal_adjoint": (_function("terminal_adjoint", at_end, [terminal_bar]), 1),
         }
         if loop is None:
-            with_p["forward"] = (self._forward(), 3)
+            assert isinstance(self.step, AffineStep)
+            with_p["forward"] = (self._forward(self.step), 3)
         else:
             with_p |= {"opening": (loop.opening, 3), "closing": (loop.closing, 3)}
         derived, rest = hoisted(with_p, len(self.step.p))
@@ -184,30 +185,26 @@ class _Closed:
         x_next, cost = self._closed(self.x_next, self.stage_cost)
         return [ca.substitute(x_next, self.step.lam, lam), lam, cost]
 
-    def _contacts(self) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+    def _contacts(self, step: AffineStep) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
         """The problems (z, F, mu) of the branches, which do not touch each other."""
-        z, F, mu = self._closed(self.step.z, self.step.F, self.step.mu)
-        n = self.step.system.nlam
-        rows = [slice(k, k + n) for k in range(0, self.step.n, n)]
-        return [(z[r], F[r, r], mu[r]) for r in rows]
+        z, F, mu = self._closed(step.z, step.F, step.mu)
+        return [(z[rows], F[rows, rows], mu[rows]) for rows in step.rows]
 
-    def _forward(self) -> ca.Function:
+    def _forward(self, step: AffineStep) -> ca.Function:
         solved = [
-            interior_point.exact_scalar_solution(z, F)
-            if self.step.exact
-            else _scalar_solution(z, F, mu)
-            for z, F, mu in (self._contacts() if self.step.n else [])
+            interior_point.exact_scalar_solution(z, F) if step.exact else _scalar_solution(z, F, mu)
+            for z, F, mu in (self._contacts(step) if step.n else [])
         ]
         return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
-    def _inner_loop(self) -> InnerLoop:
-        n, exact = self.step.system.nlam, self.step.exact
-        problems = self._contacts()
+    def _inner_loop(self, step: AffineStep) -> InnerLoop:
+        n, exact = step.system.nlam, step.exact
+        problems = self._contacts(step)
         pattern = sum((F.sparsity() for _, F, _ in problems), ca.Sparsity(n, n))
         scaled = [ScaledProblem.scale(*problem, pattern, exact) for problem in problems]
         guesses = ca.vertcat(*[problem.guess(exact) for problem in scaled])
         data = ca.vertcat(*[problem.data for problem in scaled])
-        lam = self.step.lam
+        lam = step.lam
         return InnerLoop(
             opening=_function("opening", self.arguments, [guesses, data]),
             closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
@@ -225,10 +222,9 @@ class _Closed:
         path, n = NonlinearPath(system, step.exact), system.nlam
         mu = ca.SX.sym("mu", n)
         opening, data = path.opening(mu), []
-        for k, node in enumerate(step.nodes):
+        for node, rows in zip(step.nodes, step.rows, strict=True):
             old = ca.vertcat(system.x, system.u, mu)
-            new = ca.vertcat(system.x + node.noise_x, system.u + node.noise_u,
-                             step.mu[k * n : (k + 1) * n])  # fmt: skip
+            new = ca.vertcat(system.x + node.noise_x, system.u + node.noise_u, step.mu[rows])
             data += self._closed(ca.substitute(opening, old, new))
         stacked, lam = ca.vertcat(*data), step.lam
         return InnerLoop(
@@ -246,12 +242,12 @@ class _Closed:
     def _adjoint(self) -> ca.Function:
         step = self.step
         xbar = ca.SX.sym("xbar", self.x.numel())
-        if not step.linear:
+        if not isinstance(step, AffineStep):
             return self._adjoint_of_relation(xbar)
         value = self.stage_cost + ca.dot(xbar, self.x_next)
         frozen, meant = [ca.SX(0, 1)], [ca.SX(0, 1)]
         if step.n:
-            frozen, meant, through_contact = self._implicit(step.B.T @ xbar[: step.system.nx])
+            frozen, meant, through_contact = self._implicit(step, step.B.T @ xbar[: step.system.nx])
             value += through_contact
         value = self._closed(value)[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
@@ -276,20 +272,16 @@ class _Closed:
             symbols.append(step.held[0])
             meant.append(step.held[1])
         bars = ca.substitute(bars, [ca.vertcat(*symbols)], self._closed(ca.vertcat(*meant)))
-        if step.system.implicit:
-            states = inner[: step.branches * nx]
-            landing = step.landing if step.branches > 1 else _landing(step)
-            bars = ca.substitute(bars, [states], self._closed(landing))
+        bars = ca.substitute(bars, [step.states], self._closed(step.landings))
         return _function("adjoint", [*self.arguments, step.lam, xbar], ca.cse(bars))
 
-    def _implicit(self, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
+    def _implicit(self, step: AffineStep, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
         """What contact adds to the function whose gradient is the adjoint.
 
         The symbols to hold constant while differentiating, the expressions they stand for, and
         the function `v' (mu - diag(lam) (z + F lam))`, v the solution of the transposed system.
         """
-        step, lam = self.step, self.step.lam
-        gap = step.z + step.F @ lam
+        lam, gap = step.lam, step.z + step.F @ step.lam
         if step.exact:
             weights, slack = lam > gap, lam <= gap
         else:
@@ -315,13 +307,6 @@ def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
 
 def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     return ca.sqrt(z * z + 4 * F * mu)
-
-
-def _landing(step: Step) -> ca.SX:
-    """The next state in terms of (x, u, lam, p)."""
-    if step.branches > 1 or not step.system.implicit:
-        return step.a + step.B @ step.lam
-    return ca.substitute(step.system.landing, step.system.lam, step.lam)
 
 
 def _expanded(fn: ca.Function) -> ca.Function:

@@ -19,7 +19,7 @@ from dynamics.batch import open_loop
 from dynamics.batch.engines.compiler import find_compiler
 from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.rollout_tapes import build_tapes
-from dynamics.contact import Step, interior_point
+from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.interior_point import scalar_solution
 
 _NEWTON = (4, 5, 6, 8, 12)
@@ -63,9 +63,10 @@ def casadi_forms(
     """
     parts = step, stage, terminal, horizon
     forms = {"differentiated by CasADi": casadi_rollout(*parts)}
-    if step.n == 1 and step.linear:
+    affine = isinstance(step, AffineStep)
+    if step.n == 1 and affine:
         forms["closed form, flat, own adjoint"] = _by_adjoint(ca.SX, *parts)
-    elif step.linear:
+    elif affine:
         for count in _NEWTON:
             newton = _newton(count)
             forms[f"{count} Newton iterations, flat"] = _by_adjoint(ca.SX, *parts, newton)
@@ -76,6 +77,7 @@ def casadi_forms(
 
 
 def _closed_form(step: Step) -> ca.Function:
+    assert isinstance(step, AffineStep)
     x_next = step.a + step.B @ scalar_solution(step.z, step.F, step.mu)
     return ca.Function("closed", [step.system.x, step.system.u, step.p.vector], [x_next])
 

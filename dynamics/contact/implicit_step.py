@@ -1,0 +1,74 @@
+"""The step of a system with friction, curved gaps or redundant contacts."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+
+from dynamics.contact.ncp import ncp_solver
+from dynamics.contact.step import Step
+
+
+class ImplicitStep(Step):
+    """The next states of all branches are inner unknowns beside lam, ``inner = (states, lam)``.
+
+    Derivatives go through residual and gap as they stand, whose graphs are smaller than what
+    putting in ``x_next = a + B lam`` leaves. The exact law is the end of the path.
+    """
+
+    @cached_property
+    def states(self) -> ca.SX:
+        """Next states of the branches, one after the other (B nx, 1)."""
+        return ca.SX.sym("x_branch", self.branches * self.system.nx)
+
+    @cached_property
+    def following(self) -> ca.SX:
+        """The branches' mean."""
+        mean = ca.SX.zeros(self.system.nx)
+        for node, state in zip(self.nodes, ca.vertsplit(self.states, self.system.nx), strict=True):
+            mean = mean + node.weight * state
+        return mean
+
+    @cached_property
+    def slack(self) -> ca.SX:
+        """The gaps of every branch at its next state."""
+        return self._of_branches(self.system.gap)
+
+    @cached_property
+    def motion(self) -> ca.SX:
+        """The motion of every branch to its next state."""
+        return self._of_branches(self.system.motion)
+
+    @cached_property
+    def landings(self) -> ca.SX:
+        """The next state of every branch as its impulses make it."""
+        return self._of_branches(self.system.landing)
+
+    def _of_branches(self, expression: ca.SX) -> ca.SX:
+        system, values = self.system, []
+        states = ca.vertsplit(self.states, system.nx)
+        for node, state, rows in zip(self.nodes, states, self.rows, strict=True):
+            moved = self.at(node, [expression])
+            values += ca.substitute(moved, [system.x_next, system.lam], [state, self.lam[rows]])
+        return ca.densify(ca.vertcat(*values))
+
+    def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
+        """``inner, x_next, lam, gap, error`` by the path of the nonlinear problem."""
+        noise = ca.Function("noise", [self.p.vector], [
+            ca.horzcat(*(ca.densify(part) for part in parts))
+            for parts in zip(*((node.noise_x, node.noise_u) for node in self.nodes), strict=True)
+        ])  # fmt: skip
+        by_x, by_u = noise(p)
+        mu = ca.Function("targets", self.inputs, [ca.densify(self.mu)])(x, u, p)
+        solver, physical = ncp_solver(self.system, self.exact), p[: len(self.system.parameters)]
+        solved = [
+            solver(x + by_x[:, k], u + by_u[:, k], physical, mu[rows])
+            for k, rows in enumerate(self.rows)
+        ]
+        states = [branch[0] for branch in solved]
+        lam, gap, error = (ca.vertcat(*(branch[i] for branch in solved)) for i in (1, 2, 3))
+        x_next = ca.MX.zeros(self.system.nx)
+        for node, state in zip(self.nodes, states, strict=True):
+            x_next += node.weight * state
+        return ca.vertcat(*states, lam), x_next, lam, gap, error
