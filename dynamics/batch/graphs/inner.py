@@ -11,9 +11,8 @@ ill-conditioned and close to complementarity) the interior-point path of
 has the active set in place of the root: solve on {lam > s}, until the set stays as it is.
 
 All of it is in the solver's scaling, where F has a unit diagonal. Where the contact is no such
-problem (friction, curved gaps) there is the path alone, that of :mod:`dynamics.contact.nonlinear`:
-a sample whose path is lost is reported, and not tried from other starts as
-:mod:`dynamics.contact.ncp` does.
+problem (friction, curved gaps) there is the path of :mod:`dynamics.contact.path` alone: a sample
+whose path is lost is reported, and not tried from other starts as :mod:`dynamics.contact.ncp` does.
 """
 
 from __future__ import annotations
@@ -22,8 +21,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from dynamics.contact import interior_point
-from dynamics.contact.nonlinear import NonlinearPath
+from dynamics.contact.path import Path
 from dynamics.systems.elimination import solve_without_pivoting
 
 NEWTON_ITERATIONS = 12
@@ -61,79 +59,43 @@ class InnerLoop:
     path_iterations: int
 
 
-@dataclass(frozen=True)
-class ScaledProblem:
-    """One branch's problem in scaled numbers, packed in one column `data`."""
-
-    data: ca.SX
-    z: ca.SX
-    F: ca.SX
-    mu: ca.SX
-    D: ca.SX
-    c: ca.SX
-
-    @classmethod
-    def symbols(cls, pattern: ca.Sparsity) -> ScaledProblem:
-        """The problem as symbols; `pattern` is that of F (n, n)."""
-        n, entries = pattern.size1(), pattern.nnz()
-        ends = [0, n, n + entries, 2 * n + entries, 3 * n + entries, 3 * n + entries + 1]
-        data = ca.SX.sym("data", ends[-1])
-        z, F, mu, D, c = ca.vertsplit(data, ends)
-        return cls(data, z, ca.SX(pattern, F), mu, D, c)
-
-    @classmethod
-    def scale(
-        cls, z: ca.SX, F: ca.SX, mu: ca.SX, pattern: ca.Sparsity, exact: bool
-    ) -> ScaledProblem:
-        """The problem `lam (z + F lam) = mu` scaled; the exact law's path ends at a small mu."""
-        z, F, mu, D, c = interior_point.scale(z, F, mu, exact)
-        F = ca.project(F, pattern)
-        return cls(ca.densify(ca.vertcat(z, F.nz[:], mu, D, c)), z, F, mu, D, c)
-
-    def guess(self, exact: bool) -> ca.SX:
-        """What each contact would have alone, with F_ii = 1."""
-        if exact:
-            return ca.fmax(0, -self.z)
-        q = ca.fabs(self.z) + ca.sqrt(self.z**2 + 4 * self.mu)
-        return ca.if_else(self.z > 0, 2 * self.mu / q, q / 2)
+def guess(path: Path, data: ca.SX) -> ca.SX:
+    """Where Newton's method starts: what each contact would have alone, with F_ii = 1."""
+    if not path.unique:
+        return ca.SX.zeros(path.n)
+    z, mu = path.parts(data)["z"], path.parts(data)["mu"]
+    if path.exact:
+        return ca.fmax(0, -z)
+    q = ca.fabs(z) + ca.sqrt(z**2 + 4 * mu)
+    return ca.if_else(z > 0, 2 * mu / q, q / 2)
 
 
-def loop_graphs(pattern: ca.Sparsity, exact: bool) -> dict[str, ca.Function]:
-    """The graphs `newton`, `settled`, `path` and `followed` of an `InnerLoop`."""
-    n, problem = pattern.size1(), ScaledProblem.symbols(pattern)
-    lam, pair = ca.SX.sym("lam", n), ca.SX.sym("pair", 2 * n)
-    scaled = (problem.z, problem.F, problem.mu)
-    moved = interior_point.iteration(n)(pair[:n], pair[n:], *scaled)
-    ends = interior_point.unscale(n, exact)(pair[:n], pair[n:], *scaled, problem.D, problem.c)
-    if exact:
-        stepped, at_rest = _active_set(lam, problem), ca.fmax(0, lam)
+def loop_graphs(path: Path) -> dict[str, ca.Function]:
+    """The graphs `newton`, `settled`, `path` and `followed` of an `InnerLoop`.
+
+    Where the multipliers may not be unique there is no Newton method before the path.
+    """
+    lam, pair = ca.SX.sym("lam", path.n), ca.SX.sym("pair", path.size)
+    z, F, mu, D, c = (path.known[name] for name in ("z", "F", "mu", "D", "c"))
+    ends = path.ending()(pair, path.data)
+    if not path.unique:
+        stepped, at_rest = (lam, ca.SX.ones(1)), lam
+    elif path.exact:
+        stepped, at_rest = _active_set(lam, z, F), ca.fmax(0, lam) * c * D
     else:
-        s = problem.z + problem.F @ lam
+        s = z + F @ lam
         # Where lam is the small one of the pair, mu / s has all its digits; the root has not.
-        stepped, at_rest = _newton(lam, problem), ca.if_else(s > lam, problem.mu / s, lam)
+        stepped, at_rest = _newton(lam, z, F, mu), ca.if_else(s > lam, mu / s, lam) * c * D
     graphs = {
-        "newton": ([lam, problem.data], list(stepped)),
-        "settled": ([lam, problem.data], [at_rest * problem.c * problem.D]),
-        "path": ([pair, problem.data], [ca.vertcat(*moved)]),
-        "followed": ([pair, problem.data], [_solved(ends[0], ends[2])]),
+        "newton": ([lam, path.data], list(stepped)),
+        "settled": ([lam, path.data], [at_rest]),
+        "followed": ([pair, path.data], [_solved(ends[0], ends[2])]),
     }
-    return {
+    made = {
         name: ca.Function(name, inputs, [ca.densify(value) for value in outputs])
         for name, (inputs, outputs) in graphs.items()
     }
-
-
-def path_graphs(path: NonlinearPath) -> dict[str, ca.Function]:
-    """The graphs of an `InnerLoop` that follows the path from its start, with no Newton method."""
-    lam, data = ca.SX.sym("lam", path.n), path.data
-    pair = ca.SX.sym("pair", 2 * path.n + 1)
-    ends = path.ending()(pair, data)
-    return {
-        "newton": ca.Function("newton", [lam, data], [lam, ca.SX(ca.DM.ones(1))]),
-        "settled": ca.Function("settled", [lam, data], [lam]),
-        "path": path.iteration(),
-        "followed": ca.Function("followed", [pair, data], [_solved(ends[0], ends[2])]),
-    }
+    return {**made, "path": path.iteration()}
 
 
 def _solved(lam: ca.SX, error: ca.SX) -> ca.SX:
@@ -141,19 +103,19 @@ def _solved(lam: ca.SX, error: ca.SX) -> ca.SX:
     return lam / (ca.mmax(error) <= _FOLLOWED)
 
 
-def _newton(lam: ca.SX, problem: ScaledProblem) -> tuple[ca.SX, ca.SX]:
-    s = problem.z + problem.F @ lam
-    r = ca.sqrt((lam - s) ** 2 + 4 * problem.mu)
+def _newton(lam: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
+    s = z + F @ lam
+    r = ca.sqrt((lam - s) ** 2 + 4 * mu)
     lean = (lam - s) / r
-    matrix = ca.diag(1 - lean) + ca.diag(1 + lean) @ problem.F
+    matrix = ca.diag(1 - lean) + ca.diag(1 + lean) @ F
     step = solve_without_pivoting(matrix, r - lam - s)
     size = ca.mmax(ca.fabs(step))
     return lam + step, size > _SETTLED * ca.fmax(1, ca.mmax(ca.fabs(lam)))
 
 
-def _active_set(lam: ca.SX, problem: ScaledProblem) -> tuple[ca.SX, ca.SX]:
-    active = lam > problem.z + problem.F @ lam
-    matrix = ca.diag(1 - active) + ca.diag(active) @ problem.F
-    solved = solve_without_pivoting(matrix, -active * problem.z)
-    again = solved > problem.z + problem.F @ solved
+def _active_set(lam: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.SX]:
+    active = lam > z + F @ lam
+    matrix = ca.diag(1 - active) + ca.diag(active) @ F
+    solved = solve_without_pivoting(matrix, -active * z)
+    again = solved > z + F @ solved
     return solved, ca.mmax(ca.fabs(again - active)) > 0
