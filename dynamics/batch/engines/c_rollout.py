@@ -135,6 +135,8 @@ _STRIDES = {
 _LOAD = """\
 static void load_block(const job *q, const memory *a, i64 row, i64 end) {
   i64 nw = q->horizon * NU, nt = q->parts * NT;
+  Q keys[2 * ROUNDS];
+  if (q->noise == 2) schedule(q->key0, q->key1, keys);
   for (int j = 0; j < U; j++, row += W) {
     if (!q->shared_x0) load_rows(q->x0, NX, row, end, a->x + j, U);
     else for (int k = 0; k < NX; k++) a->x[k * U + j] = SPLAT(q->x0[k]);
@@ -144,7 +146,7 @@ static void load_block(const job *q, const memory *a, i64 row, i64 end) {
     if (q->noise == 2)
       for (i64 m = 0; m < nw; m += 4) {
         V z[4];
-        four_normals(q->first + row, m / 4, q->key0, q->key1, z);
+        four_normals(q->first + row, m / 4, keys, z);
         for (i64 k = 0; k < 4 && m + k < nw; k++)
           a->w[(m + k) * U + j] = z[k] * q->sigma[(m + k) % NU];
       }
