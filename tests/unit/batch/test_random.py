@@ -81,25 +81,23 @@ def test_the_tail_is_there():
 
 
 def test_many_draws_of_the_kernel_are_normal():
-    """1.3e8 numbers: cells of equal weight, moments, pairs, and how many lie far out."""
-    size, cells = 1 << 19, 4096
+    """A few 1e7 numbers: cells of equal weight, moments, pairs, and how many lie far out."""
+    size, cells = 1 << 18, 4096
     edges = stats.norm.ppf(np.arange(1, cells) / cells)
     counts, beyond, sums = np.zeros(cells), np.zeros(3), np.zeros(3)
     n, levels = 0, (4.0, 4.5, 5.0)
-    pairs = np.zeros((16, 16))
-    for k in range(32):
+    pairs = np.zeros(256)
+    for k in range(16):
         z = draw(21, 8 * k, size)
         n += z.size
         beyond += [np.count_nonzero(np.abs(z) > x) for x in levels]
         sums += [np.sum(z), np.sum(z**2), np.sum(z**4)]
-        if k < 4:
+        if k < 2:
             counts += np.bincount(np.searchsorted(edges, z.ravel()), minlength=cells)
             at = np.searchsorted(edges[255::256], z)
-            pairs += np.bincount((16 * at[:, ::2] + at[:, 1::2]).ravel(), minlength=256).reshape(
-                16, 16
-            )
+            pairs += np.bincount((16 * at[:, ::2] + at[:, 1::2]).ravel(), minlength=256)
     assert stats.chisquare(counts).pvalue > 1e-3
-    assert stats.chisquare(pairs.ravel()).pvalue > 1e-3
+    assert stats.chisquare(pairs).pvalue > 1e-3
     for total, mean, variance in zip(sums, (0, 1, 3), (1, 2, 96), strict=True):
         assert abs(total / n - mean) < 4 * np.sqrt(variance / n)
     for found, x in zip(beyond, levels, strict=True):
