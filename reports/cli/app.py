@@ -13,6 +13,7 @@ from reports.cli import (
     continue_command,
     doctor_command,
     estimate_command,
+    export_command,
     figure_command,
     interrupt,
     list_command,
@@ -40,6 +41,7 @@ for name, function in {
     "figure": figure_command.run,
     "report": report_command.run,
     "animate": animate_command.run,
+    "export": export_command.run,
     "runs": runs_command.run,
     "doctor": doctor_command.run,
 }.items():
