@@ -3,8 +3,9 @@
 from ocp.errors import DamagedRun, InputError, NotConverged
 from ocp.policy import Feedback, OpenLoop
 from ocp.problem import Constraint, Problem, Reference, Scenarios
+from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_out
-from ocp.solution import Solution, Status
+from ocp.solution import Solution
 from ocp.solve import solve
 from ocp.transcription import Direct, MultipleShooting, SingleShooting
 

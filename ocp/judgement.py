@@ -12,25 +12,27 @@ from typing import Any
 
 import numpy as np
 
-from ocp.audit import audit, feasible, trajectories
-from ocp.certificate import Certificate, certify
-from ocp.findings import Audit, Refereed
-from ocp.labelled import label
-from ocp.parting import Parting
-from ocp.physics import broken_constraints
+from ocp.judges.audit import audit, feasible
+from ocp.judges.findings import Audit, Refereed
+from ocp.judges.referee import Hearing, hear
+from ocp.judges.verdict import UNJUDGED
+from ocp.physics.measures import broken_constraints
+from ocp.physics.parting import Parting
 from ocp.problem import Problem, Sizes
-from ocp.referee import Hearing, hear
+from ocp.programs.solver import Point
+from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
 from ocp.routes.landing import embedded
 from ocp.routes.legs import translate
 from ocp.routes.outcome import Outcome
-from ocp.sensitivity import sensitivity
 from ocp.session import Session
-from ocp.solution import Solution, Status
-from ocp.solver import Point
-from ocp.studies.provenance import versions
+from ocp.solution import Solution
+from ocp.stationarity.certificate import Certificate, certify
+from ocp.stationarity.sensitivity import sensitivity
+from ocp.store.labelled import label
+from ocp.store.provenance import versions
 from ocp.transcription.nlp import NLP
-from ocp.verdict import UNJUDGED
+from ocp.transcription.trajectories import trajectories
 
 _FLAT = 1e-7
 _IDLE = 1e-6

@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError
-from ocp.units import SI, Units
+from ocp.programs.units import SI, Units
 
 Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""

@@ -12,6 +12,7 @@ from dynamics.contact.law import Schedule
 from ocp.errors import InputError, NotConverged
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
+from ocp.programs.solver import Point, Solver
 from ocp.routes.branches import land
 from ocp.routes.complementarity import FEW, LOOKS, SECOND, SECOND_FEW, Route, solve_pairs
 from ocp.routes.landing import rolled_down
@@ -25,7 +26,6 @@ from ocp.routes.legs import (
 from ocp.routes.outcome import Outcome, better, lower
 from ocp.routes.own_path import MU_LAST, STAGE_ITERATIONS, from_exact, one_stage, own_path
 from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES
-from ocp.solver import Point, Solver
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP

@@ -5,42 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import Enum
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
-from ocp.certificate import Certificate
 from ocp.errors import InputError
-from ocp.findings import Audit, Refereed
+from ocp.judges.findings import Audit, Refereed
+from ocp.judges.verdict import Grade, grade, verdict
 from ocp.problem import Problem
+from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_out
-from ocp.verdict import Grade, grade, verdict
+from ocp.stationarity.certificate import Certificate
 
-
-class Status(Enum):
-    """Outcome of a solve; the value is the sentence a person reads."""
-
-    SOLVED = "solved: feasible by the audit, and certified stationary"
-    NOT_OPTIMAL = "feasible, not optimal"
-    UNDECIDED = "feasible, but whether it is optimal was not decided"
-    INEXACT = "not solved: the solver stopped, but the audited residuals are above tolerance"
-    NO_PROGRESS = (
-        "no-progress: it does no better than standing still; start from a smoothing law and"
-        " follow it (--contact exact -s homotopy=true)"
-    )
-    ITERATION_LIMIT = "not converged: the iteration limit was reached"
-    TIME_LIMIT = "not converged: it took too long and was given up"
-    INFEASIBLE = "not converged: the constraints could not be met from this guess"
-    DIVERGED = "not converged: the iterates diverged or a function returned no number"
-    STOPPED = "stopped by the user"
-    FAILED = "not converged: the solver gave up"
-
-    @property
-    def label(self) -> str:
-        """Short name, as in JSON."""
-        return self.name.lower().replace("_", "-")
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -89,7 +66,7 @@ class Solution:
     ``solver_s``, the rest, into the solver: linear algebra, line search, its own affairs. It is
     NaN where that was not measured.
 
-    ``record`` is everything else, ready for JSON (:mod:`ocp.studies.store`): problem, contact,
+    ``record`` is everything else, ready for JSON (:mod:`ocp.store.runs`): problem, contact,
     method, policy, solver, parameters, settings, seed.
     """
 
@@ -113,8 +90,9 @@ class Solution:
     derivative: Callable[[str], xr.Dataset] | None = None
 
     def sensitivity(self, name: str) -> xr.Dataset:
-        """How the solution changes per unit of a parameter: x, u, cost (:mod:`ocp.sensitivity`).
+        """How the solution changes per unit of a parameter: x, u and cost.
 
+        See :mod:`ocp.stationarity.sensitivity`.
         Raises :class:`~ocp.errors.InputError` for an unknown name, for a point that is no solution,
         and where there is no derivative.
         """
@@ -148,7 +126,7 @@ class Solution:
 
     @property
     def verdict(self) -> str:
-        """Headline with all costs and survival, then a line a finding (:mod:`ocp.verdict`)."""
+        """Headline with costs and survival, then a line a finding (:mod:`ocp.judges.verdict`)."""
         return verdict(self)
 
     @property

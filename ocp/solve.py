@@ -13,11 +13,12 @@ from ocp.errors import InputError
 from ocp.judgement import judged
 from ocp.policy import OpenLoop, Policy
 from ocp.problem import Problem
+from ocp.programs.solver import Solver
+from ocp.programs.status import Status
 from ocp.routes.outcome import Outcome
 from ocp.session import Session
 from ocp.settings import Settings
-from ocp.solution import Interrupted, Solution, StageRecord, Status
-from ocp.solver import Solver
+from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.warm_start import carried_guess, carry

@@ -15,10 +15,10 @@ import numpy as np
 from dynamics.contact import Step
 from dynamics.systems import Signal
 from ocp.errors import InputError
-from ocp.layout import Layout
 from ocp.problem import Problem
+from ocp.programs.layout import Layout
+from ocp.programs.solver import Point
 from ocp.solution import Solution
-from ocp.solver import Point
 from ocp.transcription.nlp import NLP
 
 _KINDS = {

@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "ball-bounce"
@@ -28,22 +28,12 @@ typst = (
 )
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.745009295,
-        stationarity="B",
-        kind="S",
+        0.745009295,
         tried=33,
         independent="all 820 windows of contact, each a convex QP",
         note="other minima: 0.760166, 0.849701",
     ),
-    "barrier mu=1e-3": Golden(
-        law="barrier",
-        method="direct",
-        cost=0.703942109,
-        stationarity="KKT",
-        tried=11,
-    ),
+    "barrier mu=1e-3": Golden(0.703942109, law="barrier", stationarity="KKT", kind="", tried=11),
 }
 
 
@@ -80,7 +70,6 @@ def build(params: Params) -> Problem:
         impulse=lambda q, v, u: p["h"] * (u - weight),
         distance=lambda q: q[1],
         parameters=p,
-        citation=citation.key,
     )
     x, u = system.x, system.u
     off = ca.sumsqr(x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
@@ -95,8 +84,6 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         reference=Reference(impulse=1.0, gap=0.1, x=1.0, u=5.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

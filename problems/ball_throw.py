@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "ball-throw"
@@ -32,11 +32,7 @@ typst = (
 )
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.00898210373,
-        stationarity="B",
-        kind="S",
+        0.00898210373,
         settings={"tol": 1e-10},
         tried=33,
         independent="Nelder-Mead over angle and speed of a simulation in closed form",
@@ -105,8 +101,6 @@ def build(params: Params) -> Problem:
         u_upper=ca.vertcat(1.5, p["speed_max"]),
         guess=_guess(params),
         reference=Reference(impulse=1.0, gap=0.1, x=0.5, u=1.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 
@@ -145,7 +139,6 @@ def _system(p: ParameterTable) -> ContactSystem:
         parameters=p,
         phi=q[1],
         mu_per_kappa=h,
-        citation=citation.key,
         # The law of the bounce is in the gap, which is therefore no expansion of the distance.
         sharp=Sharp(),
     )

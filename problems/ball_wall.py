@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Parameter, ParameterTable, Signal
-from ocp.studies.objective import StaticObjective
+from ocp.gradients.objective import StaticObjective
 from problems.parameters import Parameters, quantity
 from problems.spec import Citation
 

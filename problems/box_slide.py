@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import dry_friction, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "box-slide"
@@ -29,11 +29,7 @@ typst = (
 )
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.354703374,
-        stationarity="B",
-        kind="S",
+        0.354703374,
         tried=33,
         independent="all 820 schedules stick, slide, stick, each a convex QP",
     ),
@@ -76,7 +72,6 @@ def build(params: Params) -> Problem:
         load=p["m"] * p["g"],
         friction=p["friction"],
         parameters=p,
-        citation=citation.key,
     )
     x, u = system.x, system.u
     return Problem(
@@ -90,8 +85,6 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         reference=Reference(impulse=0.05, gap=0.25, x=1.0, u=5.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

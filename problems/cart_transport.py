@@ -9,7 +9,7 @@ from pydantic import model_validator
 from dynamics.systems import dry_friction, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "cart-transport"
@@ -32,11 +32,7 @@ typst = (
 )
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.592060446,
-        stationarity="B",
-        kind="S",
+        0.592060446,
         tried=33,
         independent="all 820 schedules stick, slide forward, stick, each a convex QP",
     ),
@@ -97,7 +93,6 @@ def build(params: Params) -> Problem:
         load=mb * p["g"],
         friction=p["friction"],
         parameters=p,
-        citation=citation.key,
     )
     x, u = system.x, system.u
     off = ca.sumsqr(x[:2] - ca.vertcat(p["goal"], p["goal_offset"]))
@@ -114,8 +109,6 @@ def build(params: Params) -> Problem:
         x_lower=ca.vertcat(-ca.inf, -p["reach"], -ca.inf, -ca.inf),
         x_upper=ca.vertcat(ca.inf, p["reach"], ca.inf, ca.inf),
         reference=Reference(impulse=0.03, gap=0.02, x=0.5, u=5.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, Point, Segment, Shape, Spring
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "cart-walls"
@@ -36,21 +36,17 @@ typst = (
 )
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=186.588555,
-        stationarity="B",
-        kind="S",
+        186.588555,
         tried=33,
         independent="all 2550 windows of contact with one wall, each a convex QP",
         note="a plain Opti script, cold Scholtes homotopy, ends no lower from 36 random guesses;"
         " other minima: 193.17, 562.3",
     ),
     "barrier mu=1e-3": Golden(
+        184.91946,
         law="barrier",
-        method="direct",
-        cost=184.91946,
         stationarity="KKT",
+        kind="",
         tried=11,
         note="a plain Opti script ends no lower from 18 random guesses; one at 3285",
     ),
@@ -102,8 +98,6 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         reference=Reference(impulse=10.0, gap=0.01, x=0.2, u=2.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 
@@ -132,7 +126,6 @@ def _system(p: ParameterTable) -> ContactSystem:
         contacts=signals("right [N] force of the right wall; left [N] force of the left wall"),
         h=p["h"],
         parameters=p,
-        citation=citation.key,
         # A spring has no gap that could be truer.
         sharp=Sharp(),
         refinable=True,

@@ -6,10 +6,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.stats import norm
 
 from dynamics.systems import Parameter, ParameterTable, Signal
-from ocp.studies.objective import ClosedForm, StaticObjective
+from ocp.gradients.objective import ClosedForm, StaticObjective
 from problems.parameters import Parameters, quantity
 from problems.spec import Citation
 
@@ -64,6 +63,8 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
     not zero; so one FoBG sample varies by ``(4/nu^2) p (1 - p)``. The text's closed form of F and
     its gradient at nu/2 are wrong (they are half of these), and it states 1 - p for p.
     """
+    from scipy.stats import norm
+
     theta, nu = values["theta"], values["nu"]
     above, below = (theta + nu / 2) / sigma, (theta - nu / 2) / sigma
     p = float(norm.cdf(above) - norm.cdf(below))
@@ -87,6 +88,8 @@ def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> flo
     ``E[(f - b)^2 w^2]/sigma^4 - F'^2``: in closed form where ``f = +-1``, and by Gauss's rule over
     the linear part, which is exact to rounding and does not cancel for small nu.
     """
+    from scipy.stats import norm
+
     low, high = (
         np.clip(v, -_REACH * sigma, _REACH * sigma) for v in (-theta - nu / 2, nu / 2 - theta)
     )

@@ -11,12 +11,11 @@ from ocp.problem import Constraint, FreeStart, Problem, Reference
 from problems.drawing import ContactFrame, Shape
 from problems.machines.half_cheetah import half_cheetah as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
-from problems.machines.start import rough_or_smooth
 from problems.parameters import (
     Parameters,
     choice,
     quantity,
-    structural_settings,
+    rough_or_smooth,
     structure,
     table,
 )
@@ -60,22 +59,12 @@ _SPHERES = {
 
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.0504196120,
-        stationarity="B",
-        kind="S",
+        0.0504196120,
         settings={"strategy": "scholtes"},
         tried=22,
         note="the default settings end at 0.0504588; other minima: 0.0513791, 0.0514382, 0.0515142",
     ),
-    "barrier mu=1e-3": Golden(
-        law="barrier",
-        method="direct",
-        cost=0.0402715748,
-        stationarity="KKT",
-        tried=1,
-    ),
+    "barrier mu=1e-3": Golden(0.0402715748, law="barrier", stationarity="KKT", kind="", tried=1),
 }
 _PICTURED = machine_of()
 
@@ -123,7 +112,6 @@ def build(params: Params) -> Problem:
     system = machine.system(
         name, p, h=step, friction=friction, spheres=_SPHERES[params.spheres], free_step=True,
         cone=params.cone,
-        citation=citation.key,
     )  # fmt: skip
     x, nx = system.x, system.nx
     nq = nx // 2
@@ -152,8 +140,6 @@ def build(params: Params) -> Problem:
         ),
         guess=_glide,
         reference=Reference(impulse=2.0, gap=0.1, x=0.1, u=0.1),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

@@ -7,10 +7,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.stats import norm
 
 from dynamics.systems import ParameterTable, Signal
-from ocp.studies.objective import ClosedForm, StaticObjective
+from ocp.gradients.objective import ClosedForm, StaticObjective
 from problems.parameters import Parameters, quantity
 from problems.spec import Citation
 
@@ -57,6 +56,8 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
     writes ``erf(-theta; sigma^2)`` for the tail Phi(t), and calls the mean of the Dirac impulse
     zero, which it is not: it is the mean of the derivative almost everywhere that vanishes.
     """
+    from scipy.stats import norm
+
     t = values["theta"] / sigma
     density = float(norm.pdf(t))
     A = float(norm.cdf(t)) - t * density
@@ -75,6 +76,8 @@ def zobg_variance(theta: float, sigma: float, baseline: float) -> float:
 
     ``((1 - 2 b) A + b^2 - phi(t)^2)/sigma^2``, least at b = A.
     """
+    from scipy.stats import norm
+
     t = theta / sigma
     density = math.exp(-t * t / 2) / math.sqrt(2 * math.pi)
     A = float(norm.cdf(t)) - t * density

@@ -11,12 +11,12 @@ from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Point, Shape
 from problems.machines.hopper import hopper as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
-from problems.machines.start import check_start, rough_or_smooth
+from problems.machines.start import check_start
 from problems.parameters import (
     Parameters,
     choice,
     quantity,
-    structural_settings,
+    rough_or_smooth,
     structure,
     table,
 )
@@ -51,22 +51,8 @@ typst = (
 )
 
 golden = {
-    "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=0.0502015625,
-        stationarity="B",
-        kind="S",
-        tried=13,
-        note="other minima: 0.0505520, 0.0509175, 0.0516220",
-    ),
-    "barrier mu=1e-3": Golden(
-        law="barrier",
-        method="direct",
-        cost=0.0514836513,
-        stationarity="KKT",
-        tried=1,
-    ),
+    "exact": Golden(0.0502015625, tried=13, note="other minima: 0.0505520, 0.0509175, 0.0516220"),
+    "barrier mu=1e-3": Golden(0.0514836513, law="barrier", stationarity="KKT", kind="", tried=1),
 }
 _PICTURED = machine_of()
 _STANDING = 1.21
@@ -129,7 +115,6 @@ def build(params: Params) -> Problem:
     system = machine.system(
         name, p, h=p["h"], friction=friction, spheres=_SPHERES[params.spheres],
         cone=params.cone,
-        citation=citation.key,
     )  # fmt: skip
     x, nq = system.x, system.nx // 2
     angles = [p[f"{joint}0"] for joint in ("pitch", "thigh", "leg", "foot")]
@@ -149,8 +134,6 @@ def build(params: Params) -> Problem:
         u_upper=p["u_max"],
         guess=_glide,
         reference=Reference(impulse=5.0, gap=0.1, x=0.1, u=0.1),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

@@ -9,7 +9,7 @@ from pydantic import model_validator
 from dynamics.systems import Mechanism, Touching, frictional_time_stepping, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, Disc, HalfPlane, Segment, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "hopper-1d"
@@ -34,15 +34,7 @@ typst = (
     't = T (M g) / (u_"max" + m_f g), quad z_(c,N) - z_(c,0) = (u_"max" - m_b g) / (2 M) t T',
 )
 golden = {
-    "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=-0.6146875,
-        stationarity="B",
-        kind="S",
-        tried=33,
-        independent="the closed form of the bang-bang optimum",
-    ),
+    "exact": Golden(-0.6146875, tried=33, independent="the closed form of the bang-bang optimum"),
 }
 
 
@@ -123,7 +115,6 @@ def build(params: Params) -> Problem:
         ),
         h=h,
         parameters=p,
-        citation=citation.key,
     )
     x = system.x
     share = ca.horzcat(mb, mf) / (mb + mf)
@@ -139,8 +130,6 @@ def build(params: Params) -> Problem:
         u_upper=p["u_max"],
         guess=_standing,
         reference=Reference(impulse=1.0, gap=0.01, x=0.5, u=50.0),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

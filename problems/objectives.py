@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ocp.errors import InputError
-from ocp.studies.objective import SampledObjective
+from ocp.gradients.objective import SampledObjective
 from problems.registry import names, spec
 from problems.spec import Citation, ProblemSpec, check_parameters, did_you_mean
 
@@ -27,7 +27,7 @@ _MODULES = {
 class ObjectiveSpec:
     """One named objective, at any parameters; ``Params`` holds the decision and ``sigma`` too.
 
-    ``build(params)`` gives the :class:`~ocp.studies.objective.SampledObjective`; it also takes
+    ``build(params)`` gives the :class:`~ocp.gradients.objective.SampledObjective`; it also takes
     ``backend``, ``threads`` and ``block`` of :class:`dynamics.batch.BatchFunction`.
     """
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from dynamics.systems import Parameter, ParameterTable
-from ocp.units import Units, fitted
+from ocp.programs.units import Units, fitted
 
 
 class Parameters(BaseModel):
@@ -104,9 +105,10 @@ def table(params: BaseModel) -> ParameterTable:
 
 
 def natural_units(params: BaseModel) -> Units:
-    """Natural units that follow the parameters from their defaults, see :func:`~ocp.units.fitted`.
+    """Natural units that follow the parameters from their defaults.
 
-    What is zero, or has changed its sign, says nothing; nor does a word or a setting.
+    What is zero, or has changed its sign, says nothing; nor does a word or a setting. See
+    :func:`~ocp.programs.units.fitted`.
     """
     fields = {n: f for n, f in type(params).model_fields.items() if not is_structural(f)}
     return fitted(
@@ -116,10 +118,12 @@ def natural_units(params: BaseModel) -> Units:
     )
 
 
-def structural_settings(params: BaseModel) -> dict[str, float | int | str]:
-    """Return the structural parameters by name, for the record of a run."""
-    return {
-        name: getattr(params, name)
-        for name, field in type(params).model_fields.items()
-        if is_structural(field)
-    }
+def rough_or_smooth(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
+    """Return the parameters and Coulomb's coefficient, or without it and None where it is zero.
+
+    A cone that has shrunk to a line has no inside for a central path: without friction there are
+    no friction pairs, and no parameter ``friction`` to turn.
+    """
+    if p.get("friction").value > 0:
+        return p, p["friction"]
+    return ParameterTable(parameter for parameter in p if parameter.name != "friction"), None

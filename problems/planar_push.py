@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from dynamics.systems import ParameterTable, quasi_dynamic, signals
+from dynamics.systems import quasi_dynamic, signals
 from dynamics.systems.geometry import ContactGeometry, Pose, disc_box
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
@@ -16,7 +16,7 @@ from problems.parameters import (
     Parameters,
     choice,
     quantity,
-    structural_settings,
+    rough_or_smooth,
     structure,
     table,
 )
@@ -47,21 +47,8 @@ typst = (
     'delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k - a_k)_infinity <= "reach"',
 )
 golden = {
-    "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=120.918554915,
-        stationarity="B",
-        kind="S",
-        tried=33,
-    ),
-    "barrier mu=1e-3": Golden(
-        law="barrier",
-        method="direct",
-        cost=120.603713118,
-        stationarity="KKT",
-        tried=11,
-    ),
+    "exact": Golden(120.918554915, tried=33),
+    "barrier mu=1e-3": Golden(120.603713118, law="barrier", stationarity="KKT", kind="", tried=11),
 }
 
 
@@ -137,10 +124,7 @@ def build(params: Params) -> Problem:
     u is the commanded position of the pusher [m], lam the impulses [N s] along the edges of the
     friction cone. Without friction there is one row, and no parameter ``friction`` to turn.
     """
-    p = table(params)
-    rough = params.friction > 0
-    if not rough:
-        p = ParameterTable(parameter for parameter in p if parameter.name != "friction")
+    p, friction = rough_or_smooth(table(params))
 
     def sliding(q: ca.SX) -> ca.SX:
         return _touch(q, p["side"], p["r"]).jacobians(Pose(q[3:], ca.SX(0)), _box(q), q)[1]
@@ -156,11 +140,10 @@ def build(params: Params) -> Problem:
         mass=ca.diag(ca.vertcat(p["m"], p["m"], p["inertia"])),
         stiffness=p["K"] * ca.SX.eye(2),
         distance=lambda q: _touch(q, p["side"], p["r"]).phi,
-        sliding=sliding if rough else None,
-        friction=p["friction"] if rough else 0.0,
+        sliding=None if friction is None else sliding,
+        friction=0.0 if friction is None else friction,
         linearised=params.gap == "linearised",
         parameters=p,
-        citation=citation.key,
     )
     x, du = system.x, ca.SX.sym("du", 2)
     off = x - ca.vertcat(p["goal_x"], p["goal_y"], p["goal_angle"], p["rest_x"], p["rest_y"])
@@ -182,8 +165,6 @@ def build(params: Params) -> Problem:
             params.scenarios, (std, std, params.scenario_angle_std, 0.0, 0.0), params.scenario_seed
         ),
         reference=Reference(impulse=1.0, gap=0.1, x=0.5, u=0.5),
-        settings=structural_settings(params) | ({} if rough else {"friction": 0.0}),
-        citation=citation.key,
     )
 
 

@@ -9,7 +9,7 @@ from pydantic import model_validator
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "push-1d"
@@ -30,19 +30,15 @@ typst = (
 )
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=1.38481827,
-        stationarity="B",
-        kind="S",
+        1.38481827,
         tried=33,
         independent="all 210 windows of contact, each a convex QP",
     ),
     "barrier mu=1e-3": Golden(
+        1.3869158,
         law="barrier",
-        method="direct",
-        cost=1.3869158,
         stationarity="KKT",
+        kind="",
         tried=11,
         note="a plain Opti script ends no lower from 18 random guesses",
     ),
@@ -88,7 +84,6 @@ def build(params: Params) -> Problem:
         stiffness=p["K"],
         distance=lambda q: q[0] - q[1] - p["width"],
         parameters=p,
-        citation=citation.key,
     )
     du = ca.SX.sym("du", 1)
     off = system.x[0] - p["goal_x"]
@@ -105,8 +100,6 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

@@ -28,22 +28,22 @@ class Citation:
 
 @dataclass(frozen=True)
 class Golden:
-    """The best known value under ``law`` and ``method`` at the default parameters.
+    """The best known value at the default parameters, under the exact law unless told otherwise.
 
     Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
     of seed 0, see :func:`ocp.solve.guesses`) ends at ``cost``, within ``tolerance`` relative, with
-    a certificate that says ``stationarity`` and ``kind`` (:class:`~ocp.certificate.Certificate`).
+    a certificate (:mod:`ocp.stationarity.certificate`) that says ``stationarity`` and ``kind``.
     ``tried`` counts the solves, over strategies and guesses, of which no certified one ends lower.
 
     ``independent`` names what confirms the value without the workbench, "" where nothing does;
     ``note`` tells of other minima and of what the default settings end at, where that is another.
     """
 
-    law: str
-    method: str
     cost: float
-    stationarity: str
-    kind: str = ""
+    law: str = "exact"
+    method: str = "direct"
+    stationarity: str = "B"
+    kind: str = "S"
     settings: Mapping[str, str | float] = field(default_factory=dict)
     start: int = 0
     tried: int = 1
@@ -116,8 +116,18 @@ class ProblemSpec:
                 f"{self.path or self.name}: build(params) returned"
                 f" {_kind(problem)}, expected an ocp.problem.Problem"
             )
-        units = natural_units(params)
-        return replace(problem, reference=replace(problem.reference, units=units))
+        return replace(
+            problem,
+            reference=replace(problem.reference, units=natural_units(params)),
+            settings={**_fixed(params, problem), **problem.settings},
+            citation=problem.citation or (self.citation.key if self.citation else ""),
+        )
+
+
+def _fixed(params: BaseModel, problem: Problem) -> dict[str, Any]:
+    """Parameters that are no symbols of the problem, for the record of a run."""
+    symbols = problem.parameters.names
+    return {name: value for name, value in params.model_dump().items() if name not in symbols}
 
 
 def check_parameters(owner: str, Params: type[BaseModel], values: Mapping[str, Any]) -> Any:

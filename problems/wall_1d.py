@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "wall-1d"
@@ -28,20 +28,16 @@ typst = (
 )
 golden = {
     "exact": Golden(
-        law="exact",
-        method="direct",
-        cost=17.8301723,
-        stationarity="B",
-        kind="S",
+        17.8301723,
         tried=33,
         independent="all 465 windows of contact, each a convex QP",
         note="another minimum: 17.83099",
     ),
     "barrier mu=1e-3": Golden(
+        17.9404268,
         law="barrier",
-        method="direct",
-        cost=17.9404268,
         stationarity="KKT",
+        kind="",
         tried=11,
         note="other minima: 17.94222",
     ),
@@ -77,7 +73,6 @@ def build(params: Params) -> Problem:
         impulse=lambda q, v, u: u,
         distance=lambda q: q,
         parameters=p,
-        citation=citation.key,
     )
     x, v, u = system.x[0], system.x[1], system.u
     off = x - p["goal_x"]
@@ -92,8 +87,6 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         reference=Reference(impulse=1.0, gap=0.1, x=1.0, u=0.5),
-        settings=structural_settings(params),
-        citation=citation.key,
     )
 
 

@@ -16,10 +16,10 @@ from rich.text import Text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ocp.certificate import Certificate
-    from ocp.findings import Audit, Refereed
+    from ocp.judges.findings import Audit, Refereed
     from ocp.solution import Solution, StageRecord
-    from ocp.studies.stored_run import StoredRun
+    from ocp.stationarity.certificate import Certificate
+    from ocp.store.stored_run import StoredRun
     from problems.spec import Golden
     from problems.studies import Claim
 

@@ -16,8 +16,8 @@ from reports.console import number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ocp.studies.stored_run import StoredRun
-    from ocp.studies.sweep import Progress
+    from ocp.gradients.sweep import Progress
+    from ocp.store.stored_run import StoredRun
 
 _EVERY_S = {True: 0.1, False: 5.0}
 

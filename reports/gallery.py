@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ocp.errors import InputError
-from ocp.studies.store import list_runs, load
+from ocp.store.runs import list_runs, load
 from reports.animation import Animation
 from reports.movie import write
 from reports.strides import is_periodic, repeated

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dynamics.contact import LAWS
-from ocp.solution import Status
+from ocp.programs.status import Status
 from problems import describe
 from reports.bibliography import full_citation
 from reports.console import (

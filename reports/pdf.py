@@ -14,8 +14,8 @@ import typst
 from matplotlib.figure import Figure
 
 from ocp.errors import InputError
-from ocp.studies.plain import plain
-from ocp.studies.stored_run import StoredRun
+from ocp.store.plain import plain
+from ocp.store.stored_run import StoredRun
 from reports.estimates import estimate_page
 from reports.figures.study import study_page
 from reports.pages import comparison_page, continuation_page, solve_page

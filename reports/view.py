@@ -10,7 +10,7 @@ import numpy as np
 from dynamics.systems import Signal
 from ocp.errors import InputError
 from ocp.problem import Problem
-from ocp.studies.stored_run import StoredRun
+from ocp.store.stored_run import StoredRun
 from problems import ProblemSpec, spec
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy import special
 
 from dynamics.batch.parallel import over_chunks
 from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen, operands
@@ -39,6 +38,18 @@ def _twice(a: Array, out: Array) -> None:
     np.add(a, a, out=out)
 
 
+def _erf(a: Array, out: Array) -> None:
+    from scipy import special
+
+    special.erf(a, out=out)
+
+
+def _erfinv(a: Array, out: Array) -> None:
+    from scipy import special
+
+    special.erfinv(a, out=out)
+
+
 _UFUNCS: dict[int, Callable[..., object]] = {
     **{ca.OP_ADD: np.add, ca.OP_SUB: np.subtract, ca.OP_MUL: np.multiply, ca.OP_DIV: np.divide},
     **{ca.OP_NEG: np.negative, ca.OP_SQ: np.square, ca.OP_TWICE: _twice, ca.OP_INV: _reciprocal},
@@ -53,7 +64,7 @@ _UFUNCS: dict[int, Callable[..., object]] = {
     **{ca.OP_NOT: np.logical_not, ca.OP_AND: np.logical_and, ca.OP_OR: np.logical_or},
     **{ca.OP_FLOOR: np.floor, ca.OP_CEIL: np.ceil, ca.OP_FABS: np.absolute, ca.OP_SIGN: np.sign},
     **{ca.OP_FMOD: np.fmod, ca.OP_FMIN: np.fmin, ca.OP_FMAX: np.fmax},
-    **{ca.OP_ERF: special.erf, ca.OP_ERFINV: special.erfinv},
+    **{ca.OP_ERF: _erf, ca.OP_ERFINV: _erfinv},
     ca.OP_IF_ELSE_ZERO: _if_else_zero,
 }
 

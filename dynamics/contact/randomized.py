@@ -6,7 +6,6 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
-from scipy.stats import norm, qmc
 
 from dynamics.contact.closure import Branch, Schedule
 from dynamics.contact.exact import Exact
@@ -122,6 +121,8 @@ def standard_normal_nodes(
 
     Raises ``ValueError`` where a Gauss-Hermite tensor would have more than 4096 nodes.
     """
+    from scipy.stats import norm, qmc
+
     if scheme == "gauss-hermite":
         if samples**dimension > 4096:
             raise ValueError(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ocp.layout import Layout
 from ocp.mpcc.statement import MPCC
-from ocp.program import PairName, Program, closure_rows
+from ocp.programs.layout import Layout
+from ocp.programs.program import PairName, Program, closure_rows
 
 
 class Lifted:
@@ -73,7 +73,7 @@ class Programs:
 
 
 class MPCCProgram(Program):
-    """An :class:`~ocp.mpcc.MPCC` in one of the forms of :class:`~ocp.program.Program`."""
+    """An :class:`~ocp.mpcc.MPCC` in one of the forms of :class:`~ocp.programs.program.Program`."""
 
     def __init__(self, lifted: Lifted, form: str, p: np.ndarray) -> None:
         self.lifted, self.mpcc, self.form, self.given = lifted, lifted.mpcc, form, p

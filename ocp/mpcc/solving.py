@@ -8,20 +8,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp.audit import TOLERANCES
-from ocp.certificate import Certificate, certify
 from ocp.errors import InputError
+from ocp.judges.audit import TOLERANCES
 from ocp.mpcc.programs import MPCCProgram, Programs
 from ocp.mpcc.statement import MPCC, sized
 from ocp.problem import Reference
-from ocp.program import Program
+from ocp.programs.program import Program
+from ocp.programs.solver import Point, Result, Solver
+from ocp.programs.status import Status
 from ocp.routes.branches import land
 from ocp.routes.complementarity import Route, solve_pairs
 from ocp.routes.legs import Homotopy
 from ocp.routes.relaxations import STRATEGIES
 from ocp.routes.restoration import restored, violation
-from ocp.solution import Status
-from ocp.solver import Point, Result, Solver
+from ocp.stationarity.certificate import Certificate, certify
 
 DEFAULTS = ("l1-quick", "scholtes-quick")
 """Strategies that are tried: an exact penalty is cheapest, the relaxation bears more."""

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ocp.certificate import RADII, linear_model, tolerance_of
-from ocp.lpec import LinearModel
-from ocp.program import Program
+from ocp.programs.program import Program
+from ocp.programs.solver import Point, Result
 from ocp.routes.legs import WARM, Homotopy, translate
-from ocp.solver import Point, Result
+from ocp.stationarity.certificate import RADII, linear_model, tolerance_of
+from ocp.stationarity.lpec import LinearModel
 
 _ROUNDS = 8
 _EXCHANGES = 12

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from ocp.problem import Reference
-from ocp.program import Program
+from ocp.programs.program import Program
+from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches, land
 from ocp.routes.legs import Homotopy, Path, translate
 from ocp.routes.relaxations import CentralPath, ScholtesAdaptive, Strategy
-from ocp.solver import Point, Result
 
 End = tuple[Result, Program, bool]
 """Where a route ended, in which program, and whether on the exact law."""

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from dynamics.contact import Step
+from ocp.programs.solver import Point, Result
+from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.routes.branches import land
 from ocp.routes.legs import Homotopy
-from ocp.solution import Status
-from ocp.solver import Point, Result
 from ocp.transcription.nlp import NLP
 
 

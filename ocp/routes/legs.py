@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ocp.program import Program
-from ocp.solution import StageRecord, Status
-from ocp.solver import Point, Result, Solver
+from ocp.programs.program import Program
+from ocp.programs.solver import Point, Result, Solver
+from ocp.programs.status import Status
+from ocp.solution import StageRecord
 
 Progress = Callable[[StageRecord], None]
 WARM = {

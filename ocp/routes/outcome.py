@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ocp.programs.solver import Result
 from ocp.routes.legs import Trace
-from ocp.solver import Result
 
 GAIN = 1e-7
 """Relative fall of the cost for which an answer is exchanged for another."""
@@ -16,8 +16,9 @@ GAIN = 1e-7
 class Outcome:
     """What one solve left: the result and its NLP, the table, and whether the path was finished.
 
-    ``nlp`` is the :class:`~ocp.program.Program` in whose variables the result is. ``settled`` is
-    the same plan in the complementarity problem's variables, where the route came from there.
+    ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is.
+    ``settled`` is the same plan in the complementarity problem's variables, where the route came
+    from there.
     """
 
     result: Result

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from dynamics.contact.law import Schedule
-from ocp.program import Program
+from ocp.programs.program import Program
+from ocp.programs.solver import Point, Result
 from ocp.routes.legs import Homotopy, Path, Plan, geometric
-from ocp.solver import Point, Result
 
 STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""

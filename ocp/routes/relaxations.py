@@ -14,9 +14,9 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from ocp.problem import Reference
-from ocp.program import Program
+from ocp.programs.program import Program
+from ocp.programs.solver import Result
 from ocp.routes.legs import Path, Plan, geometric
-from ocp.solver import Result
 
 T_SHARP = 1e-8
 """Relaxation at which the textbook paths end."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ocp.layout import Layout
-from ocp.program import PairName, Program
+from ocp.programs.layout import Layout
+from ocp.programs.program import PairName, Program
+from ocp.programs.solver import Point
 from ocp.routes.branches import Branches
 from ocp.routes.legs import Homotopy
-from ocp.solver import Point
 
 
 class Elastic(Program):

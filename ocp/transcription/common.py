@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.layout import Layout
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
+from ocp.programs.layout import Layout
 
 
 @dataclass(eq=False)

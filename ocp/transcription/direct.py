@@ -10,10 +10,10 @@ import numpy as np
 
 from dynamics.contact import Step
 from ocp.errors import InputError
-from ocp.layout import Layout
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
-from ocp.program import closure_rows
+from ocp.programs.layout import Layout
+from ocp.programs.program import closure_rows
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Compile, Stage, assemble
@@ -24,7 +24,7 @@ class Direct:
     """Every step's residual and gap are constraints, and so is the closure of contact.
 
     Per step and scenario: ``residual(x, u, x_next, lam) = 0``, ``gap(x, u, x_next, lam) = s``, and
-    the closure of ``lam`` and ``s`` by ``form`` (:class:`~ocp.program.Program`).
+    the closure of ``lam`` and ``s`` by ``form`` (:class:`~ocp.programs.program.Program`).
     """
 
     name: ClassVar[str] = "direct"

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.layout import Layout
 from ocp.policy import Policy
 from ocp.problem import Problem
+from ocp.programs.layout import Layout
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.direct import (
     add_rows,

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 
 from dynamics.contact import Step
-from ocp.layout import Layout
 from ocp.policy import Policy
 from ocp.problem import Problem
-from ocp.program import PairName, Program
-from ocp.units import Scale, measured
+from ocp.programs.layout import Layout
+from ocp.programs.program import PairName, Program
+from ocp.programs.units import Scale, measured
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 _SLIP = 1e3
 """Largest slip in a step, in characteristic distances."""
@@ -114,10 +117,12 @@ class NLP(Program):
 
     @cached_property
     def scale(self) -> Scale | None:
-        """Natural units of variables, constraints and cost, see :func:`~ocp.units.measured`.
+        """Natural units of variables, constraints, cost: see :func:`~ocp.programs.units.measured`.
 
         None in SI, and by shooting, whose contacts are solved on the way.
         """
+        import scipy.sparse as sp
+
         units, table = self.problem.reference.units, self.problem.parameters + self.step.p
         if units.plain or "gap" not in self.variables:
             return None

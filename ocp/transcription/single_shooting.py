@@ -16,9 +16,9 @@ import numpy as np
 
 from dynamics.contact import Step
 from ocp.errors import InputError
-from ocp.layout import Layout
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
+from ocp.programs.layout import Layout
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Compile, Stage

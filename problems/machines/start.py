@@ -1,12 +1,10 @@
-"""Whether a machine can start where it is told to, and on what ground."""
+"""Whether a machine can start where it is told to."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-import casadi as ca
-
-from dynamics.systems import Machine, ParameterTable
+from dynamics.systems import Machine
 from problems.machines.picture import sphere_centres
 
 _ROUNDING = 1e-9
@@ -35,14 +33,3 @@ def check_start(machine: Machine, q: Sequence[float], spheres: Collection[str]) 
                 f"the joint {chain.coordinates[index].name} starts at {q[index]:.3g} rad, past its"
                 f" limits of {low:.3g} to {high:.3g} rad; start it between them or leave limits out"
             )
-
-
-def rough_or_smooth(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
-    """Return the parameters and Coulomb's coefficient, or without it and None where it is zero.
-
-    A cone that has shrunk to a line has no inside for a central path: without friction there are
-    no friction pairs, and no parameter ``friction`` to turn.
-    """
-    if p.get("friction").value > 0:
-        return p, p["friction"]
-    return ParameterTable(parameter for parameter in p if parameter.name != "friction"), None

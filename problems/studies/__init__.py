@@ -1,20 +1,49 @@
-"""Studies: one figure of a paper each, one a file; ``get("P6").data()`` runs one."""
+"""Studies: one figure of a paper each, one a folder; ``get("P6").data()`` runs one."""
 
 from __future__ import annotations
 
-import importlib
-from functools import cache
-
 from ocp.errors import InputError
 from problems.spec import did_you_mean
+from problems.studies import (
+    adaptive_mu,
+    audited_theory,
+    barrier_relaxation,
+    bouncing_ball,
+    friction_bias,
+    heaviside_bias,
+    impact_and_friction,
+    interpolated_gradients,
+    jumping_objectives,
+    landing_variance,
+    start_without_contact,
+    stiff_pushing,
+    wall_corner,
+)
 from problems.studies.study import Claim, Study
 
-_IDS = ("N2", "P1", "P2", "P3", "P4", "P5", "P6", "P7", "A1", "A2", "A2v", "A6", "T1")
+_STUDIES = {
+    module.study.id: module.study
+    for module in (
+        start_without_contact,
+        jumping_objectives,
+        heaviside_bias,
+        friction_bias,
+        wall_corner,
+        stiff_pushing,
+        barrier_relaxation,
+        interpolated_gradients,
+        adaptive_mu,
+        bouncing_ball,
+        landing_variance,
+        impact_and_friction,
+        audited_theory,
+    )
+}
 
 
 def ids() -> list[str]:
     """Identifiers of all studies, in the order of the papers."""
-    return list(_IDS)
+    return list(_STUDIES)
 
 
 def get(name: str) -> Study:
@@ -22,17 +51,13 @@ def get(name: str) -> Study:
 
     Raises :class:`~ocp.errors.InputError` for an unknown one.
     """
-    known = {identifier.lower(): identifier for identifier in _IDS}
+    known = {identifier.lower(): study for identifier, study in _STUDIES.items()}
     if name.lower() not in known:
         raise InputError(
-            f"unknown figure {name!r}{did_you_mean(name, _IDS)}; there are {', '.join(_IDS)}"
+            f"unknown figure {name!r}{did_you_mean(name, _STUDIES)}; there are"
+            f" {', '.join(_STUDIES)}"
         )
-    return _load(known[name.lower()])
-
-
-@cache
-def _load(identifier: str) -> Study:
-    return importlib.import_module(f"problems.studies.{identifier.lower()}").study
+    return known[name.lower()]
 
 
 __all__ = ["Claim", "Study", "get", "ids"]

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 from pydantic import Field
 
 from ocp.errors import InputError
 from problems.parameters import Parameters
 from problems.spec import Citation, check_parameters
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 PAPER, CODE, CHOICE = "paper", "authors' code", "our choice"
 """Where a study's value comes from: the paper's text, its authors' public code, or nowhere."""
@@ -55,22 +58,41 @@ class Claim:
     holds: bool
 
 
+Parts = tuple[
+    type[StudyParams], Callable[[Any], "xr.Dataset"], Callable[["xr.Dataset"], list[Claim]]
+]
+"""Parameters of a study, what gives its data at some of them, and what its data say."""
+
+
 @dataclass(frozen=True)
 class Study:
     """One figure: what to run, and what the paper says about it.
 
-    ``run(params)`` returns pure data: every numeric variable and coordinate has ``units``
-    (:func:`quantity_of`). ``claims(data)`` reads that data, whose attributes hold the parameters.
-    ``notes`` say on the page what a reader must know of choices and corrections.
+    ``parts()`` loads what the study is made of, which is slow, so that a list of studies need not:
+    its ``Params``; ``run(params)``, which returns pure data, where every numeric variable and
+    coordinate has ``units`` (:func:`quantity_of`); and ``claims(data)``, which reads that data,
+    whose attributes hold the parameters. ``notes`` say on the page what a reader must know of
+    choices and corrections.
     """
 
     id: str
     title: str
     citation: Citation
-    Params: type[StudyParams]
-    run: Callable[[Any], xr.Dataset]
-    claims: Callable[[xr.Dataset], list[Claim]]
+    parts: Callable[[], Parts]
     notes: Sequence[str] = ()
+
+    @cached_property
+    def _loaded(self) -> Parts:
+        return self.parts()
+
+    @property
+    def Params(self) -> type[StudyParams]:
+        """The pydantic model of the parameters."""
+        return self._loaded[0]
+
+    def claims(self, data: xr.Dataset) -> list[Claim]:
+        """Return every sentence of the paper beside what ``data`` say."""
+        return self._loaded[2](data)
 
     def params(self, values: Mapping[str, Any]) -> Any:
         """Check ``values`` and fill in the defaults.
@@ -86,7 +108,7 @@ class Study:
         variable has no units.
         """
         params = self.params(values or {})
-        found = self.run(params)
+        found = self._loaded[1](params)
         for name, array in found.variables.items():
             if array.dtype.kind in "fiu" and "units" not in array.attrs:
                 raise ValueError(f"study {self.id}: {name} has no units")

@@ -27,7 +27,7 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Animate a stored run: bodies, contact forces and cones, the plan beside its exact replay."""
-    from ocp.studies import store
+    from ocp import store
     from reports.animation import Animation
     from reports.cli.request import check_place
     from reports.cli.runs_command import find

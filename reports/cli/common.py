@@ -79,6 +79,6 @@ class Output:
         """Print the one JSON document, where it was asked for."""
         if not self.as_json:
             return
-        from ocp.studies.plain import plain
+        from ocp.store.plain import plain
 
         print(json.dumps(plain(content), indent=1, allow_nan=False))

@@ -47,9 +47,9 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Follow a solution along a parameter of the problem, the law or the start; store the path."""
+    from ocp import store
     from ocp.continuation import Continuation, continue_over, path_dataset, resolve
     from ocp.solve import new_session
-    from ocp.studies import store
     from reports import console
     from reports.cli import interrupt
     from reports.cli.choices import choose
@@ -137,7 +137,7 @@ def _unit(session: Any, name: str) -> str:
 
 
 def _verdict(path: Any, end: float) -> str:
-    from ocp.events import told
+    from ocp.continuation.events import told
 
     happened = told(path.events, path.parameter)
     events = f"\nOn the way {happened}." if happened else ""

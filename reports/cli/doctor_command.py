@@ -70,8 +70,8 @@ def machine() -> dict[str, Any]:
     import casadi as ca
 
     from dynamics.batch import compiler, llvm_backend
-    from ocp.solver import SOLVERS
-    from ocp.studies.provenance import versions
+    from ocp.programs.solver import SOLVERS
+    from ocp.store.provenance import versions
 
     return {
         "versions": {**versions(), **{n: version(n) for n in ("matplotlib", "typst", "typer")}},

@@ -25,7 +25,7 @@ from reports.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ocp.studies.sweep import SweepRun
+    from ocp.gradients.sweep import SweepRun
     from reports.cli.estimate_request import EstimateRequest
 
 
@@ -70,10 +70,10 @@ def run(
     The cost of an objective, or of a problem's rollout, is averaged over Gaussian noise on the
     decision or on the inputs. What is done is kept: the same command goes on after Ctrl-C.
     """
-    from ocp.studies import store
-    from ocp.studies.checkpoint import Checkpoint
-    from ocp.studies.provenance import versions
-    from ocp.studies.sweep import SweepRun
+    from ocp import store
+    from ocp.gradients.sweep import SweepRun
+    from ocp.store.checkpoint import Checkpoint
+    from ocp.store.provenance import versions
     from reports import estimates
     from reports.cli.estimate_request import EstimateRequest
     from reports.cli.request import check_pdf_place
@@ -122,8 +122,8 @@ def run(
 
 def _store(asked: EstimateRequest, study: SweepRun, out: Path) -> tuple[dict[str, Any], Path]:
     """Write the finished points as a run and return its description and directory."""
-    from ocp.studies import store
-    from ocp.studies.sweep import overall, sweep_dataset
+    from ocp import store
+    from ocp.gradients.sweep import overall, sweep_dataset
 
     data = sweep_dataset(study.widest, study.rows, asked.sweep, asked.unit())
     swept = asked.sweep

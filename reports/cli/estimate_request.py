@@ -20,9 +20,9 @@ from reports.cli.choices import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from ocp.studies.estimation import Plan
-    from ocp.studies.objective import SampledObjective
-    from ocp.studies.sweep import Sweep
+    from ocp.gradients.estimation import Plan
+    from ocp.gradients.objective import SampledObjective
+    from ocp.gradients.sweep import Sweep
     from problems.objectives import ObjectiveSpec
     from problems.spec import ProblemSpec
 
@@ -64,8 +64,8 @@ class EstimateRequest:
         engine: Mapping[str, Any],
     ) -> EstimateRequest:
         """Check the words of a command line; raises InputError for the first that does not fit."""
-        from ocp.studies.estimation import Plan
-        from ocp.studies.sweep import Sweep
+        from ocp.gradients.estimation import Plan
+        from ocp.gradients.sweep import Sweep
         from problems.objectives import named
 
         spec = named(problem)
@@ -145,7 +145,7 @@ def build(
     spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], how: Mapping[str, Any]
 ) -> tuple[SampledObjective, dict[str, Any], float]:
     """Return the objective, all its parameters by name, and the noise to take by default."""
-    from ocp.studies.rollout_objective import RolloutObjective
+    from ocp.gradients.rollout_objective import RolloutObjective
     from problems.objectives import ObjectiveSpec
 
     checked = spec.params(given)
@@ -194,7 +194,7 @@ def _stored_decision(at: Path, policy_name: str) -> np.ndarray:
     """Inputs, or gains, of a stored run, in the order of a decision."""
     import numpy as np
 
-    from ocp.studies import store
+    from ocp import store
 
     data = store.load(at).data
     if policy_name == "open-loop":
@@ -209,7 +209,7 @@ def _rules(given: Mapping[str, str]) -> list[Any]:
     """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
     from dataclasses import fields
 
-    from ocp.studies.interpolation import RULES
+    from ocp.gradients.interpolation import RULES
 
     settings: dict[str, dict[str, float]] = {}
     for key, value in given.items():

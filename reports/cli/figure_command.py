@@ -30,8 +30,8 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
+    from ocp import store
     from ocp.errors import InputError
-    from ocp.studies import store
     from problems import studies
     from reports.cli.choices import assignments
 
@@ -51,7 +51,7 @@ def run(
 def _reproduce(study: Study, values: dict[str, Any], out: Path, output: Output) -> dict[str, Any]:
     from dataclasses import asdict
 
-    from ocp.studies import store
+    from ocp import store
     from problems.studies.study import did_hold
     from reports import console
     from reports.pdf import write_pdf

@@ -24,10 +24,10 @@ def run(as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> in
 def catalogue() -> dict[str, list[dict[str, Any]]]:
     """Return what ``ocp list --json`` prints: per kind, objects with name and summary."""
     from dynamics.contact import LAWS
+    from ocp.gradients.estimators import SAMPLED
+    from ocp.gradients.interpolation import RULES
     from ocp.policy import POLICIES
-    from ocp.solver import SOLVERS
-    from ocp.studies.estimators import SAMPLED
-    from ocp.studies.interpolation import RULES
+    from ocp.programs.solver import SOLVERS
     from ocp.transcription import METHODS
     from problems import names, spec, studies
     from problems.objectives import objective_names, objective_spec

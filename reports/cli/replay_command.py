@@ -20,7 +20,7 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Roll the inputs, or the feedback policy, of a stored run out under a contact law."""
-    from ocp.studies import store
+    from ocp import store
     from reports.cli.choices import contact_law
     from reports.cli.runs_command import find
     from reports.console import number, small
@@ -49,7 +49,7 @@ def replay(stored: Any, law: Any) -> dict[str, Any]:
     """
     import numpy as np
 
-    from ocp.audit import signed_distances
+    from ocp.judges.audit import signed_distances
     from reports.view import problem_of
 
     _, _, problem = problem_of(stored)

@@ -19,7 +19,7 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Write a PDF of one stored run, or of several side by side."""
-    from ocp.studies import store
+    from ocp import store
     from reports.cli.request import check_pdf_place
     from reports.cli.runs_command import find
     from reports.pdf import write_pdf

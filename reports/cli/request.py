@@ -47,7 +47,7 @@ class Request:
         settings: Iterable[str] | None,
     ) -> Request:
         """Check the words of a command line; raises InputError for the first that does not fit."""
-        from ocp.solver import SOLVERS
+        from ocp.programs.solver import SOLVERS
         from ocp.transcription import METHODS
         from problems import parse_parameters, spec
         from problems.objectives import objective_names
@@ -78,7 +78,7 @@ class Request:
 
         Raises InputError where there is none, or it is of another problem.
         """
-        from ocp.studies import store
+        from ocp import store
         from reports.cli.runs_command import find
         from reports.view import problem_of
 
@@ -136,7 +136,7 @@ def check_pdf_place(pdf: Path | None) -> None:
 
 def check_place(file: Path, what: str) -> None:
     """Raise InputError before any work where ``file``, a PDF say, could not be written after it."""
-    from ocp.studies import store
+    from ocp import store
 
     if file.is_dir():
         ending = "pdf" if what == "PDF" else "gif"

@@ -22,7 +22,7 @@ def run(
 
     output = Output(as_json, quiet)
     if run is not None:
-        from ocp.studies import store
+        from ocp import store
 
         stored = store.load(find(run, out))
         output.document({"run": str(stored.path), **stored.meta})
@@ -41,7 +41,7 @@ def run(
 
 def listing(root: Path) -> list[dict[str, Any]]:
     """Return one object a run: run, problem, kind, created, hash, status, cost, ..., damage."""
-    from ocp.studies import store
+    from ocp import store
 
     rows = []
     for entry in store.list_runs(root):
@@ -66,8 +66,8 @@ def find(text: str, root: Path) -> Path:
 
     Raises :class:`~ocp.errors.InputError` for none and for several that differ.
     """
+    from ocp import store
     from ocp.errors import InputError
-    from ocp.studies import store
     from problems.spec import did_you_mean
 
     if Path(text).exists():

@@ -62,9 +62,9 @@ def run(
     debug: Debug = False,
 ) -> int:
     """Solve a problem under a contact law, audit the answer, and store the run."""
+    from ocp import store
     from ocp.solution import Interrupted
     from ocp.solve import solve
-    from ocp.studies import store
     from reports import console
     from reports.cli import interrupt
     from reports.cli.choices import choose
@@ -133,7 +133,7 @@ def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[st
     """Return what ``ocp solve --json`` prints."""
     from dataclasses import asdict
 
-    from ocp.studies import store
+    from ocp import store
 
     meta = store.read_meta(path)
     record, audit, certificate = solution.record, asdict(solution.audit), solution.certificate

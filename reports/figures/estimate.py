@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ocp.studies.stored_run import StoredRun
+from ocp.store.stored_run import StoredRun
 from reports.figures.run import label
 from reports.style import CYCLE, INK, WIDTH
 

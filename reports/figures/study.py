@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 from matplotlib.figure import Figure
 
-from ocp.studies.stored_run import StoredRun
+from ocp.store.stored_run import StoredRun
 from problems.parameters import unit_of
 from problems.studies import get
 from problems.studies.study import CHOICE
 from reports.bibliography import full_citation
 from reports.console import number
 from reports.figures.run import powers
+from reports.figures.studies import DRAWINGS
 
 
 def study_page(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
     """Content and figure of a stored study; raises ``InputError`` for an unknown one."""
     meta = run.meta
     study = get(meta["problem"])
-    drawing = importlib.import_module(f"reports.figures.{study.id.lower()}")
+    drawing = DRAWINGS[study.id]
     content = {
         "title": f"{study.id}: {study.title}",
         "hash": meta["hash"],

@@ -131,7 +131,7 @@ USER_FILE = """
 import casadi as ca
 from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem
-from problems.parameters import Parameters, quantity, structural_settings, structure, table
+from problems.parameters import Parameters, quantity, structure, table
 
 name = "mine"
 title = "My problem"

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from dynamics.batch import BatchFunction
-from ocp.studies import store
+from ocp import store
 from reports.cli.app import main
 
 

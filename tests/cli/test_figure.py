@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import xarray as xr
 
-from ocp.studies import store
+from ocp import store
 from problems import studies
 
 Ocp = Callable[..., Any]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from ocp.studies import store
+from ocp import store
 
 PROGRAM = [sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())"]
 LONG_PATH = [

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from ocp import store
 from ocp.errors import InputError
-from ocp.studies import store
 from problems import names, spec
 from reports import pages
 from reports.bibliography import full_citation

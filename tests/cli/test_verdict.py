@@ -12,8 +12,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from ocp.certificate import certify
-from ocp.studies import store
+from ocp import store
+from ocp.stationarity.certificate import certify
 from reports import pages
 from reports.cli.common import Output
 from reports.style import styled
@@ -80,7 +80,7 @@ def test_unknown_words_say_what_was_meant(ocp, option: str, word: str, meant: st
 @pytest.fixture
 def without_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     """No multipliers prove stationarity, so that programs have to."""
-    monkeypatch.setattr("ocp.lpec.LinearModel.dual_bound", lambda *_: math.inf)
+    monkeypatch.setattr("ocp.stationarity.lpec.LinearModel.dual_bound", lambda *_: math.inf)
 
 
 @pytest.mark.usefixtures("without_proof")
@@ -97,7 +97,7 @@ def test_a_certificate_out_of_time_is_undecided(ocp, monkeypatch: pytest.MonkeyP
 @pytest.mark.usefixtures("without_proof")
 def test_a_program_that_fails_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     failure = SimpleNamespace(status=4, x=None, message="numerical difficulties")
-    monkeypatch.setattr("ocp.lpec.milp", lambda *_, **__: failure)
+    monkeypatch.setattr("ocp.stationarity.lpec.milp", lambda *_, **__: failure)
     done = ocp(*KINKED, *QUIET)
     assert done.code == 3
     assert done.json["stationarity"] == "undecided"

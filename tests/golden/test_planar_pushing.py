@@ -9,7 +9,7 @@ from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solve
 from ocp.judgement import judged
 from ocp.solve import guesses, new_session
-from problems.studies import n2
+from problems.studies.start_without_contact.data import gains, plan
 from tests.golden.known import LAWS, better
 
 NAMES = ("planar-push", "planar-hand")
@@ -28,10 +28,10 @@ def test_both_state_an_exact_and_a_barrier_optimum() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
     """noising, fig. 2: from a start without contact the exact gradient has nothing to say."""
-    found = n2.plan(problems.get(name), Exact())
-    rest, plan, replay = n2.gains(name, found)
+    found = plan(problems.get(name), Exact())
+    rest, planned, replay = gains(name, found)
     assert found.status is Status.NO_PROGRESS
-    assert plan == pytest.approx(rest, rel=1e-12)
+    assert planned == pytest.approx(rest, rel=1e-12)
     assert replay == pytest.approx(rest, rel=1e-12)
     assert found.audit.active_steps == 0
 
@@ -49,9 +49,9 @@ def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
 def test_smoothed_laws_move_it_and_the_replay_keeps_half(name: str, method, law: str) -> None:
     found = solve(problems.get(name), SMOOTH[law], method)
     assert found.success
-    rest, plan, replay = n2.gains(name, found)
-    assert plan <= 0.2 * rest
-    assert rest - replay >= 0.5 * (rest - plan)
+    rest, planned, replay = gains(name, found)
+    assert planned <= 0.2 * rest
+    assert rest - replay >= 0.5 * (rest - planned)
 
 
 def test_methods_agree_under_the_average_of_exact_steps() -> None:

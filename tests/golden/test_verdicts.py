@@ -14,8 +14,8 @@ from dynamics.systems import ParameterTable, lcs
 from ocp import Constraint, Direct, MultipleShooting, Problem, SingleShooting, Solution, solve
 from ocp.errors import InputError
 from ocp.problem import Reference
+from ocp.programs.status import Status
 from ocp.rollout import roll_out
-from ocp.solution import Status
 from ocp.transcription import Method
 from problems import get, names
 from tests.unit.ocp.user_problems import (

@@ -54,3 +54,17 @@ def test_a_floor_loads_nothing_from_above(floor: str, above: tuple[str, ...]) ->
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "[]"
+
+
+HEAVY = "scipy pandas xarray matplotlib netCDF4 typst rich multiprocessing jax"
+"""Libraries that are loaded where they are used, not by whoever only asks what there is."""
+
+
+@pytest.mark.parametrize("code", ["import ocp"])
+def test_asking_what_there_is_loads_no_heavy_library(code: str) -> None:
+    told = f"print('loaded', [name for name in {HEAVY.split()!r} if name in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys\n{code}\n{told}"],
+        capture_output=True, text=True, cwd=ROOT, check=True,
+    )  # fmt: skip
+    assert done.stdout.splitlines()[-1] == "loaded []"

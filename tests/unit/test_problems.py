@@ -18,6 +18,7 @@ from ocp.problem import Problem
 from problems.parameters import is_structural
 
 NAMES = ["wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls"]
+MACHINES = ("hopper", "half-cheetah")
 PARAMETERS = [
     (name, parameter) for name in NAMES for parameter in problems.spec(name).Params.model_fields
 ]
@@ -55,6 +56,19 @@ def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter
         index = problem.parameters.index(parameter)
         assert problem.parameters.values[index] == value
         assert ca.depends_on(expressions(problem), problem.parameters[parameter])
+
+
+@pytest.mark.parametrize("name", problems.names())
+def test_a_run_records_every_parameter_that_built_its_problem(name: str):
+    """As symbol or as setting; without friction some problems have no symbol for it."""
+    spec = problems.spec(name)
+    smooth = {"friction": 0.0} if name in (*MACHINES, "planar-push", "planar-hand") else {}
+    for given in ({}, {"N": 3}, smooth):
+        problem = spec.problem(given)
+        symbols = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
+        assert {**symbols, **problem.settings} == spec.params(given).model_dump()
+        assert not symbols.keys() & problem.settings.keys()
+        assert spec.citation is not None and problem.citation == spec.citation.key
 
 
 def test_structural_parameters_shape_the_problem():

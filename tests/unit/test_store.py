@@ -19,12 +19,13 @@ import pytest
 import xarray as xr
 
 from dynamics.contact import Barrier
-from ocp import solve
-from ocp.certificate import Certificate, Move
+from ocp import solve, store
 from ocp.errors import DamagedRun, InputError
-from ocp.findings import Audit, Refereed, Violation, Worst
-from ocp.solution import Solution, StageRecord, Status
-from ocp.studies import store
+from ocp.judges.findings import Audit, Refereed
+from ocp.physics.measures import Violation, Worst
+from ocp.programs.status import Status
+from ocp.solution import Solution, StageRecord
+from ocp.stationarity.certificate import Certificate, Move
 from problems import get
 
 
@@ -250,7 +251,7 @@ KILLED_WHILE_WRITING = textwrap.dedent(
     import sys, time
     import xarray as xr
     from pathlib import Path
-    from ocp.studies import store
+    from ocp.store import runs as store
     def hang(*_):
         print("writing", flush=True)
         time.sleep(60)

@@ -19,7 +19,8 @@ from statistics import median
 
 from dynamics.contact import Exact
 from ocp.judgement import judged
-from ocp.solution import Solution, Status
+from ocp.programs.status import Status
+from ocp.solution import Solution
 from ocp.solve import guesses, new_session
 from problems import get, names, spec
 

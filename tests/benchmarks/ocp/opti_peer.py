@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ocp.solver import IPOPT_DEFAULTS
+from ocp.programs.solver import IPOPT_DEFAULTS
 from tests.benchmarks.ocp.models import Model
 
 SCHOLTES = [10.0**-i for i in range(9)]

@@ -21,13 +21,14 @@ import numpy as np
 
 from dynamics.contact import Barrier, Exact
 from ocp.judgement import judged
-from ocp.physics import broken_constraints
+from ocp.physics.measures import broken_constraints
+from ocp.programs.status import Status
 from ocp.routes.complementarity import Route, by_strategy
 from ocp.routes.legs import Homotopy
 from ocp.routes.outcome import Outcome
 from ocp.routes.relaxations import CentralPath
 from ocp.session import Session
-from ocp.solution import Solution, Status
+from ocp.solution import Solution
 from ocp.solve import guesses, new_session, solve
 from ocp.transcription import MultipleShooting, SingleShooting
 from problems import get

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from dynamics.contact import Barrier
-from ocp.solver import Solver
+from ocp.programs.solver import Solver
 from tests.benchmarks.ocp.cases import FIVE, LCS, session
 from tests.benchmarks.ocp.race import alternate, ms, tell
 

@@ -10,10 +10,16 @@ from scipy.stats import norm
 from dynamics.batch import Gaussian
 from dynamics.contact import Adaptive, Barrier, Exact
 from problems import get, studies
-from problems.studies import random_lcs as rl
-from problems.studies.ball_ode import in_log_height, least_height, turning_points
-from problems.studies.box_push import cost_of_averaging, smoothed_box, softened_box
-from problems.studies.noise import (
+from problems.studies.audited_theory import random_lcs as rl
+from problems.studies.barrier_relaxation.data import eq5, newton_step, solve_qp
+from problems.studies.bouncing_ball.ball_ode import in_log_height, least_height, turning_points
+from problems.studies.impact_and_friction.box_push import (
+    cost_of_averaging,
+    smoothed_box,
+    softened_box,
+)
+from problems.studies.jumping_objectives.systems import drop, pivot, throw_wall
+from problems.studies.shared.noise import (
     averaged_exact,
     gaussian,
     least_residual,
@@ -21,14 +27,12 @@ from problems.studies.noise import (
     printed_kappa,
     student,
 )
-from problems.studies.p5 import Params as PushParams
-from problems.studies.p5 import limit
-from problems.studies.p6 import eq5, newton_step, solve_qp
-from problems.studies.pushing import pushing_system
-from problems.studies.sampled_step import SampledStep
-from problems.studies.scalar_contact import scalar_contact
-from problems.studies.simple_systems import drop, pivot, throw_wall
-from problems.studies.thrown_ball import ThrownBall, Wall
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.shared.scalar_contact import scalar_contact
+from problems.studies.stiff_pushing.data import Params as PushParams
+from problems.studies.stiff_pushing.data import limit
+from problems.studies.stiff_pushing.pushing import pushing_system
+from problems.studies.wall_corner.thrown_ball import ThrownBall, Wall
 
 
 def test_eq5_solves_the_optimality_condition() -> None:

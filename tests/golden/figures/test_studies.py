@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ import xarray as xr
 from ocp.errors import InputError
 from problems import studies
 from problems.studies.study import CHOICE, CODE, PAPER, did_hold
+from reports.figures.studies import DRAWINGS
 from reports.style import styled, to_svg
 from tests.golden.figures.verdicts import SMALL
 
@@ -21,9 +23,8 @@ def test_data_carry_units_and_are_drawn(identifier: str) -> None:
     found = studies.get(identifier).data(SMALL[identifier])
     for name, variable in found.variables.items():
         assert variable.dtype.kind not in "fiu" or variable.attrs["units"], name
-    drawing = importlib.import_module(f"reports.figures.{identifier.lower()}")
     with styled():
-        figure = drawing.draw(found)
+        figure = DRAWINGS[identifier].draw(found)
         assert len(to_svg(figure)) > 10_000
     assert all(axis.get_xlabel() for axis in figure.axes[-2:])
     units = {variable.attrs.get("units", "1") for variable in found.variables.values()}
@@ -39,6 +40,22 @@ def test_every_study_says_where_its_values_come_from() -> None:
         for name, about in study.Params.model_fields.items():
             extra = about.json_schema_extra
             assert isinstance(extra, dict) and extra["origin"] in (PAPER, CODE, CHOICE), name
+
+
+def test_every_study_has_its_drawing() -> None:
+    assert list(DRAWINGS) == studies.ids()
+    assert all(drawing.caption for drawing in DRAWINGS.values())
+
+
+def test_naming_the_studies_loads_none_of_them() -> None:
+    code = (
+        "import sys\nfrom problems import studies\n"
+        "assert all(studies.get(name).title for name in studies.ids())\n"
+        "print(*(m for m in sys.modules if m.startswith(('problems.studies.', 'matplotlib'))))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    parts = [name for name in done.stdout.split() if name.count(".") > 2 or "matplotlib" in name]
+    assert parts == []
 
 
 def test_same_seed_same_data_another_seed_other_data() -> None:
@@ -62,6 +79,11 @@ def test_bad_input_is_told() -> None:
 
 
 def test_a_variable_without_units_is_refused() -> None:
-    bare = replace(studies.get("P6"), run=lambda _: xr.Dataset({"x": ("i", np.ones(3))}))
+    study = studies.get("P6")
+
+    def run(_: object) -> xr.Dataset:
+        return xr.Dataset({"x": ("i", np.ones(3))})
+
+    bare = replace(study, parts=lambda: (study.Params, run, study.claims))
     with pytest.raises(ValueError, match="x has no units"):
         bare.data()

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from dynamics.batch import Gaussian
 from dynamics.contact import Barrier
+from ocp.gradients.rollout_objective import RolloutObjective
 from ocp.policy import Feedback
-from ocp.studies.rollout_objective import RolloutObjective
 from problems import get, names
 from tests.unit.batch.backends import LLVM
 

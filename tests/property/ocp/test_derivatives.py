@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive
 from ocp.policy import OpenLoop
-from ocp.program import FORMS
+from ocp.programs.program import FORMS
 from ocp.session import Session
 from problems import get
 from tests.unit.ocp.cases import (

@@ -11,12 +11,12 @@ import pytest
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from ocp import Direct, MultipleShooting, OpenLoop, Problem, SingleShooting, Status
 from ocp.judgement import judged
+from ocp.programs.solver import Point, Result
 from ocp.rollout import Rollout, roll_out
 from ocp.routes.landing import embedded
 from ocp.routes.legs import Trace
 from ocp.routes.outcome import Outcome
 from ocp.session import Session
-from ocp.solver import Point, Result
 from problems import get
 
 NAMES = (

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ocp.solution import Solution, Status
+from ocp.programs.status import Status
+from ocp.programs.units import Units, dimension, fitted
+from ocp.solution import Solution
 from ocp.solve import solve
-from ocp.units import Units, dimension, fitted
 from problems import get, spec
 from problems.parameters import is_structural, natural_units, unit_of
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ocp.program import PairName
+from ocp.programs.program import PairName
 
 
 @dataclass

@@ -9,15 +9,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.linalg as la
+import scipy.optimize
 import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-import ocp.lpec
-from ocp.certificate import certify
-from ocp.curvature import negative_curvature
-from ocp.lpec import LinearModel
+from ocp.stationarity.certificate import certify
+from ocp.stationarity.curvature import negative_curvature
+from ocp.stationarity.lpec import LinearModel
 from tests.unit.ocp.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
 
 RADIUS = 1e-3
@@ -181,7 +181,7 @@ def test_no_time_left_is_undecided() -> None:
 
 def test_a_failing_program_is_undecided_with_its_word(monkeypatch: pytest.MonkeyPatch) -> None:
     said = SimpleNamespace(status=4, x=None, message="Solve error")
-    monkeypatch.setattr(ocp.lpec, "milp", lambda *_, **__: said)
+    monkeypatch.setattr(scipy.optimize, "milp", lambda *_, **__: said)
     found = judge(free_pair(lambda a, b: a + b), [0.0, 0.0])
     assert found.stationarity == "undecided"
     assert "Solve error" in found.sentence

@@ -10,9 +10,9 @@ import pytest
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Constraint, Direct, InputError, MultipleShooting, SingleShooting, solve
 from ocp.continuation import Continuation, PathPoint, continue_over, path_dataset, resolve
+from ocp.continuation.tracking import Tracker
 from ocp.session import Session
 from ocp.solve import new_session
-from ocp.tracking import Tracker
 from problems import get
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from dynamics.contact import Exact
+from ocp.programs.status import Status
 from ocp.routes.complementarity import Route, by_strategy
 from ocp.routes.legs import Homotopy
 from ocp.routes.relaxations import CentralPath
-from ocp.solution import Status
 from ocp.solve import new_session, solve
 from problems import get
 from tests.benchmarks.ocp.random_draws import drawn

@@ -15,11 +15,11 @@ import ocp.mpcc
 from ocp.errors import InputError
 from ocp.mpcc import MPCC, solve
 from ocp.mpcc.programs import Programs
+from ocp.programs.solver import Point, Result, Solver
+from ocp.programs.status import Status
 from ocp.routes.branches import Branches, land
 from ocp.routes.legs import Homotopy
 from ocp.routes.restoration import Elastic, restored
-from ocp.solution import Status
-from ocp.solver import Point, Result, Solver
 
 
 def symbols(n: int) -> tuple[ca.SX, list[ca.SX]]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ocp import Constraint
-from ocp.along import distances
-from ocp.physics import broken_constraints, least_between, measure
+from ocp.physics.along import distances
+from ocp.physics.measures import broken_constraints, least_between, measure
 from problems import get
 from tests.unit.ocp.user_problems import physical
 

@@ -12,9 +12,9 @@ import pytest
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem
 from ocp import Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
-from ocp.parting import find_parting
-from ocp.physics import broken_constraints, measure
-from ocp.referee import Hearing, Referee, hear, referee, survival
+from ocp.judges.referee import Hearing, Referee, hear, referee, survival
+from ocp.physics.measures import broken_constraints, measure
+from ocp.physics.parting import find_parting
 from ocp.rollout import Rollout, roll_on
 from problems import get
 from tests.unit.ocp.user_problems import (

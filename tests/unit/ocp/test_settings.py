@@ -9,9 +9,9 @@ import pytest
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Direct, Feedback, InputError, MultipleShooting, SingleShooting, Status, solve
+from ocp.programs.solver import SOLVERS, Solver
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 from ocp.settings import Settings, literal
-from ocp.solver import SOLVERS, Solver
 from problems import get
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from ocp.studies.stored_run import StoredRun
+from ocp.store.stored_run import StoredRun
 from problems.drawing import Box, ContactFrame, HalfPlane, Shape
 from problems.parameters import Parameters
 from problems.spec import ProblemSpec

@@ -13,9 +13,9 @@ from matplotlib.patches import Rectangle
 from rich.console import Console
 
 from dynamics.contact import Exact
-from ocp import solve
-from ocp.findings import Audit, ContactSummary
-from ocp.studies import store
+from ocp import solve, store
+from ocp.judges.findings import Audit
+from ocp.physics.contact_book import ContactSummary
 from problems import spec
 from reports import console, pages
 from reports.cli.solve_command import document

@@ -1,0 +1,311 @@
+"""Follow a solution along a parameter, and know where its contacts change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ocp.continuation.events import LOCATED, Event, joined
+from ocp.continuation.tracking import Tracker
+from ocp.errors import InputError
+from ocp.judgement import judged
+from ocp.programs.solver import Point
+from ocp.programs.status import Status
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
+from ocp.solution import Solution
+
+SMALLEST = 1e-3
+"""The step along the path is never smaller than this fraction of the asked one."""
+_EASY = 15
+_SMALL = 1 / 16
+
+
+@dataclass(frozen=True)
+class PathPoint:
+    """One solved point: the parameter's value and the judged solution there."""
+
+    value: float
+    solution: Solution
+
+    def row(self) -> dict[str, Any]:
+        """The point as JSON tells it."""
+        found = self.solution
+        return {
+            "value": self.value,
+            "status": found.status.label,
+            "success": found.success,
+            "cost": found.cost,
+            "exact_cost": found.audit.exact_cost,
+            "referee_cost": found.referee.cost,
+            "survives": found.referee.survives,
+            "stationarity": found.certificate.stationarity,
+            "iterations": found.iterations,
+            "complementarity": found.audit.complementarity,
+        }
+
+
+@dataclass
+class Continuation:
+    """A followed path: points, events, the iterations in all, and where and why it broke, if so."""
+
+    parameter: str
+    points: list[PathPoint] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    iterations: int = 0
+    nlp_builds: int = 0
+    broke: str | None = None
+
+
+def resolve(session: Session, over: str) -> str:
+    """Find the parameter that ``over`` means: ``contact.mu``, ``M`` or ``problem.M``.
+
+    Raises :class:`~ocp.errors.InputError` with the names that there are.
+    """
+    names = [*session.problem.parameters.names, *session.step.p.names]
+    for candidate in (over, over.removeprefix("problem.")):
+        if candidate in names:
+            return candidate
+    listed = ", ".join(dict.fromkeys(names))
+    raise InputError(f"there is no parameter {over!r} to continue over; there are {listed}")
+
+
+def continue_over(
+    session: Session,
+    over: str,
+    start: float,
+    end: float,
+    steps: int = 20,
+    scale: str = "linear",
+    progress: Callable[[PathPoint], None] | None = None,
+    seed: int = 0,
+) -> Continuation:
+    """Follow the solution from ``start`` to ``end`` in ``steps`` steps, equal on ``scale``.
+
+    The first point is solved as any problem is. From a point whose active set is decided the next
+    is predicted by its sensitivity and corrected by Newton's method on that set; where the set
+    changes on the way the place is located to 1e-6 of the range, and the path goes on with the
+    changed set. Where the curve cannot be followed folds are stepped round by pseudo-arclength;
+    where there is none, or the curve does not come round, the solver starts at the last answer
+    with its multipliers, and a step that fails is halved, down to a thousandth of the asked one.
+    Where that finds another curve, or a linear program with complementarity constraints leads to a
+    cheaper point, the path goes on there: a switch. Where nothing succeeds the path is said to
+    break, with the reason, and the points so far are kept.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
+    equal or non-finite ends, or a log scale through zero.
+    """
+    name = resolve(session, over)
+    scales = _scale(scale, start, end, steps)
+    tracker = Tracker(session, name, abs(end - start), scale == "log")
+    walk = _Walk(session, tracker, Continuation(name), scales, (start, end, steps), seed, progress)
+    return walk.all()
+
+
+@dataclass
+class _Walk:
+    """One continuation under way: ``at`` of the whole way, the last accepted ``outcome``."""
+
+    session: Session
+    tracker: Tracker
+    path: Continuation
+    scales: tuple[Callable[[float], float], Callable[[float], float]]
+    asked: tuple[float, float, int]
+    seed: int
+    progress: Callable[[PathPoint], None] | None
+
+    def all(self) -> Continuation:
+        """Walk to the end, or to where the path breaks."""
+        session, path, (start, end, steps) = self.session, self.path, self.asked
+        first = self._solve(start)
+        if self._add(first, start):
+            self.tracker.begin(first)
+            self._walk(1.0 / steps)
+        else:
+            verdict = path.points[-1].solution.verdict
+            path.broke = f"at the first point, {path.parameter} = {start:g}: {verdict}"
+        path.nlp_builds = session.nlp_builds
+        path.iterations += self.tracker.wasted
+        path.events = joined(path.events, None if self.tracker.log else abs(end - start))
+        return path
+
+    def _walk(self, asked: float) -> None:
+        step = asked
+        while self.at < 1 - 1e-12 and self.path.broke is None:
+            whole = math.floor(self.at / asked + 1e-9) + 1
+            value = self._value(whole * asked if step == asked else self.at + step)
+            if self._tracked(value) or self._past_end():
+                step = min(asked, 2 * step)
+                continue
+            small = step <= _SMALL * asked
+            if self._turned(value) or self._solved(value, small):
+                easy = self.outcome.trace.iterations <= _EASY
+                step = min(asked, 2 * step) if easy else step
+                continue
+            step /= 2
+            if step < SMALLEST * asked:
+                self._break(value)
+
+    def _value(self, share: float) -> float:
+        (start, end, _), (to_value, to_scale) = self.asked, self.scales
+        if share >= 1 - 1e-12:
+            return end
+        return to_value(to_scale(start) + share * (to_scale(end) - to_scale(start)))
+
+    def _solve(self, value: float, point: Point | None = None) -> Outcome:
+        self.session.values[self.path.parameter] = value
+        nlp = None if point is None else self.outcome.nlp
+        return self.session.solve(start=point, warm_from=nlp)
+
+    def _add(self, outcome: Outcome, value: float) -> bool:
+        """Judge an outcome; take it as the next point where it is good, or the first."""
+        self.session.values[self.path.parameter] = value
+        solution = judged(self.session, outcome, self.seed)
+        point = PathPoint(value, solution)
+        good = outcome.finished and solution.status in (Status.SOLVED, Status.NO_PROGRESS)
+        if not good and self.path.points:
+            self.failed = solution
+            return False
+        self.path.iterations += solution.iterations
+        self.path.points.append(point)
+        if good:
+            first, at, last = (self.scales[1](v) for v in (self.asked[0], value, self.asked[1]))
+            self.outcome, self.at = outcome, (at - first) / (last - first)
+            if self.progress is not None:
+                self.progress(point)
+        return good
+
+    def _tracked(self, value: float) -> bool:
+        """Follow the curve to a value, and leave it where another point is cheaper."""
+        tracker = self.tracker
+        if tracker.curve is None:
+            return False
+        self.session.values[self.path.parameter] = value
+        outcome = tracker.to(value)
+        if outcome is None:
+            return False
+        if not math.isclose(tracker.value, value, rel_tol=1e-9, abs_tol=1e-12):
+            value = self.session.values[self.path.parameter] = tracker.value
+        better, events = tracker.cheaper(outcome), tracker.events
+        if better is not None:
+            events = [*events, tracker.crossing(better, self.path.points[-1].value)]
+        if not self._add(better or outcome, value):
+            tracker.wasted += (better or outcome).trace.iterations
+            self._restart()
+            return False
+        self.path.events += events
+        if better is not None:
+            tracker.begin(better)
+        return True
+
+    def _past_end(self) -> bool:
+        """Where a curve ends, solve just beyond its end."""
+        return self.tracker.stuck and self._solved(self._beyond(self.tracker.value))
+
+    def _solved(self, value: float, small: bool = True, ended: bool = False) -> bool:
+        """Let the solver find a point at a value, from where the tracker stands.
+
+        One that is not near the tangent, or has pairs, counts only after a ``small`` step. A jump
+        is told as a switch, as is any where the curve has ``ended``.
+        """
+        tracker, curve = self.tracker, self.tracker.curve
+        if curve is not None and curve.own.size and not small:
+            return False
+        warm = self.outcome.result.point if curve is None else tracker.warm()
+        tried = self._solve(value, warm)
+        jumped = curve is not None and tracker.jumped(tried, value)
+        if (jumped and not small) or not self._add(tried, value):
+            tracker.wasted += tried.trace.iterations
+            self._restart()
+            return False
+        self.path.events += tracker.events
+        if jumped or ended:
+            self.path.events.append(Event("switch", value, tried.result.f, "the curve ends"))
+        known = jumped or ended or any(e.kind == "contact" for e in tracker.events)
+        tracker.begin(tried)
+        if curve is not None and not known:
+            self.path.events += tracker.changed(curve, tried)
+        return True
+
+    def _restart(self) -> None:
+        """Put the tracker back to the last accepted point."""
+        self.session.values[self.path.parameter] = self.path.points[-1].value
+        self.tracker.begin(self.outcome)
+
+    def _turned(self, value: float) -> bool:
+        """Step round folds; every stop on the way is a point."""
+        tracker, path, (start, end, _) = self.tracker, self.path, self.asked
+        if tracker.curve is None or tracker.kinked:
+            return False
+        before = tracker.events
+        way = list(tracker.turn(math.copysign(1.0, end - start), start, value))
+        folds = [event for stop in way for event in stop.events]
+        if not folds:
+            tracker.wasted += sum(stop.outcome.trace.iterations for stop in way)
+            self._restart()
+            return False
+        path.events += [*before, *folds]
+        if not tracker.around:
+            tracker.wasted += sum(stop.outcome.trace.iterations for stop in way)
+            self._restart()
+            return self._solved(self._beyond(folds[0].value), ended=True)
+        for stop in way:
+            if not self._add(stop.outcome, stop.value):
+                path.broke = f"on the way round a fold: {self.failed.verdict}"
+                break
+        return True
+
+    def _beyond(self, value: float) -> float:
+        """A value just beyond an event's, at most the last one asked."""
+        start, end, _ = self.asked
+        reach = math.copysign(value, end - start) if self.tracker.log else end - start
+        beyond = value + 0.5 * LOCATED * reach
+        return end if (beyond - end) * (end - start) > 0 else beyond
+
+    def _break(self, value: float) -> None:
+        last, failed = self.path.points[-1].value, self.failed
+        self.path.broke = (
+            f"after {self.path.parameter} = {last:g}, on the way to {value:g}:"
+            f" {failed.verdict}{_worst(failed)}"
+        )
+
+
+def _worst(solution: Solution) -> str:
+    if not solution.audit.worst:
+        return ""
+    worst = solution.audit.worst[0]
+    return f" Worst: {worst.name} of {worst.component} at step {worst.step}, {worst.amount:.1e}."
+
+
+def _scale(
+    scale: str, start: float, end: float, steps: int
+) -> tuple[Callable[[float], float], Callable[[float], float]]:
+    if not (math.isfinite(start) and math.isfinite(end) and start != end):
+        raise InputError(f"--from and --to must be finite and differ, got {start} and {end}")
+    if steps < 1:
+        raise InputError(f"--steps must be 1 or more, got {steps}")
+    if scale == "linear":
+        return (lambda s: s), (lambda v: v)
+    if scale == "log":
+        if start * end <= 0 or start < 0:
+            raise InputError(f"a log scale needs positive ends, got {start} and {end}")
+        return math.exp, math.log
+    raise InputError(f"--scale must be log or linear, got {scale!r}")
+
+
+def path_dataset(path: Continuation) -> Any:
+    """Points as one dataset over dimension ``point``, with every trajectory."""
+    import xarray as xr
+
+    keep = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")
+    parts = [point.solution.data[[n for n in keep if n in point.solution.data]]
+             for point in path.points]  # fmt: skip
+    data = xr.concat(parts, dim="point", join="override", combine_attrs="override")
+    data = data.assign_coords(value=("point", np.array([point.value for point in path.points])))
+    for key in ("cost", "exact_cost", "iterations", "complementarity"):
+        data[key] = ("point", np.array([point.row()[key] for point in path.points], dtype=float))
+    return data

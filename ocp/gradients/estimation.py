@@ -1,0 +1,330 @@
+"""Estimate a gradient several ways at once: moments, intervals, reference, verdicts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dynamics.batch import Gaussian, Moments
+from ocp.errors import InputError
+from ocp.gradients.empirical_bias import EmpiricalBias, Jump, empirical_bias, sharpest_change
+from ocp.gradients.estimators import SAMPLED
+from ocp.gradients.interpolation import RULES, Choice, ConfidenceTest, Evidence, Rule
+from ocp.gradients.known_gradient import KINDS, KnownGradient, check_kind, known_gradient, stream
+from ocp.gradients.objective import SampledObjective
+from ocp.gradients.sampling import Progress, Sampled, run_estimator
+from ocp.gradients.verdict import Verdict, judge
+from ocp.store.checkpoint import Checkpoint
+
+JUMP_STREAM = 4
+ALPHA_PARTS = ("zobg-mean", "fobg")
+"""What the alpha-order estimators interpolate, on independent streams."""
+REFERENCE_FACTOR = 10
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One estimator's answer for one objective, a decision of d components.
+
+    ``moments`` are of one sample, (d,) each; ``evaluations`` counts rollouts. ``known`` is what it
+    is judged against, ``choice`` the weight of an interpolated estimate, ``bias`` the triple of
+    pathologies, def. III.3, ``nonfinite`` the indices of samples that were left out.
+    """
+
+    estimator: str
+    moments: Moments
+    evaluations: int
+    known: KnownGradient | None
+    verdict: Verdict
+    bias: EmpiricalBias | None = None
+    choice: Choice | None = None
+    nonfinite: np.ndarray | None = None
+
+    @property
+    def mean(self) -> np.ndarray:
+        """The estimate, (d,)."""
+        return self.moments.mean
+
+    @property
+    def variance(self) -> np.ndarray:
+        """Variance of one sample, (d,)."""
+        return self.moments.variance
+
+    @property
+    def standard_error(self) -> np.ndarray:
+        """Standard deviation of the mean, (d,)."""
+        return self.moments.standard_error
+
+    def interval(self, confidence: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+        """Ends (d,) of the normal confidence interval of each component."""
+        from scipy.stats import norm
+
+        half = float(norm.ppf(0.5 + confidence / 2)) * self.standard_error
+        return self.mean - half, self.mean + half
+
+    def row(self) -> dict[str, Any]:
+        """The estimate as JSON tells it: numbers for one component, lists for several."""
+        known, variance = self.known, self.variance
+        return {
+            "estimator": self.estimator,
+            "mean": plainly(self.mean),
+            "variance": plainly(variance),
+            "standard_error": plainly(self.standard_error),
+            "n_samples": self.moments.n,
+            "evaluations": self.evaluations,
+            "variance_trace": float(variance.sum()),
+            "variance_max": float(variance.max()),
+            "variance_mean": float(variance.mean()),
+            "interval_95": [plainly(end) for end in self.interval()],
+            "reference": None if known is None else plainly(known.gradient),
+            "reference_error": None if known is None else plainly(known.standard_error),
+            "reference_source": None if known is None else known.source,
+            "error": self.verdict.error,
+            "verdict": self.verdict.word,
+            "wide": self.verdict.wide,
+            "explanation": self.verdict.sentence,
+            "alpha": None if self.choice is None else self.choice.alpha,
+            "alpha_reason": None if self.choice is None else self.choice.reason,
+            "epsilon": None if self.choice is None else self.choice.epsilon,
+            "gamma": None if self.choice is None else self.choice.gamma,
+            "empirical_bias": None if self.bias is None else vars(self.bias),
+            "nonfinite": 0 if self.nonfinite is None else len(self.nonfinite),
+            "nonfinite_first": [] if self.nonfinite is None else self.nonfinite[:5].tolist(),
+        }
+
+
+def plainly(values: np.ndarray) -> float | list[float]:
+    """A number where there is one, a list where there are several."""
+    flat = np.asarray(values, dtype=float).ravel()
+    return float(flat[0]) if flat.size == 1 else flat.tolist()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to estimate: estimators by name, samples of each, the noise and the seed.
+
+    ``rules`` replaces the settings of alpha estimators by name; ``reference`` is one of
+    :data:`~ocp.gradients.known_gradient.KINDS`, ``reference_samples`` None for ten times
+    ``samples``.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown or repeated estimator, fewer than two
+    samples, and a sigma that is not positive.
+    """
+
+    estimators: Sequence[str] = ("zobg", "fobg", "alpha")
+    samples: int = 100_000
+    sigma: float = 0.1
+    seed: int = 0
+    rules: Sequence[Rule] = ()
+    reference: str = "auto"
+    reference_samples: int | None = None
+
+    def __post_init__(self) -> None:
+        known = [*SAMPLED, *RULES]
+        if not self.estimators:
+            raise InputError(f"name at least one estimator; there are {', '.join(known)}")
+        for name in self.estimators:
+            if name not in known:
+                raise InputError(
+                    f"unknown estimator {name!r}{nearest(name, known)}; there are"
+                    f" {', '.join(known)}"
+                )
+        if len(set(self.estimators)) < len(self.estimators):
+            raise InputError("an estimator is named twice; name each once")
+        if self.reference not in KINDS:
+            raise InputError(
+                f"unknown reference {self.reference!r}{nearest(self.reference, KINDS)}; there are"
+                f" {', '.join(KINDS)}"
+            )
+        check_samples(self.samples)
+        if self.reference_samples is not None:
+            check_samples(self.reference_samples)
+        if not (math.isfinite(self.sigma) and self.sigma > 0):
+            raise InputError(
+                f"sigma, the standard deviation of the noise, must be positive and finite, got"
+                f" {self.sigma:g}"
+            )
+
+    @property
+    def sampled(self) -> list[str]:
+        """Estimators to sample, those included that interpolated ones need."""
+        alphas = [name for name in self.estimators if name in RULES]
+        names = [name for name in self.estimators if name in SAMPLED]
+        return list(dict.fromkeys([*names, *(ALPHA_PARTS if alphas else ())]))
+
+    @property
+    def most_reference_samples(self) -> int:
+        """Samples of the reference, where it is sampled."""
+        return self.reference_samples or REFERENCE_FACTOR * self.samples
+
+    def rule(self, name: str) -> Rule:
+        """Settings of an alpha estimator."""
+        return next((rule for rule in self.rules if rule.name == name), RULES[name]())
+
+
+def check_samples(samples: float) -> None:
+    """Raise :class:`~ocp.errors.InputError` unless ``samples`` allows a variance."""
+    if isinstance(samples, bool) or not float(samples).is_integer() or samples < 2:
+        raise InputError(
+            f"the number of samples must be a whole number of 2 or more, since one sample has no"
+            f" variance; got {samples:g}"
+        )
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """``" (did you mean 'x'?)"`` or nothing."""
+    import difflib
+
+    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.5)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def estimate_gradient(
+    objective: SampledObjective,
+    estimators: Sequence[str] = ("zobg", "fobg", "alpha"),
+    samples: int = 100_000,
+    sigma: float = 0.1,
+    seed: int | np.random.SeedSequence = 0,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> dict[str, Estimate]:
+    """Estimate ``grad F(theta)``, F the mean of V(theta, w) over ``w ~ N(0, sigma^2 I)``.
+
+    Returns an :class:`Estimate` for each name: ``zobg``, ``zobg-zero-noise``, ``zobg-mean``,
+    ``zobg-antithetic``, ``fobg``, ``es``, ``alpha``, ``alpha-variance``, ``alpha-fixed``. Sample i
+    is the same in every larger run of the same seed. ``settings`` are those of :class:`Plan`.
+
+    Raises :class:`~ocp.errors.InputError` for what a :class:`Plan` refuses, and where too few
+    samples were finite.
+    """
+    sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+    plan = Plan(tuple(estimators), samples, sigma, **settings)
+    return carry_out(plan, objective, sequence, progress)
+
+
+def carry_out(
+    plan: Plan,
+    objective: SampledObjective,
+    seed: np.random.SeedSequence,
+    progress: Progress | None = None,
+    keep: tuple[Checkpoint, str] | None = None,
+) -> dict[str, Estimate]:
+    """Estimate one objective by ``plan``, with the random streams of ``seed``.
+
+    ``keep`` is where sums under way are saved, and the beginning of their keys.
+    """
+
+    def kept(name: str) -> tuple[Checkpoint, str] | None:
+        return None if keep is None else (keep[0], f"{keep[1]}-{name}")
+
+    check_kind(objective, plan.sigma, plan.reference)
+    found: dict[str, Sampled] = {}
+    for name in plan.sampled:
+        estimator = SAMPLED[name]
+        noise = Gaussian(plan.sigma, stream(seed, estimator.stream))
+        found[name] = run_estimator(objective, estimator, noise, plan.samples, progress, kept(name))
+        _check_finite(objective, name, found[name])
+    known = known_gradient(
+        objective, plan.sigma, seed, plan.most_reference_samples, plan.reference, progress,
+        kept("reference"),
+    )  # fmt: skip
+    judged = _Judge(objective, plan, seed, known)
+    answers = {}
+    for name in plan.estimators:
+        if name in SAMPLED:
+            answers[name] = judged.sampled(name, found[name])
+        else:
+            parts = [found[part] for part in ALPHA_PARTS]
+            answers[name] = judged.interpolated(name, *parts)
+    return answers
+
+
+class _Judge:
+    """Turns what was sampled into estimates with verdicts."""
+
+    def __init__(self, objective: SampledObjective, plan: Plan, seed: np.random.SeedSequence,
+                 known: KnownGradient | None) -> None:  # fmt: skip
+        self._objective, self._plan, self._seed, self._known = objective, plan, seed, known
+        self._jump: Jump | None = None
+
+    def sampled(self, name: str, found: Sampled) -> Estimate:
+        pathwise = name == "fobg"
+        mean = None if self._known is None or not pathwise else self._known.gradient
+        bias = empirical_bias(found.kept, mean)
+        verdict = self._verdict(name, found.moments, bias if pathwise else None)
+        cost = SAMPLED[name].evaluations * self._plan.samples
+        return Estimate(name, found.moments, cost, self._known_for(name), verdict, bias, None,
+                        found.nonfinite)  # fmt: skip
+
+    def interpolated(self, name: str, zeroth: Sampled, first: Sampled) -> Estimate:
+        evidence = evidence_of(zeroth, first)
+        choice = self._plan.rule(name).choose(evidence)
+        moments = interpolate(choice.alpha, zeroth.moments, first.moments)
+        cost = sum(SAMPLED[part].evaluations for part in ALPHA_PARTS) * self._plan.samples
+        bad = np.union1d(zeroth.nonfinite, first.nonfinite)
+        verdict = self._verdict(name, moments, None)
+        return Estimate(name, moments, cost, self._known, verdict, None, choice, bad)
+
+    def _known_for(self, name: str) -> KnownGradient | None:
+        """What smooths over parameters has the reference only where these carry the noise."""
+        same = len(self._objective.theta) == self._objective.n_noise
+        return self._known if name != "es" or same else None
+
+    def _verdict(self, name: str, moments: Moments, bias: EmpiricalBias | None) -> Verdict:
+        known = self._known_for(name)
+        verdict = judge(moments, known)
+        if verdict.word != "biased":
+            return verdict
+        if self._jump is None:
+            noise = Gaussian(self._plan.sigma, stream(self._seed, JUMP_STREAM))
+            self._jump = sharpest_change(self._objective, noise)
+        return judge(moments, known, self._jump, bias)
+
+
+def evidence_of(zeroth: Sampled, first: Sampled) -> Evidence:
+    """Gather what a rule for alpha looks at, from samples of independent streams."""
+    size = float(np.linalg.norm(zeroth.moments.mean))
+    return Evidence(
+        n=zeroth.moments.n,
+        d=len(zeroth.moments.mean),
+        first_variance=float(first.moments.variance.sum()),
+        zeroth_variance=float(zeroth.moments.variance.sum()),
+        distance=float(np.linalg.norm(first.moments.mean - zeroth.moments.mean)),
+        gradient_size=size,
+        deviation=zeroth.largest + size,
+    )
+
+
+def interpolate(alpha: float, zeroth: Moments, first: Moments) -> Moments:
+    """Moments of ``alpha first + (1 - alpha) zeroth``, one independent sample of each.
+
+    alpha counts as given; that it was chosen from the same samples biases the result a little.
+    """
+    n = min(zeroth.n, first.n)
+    mean = alpha * first.mean + (1 - alpha) * zeroth.mean
+    variance = alpha**2 * first.variance + (1 - alpha) ** 2 * zeroth.variance
+    return Moments(n, mean, variance * (n - 1))
+
+
+def _check_finite(objective: SampledObjective, name: str, found: Sampled) -> None:
+    if found.moments.n < 2:
+        bad = found.nonfinite
+        raise InputError(
+            f"{objective.name}: {len(bad)} samples of {name} are not finite (the first at index"
+            f" {bad[0]}) and {found.moments.n} are left; a smaller sigma or a shorter horizon may"
+            " keep them finite"
+        )
+
+
+__all__ = [
+    "ConfidenceTest",
+    "Estimate",
+    "Plan",
+    "estimate_gradient",
+    "evidence_of",
+    "interpolate",
+]

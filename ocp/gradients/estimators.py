@@ -1,0 +1,179 @@
+"""Estimators of the gradient of a smoothed objective: what one sample of each is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from dynamics.batch import Gaussian, Moments
+from ocp.errors import InputError
+from ocp.gradients.objective import SampledObjective
+
+CHUNK = 1 << 13
+"""Samples that are worked on at once; fixed, since sums are taken chunk by chunk."""
+
+Contributions = Callable[[Gaussian, int], np.ndarray]
+"""Maps (noise from its first sample on, m) to the estimates (m, d) of m single samples."""
+Bulk = Callable[[Gaussian, int], "tuple[Moments, np.ndarray] | None"]
+"""Maps the same to the moments of m samples and the indices of those left out, where it can."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Gives single estimates when called, and moments of many at once by ``bulk``."""
+
+    single: Contributions
+    bulk: Bulk = lambda noise, m: None
+
+    def __call__(self, noise: Gaussian, m: int) -> np.ndarray:
+        """Single estimates (m, d) of the m samples from the noise's first on."""
+        return self.single(noise, m)
+
+
+class Estimator(ABC):
+    """One estimator of ``grad F(theta)``, F the mean of V(theta, w) over ``w ~ N(0, sigma^2 I)``.
+
+    ``stream`` numbers the random numbers that it uses: estimators of one stream see the same
+    samples, those of different streams independent ones. ``evaluations`` is how many rollouts one
+    sample costs.
+    """
+
+    name: str
+    summary: str
+    stream: ClassVar[int]
+    evaluations: int = 1
+
+    @abstractmethod
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+        """Return what gives the single estimates; ``n`` is how many there will be."""
+
+
+@dataclass(frozen=True)
+class ZeroOrder(Estimator):
+    """ZoBG, the likelihood-ratio gradient (pathologies, def. II.1), with a baseline b.
+
+    One sample is ``(V(theta, w) - b) s``, s the score. b is 0 (``none``), the cost without noise
+    (``zero-noise``), or the mean cost of the other n - 1 samples (``mean``, which stays unbiased);
+    ``antithetic`` is the mean of the samples at w and -w, both less the cost without noise, which
+    cancels for open loop and counts under feedback, whose score is not odd in w.
+    """
+
+    baseline: str = "none"
+    stream: ClassVar[int] = 0
+
+    @property
+    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Name with the baseline, where there is one."""
+        return "zobg" if self.baseline == "none" else f"zobg-{self.baseline}"
+
+    @property
+    def summary(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """One line for ``ocp list``."""
+        return "zeroth order, " + {
+            "none": "without baseline",
+            "zero-noise": "the cost without noise as baseline",
+            "mean": "the mean cost of the other samples as baseline",
+            "antithetic": "pairs of samples at w and -w",
+        }[self.baseline]  # fmt: skip
+
+    @property
+    def evaluations(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Two rollouts for a pair, and two passes where the baseline is the mean."""
+        return 2 if self.baseline in ("mean", "antithetic") else 1
+
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+        """Fix the baseline and return ``(V - b) s``; raises for ``mean`` of a single sample."""
+        baseline, factor = 0.0, 1.0
+        if self.baseline in ("zero-noise", "antithetic"):
+            baseline = objective.nominal()
+        elif self.baseline == "mean":
+            if n < 2:
+                raise InputError("the mean of the other samples needs 2 samples or more, got 1")
+            # V_i less the mean of the others is n/(n-1) times V_i less the mean of all.
+            baseline, factor = mean_cost(objective, noise, n), n / (n - 1)
+
+        def one(g: Gaussian, m: int) -> np.ndarray:
+            found = objective.scored(g, m)
+            return (factor * (found.cost - baseline))[:, None] * found.direction
+
+        def bulk(g: Gaussian, m: int) -> tuple[Moments, np.ndarray] | None:
+            found = objective.moments(g, m, "zeroth", baseline)
+            if found is None:
+                return None
+            told, bad = found
+            return Moments(told.n, factor * told.mean, factor**2 * told.m2), bad
+
+        if self.baseline == "antithetic":
+            return Sampler(lambda g, m: (one(g, m) + one(g.mirrored(), m)) / 2)
+        return Sampler(one, bulk)
+
+
+def mean_cost(objective: SampledObjective, noise: Gaussian, n: int) -> float:
+    """Mean of the finite costs among n samples."""
+    fused = objective.moments(noise, n, "cost")
+    if fused is not None:
+        return float(fused[0].mean[0])
+    total, count = 0.0, 0
+    for begin in range(0, n, CHUNK):
+        cost = objective.scored(noise.after(begin), min(CHUNK, n - begin)).cost
+        finite = cost[np.isfinite(cost)]
+        total, count = total + float(finite.sum()), count + len(finite)
+    return total / max(count, 1)
+
+
+@dataclass(frozen=True)
+class FirstOrder(Estimator):
+    """FoBG, the pathwise gradient ``grad_theta V(theta, w)`` (pathologies, def. II.2)."""
+
+    name: str = "fobg"
+    summary: str = "first order, gradients through contact"
+    stream: ClassVar[int] = 1
+
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+        """Return the gradients; where the cost is not finite no gradient means anything."""
+
+        def contributions(g: Gaussian, m: int) -> np.ndarray:
+            found = objective.differentiated(g, m)
+            return np.where(np.isfinite(found.cost)[:, None], found.direction, np.nan)
+
+        return Sampler(contributions, lambda g, m: objective.moments(g, m, "first"))
+
+
+@dataclass(frozen=True)
+class EvolutionStrategies(Estimator):
+    """Likelihood ratio in the space of parameters (abs, sec. 7.2).
+
+    One sample is ``(V(theta + sigma e) - V(theta - sigma e)) e / (2 sigma)`` without any other
+    noise. Where the noise is added to the decision itself, or to open-loop inputs, this is the
+    antithetic ZoBG; for feedback it smooths over gains, and so estimates another gradient.
+    """
+
+    name: str = "es"
+    summary: str = "evolution strategies: parameters disturbed in pairs"
+    stream: ClassVar[int] = 2
+    evaluations: int = 2
+
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+        """Return the antithetic differences."""
+
+        def contributions(g: Gaussian, m: int) -> np.ndarray:
+            one, other = (objective.perturbed(side, m) for side in (g, g.mirrored()))
+            return ((one.cost - other.cost) / 2)[:, None] * one.direction
+
+        return Sampler(contributions)
+
+
+BASELINES = ("none", "zero-noise", "mean", "antithetic")
+SAMPLED: dict[str, Estimator] = {
+    estimator.name: estimator
+    for estimator in (
+        *(ZeroOrder(baseline) for baseline in BASELINES),
+        FirstOrder(),
+        EvolutionStrategies(),
+    )
+}
+"""Estimators that are means of independent samples, by name."""

@@ -1,0 +1,198 @@
+"""Rollouts of a contact problem as an objective to sample: open loop or affine feedback."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine, open_loop
+from dynamics.contact import ContactLaw
+from dynamics.systems import Signal
+from ocp.gradients.objective import SampledObjective, Samples, check_names, quietly
+from ocp.policy import Feedback, OpenLoop, Policy
+from ocp.problem import Problem
+
+
+class RolloutObjective(SampledObjective):
+    """Cost of a problem's rollout under a law, with noise added to the input of every step.
+
+        V(theta, w) = sum_k l(x_k, u_k, du_k) + l_N(x_N),   u_k = pi(x_k, theta) + w_k
+
+    (pathologies, eq. 1). ``theta`` holds the inputs of all steps, or the gains of every step as
+    rows of K and then k (of one step where the feedback is stationary). Without a given ``theta``
+    it is the problem's guess, with K = 0. Bounds on inputs do not clip: the estimators' theory is
+    about the unclipped policy. With several scenarios sample i starts in scenario i modulo their
+    number, so the mean over samples is the mean over scenarios too.
+
+    Raises ``ValueError`` where the law cannot close the system.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        law: ContactLaw,
+        policy: Policy | None = None,
+        theta: np.ndarray | None = None,
+        backend: str = "auto",
+        threads: int | None = None,
+        block: int = 32,
+    ) -> None:
+        policy = OpenLoop() if policy is None else policy
+        closed = law.close(problem.system)
+        self.problem, self.policy = problem, policy
+        self.step = replace(closed, p=problem.parameters + closed.p)
+        self.name, self.n_noise = problem.name, problem.N * problem.system.nu
+        # Shared by all copies that differ in values alone, so that nothing is compiled twice.
+        self._compiled: list[RolloutFunction] = []
+        self._options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
+        self._values = {parameter.name: float(parameter.value) for parameter in self.step.p}
+        self._start()
+        shape = self._policy.shape(problem.N)
+        self.theta = (
+            self._guess(shape) if theta is None else np.asarray(theta, float).reshape(shape)
+        ).ravel()
+        self.decision = _decision(problem, policy, shape)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters of the problem and knobs of the law, ``contact.mu`` and the like."""
+        return dict(self._values)
+
+    def at(self, values: Mapping[str, float]) -> RolloutObjective:
+        """Return the same compiled rollout at other values; the decision stays."""
+        names = [signal.name for signal in self.decision]
+        check_names(self.name, values, [*self._values, *names])
+        other = copy(self)
+        other._values = {k: float(values.get(k, was)) for k, was in self._values.items()}
+        pairs = zip(names, self.theta, strict=True)
+        other.theta = np.array([values.get(name, was) for name, was in pairs], dtype=float)
+        other._start()
+        return other
+
+    def costs(self, noise: np.ndarray) -> np.ndarray:
+        """Cost at given noise (n, N nu), in the order of steps."""
+        n, system = len(noise), self.problem.system
+        given = np.ascontiguousarray(noise.reshape(n, self.problem.N, system.nu))
+        call = self._arguments(n, 0)
+        return quietly(self._forward, **call, noise=given, n_samples=n, gradient=False).cost
+
+    def nominal(self) -> float:
+        """Cost without noise, its mean over scenarios."""
+        return float(self.costs(np.zeros((len(self._x0), self.n_noise))).mean())
+
+    def scored(self, noise: Gaussian, n: int) -> Samples:
+        """Costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
+        call = self._arguments(n, noise.first)
+        found = quietly(self._forward, **call, noise=noise, n_samples=n, gradient=False, score=True)
+        return Samples(found.cost, found.score.reshape(n, -1))
+
+    def differentiated(self, noise: Gaussian, n: int) -> Samples:
+        """Costs and their exact gradients through contact."""
+        call = self._arguments(n, noise.first)
+        found = quietly(self._forward, **call, noise=noise, n_samples=n)
+        return Samples(found.cost, found.gradient.reshape(n, -1))
+
+    def perturbed(self, noise: Gaussian, n: int) -> Samples:
+        """Costs of policies with disturbed parameters, which act without noise."""
+        d = len(self.theta)
+        sigma = noise.scales(d)
+        e = noise.draw(n, 1, d)[:, 0]
+        call = self._arguments(n, noise.first)
+        call["theta"] = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
+        found = quietly(self._forward, **call, n_samples=n, gradient=False)
+        return Samples(found.cost, e / sigma**2)
+
+    def moments(
+        self,
+        noise: Gaussian,
+        n: int,
+        order: Literal["cost", "zeroth", "first"],
+        baseline: float = 0.0,
+    ) -> tuple[Moments, np.ndarray] | None:
+        """Moments computed inside the kernel that rolls out and draws the noise."""
+        found = quietly(
+            self._forward.moments, **self._arguments(n, noise.first), noise=noise, n_samples=n,
+            gradient=order == "first", score=order == "zeroth", baseline=baseline,
+        )  # fmt: skip
+        part = {"cost": found.cost, "zeroth": found.zeroth, "first": found.gradient}[order]
+        flat = Moments(part.n, np.ravel(part.mean), np.ravel(part.m2))
+        return flat, found.nonfinite.indices
+
+    def _start(self) -> None:
+        """Initial states and the input before, at the present parameters."""
+        physical = np.array([self._values[name] for name in self.problem.parameters.names])
+        self._x0 = self.problem.initial_states(physical)
+        self._before = np.array(self.problem.limits(physical)[1]).ravel()
+        self._p = np.array(list(self._values.values()))
+
+    def _arguments(self, n: int, first: int) -> dict[str, Any]:
+        rows = (first + np.arange(n)) % len(self._x0)
+        call: dict[str, Any] = {
+            "x0": self._x0[rows] if len(self._x0) > 1 else self._x0[0],
+            "theta": self.theta.reshape(self._policy.shape(self.problem.N)),
+            "p": self._p,
+        }
+        if self.problem.uses_du:
+            call["u_before"] = self._before
+        return call
+
+    def _guess(self, shape: tuple[int, ...]) -> np.ndarray:
+        physical = np.array([self._values[name] for name in self.problem.parameters.names])
+        inputs = self.problem.initial_guess(physical)[1]
+        if isinstance(self.policy, OpenLoop):
+            return inputs
+        theta = np.zeros(shape)
+        theta[..., -self.problem.system.nu :] = inputs if self._policy.per_step else inputs[0]
+        return theta
+
+    @cached_property
+    def _policy(self) -> RolloutPolicy:
+        nx, nu = self.problem.system.nx, self.problem.system.nu
+        if isinstance(self.policy, Feedback):
+            return affine(nx, nu, per_step=not self.policy.stationary)
+        return open_loop(nx, nu)
+
+    @property
+    def _forward(self) -> RolloutFunction:
+        if not self._compiled:
+            problem, p = self.problem, self.step.p.vector
+            x, u = problem.system.x, problem.system.u
+            changes = [] if problem.du is None else [problem.du]
+            costs: tuple[Callable[..., Any], ...] = (
+                ca.Function("stage_cost", [x, u, *changes, p], [_dense(problem.stage_cost)]),
+                ca.Function("terminal_cost", [x, p], [_dense(problem.terminal_cost)]),
+            )
+            made = RolloutFunction(self.step, *costs, problem.N, self._policy, **self._options)
+            self._compiled.append(made)
+        return self._compiled[0]
+
+
+def _dense(cost: ca.SX | float) -> ca.SX:
+    return ca.densify(ca.SX(cost))
+
+
+def _decision(problem: Problem, policy: Policy, shape: tuple[int, ...]) -> tuple[Signal, ...]:
+    """Names of theta's components: ``u[3]``, or ``K[3].u.x`` and ``k[3].u``."""
+    system = problem.system
+    if isinstance(policy, OpenLoop):
+        row = [(s.name, s.unit) for s in system.inputs]
+        return tuple(Signal(f"{n}[{t}]", unit) for t in range(shape[0]) for n, unit in row)
+    gains = [
+        (f".{u.name}.{x.name}", f"{u.unit}/({x.unit})")
+        for u in system.inputs
+        for x in system.states
+    ]
+    offsets = [(f".{u.name}", u.unit) for u in system.inputs]
+    steps = [f"[{t}]" for t in range(shape[0])] if len(shape) == 2 else [""]
+    return tuple(
+        Signal(f"{head}{step}{tail}", unit)
+        for step in steps
+        for head, row in (("K", gains), ("k", offsets))
+        for tail, unit in row
+    )

@@ -1,0 +1,217 @@
+"""Estimate gradients along a parameter, point by point, and go on where a run was stopped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.gradients.estimation import Plan, carry_out, check_samples
+from ocp.gradients.known_gradient import is_sampled
+from ocp.gradients.objective import SampledObjective
+from ocp.store.checkpoint import Checkpoint
+from ocp.store.plain import plain
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Build = Callable[[dict[str, float]], SampledObjective]
+"""Makes the objective at changed values of what shapes it, such as its horizon."""
+OF_THE_PLAN = ("sigma", "samples")
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Values of one parameter, one of :data:`OF_THE_PLAN`, or a component of the decision."""
+
+    name: str
+    values: tuple[float, ...]
+    log: bool = False
+
+    @classmethod
+    def read(cls, text: str) -> Sweep:
+        """Read ``NAME=A:B:n`` or ``NAME=A:B:n:log``, n values from A to B.
+
+        Raises :class:`~ocp.errors.InputError` for anything else, ends that are not finite, n < 1,
+        and a logarithmic sweep that does not stay above zero.
+        """
+        name, sign, rest = (part.strip() for part in text.partition("="))
+        parts = rest.split(":")
+        how = f"expected NAME=A:B:n or NAME=A:B:n:log, such as nu=1e-3:1e-1:9:log, got {text!r}"
+        if not (name and sign) or len(parts) not in (3, 4):
+            raise InputError(f"--sweep: {how}")
+        if len(parts) == 4 and parts[3] not in ("log", "linear"):
+            raise InputError(f"--sweep: the scale must be log or linear, got {parts[3]!r}")
+        try:
+            start, end, count = float(parts[0]), float(parts[1]), int(float(parts[2]))
+            whole = float(parts[2]) == count
+        except (ValueError, OverflowError):
+            raise InputError(f"--sweep: {how}") from None
+        if not (math.isfinite(start) and math.isfinite(end)):
+            raise InputError(f"--sweep: the ends must be finite, got {start:g} and {end:g}")
+        if count < 1 or not whole:
+            raise InputError(f"--sweep: the number of values must be 1 or more, got {parts[2]}")
+        log = len(parts) == 4 and parts[3] == "log"
+        if log and not (start > 0 and end > 0):
+            raise InputError(f"--sweep: a log scale needs positive ends, got {start:g} and {end:g}")
+        values = np.geomspace(start, end, count) if log else np.linspace(start, end, count)
+        if name == "samples":
+            values = np.unique(np.rint(values))
+            for value in values:
+                check_samples(value)
+        return cls(name, tuple(map(float, values)), log)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a study is: samples ``done`` of ``total``, and points finished of all."""
+
+    done: int
+    total: int
+    points: int
+    all_points: int
+    resumed: int
+
+
+class SweepRun:
+    """A study under way. :meth:`run` does what is left; ``rows`` holds the finished points.
+
+    Point i draws from the streams ``SeedSequence(seed, spawn_key=(i,))``, so that points are
+    independent of each other and of how often the study was stopped.
+    """
+
+    def __init__(
+        self,
+        objective: SampledObjective,
+        plan: Plan,
+        sweep: Sweep | None = None,
+        checkpoint: Checkpoint | None = None,
+        build: Build | None = None,
+    ) -> None:
+        self.plan, self.sweep, self._checkpoint = plan, sweep, checkpoint
+        self._tasks = _tasks(objective, plan, sweep, build)
+        self.rows: list[list[dict[str, Any]]] = []
+        self.resumed = 0
+
+    @property
+    def widest(self) -> SampledObjective:
+        """The objective of the point whose decision has the most components."""
+        return max((task[0] for task in self._tasks), key=lambda found: len(found.decision))
+
+    @property
+    def finished(self) -> bool:
+        """Whether every point is done."""
+        return len(self.rows) == len(self._tasks)
+
+    def run(self, progress: Callable[[Progress], None] | None = None) -> None:
+        """Estimate at all points that are not finished, in their order."""
+        sizes = [_size(*task) for task in self._tasks]
+        saved = self._checkpoint
+        for i, (objective, plan) in enumerate(self._tasks):
+            before = [sum(sizes[:i])]
+
+            def note(samples: int, i: int = i, before: list[int] = before) -> None:
+                before[0] += samples
+                if progress is not None:
+                    told = Progress(before[0], sum(sizes), i, len(sizes), self.resumed)
+                    progress(told)
+
+            rows = saved.rows(i) if saved is not None else None
+            if rows is None:
+                seed = np.random.SeedSequence(self.plan.seed, spawn_key=(i,))
+                keep = None if saved is None else (saved, f"{i:05d}")
+                found = carry_out(plan, objective, seed, note, keep)
+                rows = plain([self._row(i, estimate.row()) for estimate in found.values()])
+                if saved is not None:
+                    saved.save_rows(i, rows)
+            else:
+                self.resumed += 1
+            self.rows.append(rows)
+
+    def _row(self, point: int, row: dict[str, Any]) -> dict[str, Any]:
+        value = None if self.sweep is None else self.sweep.values[point]
+        return {"point": point, "value": value, **row}
+
+
+def _tasks(
+    objective: SampledObjective, plan: Plan, sweep: Sweep | None, build: Build | None
+) -> list[tuple[SampledObjective, Plan]]:
+    """Objective and plan of each point; what cannot be is refused before anything is sampled."""
+    if sweep is None:
+        return [(objective, plan)]
+    if sweep.name == "sigma":
+        return [(objective, replace(plan, sigma=value)) for value in sweep.values]
+    if sweep.name == "samples":
+        return [(objective, replace(plan, samples=int(value))) for value in sweep.values]
+    known = [*objective.parameters, *(signal.name for signal in objective.decision)]
+    if sweep.name not in known and build is not None:
+        return [(build({sweep.name: value}), plan) for value in sweep.values]
+    return [(objective.at({sweep.name: value}), plan) for value in sweep.values]
+
+
+def _size(objective: SampledObjective, plan: Plan) -> int:
+    extra = plan.most_reference_samples if is_sampled(objective, plan.sigma, plan.reference) else 0
+    return plan.samples * len(plan.sampled) + extra
+
+
+def sweep_dataset(
+    objective: SampledObjective, rows: Sequence[Sequence[dict[str, Any]]], sweep: Sweep | None,
+    unit: str = "1",
+) -> xr.Dataset:  # fmt: skip
+    """Rows of finished points as arrays over (point, estimator, component), with units.
+
+    ``objective`` names the components; points that have fewer are filled up with NaN.
+    """
+    import xarray as xr
+
+    d = len(objective.decision)
+    names = [row["estimator"] for row in rows[0]]
+
+    def stack(key: str, width: int) -> np.ndarray:
+        values = np.full((len(rows), len(names), width), np.nan)
+        for i, point in enumerate(rows):
+            for j, row in enumerate(point):
+                entry = np.ravel(np.array(row[key], dtype=float))
+                values[i, j, : entry.size] = entry
+        return values
+
+    both = ("point", "estimator")
+    units = [f"1/({s.unit})" if s.unit != "1" else "1" for s in objective.decision]
+    data = xr.Dataset(
+        coords={
+            "estimator": names,
+            "component": [signal.name for signal in objective.decision],
+            "component_unit": ("component", units),
+        }
+    )
+    shared = units[0] if len(set(units)) == 1 else "see component_unit"
+    for key in ("mean", "variance", "standard_error", "reference", "reference_error"):
+        data[key] = ((*both, "component"), stack(key, d))
+        square = key == "variance" and shared not in ("1", "see component_unit")
+        data[key].attrs["units"] = f"({shared})^2" if square else shared
+    for key in ("n_samples", "evaluations", "error", "alpha", "epsilon", "gamma", "nonfinite"):
+        data[key] = (both, stack(key, 1)[..., 0], {"units": "1"})
+    for key in ("beta", "beta_upper", "Delta", "S", "bound", "sharp"):
+        values = [[(row["empirical_bias"] or {}).get(key) for row in point] for point in rows]
+        data[f"bias_{key}"] = (both, np.array(values, dtype=float), {"units": "1"})
+    data["verdict"] = (both, [[row["verdict"] for row in point] for point in rows])
+    if sweep is not None:
+        values = [point[0]["value"] for point in rows]
+        data = data.assign_coords(value=("point", values, {"units": unit, "name": sweep.name}))
+    return data
+
+
+def overall(rows: Sequence[Sequence[dict[str, Any]]]) -> str:
+    """One sentence over all points: how each estimator fared."""
+    told = []
+    for j, row in enumerate(rows[0]):
+        words = [point[j]["verdict"] for point in rows]
+        counts = {word: words.count(word) for word in dict.fromkeys(words)}
+        only = len(counts) == 1
+        parts = [word if only else f"{word} at {n} of {len(words)}" for word, n in counts.items()]
+        told.append(f"{row['estimator']}: {', '.join(parts)}")
+    return "; ".join(told) + "."

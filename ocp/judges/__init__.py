@@ -1,0 +1,1 @@
+"""Judges of a solution, what they found, and the words for it."""

@@ -1,0 +1,193 @@
+"""Recompute everything a solver claims, and replay the plan under the exact law."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ocp.judges.findings import Audit
+from ocp.physics.along import distances
+from ocp.physics.contact_book import ContactBook, contact_book
+from ocp.physics.measures import Violation
+from ocp.problem import Problem
+from ocp.programs.solver import Result
+from ocp.rollout import Rollout, roll_on
+from ocp.transcription.nlp import NLP
+from ocp.transcription.trajectories import Trajectories
+
+TOLERANCES = {
+    "dynamics_residual": 1e-8,
+    "law_residual": 1e-7,
+    "constraint_violation": 1e-6,
+    "complementarity": 1e-8,
+}
+"""What ``success`` demands; complementarity only of the exact law."""
+_ACTIVE = 1e-7
+
+
+def signed_distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray | None:
+    """True signed distance phi of every contact, (S, N+1, n_phi), or None if unknown."""
+    if problem.signed_distance is None:
+        return None
+    return distances(problem, x, physical)
+
+
+def audit(
+    nlp: NLP, result: Result, plan: Trajectories, values: dict[str, float], p: np.ndarray,
+    bounds: dict[str, np.ndarray],
+) -> tuple[Audit, Rollout, ContactBook]:  # fmt: skip
+    """Judge a result by its trajectories, and replay it under the exact law.
+
+    Open loop: the same inputs. Feedback: the same policy from each scenario. The book is that of
+    the plan's contacts.
+    """
+    problem = nlp.problem
+    physical = np.array([values[name] for name in problem.parameters.names])
+    inputs = plan.u if plan.gains is None else plan.gains
+    replay, unsolved = roll_on(problem, inputs, values, x0=plan.x[:, 0])
+    sharp, closed, moved = _natural(nlp, plan)
+    g = np.array(nlp.f_g(result.point.x, p)[1]).ravel()
+    x_off = np.maximum(bounds["lbx"] - result.point.x, result.point.x - bounds["ubx"])
+    g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
+    free = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
+    smallest = np.minimum(plan.lam, plan.gap)
+    book = contact_book(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
+    found = Audit(
+        complementarity=_largest(sharp),
+        complementarity_min=_largest(np.abs(smallest)),
+        dynamics_residual=_largest(moved),
+        law_residual=_largest(closed),
+        constraint_violation=max(0.0, _largest(free)),
+        penetration=_penetration(problem, plan.x, plan.gap, physical),
+        exact_penetration=_penetration(problem, replay.x, replay.gap, physical),
+        exact_cost=replay.cost,
+        state_gap=_largest(np.abs(plan.x - replay.x)),
+        active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _ACTIVE))),
+        task_gradient=task_gradient(problem, replay, values),
+        worst=worst_constraints(nlp, result.point.x, g, bounds),
+        cone_violation=book.cone_violation,
+        dissipation_residual=book.dissipation_residual,
+        energy_gain=book.energy_gain,
+        dissipated=book.dissipated,
+        momentum_residual=book.momentum_residual,
+        contacts=book.contacts,
+        replay_failed="" if unsolved is None else unsolved.brief,
+    )
+    return found, replay, book
+
+
+def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``|lam gap|``, ``|lam gap - mu|`` and ``|residual|`` in natural units."""
+    units, products, residual = nlp.natural, plan.lam * plan.gap, plan.residual
+    off = products - plan.mu
+    if nlp.scale is not None:
+        pair = np.prod([units.x[nlp.variables[name].index] for name in ("lam", "gap")], axis=0)
+        products, off = products / pair, off / pair
+        residual = residual / units.g[nlp.constraints["dynamics"].index]
+    return np.abs(products), np.abs(off), np.abs(residual)
+
+
+def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:
+    """Leave out the closure of contact, which is judged by lam and gap themselves."""
+    kept = np.ones(violation.size, dtype=bool)
+    for name in ("contact", "separation"):
+        if name in nlp.constraints:
+            kept[nlp.constraints[name].index.ravel()] = False
+    return violation[kept]
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.max(values)) if values.size else 0.0
+
+
+def _penetration(problem: Problem, x: np.ndarray, gap: np.ndarray, physical: np.ndarray) -> float:
+    phi = signed_distances(problem, x, physical)
+    return max(0.0, _largest(-(gap if phi is None else phi)))
+
+
+def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -> float:
+    """Largest derivative of the state part of the cost with respect to any input, relative.
+
+    ``B_k' nu_{k+1}`` with ``nu_k = dl/dx + A_k' nu_{k+1}`` along the exact replay, over the sum of
+    ``|dl/dx|``: zero where no input moves anything that the task is about. That are the states
+    which inputs move through contact alone, where the cost looks at any: an arm that goes back to
+    its rest is no progress with the object.
+    """
+    if not np.all(np.isfinite(replay.x)):
+        return float("nan")
+    everything = np.ones(problem.system.nx)
+    with np.errstate(invalid="ignore"):
+        largest, size = _slopes(problem, replay, values, _moved_by_contact_alone(problem))
+        if size == 0:
+            largest, size = _slopes(problem, replay, values, everything)
+    return largest / max(size, 1e-300) if np.isfinite(size) else float("nan")
+
+
+def _moved_by_contact_alone(problem: Problem) -> np.ndarray:
+    """1 for every state that no input reaches while all contacts are open, else 0."""
+    system = problem.system
+    given = [system.x, system.u, system.parameters.vector]
+    free = ca.Function("free", given, [system.reduced.a])
+    by_x, by_u = (np.array(ca.DM(free.jac_sparsity(0, i), 1)) for i in range(2))
+    reached = by_u.any(axis=1)
+    for _ in range(system.nx):
+        reached = reached | (by_x @ reached > 0)
+    return np.where(reached, 0.0, 1.0)
+
+
+def _slopes(
+    problem: Problem, replay: Rollout, values: dict[str, float], mask: np.ndarray
+) -> tuple[float, float]:
+    """Largest derivative by an input of the cost on the masked states, and its slopes' sum."""
+    step = problem.exact_step
+    physical = np.array([values[name] for name in problem.parameters.names])
+    p = np.array([values[name] for name in step.p.names])
+    slopes = problem.state_slopes
+    jacobian = step.map.jacobian()
+    before = np.array(problem.limits(physical)[1]).ravel()
+    largest, size = 0.0, 0.0
+    for s in range(len(replay.x)):
+        u = replay.u[s]
+        increments = np.diff(np.vstack([before, u]), axis=0)
+        x, after, n = replay.x[s, :-1], replay.x[s, 1:], problem.system.nx
+        here = mask * np.array(slopes(x.T, u.T, increments.T, physical)[0]).T
+        nu = mask * np.array(slopes(after[-1], u[-1], increments[-1], physical)[1]).ravel()
+        size += np.abs(here).sum() + np.abs(nu).sum()
+        A, B = (np.array(J) for J in jacobian(x.T, u.T, p, after.T, replay.lam[s].T)[:2])
+        for k in reversed(range(problem.N)):
+            by_input = B[:, k * u.shape[1] : (k + 1) * u.shape[1]].T @ nu
+            largest = max(largest, float(np.abs(by_input).max(initial=0.0)))
+            nu = here[k] + A[:, k * n : (k + 1) * n].T @ nu
+    return largest, size
+
+
+def feasible(nlp: NLP, found: Audit) -> bool:
+    """Whether the audited residuals are below tolerance: complementarity of the exact law only."""
+    limits = {key: getattr(found, key) for key in TOLERANCES}
+    if not nlp.step.exact:
+        limits.pop("complementarity")
+    elif nlp.method == "direct":
+        limits.pop("law_residual")
+    return all(np.isfinite(v) and v <= TOLERANCES[key] for key, v in limits.items())
+
+
+def worst_constraints(
+    nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray], count: int = 5
+) -> list[Violation]:
+    """Return the most violated constraints and bounds, by name, scenario and step."""
+    g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
+    x_off = np.maximum(bounds["lbx"] - x, x - bounds["ubx"])
+    off = np.concatenate([g_off, x_off])
+    order = np.argsort(-np.nan_to_num(off, nan=np.inf))[:count]
+    worst = []
+    for position in order:
+        if not off[position] > 0:
+            continue
+        in_g = position < g.size
+        layout = nlp.constraints if in_g else nlp.variables
+        block, index = layout.locate(int(position if in_g else position - g.size))
+        component = block.components[index[-1]] if block.components else str(index[-1])
+        name = block.name if in_g else f"bound on {block.name}"
+        scenario, k = (index[0], index[1]) if len(index) == 3 else (0, index[0])
+        worst.append(Violation(name, component, scenario, k, float(off[position])))
+    return worst

@@ -1,0 +1,209 @@
+"""What a plan is worth under the sharpest contact: its referee, its measures, its survival."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from ocp.physics.measures import Broken, Physics, broken_constraints, measure
+from ocp.physics.parting import Parting, find_parting
+from ocp.problem import Problem
+from ocp.rollout import Gains, Rollout, Unsolved, roll_on, trajectory_costs
+
+REFINEMENT = 4
+"""By how much h is divided for the refined cost."""
+COST_SHARE = 0.1
+"""How much dearer than the plan, as a share of its cost, a replay may be that survives."""
+STATE_SHARE = 0.1
+"""How far its states may be from the plan's, as a share of their characteristic size."""
+CONSTRAINT_SHARE = 0.01
+"""How far it may break a constraint, as a share of the characteristic size of what is bounded.
+
+A tenth of what the states may differ by: at the solver's tolerance no plan that rests on a bound
+would survive another contact, however close its replay stays; a share of the size catches those
+that leave the bound by something which can be seen.
+"""
+PENETRATION_SHARE = 0.1
+"""How deep bodies may be in one another, at or between nodes, as a share of the characteristic gap.
+
+At the nodes true gaps leave none but rounding. In between the straight way cuts corners: by a
+hundredth of the gap where contacts roll, by whole bodies where one passes through another.
+"""
+_LEAST_COST = 1e-9
+_KINDS = {
+    "bound on x": "bound on", "bound on u": "bound on", "path": "constraint",
+    "terminal": "terminal constraint", "periodic": "periodicity of",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Referee:
+    """A replay under the sharpest contact of the problem's system, the same h, and what it costs.
+
+    ``replay`` is NaN from a step on that was not solved, which ``failed`` then names, and so is
+    ``cost``. ``refined_cost`` is that at h/4, inputs or policy held over four steps and the cost
+    summed over the problem's nodes; where it is NaN ``refined_note`` says why. ``note`` says what
+    the referee has that the model has not; None for a system without geometry, which then referees
+    itself.
+    """
+
+    replay: Rollout
+    cost: float
+    failed: Unsolved | None
+    note: str | None
+    refined_cost: float
+    refined_note: str
+
+
+def referee(
+    problem: Problem, inputs: np.ndarray | Gains, values: dict[str, float], x0: np.ndarray
+) -> Referee:
+    """Replay ``inputs`` (S or 1, N, nu), or a policy, from x0 (S, nx) under the sharpest contact.
+
+    ``values`` are parameter values by name. Never raises for a step without a solution.
+    """
+    replay, failed = roll_on(problem, inputs, values, problem.referee_step, x0)
+    refined, why = _refined_cost(problem, inputs, values, x0)
+    return Referee(replay, replay.cost, failed, problem.system.referee_note, refined, why)
+
+
+def _refined_cost(
+    problem: Problem, inputs: np.ndarray | Gains, values: dict[str, float], x0: np.ndarray
+) -> tuple[float, str]:
+    """Cost at h/4, or NaN and the reason."""
+    system, h = problem.system, problem.system.h
+    if not system.refinable:
+        return math.nan, "the step size is part of the model"
+    if any(signal.unit == "N s" for signal in system.inputs):
+        return math.nan, "an input is the impulse of a step, which belongs to its size"
+    chosen, named = _place(h, system.x), _place(h, system.parameters.vector)
+    start, finer = np.array(x0, dtype=float), dict(values)
+    if chosen is not None:
+        start[:, chosen] /= REFINEMENT
+    elif named is not None:
+        finer[system.parameters.names[named]] /= REFINEMENT
+    else:
+        return math.nan, "the step size is no parameter of the model that could be turned"
+    rolled, failed = roll_on(
+        problem, inputs, finer, problem.referee_step, start, substeps=REFINEMENT
+    )
+    if failed is not None:
+        return math.nan, str(failed)
+    x = rolled.x.copy()
+    if chosen is not None:
+        x[:, :, chosen] *= REFINEMENT
+    physical = np.array([values[key] for key in problem.parameters.names])
+    return float(trajectory_costs(problem, x, rolled.u, physical).mean()), ""
+
+
+def _place(symbol: ca.SX | float, among: ca.SX) -> int | None:
+    """Position of a symbol in a column of symbols, None where it is none of them."""
+    one = ca.SX(symbol)
+    places = [i for i in range(among.numel()) if ca.is_equal(one, among[i])]
+    return places[0] if places else None
+
+
+@dataclass(frozen=True)
+class Survival:
+    """Whether a plan survives its referee; if not, ``reasons`` says why, each half a sentence.
+
+    It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
+    the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
+    :data:`CONSTRAINT_SHARE` and its bodies apart to :data:`PENETRATION_SHARE` of the problem's
+    characteristic sizes. ``cost_excess`` is what the replay costs more as a share of the plan's
+    cost, ``state_gap`` the largest difference of a state in its unit, ``state_share`` that of the
+    characteristic size; NaN where the replay has none.
+    """
+
+    survives: bool
+    reasons: tuple[str, ...]
+    cost_excess: float
+    state_gap: float
+    state_share: float
+
+
+@dataclass(frozen=True)
+class Hearing:
+    """All that is to be said of a plan's physics, see :func:`hear`.
+
+    ``planned`` and ``replayed`` measure plan and replay; ``broken`` are the constraints that the
+    replay breaks by anything at all, the worst first; ``parting`` the first step of the plan that
+    the model does not determine.
+    """
+
+    referee: Referee
+    survival: Survival
+    planned: Physics
+    replayed: Physics
+    broken: tuple[Broken, ...]
+    parting: Parting | None
+
+
+def hear(
+    problem: Problem,
+    step: Step,
+    plan: Rollout,
+    values: dict[str, float],
+    gains: Gains | None = None,
+) -> Hearing:
+    """Referee a plan that was made with ``step``, and measure both.
+
+    The plan's inputs are replayed, or the policy where there is one, from the plan's own starts.
+    """
+    physical = np.array([values[name] for name in problem.parameters.names])
+    heard = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
+    there = heard.replay
+    planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
+    replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
+    broken = tuple(broken_constraints(problem, there.x, there.u, physical))
+    parting = find_parting(problem, plan.x, plan.u, plan.lam, values)
+    verdict = survival(problem, plan, heard, replayed, broken)
+    return Hearing(heard, verdict, planned, replayed, broken, parting)
+
+
+def survival(
+    problem: Problem, plan: Rollout, heard: Referee, physics: Physics, broken: Sequence[Broken]
+) -> Survival:
+    """Judge a refereed plan; ``physics`` and ``broken`` are those of the referee's replay."""
+    excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST)
+    off = np.abs(heard.replay.x - plan.x)
+    shares = off / problem.sizes.x
+    share = float(shares.max())
+    reasons = []
+    if heard.failed is not None:
+        reasons.append(heard.failed.brief)
+    elif not math.isfinite(share):
+        reasons.append("it leads to states that are no numbers")
+    elif not math.isfinite(heard.cost):
+        reasons.append("its cost is no number there")
+    if excess > COST_SHARE:
+        reasons.append(f"it costs {heard.cost:.6g} instead of {plan.cost:.6g}")
+    if share > STATE_SHARE:
+        s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), off.shape))
+        signal = problem.system.states[i]
+        reasons.append(f"{signal.name} is {off[s, k, i]:.2g} {signal.unit} off at node {k}")
+    reasons += _what_breaks(broken)
+    for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
+        if worst is not None and worst.amount > PENETRATION_SHARE * problem.sizes.gap:
+            reasons.append(
+                f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}"
+            )
+            break
+    return Survival(not reasons, tuple(reasons), float(excess), float(off.max()), share)
+
+
+def _what_breaks(broken: Sequence[Broken]) -> list[str]:
+    """One half sentence for every kind of constraint that is broken: its worst entry."""
+    worst: dict[str, Broken] = {}
+    for one in broken:
+        if one.share > CONSTRAINT_SHARE:
+            worst.setdefault(one.violation.name, one)
+    return [
+        f"its {_KINDS[v.name]} {v.component} is broken by {v.amount:.2g} at step {v.step}"
+        for v in (one.violation for one in worst.values())
+    ]

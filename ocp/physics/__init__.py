@@ -1,0 +1,1 @@
+"""What trajectories do to bodies: distances, contacts, constraints, and undetermined steps."""

@@ -1,0 +1,100 @@
+"""Steps of a plan at which the model's contact has more than one solution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocp.physics.along import Along
+from ocp.problem import Problem
+
+APART = 1e-2
+"""Share of the states' characteristic size from which on two ends of a step are two."""
+SATISFIED = 1e-5
+"""Share of the characteristic sizes to which a plan's step must obey the exact relation.
+
+A solver that stops at lam gap = 1e-8 N s m is a thousandth of both sizes off where both are near
+zero; two ends that are further apart than :data:`APART` are not the same end, solved badly.
+"""
+
+
+@dataclass(frozen=True)
+class Parting:
+    """A step from whose state and input the model's contact can go on in two ways.
+
+    The plan's end obeys the exact relation, and so does another, ``distance`` away (largest
+    difference of a state, the one called ``state``, in ``unit``); ``contacts`` are those whose
+    impulses differ.
+
+    A plan by direct transcription may use the better of the two; its replay takes the one at which
+    the step's central path ends. Shooting plans through that same step and so has no choice, and
+    under the barrier law at a small mu its answer is certified as that of a smooth problem.
+    """
+
+    step: int
+    scenario: int
+    contacts: tuple[str, ...]
+    distance: float
+    state: str
+    unit: str
+
+
+def find_parting(
+    problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
+) -> Parting | None:
+    """Find the first step of a plan at which the model's exact step has another solution.
+
+    x (S, N+1, nx), u (S, N, nu), lam (S, N, nlam). The step is solved from every state and input of
+    the plan itself, so that no earlier difference grows into it. None where the plan obeys another
+    law than the exact one, where it is a plan with branches, or where both agree.
+    """
+    step = problem.exact_step
+    if lam.shape[2] != step.n:
+        return None
+    p = np.array([values[name] for name in step.p.names])
+    S, N = u.shape[:2]
+    columns = [part.reshape(S * N, -1).T for part in (x[:, :-1], u)]
+    found = step.solve.map(S * N)(*columns, p)
+    x_next, other, _, error = (np.array(part).T.reshape(S, N, -1) for part in found)
+    apart = np.abs(x_next - x[:, 1:])
+    distance = (apart / problem.sizes.x).max(axis=2)
+    solved = np.all(error <= SATISFIED, axis=2)
+    two = solved & _obeys(problem, x, u, lam, values) & (distance > APART)
+    if not two.any():
+        return None
+    k = int(np.flatnonzero(two.any(axis=0))[0])
+    s = int(np.flatnonzero(two[:, k])[0])
+    i = int((apart[s, k] / problem.sizes.x).argmax())
+    signal = problem.system.states[i]
+    contacts = _differing(problem, lam[s, k], other[s, k])
+    return Parting(k, s, contacts, float(apart[s, k, i]), signal.name, signal.unit)
+
+
+def _obeys(
+    problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
+) -> np.ndarray:
+    """Whether the plan's own steps obey the exact relation, (S, N)."""
+    system, reference = problem.system, problem.sizes
+    physical = np.array([values[name] for name in problem.parameters.names])
+    residual, gap = Along(problem, system, x, u, lam, physical)(system.residual, system.gap)
+    product = reference.impulse * reference.gap
+    off = np.stack([-lam / reference.impulse, -gap / reference.gap, lam * gap / product])
+    motion = np.abs(residual).max(axis=2, initial=0.0)
+    return (off.max(axis=(0, 3), initial=0.0) <= SATISFIED) & (motion <= SATISFIED)
+
+
+def _differing(problem: Problem, one: np.ndarray, other: np.ndarray) -> tuple[str, ...]:
+    """Names of the contacts whose impulses, each (nlam,), are not the same."""
+    system = problem.system
+    apart = np.abs(one - other) > APART * problem.sizes.impulse
+    names = [signal.name for signal in system.contacts]
+    first = {pair.contact: i for i, pair in reversed(list(enumerate(system.pairs)))}
+    called = {
+        contact: names[i] if system.forces is None or contact >= len(system.forces.names)
+        else system.forces.names[contact]
+        for contact, i in first.items()
+    }  # fmt: skip
+    return tuple(dict.fromkeys(
+        called[pair.contact] for i, pair in enumerate(system.pairs) if apart[i]
+    ))  # fmt: skip

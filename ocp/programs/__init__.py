@@ -1,0 +1,1 @@
+"""Programs and their solvers: named blocks, natural units, and what a solver says."""

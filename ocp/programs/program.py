@@ -1,0 +1,131 @@
+"""A mathematical program with complementarity constraints: what routes and certificates work on."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ocp.programs.layout import Layout
+from ocp.programs.units import Scale
+
+FORMS = ("product", "none", "fischer-burmeister", "lin-fukushima")
+"""How ``0 <= G ⟂ H >= 0`` stands in a program, see :class:`Program`."""
+
+
+@dataclass(frozen=True)
+class PairName:
+    """What a pair is called: its kind (see :class:`~dynamics.systems.Pair`), name and place."""
+
+    kind: str
+    name: str
+    scenario: int = 0
+    step: int = 0
+
+
+class Program(ABC):
+    """``min f(x, p)`` subject to ``g_lower <= g(x, p) <= g_upper``, bounds, ``0 <= G ⟂ H >= 0``.
+
+    G and H are entries of x, at ``pairs`` (2, m). The program knows nothing of trajectories. By
+    ``form`` the pairs stand as rows ``G H - mu`` of the block "contact" ("product"), not at all
+    ("none": fixed active sets, or a penalty on G H), as ``G + H - sqrt(G² + H² + 2 t)``
+    ("fischer-burmeister") or as ``G H - t²`` with ``(G + t)(H + t) - t²`` in "separation"
+    ("lin-fukushima"), t the parameter ``relaxation``.
+
+    ``f_g`` maps (x, p) to (f, g); ``gradient`` to (f, df/dx); ``jacobian`` to (g, dg/dx);
+    ``hessian`` maps (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian. x is
+    laid out by ``variables``, g by ``constraints``; ``solvers`` keeps compiled solver instances.
+    """
+
+    variables: Layout
+    constraints: Layout
+    f_g: ca.Function
+    gradient: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
+    form: str
+    pairs: np.ndarray
+    solvers: dict[str, ca.Function]
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """What errors call it."""
+
+    @abstractmethod
+    def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
+        """The vector p at named values, ``penalty`` and ``relaxation`` among them."""
+
+    @abstractmethod
+    def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
+        """Bounds ``lbx ubx lbg ubg`` at named values."""
+
+    @abstractmethod
+    def sizes(self, x: np.ndarray) -> np.ndarray:
+        """Characteristic size of every variable, near a point x."""
+
+    @abstractmethod
+    def pair_name(self, index: int) -> PairName:
+        """What the pair ``pairs[:, index]`` is called."""
+
+    @cached_property
+    def scale(self) -> Scale | None:
+        """What a solver divides variables, constraints and cost by; None for nothing."""
+        return None
+
+    @property
+    def natural(self) -> Scale:
+        """:attr:`scale`, of ones where it is None."""
+        return self.scale or Scale.none(self.n, self.m)
+
+    @property
+    def n(self) -> int:
+        """Number of variables."""
+        return self.variables.size
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return self.constraints.size
+
+    @property
+    def n_parameters(self) -> int:
+        """Length of p."""
+        return int(self.f_g.size1_in(1))
+
+    def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
+        """Guesses (m,) of the pairs whose second member is to be held at zero near x."""
+        first, second = x[self.pairs] / self.sizes(x)[self.pairs]
+        return [first > second]
+
+    def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """``G H`` of every pair, flat."""
+        first, second = x[self.pairs]
+        return first * second
+
+
+def closure_rows(
+    form: str, first: ca.SX, second: ca.SX, mu: ca.SX | float, t: ca.SX
+) -> list[tuple[str, ca.SX]]:
+    """Rows by which a form states ``0 <= first ⟂ second >= 0``, see :class:`Program`."""
+    if form == "product":
+        return [("contact", first * second - mu)]
+    if form == "fischer-burmeister":
+        return [("contact", first + second - ca.sqrt(first**2 + second**2 + 2 * t))]
+    if form == "lin-fukushima":
+        return [
+            ("contact", first * second - t**2),
+            ("separation", (first + t) * (second + t) - t**2),
+        ]
+    return []
+
+
+ProgramOf = Callable[[str], Program]
+"""Gives the program of a form, built once."""
+Values = dict[str, float]
+Bounds = dict[str, Any]

@@ -1,0 +1,213 @@
+"""Run a named NLP solver on an NLP and say what it did."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.programs.program import Program
+from ocp.programs.scaled import Point, Scaled
+from ocp.programs.status import Status
+
+SOLVERS = {
+    "ipopt": "interior point, exact Hessian, MUMPS or SPRAL inside (the default)",
+    "fatrop": "interior point for staged problems",
+    "uno": "barrier and SQP methods of the Uno family",
+    "sleqp": "sequential linear programming with equality-constrained steps",
+}
+IPOPT_DEFAULTS: dict[str, Any] = {
+    "print_level": 0,
+    "sb": "yes",
+    "tol": 1e-9,
+    "constr_viol_tol": 1e-9,
+    "compl_inf_tol": 1e-9,
+    "dual_inf_tol": 1e-4,
+    "acceptable_iter": 10,
+    "acceptable_tol": 1e-5,
+    "acceptable_obj_change_tol": 1e-10,
+    "acceptable_constr_viol_tol": 1e-9,
+    "max_iter": 1000,
+    "bound_relax_factor": 0.0,
+    "honor_original_bounds": "yes",
+    "mumps_mem_percent": 200,
+}
+_QUIET: dict[str, dict[str, Any]] = {"fatrop": {"print_level": 0}, "uno": {"logger": "SILENT"}}
+_STATUS = {
+    "Solve_Succeeded": Status.SOLVED,
+    "Solved_To_Acceptable_Level": Status.SOLVED,
+    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
+    "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
+    "Infeasible_Problem_Detected": Status.INFEASIBLE,
+    "Diverging_Iterates": Status.DIVERGED,
+    "Invalid_Number_Detected": Status.DIVERGED,
+    "User_Requested_Stop": Status.STOPPED,
+}
+
+
+GIVEN_UP = "Maximum_WallTime_Exceeded"
+"""The word of a run that was given up, IPOPT's."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Where a solver stopped: point, cost, constraints, and its own word on it.
+
+    Of its ``seconds``, ``evaluation_s`` went into evaluating the NLP and its derivatives, the rest
+    into the solver's linear algebra and its own affairs.
+    """
+
+    point: Point
+    f: float
+    g: np.ndarray
+    status: Status
+    word: str
+    iterations: int
+    seconds: float
+    evaluation_s: float = 0.0
+
+    @property
+    def ok(self) -> bool:
+        """Whether the solver claims convergence."""
+        return self.status is Status.SOLVED
+
+
+class Solver:
+    """A solver by name with its options; compiled instances are kept on the NLP.
+
+    ``options`` are the solver's own (for IPOPT without the ``ipopt.`` prefix). Raises
+    :class:`~ocp.errors.InputError` for an unknown name, a plugin this CasADi lacks, or an option
+    the solver refuses.
+    """
+
+    def __init__(self, name: str = "ipopt", options: dict[str, Any] | None = None) -> None:
+        if name not in SOLVERS:
+            raise InputError(f"unknown solver {name!r}; there are {', '.join(SOLVERS)}")
+        if not ca.has_nlpsol(name):
+            raise InputError(f"this CasADi has no {name}; use --solver ipopt")
+        self.name, self.options = name, dict(options or {})
+        self.deadline: float | None = None
+
+    @contextmanager
+    def within(self, seconds: float | None) -> Iterator[None]:
+        """Give up all runs inside after ``seconds`` in all; None for no limit."""
+        before = self.deadline
+        if seconds is not None:
+            self.deadline = time.perf_counter() + seconds
+        try:
+            yield
+        finally:
+            self.deadline = before
+
+    def run(
+        self,
+        nlp: Program,
+        start: Point,
+        p: np.ndarray,
+        bounds: dict[str, np.ndarray],
+        **overrides: Any,
+    ) -> Result:
+        """Solve from ``start``, with its multipliers where ``warm_start_init_point`` is set."""
+        if self.deadline is not None:
+            left = self.deadline - time.perf_counter()
+            if left <= 0:
+                return _given_up(nlp, start, p)
+            if self.name == "ipopt":
+                # Powers of two, since every set of options is a solver instance of its own.
+                overrides = {**overrides, "max_wall_time": 2.0 ** math.ceil(math.log2(left))}
+        function = self._instance(nlp, overrides)
+        _check_bounds(nlp, bounds)
+        scaled = Scaled(nlp)
+        arguments: dict[str, Any] = {"p": p, **scaled.given(start, bounds)}
+        began = time.perf_counter()
+        try:
+            answer = function(**arguments)
+        except RuntimeError as error:
+            return self._thrown(nlp, start, p, error, time.perf_counter() - began)
+        seconds = time.perf_counter() - began
+        stats = function.stats()
+        word = str(stats.get("return_status", "unknown"))
+        good = bool(stats.get("success", False))
+        status = _STATUS.get(word, Status.SOLVED if good else Status.FAILED)
+        values = {key: np.array(answer[key]).ravel() for key in ("x", "lam_x", "lam_g", "g")}
+        point, cost, g = scaled.answer(float(answer["f"]), **values)
+        if not np.all(np.isfinite(values["x"])):
+            status = Status.DIVERGED
+        return Result(
+            point, cost, g, status, word, int(stats.get("iter_count", 0)), seconds,
+            _evaluation_s(stats),
+        )  # fmt: skip
+
+    def _thrown(
+        self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float
+    ) -> Result:
+        """Tell as an outcome that a plugin threw; some refuse their options only when called."""
+        word = str(error).strip().splitlines()[-1]
+        if "option" in word or "logger" in word:
+            raise InputError(f"{self.name} refused its options {self.options}: {word}") from error
+        f, g = nlp.f_g(start.x, p)
+        return Result(start, float(f), np.array(g).ravel(), Status.FAILED, word, 0, seconds)
+
+    def _instance(self, nlp: Program, overrides: dict[str, Any]) -> ca.Function:
+        options = {**self.options, **overrides}
+        limits = [given["max_iter"] for given in (self.options, overrides) if "max_iter" in given]
+        if limits:
+            options["max_iter"] = min(limits)
+        key = json.dumps([self.name, options], sort_keys=True, default=str)
+        if key not in nlp.solvers:
+            nlp.solvers[key] = self._create(nlp, options)
+        return nlp.solvers[key]
+
+    def _create(self, nlp: Program, options: dict[str, Any]) -> ca.Function:
+        x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", nlp.n_parameters)
+        functions = Scaled(nlp).functions()
+        f, g = functions["f_g"].call([x, p], True, False)
+        common: dict[str, Any] = {
+            "print_time": False, "calc_lam_p": False, "error_on_fail": False,
+            "show_eval_warnings": False,
+        }  # fmt: skip
+        if self.name == "ipopt":
+            inner = {**IPOPT_DEFAULTS, **options}
+            derivatives = {name: functions[name] for name in ("grad_f", "jac_g", "hess_lag")}
+            common |= {"ipopt": inner, "no_nlp_grad": True, **derivatives}
+        else:
+            common[self.name] = {**_QUIET.get(self.name, {}), **options}
+        try:
+            return ca.nlpsol("solver", self.name, {"x": x, "p": p, "f": f, "g": g}, common)
+        except RuntimeError as error:
+            line = next((s for s in str(error).splitlines() if "ption" in s), str(error).strip())
+            reason = line.rpartition(".cpp:")[2].partition(": ")[2].strip() or line.strip()
+            raise InputError(f"{self.name} refused its options: {reason}") from error
+
+
+def _given_up(nlp: Program, start: Point, p: np.ndarray) -> Result:
+    f, g = nlp.f_g(start.x, p)
+    return Result(start, float(f), np.array(g).ravel(), Status.TIME_LIMIT, GIVEN_UP, 0, 0.0)
+
+
+def _evaluation_s(stats: dict[str, Any]) -> float:
+    """Wall time in f, g and their derivatives, as CasADi measured it around each call."""
+    return sum(float(v) for key, v in stats.items() if key.startswith("t_wall_nlp_"))
+
+
+def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
+    for letter, layout in (("x", nlp.variables), ("g", nlp.constraints)):
+        lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
+        crossed = np.flatnonzero(lower > upper)
+        if crossed.size:
+            at = int(crossed[0])
+            block, index = layout.locate(at)
+            component = block.components[index[-1]] if block.components else str(index[-1])
+            raise InputError(
+                f"{nlp.title}: the lower bound of {component} in {block.name} is"
+                f" {lower[at]:g}, above its upper bound {upper[at]:g}; exchange or widen them"
+            )

@@ -1,0 +1,1 @@
+"""Whether a point is stationary, and how it moves with a parameter."""

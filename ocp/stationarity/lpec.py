@@ -1,0 +1,213 @@
+"""Linear programs with complementarity constraints, by which a point is judged to first order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
+    from scipy.optimize import OptimizeResult
+
+_SNAP = 1e-4
+"""A slack below this share of a characteristic size counts as none; so does a pair's member."""
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """First-order model of a problem at a point, in units of characteristic sizes.
+
+    ``minimise cost' d`` subject to ``row_lower <= rows d <= row_upper``, ``lower <= d <= upper``
+    and ``0 <= l + d_l ⟂ g + d_g >= 0`` for the pairs at positions ``pairs`` (2, m). Slacks are
+    those at the point, zero where a constraint is active; an equation keeps ``rows d = 0``
+    whatever its residual is, which is the audit's affair.
+
+    ``cost`` (n,) is the gradient times the sizes, ``rows`` (m_g, n) the Jacobian so scaled, with
+    its largest entry in every row brought to 1; ``row_scale`` (m_g,) are the factors.
+    """
+
+    cost: np.ndarray
+    rows: sp.csr_matrix
+    row_lower: np.ndarray
+    row_upper: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    pairs: np.ndarray
+    members: np.ndarray
+    row_scale: np.ndarray
+    sizes: np.ndarray
+
+    @classmethod
+    def at(
+        cls, x: np.ndarray, gradient: np.ndarray, g: np.ndarray, jacobian: sp.spmatrix,
+        bounds: dict[str, np.ndarray], sizes: np.ndarray, pairs: np.ndarray,
+        residuals: bool = False,
+    ) -> LinearModel:  # fmt: skip
+        """Scale the derivatives at ``x``; ``bounds`` are ``lbx ubx lbg ubg``, without contact's.
+
+        With ``residuals`` rows keep what they are off by, for a direction to mend.
+        """
+        import scipy.sparse as sp
+
+        scaled = sp.csr_matrix(jacobian) @ sp.diags(sizes)
+        largest = abs(scaled).max(axis=1).toarray().ravel() if g.size else np.zeros(0)
+        scale = 1 / np.maximum(largest, 1e-12)
+        equal = bounds["lbg"] == bounds["ubg"]
+        row_lower, row_upper = (bounds["lbg"] - g) * scale, (bounds["ubg"] - g) * scale
+        if not residuals:
+            row_lower = np.where(equal, 0.0, _active(row_lower))
+            row_upper = np.where(equal, 0.0, -_active(-row_upper))
+        return cls(
+            gradient * sizes,
+            sp.csr_matrix(sp.diags(scale) @ scaled),
+            row_lower,
+            row_upper,
+            _active((bounds["lbx"] - x) / sizes),
+            -_active((x - bounds["ubx"]) / sizes),
+            pairs,
+            np.maximum(x[pairs] / sizes[pairs], 0.0),
+            scale,
+            sizes,
+        )
+
+    @property
+    def finite(self) -> bool:
+        """Whether every derivative and every constraint is a number."""
+        parts = (self.cost, self.rows.data, self.row_lower, self.row_upper)
+        return not any(np.isnan(part).any() for part in parts)
+
+    def near(self, radius: float) -> np.ndarray:
+        """Pairs whose members are both within ``radius`` of zero: these may change sides."""
+        return np.all(self.members < radius, axis=0)
+
+    def box(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of ``d / radius`` in the trust region; decided pairs keep their zero member."""
+        lower = np.maximum(self.lower / radius, -1.0)
+        upper = np.minimum(self.upper / radius, 1.0)
+        at_zero = np.argmin(self.members, axis=0)
+        decided = ~self.near(radius)
+        held = self.pairs[at_zero, np.arange(at_zero.size)][decided]
+        lower[held] = upper[held] = 0.0
+        loose = self.pairs[:, ~decided]
+        lower[loose] = -self._snapped()[:, ~decided] / radius
+        upper[loose] = 1.0
+        return lower, upper
+
+    def _snapped(self) -> np.ndarray:
+        return np.where(self.members < _SNAP * 1e-2, 0.0, self.members)
+
+    def dual_bound(self, multipliers: np.ndarray, radius: float) -> float:
+        """Return a bound on the decrease per radius that no relaxed direction exceeds.
+
+        Weak duality: for any multipliers y of the rows, ``-min_d cost' d`` over the box and rows is
+        at most ``-sum_i min(r_i lower_i, r_i upper_i) + sum_j max(y_j row_upper_j, y_j
+        row_lower_j)`` with ``r = cost + rows' y``. Zero at the multipliers of a strongly
+        stationary point.
+        """
+        y = np.asarray(multipliers) / self.row_scale
+        reduced = self.cost + self.rows.T @ y
+        lower, upper = self.box(radius)
+        gained = -np.minimum(reduced * lower, reduced * upper).sum()
+        ends = [y * _finite(end / radius) for end in (self.row_lower, self.row_upper)]
+        return float(gained + np.maximum(*ends).sum())
+
+    def descend(
+        self, radius: float, branching: bool, seconds: float, cut: float, first: bool = False
+    ) -> Descent:
+        """Find the steepest feasible direction with ``|d_i| <= radius``.
+
+        Without ``branching`` the near pairs may both grow (the relaxed problem, a linear program);
+        with it one member of each stays zero, by one binary a pair, and the search is for a
+        direction that falls by more than ``cut`` per radius, at least half as steep as any; with
+        ``first`` it ends at the first one. A ``cut`` of minus infinity asks for any direction; the
+        step is zero where there is none.
+        """
+        near = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
+        n, count = self.cost.size, near.size
+        gap = 1e9 if first else 0.5
+        found = _solved(*self._program(radius, near, cut), seconds, gap)
+        if found.status == 2 and count:
+            return Descent(0.0, np.zeros(n), near, np.zeros(count))
+        if found.x is None:
+            return Descent(np.nan, np.zeros(n), near, np.zeros(count), str(found.message))
+        step = found.x[:n]
+        fall = max(0.0, -float(self.cost @ step))
+        return Descent(fall, step, near, np.round(found.x[n:]))
+
+    def _program(
+        self, radius: float, near: np.ndarray, cut: float
+    ) -> tuple[np.ndarray, tuple[Any, ...], tuple[Any, ...], np.ndarray]:
+        """Objective, rows, bounds and integrality over the direction and one binary a near pair."""
+        import scipy.sparse as sp
+
+        count, size = near.size, max(float(np.abs(self.cost).max(initial=0.0)), 1e-300)
+        none, one = np.zeros(count), np.ones(count)
+        lower, upper = self.box(radius)
+        objective = np.concatenate([self.cost / size, none])
+        rows = [sp.hstack([self.rows, sp.csr_matrix((self.row_scale.size, count))])]
+        ends = [(self.row_lower / radius, self.row_upper / radius)]
+        if count:
+            members = self._snapped()[:, near] / radius
+            free = np.full(count, -np.inf)
+            rows += [*self._branches(near, members), sp.csr_matrix(objective)]
+            ends += [(free, -members[0]), (free, one), (free[:1], np.array([-cut / size]))]
+        low, high = (np.concatenate(part) for part in zip(*ends, strict=True))
+        box = np.concatenate([lower, none]), np.concatenate([upper, one])
+        whole = np.concatenate([np.zeros(self.cost.size), one])
+        return objective, (sp.vstack(rows), low, high), box, whole
+
+    def _branches(self, near: np.ndarray, members: np.ndarray) -> list[sp.csr_matrix]:
+        """``l + d_l <= z (l + 1)`` and ``g + d_g <= (1 - z) (g + 1)``, all over the radius."""
+        import scipy.sparse as sp
+
+        count, n = near.size, self.cost.size
+        at = np.arange(count), np.ones(count)
+
+        def chosen(which: int) -> sp.csr_matrix:
+            return sp.csr_matrix((at[1], (at[0], self.pairs[which, near])), (count, n))
+
+        return [
+            sp.csr_matrix(sp.hstack([chosen(0), sp.diags(-(members[0] + 1))])),
+            sp.csr_matrix(sp.hstack([chosen(1), sp.diags(members[1] + 1)])),
+        ]
+
+
+@dataclass(frozen=True)
+class Descent:
+    """The steepest direction found: what it gains per radius, and where near pairs go.
+
+    ``acts`` (of ``near``) is 1 where the multiplier may grow and the gap stays zero. ``decrease``
+    is NaN where the program was not solved; ``trouble`` says why.
+    """
+
+    decrease: float
+    step: np.ndarray
+    near: np.ndarray
+    acts: np.ndarray
+    trouble: str = ""
+
+
+def _active(negative_slack: np.ndarray) -> np.ndarray:
+    """A lower end of a step: zero where the constraint is active or violated."""
+    return np.where(negative_slack > -_SNAP, 0.0, negative_slack)
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    return np.clip(values, -1e12, 1e12)
+
+
+def _solved(
+    objective: np.ndarray, rows: tuple[Any, ...], box: tuple[Any, ...], whole: np.ndarray,
+    seconds: float, gap: float,
+) -> OptimizeResult:  # fmt: skip
+    """Solve by HiGHS; a second time without presolve where it ran into numerical trouble."""
+    from scipy.optimize import Bounds, LinearConstraint, milp
+
+    options = {"time_limit": seconds, "mip_rel_gap": gap}
+    given = {"constraints": LinearConstraint(*rows), "bounds": Bounds(*box), "integrality": whole}
+    found = milp(objective, options=options, **given)
+    if found.status == 4:
+        found = milp(objective, options={**options, "presolve": False}, **given)
+    return found

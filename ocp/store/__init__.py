@@ -1,0 +1,15 @@
+"""The store of runs: what was asked and what came out, on disk, and read back."""
+
+from ocp.store.runs import SCHEMA, check_writable, list_runs, load, read_meta, save, write
+from ocp.store.stored_run import StoredRun
+
+__all__ = [
+    "SCHEMA",
+    "StoredRun",
+    "check_writable",
+    "list_runs",
+    "load",
+    "read_meta",
+    "save",
+    "write",
+]

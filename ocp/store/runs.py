@@ -1,0 +1,275 @@
+"""The run store: what was asked and what came out, on disk, whole or not at all.
+
+A run is ``<root>/<problem>/<utc-time>-<hash>/`` with ``solution.nc`` (netCDF) and ``meta.json``.
+It is written beside its place under a temporary name, flushed to the disk and renamed, so a process
+killed at any time leaves no half run. Nothing is ever pickled.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from ocp.errors import DamagedRun, InputError
+from ocp.solution import Solution
+from ocp.store.plain import content_hash, plain
+from ocp.store.provenance import git_revision, versions
+from ocp.store.stored_run import DATA_FILE, META_FILE, StoredRun
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SCHEMA = 1
+_PARTIAL = ".partial-"
+
+
+@dataclass(frozen=True)
+class RunEntry:
+    """One line of a store's listing: ``meta`` of a run, or why it cannot be read."""
+
+    path: Path
+    meta: dict[str, Any] | None
+    damage: str = ""
+
+
+def save(solution: Solution, root: Path | str, argv: Sequence[str]) -> Path:
+    """Store a solution and return its run directory; see :func:`write` for what it raises."""
+    record = dict(solution.record)
+    meta = {
+        "kind": "solve",
+        "argv": list(argv),
+        "seed": record.get("seed"),
+        "record": record,
+        "audit": asdict(solution.audit),
+        "certificate": asdict(solution.certificate),
+        "referee": asdict(solution.referee),
+        "idle_cost": solution.idle_cost,
+        "grade": solution.grade,
+        "cost": solution.cost,
+        "status": solution.status.label,
+        "verdict": solution.verdict,
+        "stages": [asdict(stage) for stage in solution.stages],
+        "iterations": solution.iterations,
+        "build_s": solution.build_s,
+        "solve_s": solution.solve_s,
+        "evaluation_s": solution.evaluation_s,
+        "solver_s": solution.solver_s,
+        "others": solution.others,
+    }
+    return write(root, str(record.get("problem", "problem")), solution.data, meta)
+
+
+def write(root: Path | str, problem: str, data: xr.Dataset, meta: dict[str, Any]) -> Path:
+    """Store ``data`` and ``meta`` as one run of ``problem`` and return its directory.
+
+    ``meta`` needs ``kind``; ``schema problem created versions revision hash checksum`` are added.
+    The hash in the name covers the content without times, so identical solves share it.
+
+    Raises :class:`~ocp.errors.InputError` where the directory cannot be written or the disk is
+    full; then nothing of the run is left behind.
+    """
+    described = plain(meta)
+    data_bytes = bytes(data.to_netcdf(engine="netcdf4"))
+    created = datetime.now(UTC)
+    described |= {
+        "schema": SCHEMA,
+        "problem": problem,
+        "created": created.isoformat(timespec="seconds"),
+        "versions": versions(),
+        "revision": git_revision(),
+        "hash": content_hash(data, described),
+        "checksum": hashlib.sha256(data_bytes).hexdigest(),
+    }
+    meta_bytes = (json.dumps(described, indent=1, sort_keys=True) + "\n").encode()
+    name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
+    shelf = Path(root) / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
+    try:
+        shelf.mkdir(parents=True, exist_ok=True)
+        with _partial_directory(shelf) as partial:
+            _write_file(partial / DATA_FILE, data_bytes)
+            _write_file(partial / META_FILE, meta_bytes)
+            _flush_directory(partial)
+            final = _rename_into(partial, shelf, name)
+        _flush_directory(shelf)
+    except OSError as error:
+        _explain_write_failure(Path(root), error)
+    return final
+
+
+def check_writable(root: Path | str) -> None:
+    """Make ``root`` and raise :class:`~ocp.errors.InputError` where nothing can be written."""
+    directory = Path(root)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=_PARTIAL, dir=directory):
+            pass
+    except OSError as error:
+        _explain_write_failure(directory, error)
+
+
+def load(path: Path | str) -> StoredRun:
+    """Read a run back.
+
+    Raises :class:`~ocp.errors.InputError` where there is no such directory and
+    :class:`~ocp.errors.DamagedRun`, naming file and reason, where the run is not whole.
+    """
+    import xarray as xr
+
+    directory = Path(path)
+    meta = read_meta(directory)
+    file = directory / DATA_FILE
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise DamagedRun(f"{file} cannot be read: {_reason(error)}") from error
+    if hashlib.sha256(content).hexdigest() != meta["checksum"]:
+        raise DamagedRun(f"{file} does not match its checksum in {META_FILE}: cut short or changed")
+    try:
+        data = xr.load_dataset(file, engine="netcdf4")
+    except (OSError, RuntimeError, ValueError) as error:
+        raise DamagedRun(f"{file} is no readable netCDF file: {error}") from error
+    return StoredRun(directory, data, meta)
+
+
+def read_meta(directory: Path) -> dict[str, Any]:
+    """Read ``meta.json`` of a run; raises as :func:`load` does."""
+    file = directory / META_FILE
+    if not directory.is_dir():
+        raise InputError(f"there is no run at {directory}; ocp runs lists what the store holds")
+    try:
+        meta = json.loads(file.read_bytes())
+    except OSError as error:
+        raise DamagedRun(f"{file} cannot be read: {_reason(error)}") from error
+    except ValueError as error:
+        raise DamagedRun(f"{file} is not JSON: {error}") from error
+    if not isinstance(meta, dict) or "schema" not in meta:
+        raise DamagedRun(f"{file} has no schema version, so it describes no run")
+    if meta["schema"] != SCHEMA:
+        raise DamagedRun(
+            f"{file} has schema version {meta['schema']}, this program reads {SCHEMA}; read it with"
+            " the program that wrote it"
+        )
+    missing = sorted({"kind", "problem", "created", "hash", "checksum"} - set(meta))
+    if missing:
+        raise DamagedRun(f"{file} lacks {', '.join(missing)}")
+    return meta
+
+
+def list_runs(root: Path | str) -> list[RunEntry]:
+    """List all runs under ``root``, oldest first, the damaged ones with the reason."""
+    entries = []
+    for directory in sorted(Path(root).glob("*/*"), key=lambda path: (path.name, path)):
+        if not directory.is_dir() or directory.name.startswith("."):
+            continue
+        try:
+            entries.append(RunEntry(directory, read_meta(directory)))
+        except DamagedRun as error:
+            entries.append(RunEntry(directory, None, str(error)))
+    return entries
+
+
+@contextmanager
+def _partial_directory(shelf: Path) -> Iterator[Path]:
+    """Make a directory to fill, locked while its process lives; it is gone afterwards."""
+    with _locked(shelf):
+        _sweep(shelf)
+        partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=shelf))
+        partial.chmod(0o755)
+        lock = _lock(partial, wait=False)
+    try:
+        yield partial
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def _sweep(shelf: Path) -> None:
+    """Remove what killed processes left: the kernel drops a lock with its process."""
+    for stale in shelf.glob(f"{_PARTIAL}*"):
+        lock = _lock(stale, wait=False)
+        if lock is not None:
+            shutil.rmtree(stale, ignore_errors=True)
+            os.close(lock)
+
+
+@contextmanager
+def _locked(directory: Path) -> Iterator[None]:
+    lock = _lock(directory, wait=True)
+    try:
+        yield
+    finally:
+        if lock is not None:
+            os.close(lock)
+
+
+def _lock(directory: Path, wait: bool) -> int | None:
+    """Open and lock a directory, or None where another holds it or the file system cannot."""
+    try:
+        handle = os.open(directory, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _rename_into(partial: Path, shelf: Path, name: str) -> Path:
+    """Rename to ``name``, with a number where an identical run was stored in the same second."""
+    attempt = 1
+    while True:
+        final = shelf / (name if attempt == 1 else f"{name}-{attempt}")
+        try:
+            return partial.rename(final)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+        attempt += 1
+
+
+def _write_file(path: Path, content: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _flush_directory(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        # Some file systems cannot flush a directory; the rename is still atomic there.
+        with suppress(OSError):
+            os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)
+
+
+def _explain_write_failure(root: Path, error: OSError) -> NoReturn:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        raise InputError(
+            f"cannot write the run to {root}: the disk is full; free some space or choose another"
+            " directory with --out"
+        ) from error
+    raise InputError(
+        f"cannot write the run to {root}: {_reason(error)}; choose a directory that you may write"
+        " to with --out"
+    ) from error

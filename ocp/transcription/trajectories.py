@@ -1,0 +1,75 @@
+"""From the variables of an NLP back to trajectories."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from ocp.programs.solver import Result
+from ocp.rollout import Gains
+from ocp.transcription.nlp import NLP
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Planned trajectories of all scenarios; lam, gap, mu (S, N, n) over all branches."""
+
+    x: np.ndarray
+    u: np.ndarray
+    lam: np.ndarray
+    gap: np.ndarray
+    mu: np.ndarray
+    residual: np.ndarray
+    gains: Gains | None
+
+
+def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
+    """Read the trajectories out of an NLP's variables and recompute gap, mu and residual."""
+    blocks = nlp.variables.unpack(result.point.x)
+    problem, step = nlp.problem, nlp.step
+    S, N, nx = problem.scenarios.n, problem.N, problem.system.nx
+    gains = Gains(blocks["K"], blocks["k"]) if "K" in blocks else None
+    if nlp.trajectories is not None:
+        found = nlp.trajectories(result.point.x, p)
+        x, u, lam, _ = (np.array(v).T for v in found)
+        x, u, lam = x.reshape(S, N + 1, nx), u.reshape(S, N, -1), lam.reshape(S, N, -1)
+    else:
+        given = nlp.data.unpack(p[len(nlp.names) :])["x0"][:, None]
+        x = np.concatenate([blocks.get("x0", given), blocks["x"]], axis=1)
+        u = np.broadcast_to(blocks["u"], (S, N, problem.system.nu))
+        lam = blocks.get("lam")
+        if lam is None:
+            lam = _solved_contacts(nlp, x, u, p)
+    residual, gap, mu = relation_values(step, x, u, lam, _step_values(nlp, p))
+    return Trajectories(x, np.array(u), lam, gap, mu, residual, gains)
+
+
+def _step_values(nlp: NLP, p: np.ndarray) -> np.ndarray:
+    position = {name: i for i, name in enumerate(nlp.names)}
+    return np.array([p[position[name]] for name in nlp.step.p.names])
+
+
+def _solved_contacts(nlp: NLP, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+    values = _step_values(nlp, p)
+    flat_x, flat_u = x[:, :-1].reshape(-1, x.shape[2]).T, u.reshape(-1, u.shape[2]).T
+    lam = nlp.step.solve.map(flat_x.shape[1])(flat_x, flat_u, values)[1]
+    return np.array(lam).T.reshape(*u.shape[:2], -1)
+
+
+def relation_values(
+    step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residual (S, N, nx), gap (S, N, n) and mu (S, N, n) of the implicit step."""
+    S, N = u.shape[:2]
+
+    def columns(array: np.ndarray) -> np.ndarray:
+        return np.asarray(array).reshape(S * N, -1).T
+
+    found = step.relation.map(S * N)(
+        columns(x[:, :-1]), columns(u), columns(x[:, 1:]), columns(lam), values
+    )
+    residual, gap, mu = (np.array(ca.densify(v)).T.reshape(S, N, -1) for v in found)
+    return residual, gap, mu

@@ -1,0 +1,28 @@
+"""A2: a bouncing ball, by the softened equation of motion and by time stepping."""
+
+from __future__ import annotations
+
+from problems.spec import Citation
+from problems.studies.study import Parts, Study
+
+
+def _parts() -> Parts:
+    from problems.studies.bouncing_ball.claims import claims
+    from problems.studies.bouncing_ball.data import Params, run
+
+    return Params, run, claims
+
+
+study = Study(
+    id="A2",
+    title="A bouncing ball: elastic as an equation, plastic by time stepping",
+    citation=Citation("zhang2023adaptive", "Fig. 2 and C.1"),
+    parts=_parts,
+    notes=(
+        "mu is that of the force, gamma y = mu; the impulse of one step has h mu. Its values are"
+        " our choice, within what C.1 can be integrated at: least height is about exp(-g q0/mu).",
+        "The equation conserves energy, so the softened ball bounces back to its height, whatever"
+        " mu; the complementarity system of the paper is plastic. Neither is the other's limit:"
+        " mu to 0 at fixed h rests on the floor, h to 0 at fixed mu bounces.",
+    ),
+)

@@ -1,0 +1,76 @@
+"""P7: gradients interpolated between the orders, where the first one is wrong or looks right."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from ocp.gradients import SampledObjective, estimate_gradient
+from ocp.gradients.interpolation import ConfidenceTest, FixedWeight
+from ocp.gradients.known_gradient import known_gradient
+from problems.objectives import objective_spec
+from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
+
+ESTIMATORS = ("zobg-mean", "fobg", "alpha-fixed", "alpha-variance", "alpha")
+CASES = ("heaviside", "coulomb", "ball-wall")
+
+
+class Params(StudyParams):
+    """Parameters of P7, all our choice: the text has no figure of its own for it."""
+
+    n_samples: int = setting(2000, "1", "samples of each order", CHOICE, least=2)
+    points: int = setting(21, "1", "decisions", CHOICE, least=3)
+    repeats: int = setting(20, "1", "runs at each decision", CHOICE, least=2)
+    alpha: float = setting(0.5, "1", "constant weight of the first order", CHOICE, least=0, most=1)
+    gamma: float = setting(0.2, "1", "allowed error over the largest gradient", CHOICE, above=0)
+    delta: float = setting(0.05, "1", "probability that the test fails", CHOICE, above=0, most=1)
+    nu: float = setting(1e-4, "m/s", "slip tolerance", CHOICE, above=0)
+
+
+def _grids(params: Params) -> dict[str, tuple[SampledObjective, np.ndarray, float]]:
+    """Objective, decisions and noise of each case."""
+    coulomb = objective_spec("coulomb").objective({"nu": params.nu})
+    return {
+        "heaviside": (objective_spec("heaviside").objective(),
+                      np.linspace(-0.8, 0.8, params.points), 0.2),
+        "coulomb": (coulomb, np.linspace(-0.4, 0.4, params.points), 0.1),
+        "ball-wall": (objective_spec("ball-wall").objective(),
+                      np.linspace(0.6, 0.8, params.points), 0.02),
+    }  # fmt: skip
+
+
+def run(params: Params) -> xr.Dataset:
+    """Estimates, weights and errors of every run, over the decision of each case."""
+    shape = (len(CASES), len(ESTIMATORS), params.points, params.repeats)
+    mean, alpha = np.full(shape, np.nan), np.full(shape, np.nan)
+    thetas, truth, gammas = [], [], []
+    for c, (objective, grid, sigma) in enumerate(_grids(params).values()):
+        at = [objective.at({"theta": theta}) for theta in grid]
+        known = [known_gradient(o, sigma, np.random.SeedSequence(0), 0) for o in at]
+        true = np.array([k.gradient[0] for k in known if k is not None])
+        gamma = params.gamma * float(np.abs(true).max())
+        rules = (FixedWeight(params.alpha), ConfidenceTest(gamma, params.delta))
+        for i, here in enumerate(at):
+            for r in range(params.repeats):
+                seed = np.random.SeedSequence(params.seed, spawn_key=(c, i, r))
+                found = estimate_gradient(here, ESTIMATORS, params.n_samples, sigma, seed,
+                                          rules=rules, reference="none")  # fmt: skip
+                for j, estimate in enumerate(found.values()):
+                    mean[c, j, i, r] = estimate.mean[0]
+                    if estimate.choice is not None:
+                        alpha[c, j, i, r] = estimate.choice.alpha
+        thetas.append(grid)
+        truth.append(true)
+        gammas.append(gamma)
+    every = ("case", "estimator", "point", "run")
+    unit = "1 over the unit of theta"
+    return xr.Dataset(
+        {
+            "theta": quantity_of(("case", "point"), thetas, "1, m/s and rad", "decision"),
+            "truth": quantity_of(("case", "point"), truth, unit, "gradient"),
+            "mean": quantity_of(every, mean, unit, "estimate of each run"),
+            "alpha": quantity_of(every, alpha, "1", "weight of the first order"),
+            "gamma_of_case": quantity_of("case", gammas, unit, "allowed error"),
+        },
+        {"case": list(CASES), "estimator": list(ESTIMATORS)},
+    )

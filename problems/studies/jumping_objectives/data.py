@@ -1,0 +1,64 @@
+"""P1: three simple systems, their smoothed objectives and estimated gradients."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from problems.studies.jumping_objectives.systems import drop, pivot, throw_wall
+from problems.studies.shared.along_decision import along
+from problems.studies.study import CHOICE, CODE, StudyParams, quantity_of, setting
+
+
+class Params(StudyParams):
+    """Parameters of P1: the authors' code for throw and noise; drop and pivot made physical."""
+
+    g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
+    step_height: float = setting(1.0, "m", "height of the step", CODE, above=0)
+    start: float = setting(2.0, "m", "height of the drop", CHOICE, above=0)
+    sigma_drop: float = setting(0.3, "m", "noise on the drop", CODE, above=0)
+    v0_throw: float = setting(1.0, "m/s", "speed of the throw", CODE, above=0)
+    wall: float = setting(0.06, "m", "distance of the wall", CODE, above=0)
+    wall_height: float = setting(0.02, "m", "height of the wall", CODE, above=0)
+    sigma_throw: float = setting(0.07, "rad", "noise on the throw", CODE, above=0)
+    v0_pivot: float = setting(2.0, "m/s", "speed towards the bar", CODE, above=0)
+    bar: float = setting(0.7, "m", "distance of the pivot", CODE, above=0)
+    length: float = setting(0.5, "m", "bar from its pivot to a tip", CODE, above=0)
+    inertia: float = setting(1.0, "kg m^2", "inertia of the bar", CODE, above=0)
+    mass: float = setting(1.0, "kg", "mass of the ball", CODE, above=0)
+    sigma_pivot: float = setting(0.05, "rad", "noise on the angle", CODE, above=0)
+    points: int = setting(121, "1", "decisions", CHOICE, least=20)
+    n_samples: int = setting(1000, "1", "samples of each estimate", CODE, least=10)
+
+
+def run(params: Params) -> xr.Dataset:
+    """Objective, smoothing and estimates along the three decisions."""
+    systems = {
+        "drop": (drop(params.step_height, params.start, params.g), np.pi / 2, "m", "m"),
+        "throw": (throw_wall(params.v0_throw, params.wall, params.wall_height, params.g),
+                  np.pi / 2, "m^2", "rad"),
+        "pivot": (pivot(params.v0_pivot, params.bar, params.length, params.mass, params.inertia),
+                  np.pi / 3, "1/s^2", "rad"),
+    }  # fmt: skip
+    variables, coordinates = {}, {}
+    for index, (name, (objective, reach, unit, per)) in enumerate(systems.items()):
+        least = 0.0 if name == "throw" else -reach
+        theta = np.linspace(least, reach, params.points)
+        fine = np.linspace(least, reach, 100 * (params.points - 1) + 1)
+        sigma = getattr(params, f"sigma_{name}")
+        found = along(objective, theta, sigma, params.n_samples, params.seed + 1000 * index)
+        place, dense = f"theta_{name}", f"fine_{name}"
+        slope = f"{unit}/{per}"
+        variables |= {
+            f"f_{name}": quantity_of(dense, objective.costs(fine[:, None]), unit, "objective"),
+            f"F_{name}": quantity_of(place, found.F, unit, "smoothed objective"),
+            f"slope_{name}": quantity_of(place, found.slope, slope, "its derivative"),
+            f"first_{name}": quantity_of((place, "moment"), found.first, slope, "FoBG"),
+            f"zeroth_{name}": quantity_of((place, "moment"), found.zeroth, slope, "ZoBG"),
+        }
+        coordinates |= {
+            place: quantity_of(place, theta, per, objective.decision[0].description),
+            dense: quantity_of(dense, fine, per, objective.decision[0].description),
+        }
+    moments = {"moment": ("moment", ["mean", "standard error"])}
+    return xr.Dataset(variables, {**coordinates, **moments})

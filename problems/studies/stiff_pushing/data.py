@@ -1,0 +1,130 @@
+"""P5: pushing through a stiff spring: gradient variance over stiffness, and where it ends."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import xarray as xr
+
+from dynamics.batch import Gaussian, RolloutFunction, open_loop
+from dynamics.contact import Barrier, Exact, Step
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.stiff_pushing.pushing import pushing_system
+from problems.studies.study import (
+    CHOICE,
+    CODE,
+    StudyParams,
+    quantity_of,
+    setting,
+)
+
+_LENGTH = 1.0
+MUS = (1e-6, 1e-4, 1e-2)
+DAMPINGS = np.array([0.1, 0.9, 0.99, 0.998])
+"""Factors on the velocity: 0.1 of the authors' sweep, 0.99 and 0.998 of their task runs."""
+
+
+class Params(StudyParams):
+    """Parameters of P5: the authors' code as far as it yields the published crossing."""
+
+    m: float = setting(0.1, "kg", "mass of each body", CODE, above=0)
+    h: float = setting(0.005, "s", "step size", CODE, above=0)
+    c: float = setting(0.998, "1", "factor on the velocity in each step", CODE, above=0, most=1)
+    N: int = setting(100, "1", "steps", CODE, least=2)
+    u0: float = setting(0.1, "N", "push in every step", CODE)
+    sigma: float = setting(0.1, "N", "noise on the push", CODE, above=0)
+    goal: float = setting(2.0, "m", "goal of body 2", CODE)
+    n_samples: int = setting(1000, "1", "samples", CHOICE, least=10)
+    k_least: float = setting(10.0, "N/m", "least stiffness", CODE, above=0)
+    k_most: float = setting(2e4, "N/m", "largest stiffness", CHOICE, above=0)
+    points: int = setting(24, "1", "stiffnesses", CHOICE, least=4)
+
+
+class _Pushing:
+    """Cost ``sum_t (x2 - goal)²`` of rollouts of one model, and its gradients' variances."""
+
+    def __init__(self, params: Params, step: Step) -> None:
+        self._params, self._step = params, step
+        x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("p", len(step.p))
+        off = (x[1] - params.goal) ** 2
+        self._rollout = RolloutFunction(
+            step, ca.Function("stage", [x, u, p], [off]), ca.Function("end", [x, p], [off]),
+            params.N, open_loop(4, 1),
+        )  # fmt: skip
+
+    def variances(self, p: np.ndarray) -> tuple[float, float]:
+        """Return the traces of the covariance of FoBG and of ZoBG with the zero-noise baseline."""
+        start, theta = np.array([0.0, _LENGTH, 0.0, 0.0]), np.full((self._params.N, 1), 0.0)
+        theta += self._params.u0
+        quiet = self._rollout(start, theta, p, gradient=False).cost[0]
+        found = self._rollout.moments(
+            start, theta, p, Gaussian(self._params.sigma, self._params.seed),
+            self._params.n_samples, score=True, baseline=float(quiet),
+        )  # fmt: skip
+        assert found.gradient is not None and found.zeroth is not None
+        return float(found.gradient.variance.sum()), float(found.zeroth.variance.sum())
+
+
+def limit(params: Params) -> float:
+    """Stiffness from which semi-implicit integration of the spring diverges: ``m (1 + c)/h²``."""
+    return params.m * (1 + params.c) / params.h**2
+
+
+def _sweep(params: Params, k: np.ndarray) -> np.ndarray:
+    """Variances of FoBG and ZoBG at stiffnesses ``k`` (n,): (n, 2)."""
+    model = _Pushing(params, Exact().close(pushing_system(1.0, *_arguments(params))))
+    with np.errstate(all="ignore"):
+        return np.array([model.variances(np.array([value])) for value in k])
+
+
+def _arguments(params: Params) -> tuple[float, float, float, float]:
+    return params.m, params.c, params.h, _LENGTH
+
+
+def _unstable(params: Params) -> float:
+    """Stiffness at which the spectral radius of the closed contact's step passes 1."""
+    spring = Exact().close(pushing_system(1.0, *_arguments(params)))
+    # In touch by 1 mm: the spring acts, and the Jacobian is that of the closed contact.
+    fine = limit(params) * np.linspace(0.5, 1.5, 2001)
+    touch = np.array([[0.001, _LENGTH, 0.0, 0.0]])
+    jacobians = SampledStep(spring)(touch, np.zeros((1, 1)), k=fine).x_by_x
+    radius = np.abs(np.linalg.eigvals(jacobians)).max(axis=1)
+    beyond = radius > 1 + 1e-6
+    return float(fine[int(np.argmax(beyond))]) if beyond.any() else float("nan")
+
+
+def run(params: Params) -> xr.Dataset:
+    """Variances of both estimators over k, and of the implicit model, which has no k."""
+    k = np.geomspace(params.k_least, params.k_most, params.points)
+    penalty = _sweep(params, k)
+    others = [params.model_copy(update={"c": c}) for c in DAMPINGS]
+    share = np.geomspace(1e-3, 0.9, max(6, params.points // 2))
+    damped = [_sweep(other, share * limit(other)) for other in others]
+    laws = [Exact(), *(Barrier(mu=mu) for mu in MUS)]
+    rigid = pushing_system(None, *_arguments(params))
+    implicit = np.array(
+        [_Pushing(params, step).variances(step.p.values) for step in (w.close(rigid) for w in laws)]
+    )
+    unit = "m^4/N^2"
+    return xr.Dataset(
+        {
+            "first_order": quantity_of("k", penalty[:, 0], unit, "variance of FoBG, spring"),
+            "zeroth_order": quantity_of("k", penalty[:, 1], unit, "variance of ZoBG, spring"),
+            "damped": quantity_of(("damping", "share", "order"), damped, unit,
+                                  "variance at other factors on the velocity"),
+            "damped_limit": quantity_of("damping", [limit(o) for o in others], "N/m",
+                                        "m (1 + c)/h² at those"),
+            "implicit_first": quantity_of("law", implicit[:, 0], unit, "variance of FoBG"),
+            "implicit_zeroth": quantity_of("law", implicit[:, 1], unit, "variance of ZoBG"),
+            "limit": quantity_of((), limit(params), "N/m", "m (1 + c)/h²"),
+            "unstable": quantity_of((), _unstable(params), "N/m",
+                                    "where the spectral radius passes 1"),
+        },
+        {
+            "k": quantity_of("k", k, "N/m", "stiffness"),
+            "share": quantity_of("share", share, "1", "stiffness over its limit"),
+            "damping": quantity_of("damping", DAMPINGS, "1", "factor on the velocity in a step"),
+            "order": ("order", ["fobg", "zobg"]),
+            "law": ("law", ["exact", *(f"mu = {mu:g} J" for mu in MUS)]),
+        },
+    )  # fmt: skip

@@ -1,0 +1,49 @@
+"""Drawings of the studies, by the study's identifier: each has a ``caption`` and a ``draw``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import xarray as xr
+from matplotlib.figure import Figure
+
+from reports.figures.studies import (
+    adaptive_mu,
+    audited_theory,
+    barrier_relaxation,
+    bouncing_ball,
+    friction_bias,
+    heaviside_bias,
+    impact_and_friction,
+    interpolated_gradients,
+    jumping_objectives,
+    landing_variance,
+    start_without_contact,
+    stiff_pushing,
+    wall_corner,
+)
+
+
+class Drawing(Protocol):
+    """What a study's data look like, and the words below it."""
+
+    caption: str
+    draw: Callable[[xr.Dataset], Figure]
+
+
+DRAWINGS: dict[str, Drawing] = {
+    "N2": start_without_contact,
+    "P1": jumping_objectives,
+    "P2": heaviside_bias,
+    "P3": friction_bias,
+    "P4": wall_corner,
+    "P5": stiff_pushing,
+    "P6": barrier_relaxation,
+    "P7": interpolated_gradients,
+    "A1": adaptive_mu,
+    "A2": bouncing_ball,
+    "A2v": landing_variance,
+    "A6": impact_and_friction,
+    "T1": audited_theory,
+}
