@@ -249,8 +249,8 @@ def build(params: Params) -> Problem:
         stiffness=ca.diag(K),
         load=ca.vertcat(0, -p["m"] * p["g"], 0),
         distance=distance,
-        sliding=None if friction is None else sliding,
-        friction=0.0 if friction is None else friction,
+        sliding=sliding,
+        friction=friction,
         linearised=params.gap == "linearised",
         parameters=p,
     )  # fmt: skip

@@ -140,8 +140,8 @@ def build(params: Params) -> Problem:
         mass=ca.diag(ca.vertcat(p["m"], p["m"], p["inertia"])),
         stiffness=p["K"] * ca.SX.eye(2),
         distance=lambda q: _touch(q, p["side"], p["r"]).phi,
-        sliding=None if friction is None else sliding,
-        friction=0.0 if friction is None else friction,
+        sliding=sliding,
+        friction=friction,
         linearised=params.gap == "linearised",
         parameters=p,
     )

@@ -1,9 +1,6 @@
 """What moves: systems as one implicit step with contact multipliers and gaps."""
 
 from dynamics.systems.chain import Chain
-from dynamics.systems.contact_rows import Touching
-from dynamics.systems.dry_friction import dry_friction
-from dynamics.systems.friction import Mechanism, frictional_time_stepping
 from dynamics.systems.geometry import (
     ContactGeometry,
     Pose,
@@ -30,7 +27,6 @@ __all__ = [
     "EnergyBook",
     "Link",
     "Machine",
-    "Mechanism",
     "Pair",
     "Parameter",
     "ParameterTable",
@@ -39,13 +35,10 @@ __all__ = [
     "Sharp",
     "Signal",
     "Sphere",
-    "Touching",
     "disc_box",
     "disc_capsule",
     "disc_disc",
     "disc_half_plane",
-    "dry_friction",
-    "frictional_time_stepping",
     "is_p_matrix",
     "lcs",
     "linearise",

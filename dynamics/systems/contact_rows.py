@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
 import casadi as ca
 
-from dynamics.systems.pairs import ContactForces, Pair
+from dynamics.systems.pairs import ContactForces, Kind, Pair
 from dynamics.systems.parameters import Signal
 from dynamics.systems.system import check_shape
 
@@ -19,20 +19,20 @@ Cone = Literal["linearised", "second-order"]
 class Touching:
     """Contacts of a mechanism, nc of them, and the limits of its joints, nl.
 
-    ``distance(q)`` (nc, 1) [m]; ``sliding(q)`` (nc, nq) the rows J_t with slip velocity J_t v
-    [m/s]; ``friction`` Coulomb's coefficient (a scalar, or (nc, 1)), which may be zero, or None for
-    frictionless; ``limits(q)`` (nl, 1) the way left to every joint limit; ``names`` those of the
-    contacts, ``limit_names`` those of the limits. ``cone`` is how friction's cone is written, see
-    :func:`~dynamics.systems.friction.frictional_time_stepping`.
+    As the arguments of :func:`~dynamics.systems.timestepping.time_stepping` of these names.
     """
 
-    names: tuple[str, ...]
+    contacts: tuple[Signal, ...]
     distance: Callable[[ca.SX], ca.SX]
     sliding: Callable[[ca.SX], ca.SX] | None = None
     friction: ca.SX | float | None = None
     limits: Callable[[ca.SX], ca.SX] | None = None
     limit_names: tuple[str, ...] = ()
     cone: Cone = "linearised"
+
+    def distances(self, q: ca.SX) -> ca.SX:
+        """Distances of the contacts and ways to the limits, (nc + nl, 1)."""
+        return ca.vertcat(self.distance(q), *([] if self.limits is None else [self.limits(q)]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +59,13 @@ class _Rows:
     signals: list[Signal] = field(default_factory=list)
     pairs: list[Pair] = field(default_factory=list)
 
-    def add(self, kind: str, gap: ca.SX, J: ca.SX, names: list[str], unit: str,
-            about: str, first: int = 0) -> None:  # fmt: skip
+    def add(self, kind: Kind, gap: ca.SX, J: ca.SX, signals: Iterable[Signal],
+            first: int = 0) -> None:  # fmt: skip
         self.gaps.append(gap)
         self.directions.append(J)
-        self.signals += [Signal(name, unit, about) for name in names]
-        self.pairs += [Pair(kind, first + i) for i in range(len(names))]  # pyright: ignore
+        for i, signal in enumerate(signals):
+            self.signals.append(signal)
+            self.pairs.append(Pair(kind, first + i))
 
     def closed(self, lam: ca.SX, nq: int, forces: ContactForces | None) -> ContactRows:
         push = ca.vertcat(ca.SX(0, nq), *self.directions).T @ lam
@@ -83,13 +84,13 @@ def contact_rows(
 ) -> ContactRows:
     """Write the pairs of ``touching`` for a step of h from q to q_next at the velocity v_next.
 
-    They are those of :func:`~dynamics.systems.friction.frictional_time_stepping`, in its order;
+    They are those of :func:`~dynamics.systems.timestepping.time_stepping`, in its order;
     with ``linearised`` the gaps are expanded at q. A contact whose friction is zero, now or as long
     as a parameter is zero, has its pairs too, but they neither see its slip nor push.
 
     Raises ``ValueError`` where a dimension does not fit.
     """
-    nq, nc, nl = q.numel(), len(touching.names), len(touching.limit_names)
+    nq, nc, nl = q.numel(), len(touching.contacts), len(touching.limit_names)
     phi = touching.distance(q)
     check_shape(name, "distance(q)", phi, (nc, 1))
     J = ca.jacobian(phi, q)
@@ -99,19 +100,19 @@ def contact_rows(
         return here + ca.jacobian(here, q) @ (there - q) if linearised else distance(there)
 
     rows = _Rows()
-    gap, names = ahead(touching.distance, q_next), list(touching.names)
+    gap = ahead(touching.distance, q_next)
     J_t, f, rough = ca.SX(nc, nq), ca.SX.zeros(nc), False
     if touching.friction is not None and touching.sliding is not None:
         J_t, f, rough = touching.sliding(q), ca.SX.ones(nc) * touching.friction, True
     check_shape(name, "sliding(q)", J_t, (nc, nq))
     second_order = rough and touching.cone == "second-order"
     direction = J - ca.diag(f) @ J_t if second_order else J
-    rows.add("normal", gap, direction, names, "N s", "normal impulse")
+    rows.add("normal", gap, direction, touching.contacts)
     if touching.limits is not None:
         way = touching.limits(q)
         check_shape(name, "limits(q)", way, (nl, 1))
-        rows.add("limit", ahead(touching.limits, q_next), ca.jacobian(way, q),
-                 list(touching.limit_names), "N m s", "impulse of a joint limit", nc)  # fmt: skip
+        stops = [Signal(n, "N m s", "impulse of a joint limit") for n in touching.limit_names]
+        rows.add("limit", ahead(touching.limits, q_next), ca.jacobian(way, q), stops, nc)
     if not rough:
         return rows.closed(ca.SX.sym("lam", nc + nl), nq, None)
     lam = ca.SX.sym("lam", nc + nl + (2 if second_order else 3) * nc)
@@ -122,8 +123,9 @@ def contact_rows(
     wide = ca.if_else(f == 0, 1, f) * gamma
     add_cone = _second_order_cone if second_order else _linearised_cone
     slid = rubs * (h * (J_t @ v_next))
-    along = rubs * add_cone(rows, touching.names, ca.diag(rubs) @ J_t, slid, wide, cone)
-    forces = ContactForces(touching.names, gamma, along, J_t @ v_next, f)
+    names = tuple(contact.name for contact in touching.contacts)
+    along = rubs * add_cone(rows, names, ca.diag(rubs) @ J_t, slid, wide, cone)
+    forces = ContactForces(names, gamma, along, J_t @ v_next, f)
     return rows.closed(lam, nq, forces)
 
 
@@ -132,10 +134,10 @@ def _linearised_cone(rows: _Rows, names: tuple[str, ...], J_t: ca.SX, slid: ca.S
     """Add beta±, psi to the rows; returns the impulse along the tangents."""
     plus, minus, psi = cone
     for sign, row, gap in (("+", J_t, psi + slid), ("-", -J_t, psi - slid)):
-        called = [f"{contact} friction{sign}" for contact in names]
-        rows.add("friction", gap, row, called, "N s", "friction impulse")
-    slip = [f"{contact} slip" for contact in names]
-    rows.add("slip", bound - plus - minus, ca.SX(*J_t.shape), slip, "m", "way slid in a step")
+        called = [Signal(f"{name} friction{sign}", "N s", "friction impulse") for name in names]
+        rows.add("friction", gap, row, called)
+    slip = [Signal(f"{name} slip", "m", "way slid in a step") for name in names]
+    rows.add("slip", bound - plus - minus, ca.SX(*J_t.shape), slip)
     return plus - minus
 
 
@@ -146,8 +148,8 @@ def _second_order_cone(rows: _Rows, names: tuple[str, ...], J_t: ca.SX, slid: ca
     The lower one stands as the gap of the dual's, so that no equation but the pairs is needed.
     """
     upper, dual = cone
-    edge = [f"{contact} cone" for contact in names]
-    rows.add("friction", dual + 2 * slid, J_t, edge, "N s", "friction impulse above its least")
-    slip = [f"{contact} slip" for contact in names]
-    rows.add("slip", 2 * bound - upper, ca.SX(*J_t.shape), slip, "m", "twice the way slid back")
+    edge = [Signal(f"{name} cone", "N s", "friction impulse above its least") for name in names]
+    rows.add("friction", dual + 2 * slid, J_t, edge)
+    slip = [Signal(f"{name} slip", "m", "twice the way slid back") for name in names]
+    rows.add("slip", 2 * bound - upper, ca.SX(*J_t.shape), slip)
     return upper - bound

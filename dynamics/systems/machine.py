@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynamics.systems.chain import Chain
-from dynamics.systems.contact_rows import Cone, Touching
-from dynamics.systems.friction import Mechanism, frictional_time_stepping
+from dynamics.systems.contact_rows import Cone
 from dynamics.systems.geometry import ContactGeometry, Pose, disc_half_plane
+from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.planar import Link, Number
 from dynamics.systems.system import ContactSystem
+from dynamics.systems.timestepping import time_stepping
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,6 @@ class Machine:
         cone: Cone = "linearised",
         linearised: bool = False,
         free_step: bool = False,
-        citation: str = "",
     ) -> ContactSystem:
         """One step of the machine over the ground z = 0, with friction and joint limits.
 
@@ -70,45 +70,22 @@ class Machine:
         With ``free_step`` h is a symbol and one state more. Names of contacts are those of the
         spheres, of limits ``<joint> low`` and ``<joint> high``.
         """
-        chain, touching = self.chain(), self._touching(friction, spheres, cone)
+        chain = self.chain()
+        kept = [s for s in self.spheres if spheres is None or s.name in spheres]
         more = (Signal("h", "s", "step size"),) if free_step else ()
         v = ca.SX.sym("v", chain.nq)
         damping = -ca.jacobian(chain.damping(v), v)
         motors, mass, g = scale * chain.B, chain.total_mass, chain.gravity
-        base = ca.diag(damping)[:2]
+        base, limits = ca.diag(damping)[:2], chain.limits
+        joints = [chain.coordinates[i].name for i, _, _ in limits]
 
-        def external(v_next: ca.SX, normal: ca.SX, tangential: ca.SX) -> ca.SX:
+        def book(
+            q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX
+        ) -> EnergyBook:
             contact = ca.vertcat(ca.sum1(tangential), ca.sum1(normal))
-            return contact - h * ca.vertcat(0, mass * g) - h * base * v_next[:2]
-
-        mechanism = Mechanism(
-            mass=chain.mass,
-            impulse=lambda q, v, u: h * (motors @ u - chain.bias(q, v)),
-            damping=damping,
-            stiffness=-ca.jacobian(chain.spring(v), v),
-            energy=chain.energy,
-            work=lambda u, v_next: h * ca.dot(v_next, motors @ u - damping @ v_next),
-            momentum=chain.momentum,
-            external=external,
-        )
-        return frictional_time_stepping(
-            name,
-            states=(*chain.coordinates, *chain.velocities, *more),
-            inputs=tuple(Signal(f"u_{joint}", "1", "motor") for joint in chain.actuated),
-            mechanism=mechanism,
-            touching=touching,
-            h=h,
-            parameters=parameters,
-            linearised=linearised,
-            citation=citation,
-        )
-
-    def _touching(
-        self, friction: ca.SX | float | None, spheres: Collection[str] | None, cone: Cone
-    ) -> Touching:
-        chain = self.chain()
-        kept = [s for s in self.spheres if spheres is None or s.name in spheres]
-        limits = chain.limits
+            external = contact - h * ca.vertcat(0, mass * g) - h * base * v_next[:2]
+            work = h * ca.dot(v_next, motors @ u - damping @ v_next)
+            return EnergyBook(chain.energy(q, v), work, chain.momentum(q, v), external)
 
         def sliding(q: ca.SX) -> ca.SX:
             contacts = self.ground_contacts(chain, q)
@@ -121,9 +98,15 @@ class Machine:
             low = [q[i] - lowest for i, lowest, _ in limits]
             return ca.vertcat(*low, *(highest - q[i] for i, _, highest in limits))
 
-        names = [chain.coordinates[i].name for i, _, _ in limits]
-        return Touching(
-            names=tuple(sphere.name for sphere in kept),
+        return time_stepping(
+            name,
+            states=(*chain.coordinates, *chain.velocities, *more),
+            inputs=tuple(Signal(f"u_{joint}", "1", "motor") for joint in chain.actuated),
+            contacts=tuple(Signal(sphere.name, "N s", "normal impulse") for sphere in kept),
+            h=h,
+            mass=chain.mass,
+            impulse=lambda q, v, u: h * (motors @ u - chain.bias(q, v)),
+            parameters=parameters,
             distance=lambda q: ca.vertcat(
                 *(self.ground_contacts(chain, q)[sphere.name].phi for sphere in kept)
             ),
@@ -131,5 +114,9 @@ class Machine:
             friction=friction,
             cone=cone,
             limits=left if limits else None,
-            limit_names=tuple(f"{joint} {end}" for end in ("low", "high") for joint in names),
+            limit_names=tuple(f"{joint} {end}" for end in ("low", "high") for joint in joints),
+            damping=damping,
+            stiffness=-ca.jacobian(chain.spring(v), v),
+            linearised=linearised,
+            book=book,
         )

@@ -26,27 +26,26 @@ def quasi_dynamic(
     distance: Callable[[ca.SX], ca.SX],
     parameters: ParameterTable,
     sliding: Callable[[ca.SX], ca.SX] | None = None,
-    friction: ca.SX | float = 0.0,
-    linearised: bool = True,
+    friction: ca.SX | float | None = None,
+    linearised: bool = False,
     load: ca.SX | None = None,
-    citation: str = "",
 ) -> ContactSystem:
     """Quasi-dynamic model of noising, eq. 13, with the transposes it lacks put in.
 
-    ``(1/h) M dq_u = J_u' lam + h load``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q) + J dq``,
-    with ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the
-    commanded ``q_a`` [m], ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an
-    impulse [N s], ``load`` (n_u, 1) [N] a constant force such as weight, none by default.
-    Non-penetration is linearised at the current q; ``distance`` maps q to phi [m].
+    ``(1/h) M dq_u = J_u' lam + h load``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q+)``, with
+    ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the commanded
+    ``q_a`` [m], ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an impulse
+    [N s], ``load`` (n_u, 1) [N] a constant force such as weight, none by default.
+    ``distance`` maps q to phi [m]. With ``linearised``, as the paper has it, ``gap = phi(q) + J
+    dq``: the step is a convex QP, and bodies that turn may cut a corner.
 
-    With ``sliding``, which maps q to the rows J_t (nc, nq), each contact has the two rows
-    ``gap = phi(q) + (J ± friction J_t) dq``, edges of its friction cone, and the impulse
-    ``sum (J ± friction J_t)' lam±``: the step stays a convex QP, at the price that a sliding
-    contact opens at the rate ``friction |J_t dq|``. ``contacts`` name the contacts; the pairs are
-    then ``<name>+`` of all contacts and ``<name>-`` of all. Without ``linearised`` phi is taken at
-    q+, which is no QP any more, and bodies that turn cannot cut a corner. The sharpest contact has
-    phi at q+ and Coulomb friction with maximum dissipation, as
-    :func:`~dynamics.systems.friction.frictional_time_stepping` writes it.
+    With ``friction``, Coulomb's coefficients, and ``sliding``, which maps q to the rows J_t (nc,
+    nq), each contact has the two rows ``gap ± friction J_t dq``, edges of its friction cone, and
+    the impulse ``sum (J ± friction J_t)' lam±``: convex where the gap is, at the price that a
+    sliding contact opens at the rate ``friction |J_t dq|``. ``contacts`` name the contacts; the
+    pairs are then ``<name>+`` of all contacts and ``<name>-`` of all. The sharpest contact has phi
+    at q+ and Coulomb friction with maximum dissipation, as
+    :func:`~dynamics.systems.timestepping.time_stepping` writes it.
 
     As the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, the log-barrier weight converts as
     ``mu = 1 / kappa``.
@@ -65,7 +64,8 @@ def quasi_dynamic(
     J = ca.jacobian(phi, x)
     ahead = phi + J @ dq if linearised else distance(x_next)
     directions, gaps, forces = [J], [ahead], None
-    if sliding is not None:
+    rubs = sliding is not None and friction is not None
+    if sliding is not None and friction is not None:
         J_t, f = sliding(x), ca.SX.ones(nc) * friction
         check_shape(name, "sliding(q)", J_t, (nc, nq))
         slid = f * J_t
@@ -84,17 +84,15 @@ def quasi_dynamic(
         )
 
     def sharpest() -> ContactSystem:
-        names = tuple(contact.name for contact in contacts)
-        touching = Touching(names, distance, sliding, None if sliding is None else friction)
+        touching = Touching(contacts, distance, sliding, friction)
         rows = contact_rows(name, touching, x, x_next, dq / h, h)
         return replace(
             system, lam=rows.lam, residual=residual(rows.push), gap=rows.gap, pairs=rows.pairs,
-            contacts=contacts if sliding is None else rows.signals, forces=rows.forces,
-            sharp=Sharp(),
+            contacts=rows.signals, forces=rows.forces, sharp=Sharp(),
         )  # fmt: skip
 
     truer = [TRUE_GAPS] if linearised and not is_affine(phi, x) else []
-    rubs = [COULOMB] if sliding is not None else []
+    sharper = truer + ([COULOMB] if rubs else [])
     system = ContactSystem(
         name=name,
         x=x,
@@ -105,16 +103,14 @@ def quasi_dynamic(
         gap=ca.vertcat(ca.SX(0, 1), *gaps),
         states=states,
         inputs=inputs,
-        contacts=contacts if sliding is None else _edges(contacts),
+        contacts=_edges(contacts) if rubs else contacts,
         h=h,
         parameters=parameters,
         phi=phi,
         mu_per_kappa=1.0,
-        citation=citation,
         pairs=tuple(Pair("normal", i) for _ in directions for i in range(nc)),
         forces=forces,
-        redundant=sliding is not None or nc > nq,
-        sharp=Sharp(", ".join(truer + rubs), sharpest) if truer or rubs else Sharp(),
+        sharp=Sharp(", ".join(sharper), sharpest) if sharper else Sharp(),
     )
     return system
 

@@ -31,9 +31,9 @@ class Sharp:
     build: Callable[[], ContactSystem] | None = None
 
 
-def with_gap(system: ContactSystem, gap: ca.SX, redundant: bool) -> ContactSystem:
+def with_gap(system: ContactSystem, gap: ca.SX) -> ContactSystem:
     """Return the same system with another gap, the sharpest it can have."""
-    return replace(system, gap=gap, redundant=redundant, sharp=Sharp())
+    return replace(system, gap=gap, sharp=Sharp())
 
 
 def is_affine(distance: ca.SX, q: ca.SX) -> bool:
@@ -63,8 +63,7 @@ def by_true_distance(system: ContactSystem) -> Sharp | None:
     there = ca.substitute(phi, system.x, system.x_next)
     if ca.is_equal(there, system.gap, 100):
         return Sharp()
-    redundant = system.redundant or system.nlam > system.nx // 2
-    return Sharp(TRUE_GAPS, lambda: with_gap(system, there, redundant))
+    return Sharp(TRUE_GAPS, lambda: with_gap(system, there))
 
 
 def _is_distance_at_rest(system: ContactSystem, phi: ca.SX) -> bool:
