@@ -19,15 +19,15 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from dynamics.batch.carrying import carried
-from dynamics.batch.hoisting import hoisted
-from dynamics.batch.inner import (
+from dynamics.batch.graphs.carrying import carried
+from dynamics.batch.graphs.hoisting import hoisted
+from dynamics.batch.graphs.inner import (
     NEWTON_ITERATIONS,
     InnerLoop,
     guess,
     loop_graphs,
 )
-from dynamics.batch.policy import RolloutPolicy
+from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.path import Path
 from dynamics.systems.elimination import solve_without_pivoting
