@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from dynamics.systems.contact_rows import Cone, Touching, contact_rows
+from dynamics.systems.contact_rows import Cone, ContactRows, Touching, contact_rows
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.pressed_rows import pressed_rows
-from dynamics.systems.sharp import TRUE_GAPS, Sharp, is_affine, with_gap
+from dynamics.systems.sharp import Sharp
 from dynamics.systems.system import ContactSystem, check_shape
 
 Number = ca.SX | float
@@ -69,6 +69,10 @@ def time_stepping(
     ``upper ⟂ dual + 2 h J_t v+`` and ``dual ⟂ 2 f gamma - upper``, upper = f gamma + beta, dual =
     psi - h J_t v+. At mu = 0 both cones are the same law; their central paths differ.
 
+    With ``cone="edges"`` a step is convex where its gaps are, at the price that a sliding contact
+    opens, see :func:`~dynamics.systems.quasidynamic.quasi_dynamic`; its sharpest contact has
+    maximum dissipation.
+
     With ``linearised`` the gaps are expanded at the current q, whose true distance rotating bodies
     may violate; the sharpest contact is that without. With ``load`` [N] in place of ``distance``
     the contacts never open, see :func:`~dynamics.systems.pressed_rows.pressed_rows`.
@@ -90,55 +94,52 @@ def time_stepping(
     M, smooth = ca.SX(mass(q) if callable(mass) else mass), impulse(q, v, u)
     check_shape(name, "mass", M, (nq, nq))
     check_shape(name, "impulse(q, v, u)", smooth, (nq, 1))
-    nothing = ca.SX(nq, nq)
+    nothing, nc = ca.SX(nq, nq), len(contacts)
     D, K = (nothing if part is None else part for part in (damping, stiffness))
-    phi = None
+
+    def built(rows: ContactRows, phi: ca.SX | None, sharp: Sharp) -> ContactSystem:
+        normal = rows.lam[:nc] if rows.forces is None else rows.forces.normal
+        along = ca.SX.zeros(nc) if rows.forces is None else rows.forces.tangential
+        return ContactSystem(
+            name=name,
+            x=x,
+            u=u,
+            x_next=x_next,
+            lam=rows.lam,
+            residual=ca.vertcat(
+                q_next - q - h * v_next,
+                M @ (v_next - v) - smooth + h * (D @ v_next + K @ (q + h * v_next)) - rows.push,
+                x_next[2 * nq :] - x[2 * nq :],
+            ),
+            gap=rows.gap,
+            states=states,
+            inputs=inputs,
+            contacts=rows.signals,
+            h=h,
+            parameters=parameters,
+            phi=phi,
+            mu_per_kappa=None if phi is None else h,
+            gap_unit="N s" if phi is None else "m",
+            pairs=rows.pairs,
+            forces=rows.forces,
+            book=None if book is None else book(q, v, u, v_next, normal, along),
+            sharp=sharp,
+            refinable=True,
+        )
+
+    def touched(touching: Touching) -> ContactSystem:
+        rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
+        return built(rows, touching.distances(q), touching.sharp(q, touched))
+
     if distance is not None and load is None:
-        touching = Touching(contacts, distance, sliding, friction, limits, limit_names, cone)
-        rows = contact_rows(name, touching, q, q_next, v_next, h, linearised)
-        phi = touching.distances(q)
-    elif distance is None and load is not None and sliding is not None and friction is not None:
-        inertia = M + h * D + h**2 * K
-        free = ca.solve(inertia, M @ v + smooth - h * K @ q)
-        rows = pressed_rows(name, contacts, sliding(q), friction, load, inertia, free, v_next, h)
-    else:
+        return touched(Touching(contacts, distance, sliding, friction, cone, linearised, limits,
+                                limit_names))  # fmt: skip
+    if distance is not None or load is None or sliding is None or friction is None:
         raise ValueError(
             f"system {name!r}: give its contacts a distance, or, where they never open, a load with"
             " sliding and friction"
         )
-    normal = rows.lam[: len(contacts)] if rows.forces is None else rows.forces.normal
-    tangential = ca.SX.zeros(len(contacts)) if rows.forces is None else rows.forces.tangential
-
-    def with_true_gaps() -> ContactSystem:
-        assert phi is not None
-        true = ca.substitute(phi, q, q_next)
-        return with_gap(system, ca.vertcat(true, rows.gap[phi.numel() :, :]))
-
-    truer = phi is not None and linearised and not is_affine(phi, q)
-    system = ContactSystem(
-        name=name,
-        x=x,
-        u=u,
-        x_next=x_next,
-        lam=rows.lam,
-        residual=ca.vertcat(
-            q_next - q - h * v_next,
-            M @ (v_next - v) - smooth + h * (D @ v_next + K @ (q + h * v_next)) - rows.push,
-            x_next[2 * nq :] - x[2 * nq :],
-        ),
-        gap=rows.gap,
-        states=states,
-        inputs=inputs,
-        contacts=rows.signals,
-        h=h,
-        parameters=parameters,
-        phi=phi,
-        mu_per_kappa=None if phi is None else h,
-        gap_unit="m" if load is None else "N s",
-        pairs=rows.pairs,
-        forces=rows.forces,
-        book=None if book is None else book(q, v, u, v_next, normal, tangential),
-        sharp=Sharp(TRUE_GAPS, with_true_gaps) if truer else Sharp(),
-        refinable=True,
-    )
-    return system
+    inertia = M + h * D + h**2 * K
+    free = ca.solve(inertia, M @ v + smooth - h * K @ q)
+    rows = pressed_rows(name, contacts, sliding(q), friction, load, inertia, free, v_next, h)
+    return built(rows, None, Sharp())

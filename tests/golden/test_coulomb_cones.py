@@ -183,3 +183,21 @@ def test_a_dragged_disc_follows_coulomb_in_the_plane():
         assert at_bound != sticks
         # Newton: the impulses are what moved the object.
         np.testing.assert_allclose((x_next - x)[:2] / 0.1, [normal[0], tangential[0]], rtol=1e-7)
+
+
+@pytest.mark.parametrize("force", [2.0, 12.0, -12.0])
+def test_edges_of_the_cone_are_the_convex_program_and_are_refereed_by_coulomb(force: float) -> None:
+    """The block on its edges: the free velocity is projected onto ``vz >= f |vx|``, a wedge."""
+    system, free = block("edges"), H * np.array([force, -G])
+    x_next, lam, _ = step(system, Exact(), np.zeros(4), np.array([force]))
+    edge = np.array([np.sign(force), FRICTION]) / np.hypot(1, FRICTION)
+    wanted = edge * max(0.0, edge @ free)
+    np.testing.assert_allclose(x_next[2:], wanted, atol=1e-9)
+    normals = np.array([[FRICTION, 1.0], [-FRICTION, 1.0]])
+    np.testing.assert_allclose(normals.T @ lam, wanted - free, atol=1e-9)
+    assert lam.min() >= -1e-12
+    assert system.referee_note == "Coulomb friction with maximum dissipation"
+    np.testing.assert_allclose(
+        step(system.sharpest, Exact(), np.zeros(4), np.array([force]))[0],
+        step(block("linearised"), Exact(), np.zeros(4), np.array([force]))[0], atol=1e-9,
+    )  # fmt: skip
