@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import dry_friction, signals
+from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
 from problems.parameters import Parameters, quantity, structure, table
@@ -54,15 +54,15 @@ def build(params: Params) -> Problem:
     friction m g moves the box, and the exact law has no gradient there.
     """
     p = table(params)
-    system = dry_friction(
+    system = time_stepping(
         name,
         states=signals("x [m]; v [m/s]"),
         inputs=signals("u [N] push"),
-        contact="floor",
+        contacts=signals("floor [N s] friction impulse"),
         h=p["h"],
         mass=p["m"] * ca.SX.eye(1),
         impulse=lambda q, v, u: p["h"] * u,
-        slide=ca.SX.ones(1),
+        sliding=lambda q: ca.SX.ones(1),
         load=p["m"] * p["g"],
         friction=p["friction"],
         parameters=p,

@@ -93,6 +93,7 @@ def build(params: Params) -> Problem:
         mass=p["M"] * ca.SX.eye(2),
         stiffness=p["K"] * ca.SX.eye(2),
         distance=distance,
+        linearised=True,
         parameters=p,
     )
     du = ca.SX.sym("du", 2)
