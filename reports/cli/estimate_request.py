@@ -148,10 +148,9 @@ def build(
     from ocp.gradients.rollout_objective import RolloutObjective
     from problems.objectives import ObjectiveSpec
 
-    checked = spec.params(given)
-    values = checked.model_dump()
+    values = spec.params(given).model_dump()
     if isinstance(spec, ObjectiveSpec):
-        objective = spec.build(checked, **how["engine"])
+        objective = spec.objective(given, **how["engine"])
         return objective, values, float(values["sigma"])
     law = contact_law(how["contact"], how["law_settings"])
     chosen = policy(how["policy"], how["policy_settings"])
