@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import matplotlib as mpl
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, HTMLWriter, PillowWriter
 
 from ocp.errors import InputError
+from ocp.store import atomic
 from reports.animation import Animation
 
 FORMATS = (".gif", ".mp4", ".html")
@@ -51,15 +51,13 @@ def write(animation: Animation, file: Path, told: Callable[[int], None] = lambda
     Raises :class:`~ocp.errors.InputError` as :func:`check_format` does.
     """
     check_format(file)
-    with tempfile.TemporaryDirectory(prefix=".partial-", dir=file.parent) as room:
-        draft = Path(room) / file.name
+    with atomic.replacing(file) as draft:
         with mpl.rc_context():
             # No frame may be left out of a page.
             mpl.rcParams["animation.embed_limit"] = 1000
             _record(animation, draft, told)
         if file.suffix == ".html":
             draft.write_text(_self_contained(draft.read_text(), file.stem))
-        draft.replace(file)
 
 
 def _record(animation: Animation, draft: Path, told: Callable[[int], None]) -> None:

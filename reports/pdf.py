@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ import typst
 from matplotlib.figure import Figure
 
 from ocp.errors import InputError
+from ocp.store import atomic
 from ocp.store.plain import plain
 from ocp.store.stored_run import StoredRun
 from reports.estimates import estimate_page
@@ -31,13 +31,7 @@ def write_pdf(runs: Sequence[StoredRun], path: Path) -> None:
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
     compared, or where a problem's typst equations do not compile.
     """
-    content = render(runs)
-    try:
-        _replace(path, content)
-    except OSError as error:
-        raise InputError(
-            f"cannot write the PDF {path}: {error.strerror}; choose another place"
-        ) from error
+    atomic.write(path, render(runs), "the PDF")
 
 
 def render(runs: Sequence[StoredRun]) -> bytes:
@@ -81,15 +75,3 @@ def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) 
             raise InputError(
                 f"the report does not compile: {error}; check the problem's typst equations"
             ) from error
-
-
-def _replace(path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(prefix=".partial-", suffix=".pdf", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(partial).chmod(0o644)
-        Path(partial).replace(path)
-    finally:
-        Path(partial).unlink(missing_ok=True)

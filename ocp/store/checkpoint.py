@@ -5,9 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import shutil
-import tempfile
 import time
 import zipfile
 from pathlib import Path
@@ -15,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ocp.errors import InputError
+from ocp.store.atomic import write
 from ocp.store.plain import plain
 
 EVERY_S = 2.0
@@ -25,8 +23,7 @@ EVERY_S = 2.0
 class Checkpoint:
     """A hidden directory beside the runs of a problem, named after what was asked.
 
-    Every file is written beside its place and renamed, so that a killed process leaves none half
-    written; one that cannot be read counts as not written.
+    A file that cannot be read counts as not written.
     """
 
     def __init__(self, root: Path, problem: str, request: dict[str, Any]) -> None:
@@ -75,19 +72,4 @@ class Checkpoint:
         return self._directory / name
 
     def _write(self, name: str, content: bytes) -> None:
-        partial = ""
-        try:
-            self._directory.mkdir(parents=True, exist_ok=True)
-            handle, partial = tempfile.mkstemp(prefix=".partial-", dir=self._directory)
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            Path(partial).replace(self._file(name))
-        except OSError as error:
-            if partial:
-                Path(partial).unlink(missing_ok=True)
-            raise InputError(
-                f"cannot keep what is done in {self._directory}: {error.strerror}; free some space"
-                " or choose another directory with --out"
-            ) from error
+        write(self._file(name), content, "what is done to")

@@ -1,29 +1,25 @@
 """The run store: what was asked and what came out, on disk, whole or not at all.
 
 A run is ``<root>/<problem>/<utc-time>-<hash>/`` with ``solution.nc`` (netCDF) and ``meta.json``.
-It is written beside its place under a temporary name, flushed to the disk and renamed, so a process
-killed at any time leaves no half run. Nothing is ever pickled.
+Nothing is ever pickled.
 """
 
 from __future__ import annotations
 
 import errno
-import fcntl
 import hashlib
 import json
-import os
 import re
-import shutil
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from ocp.errors import DamagedRun, InputError
 from ocp.solution import Solution
+from ocp.store.atomic import drafts, flush, told
 from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import DATA_FILE, META_FILE, StoredRun
@@ -32,7 +28,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCHEMA = 1
-_PARTIAL = ".partial-"
 
 
 @dataclass(frozen=True)
@@ -95,28 +90,24 @@ def write(root: Path | str, problem: str, data: xr.Dataset, meta: dict[str, Any]
     meta_bytes = (json.dumps(described, indent=1, sort_keys=True) + "\n").encode()
     name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
     shelf = Path(root) / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
-    try:
-        shelf.mkdir(parents=True, exist_ok=True)
-        with _partial_directory(shelf) as partial:
-            _write_file(partial / DATA_FILE, data_bytes)
-            _write_file(partial / META_FILE, meta_bytes)
-            _flush_directory(partial)
-            final = _rename_into(partial, shelf, name)
-        _flush_directory(shelf)
-    except OSError as error:
-        _explain_write_failure(Path(root), error)
+    with _told(Path(root)), drafts(shelf) as room:
+        for file, content in ((DATA_FILE, data_bytes), (META_FILE, meta_bytes)):
+            (room / file).write_bytes(content)
+            flush(room / file)
+        flush(room)
+        final = _rename_into(room, shelf, name)
+        flush(shelf)
     return final
 
 
 def check_writable(root: Path | str) -> None:
     """Make ``root`` and raise :class:`~ocp.errors.InputError` where nothing can be written."""
-    directory = Path(root)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=_PARTIAL, dir=directory):
-            pass
-    except OSError as error:
-        _explain_write_failure(directory, error)
+    with _told(Path(root)), drafts(Path(root)):
+        pass
+
+
+def _told(root: Path) -> AbstractContextManager[None]:
+    return told(f"the run to {root}", "another directory with --out")
 
 
 def load(path: Path | str) -> StoredRun:
@@ -180,55 +171,6 @@ def list_runs(root: Path | str) -> list[RunEntry]:
     return entries
 
 
-@contextmanager
-def _partial_directory(shelf: Path) -> Iterator[Path]:
-    """Make a directory to fill, locked while its process lives; it is gone afterwards."""
-    with _locked(shelf):
-        _sweep(shelf)
-        partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=shelf))
-        partial.chmod(0o755)
-        lock = _lock(partial, wait=False)
-    try:
-        yield partial
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        if lock is not None:
-            os.close(lock)
-
-
-def _sweep(shelf: Path) -> None:
-    """Remove what killed processes left: the kernel drops a lock with its process."""
-    for stale in shelf.glob(f"{_PARTIAL}*"):
-        lock = _lock(stale, wait=False)
-        if lock is not None:
-            shutil.rmtree(stale, ignore_errors=True)
-            os.close(lock)
-
-
-@contextmanager
-def _locked(directory: Path) -> Iterator[None]:
-    lock = _lock(directory, wait=True)
-    try:
-        yield
-    finally:
-        if lock is not None:
-            os.close(lock)
-
-
-def _lock(directory: Path, wait: bool) -> int | None:
-    """Open and lock a directory, or None where another holds it or the file system cannot."""
-    try:
-        handle = os.open(directory, os.O_RDONLY)
-    except OSError:
-        return None
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except OSError:
-        os.close(handle)
-        return None
-    return handle
-
-
 def _rename_into(partial: Path, shelf: Path, name: str) -> Path:
     """Rename to ``name``, with a number where an identical run was stored in the same second."""
     attempt = 1
@@ -242,34 +184,5 @@ def _rename_into(partial: Path, shelf: Path, name: str) -> Path:
         attempt += 1
 
 
-def _write_file(path: Path, content: bytes) -> None:
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _flush_directory(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        # Some file systems cannot flush a directory; the rename is still atomic there.
-        with suppress(OSError):
-            os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def _reason(error: OSError) -> str:
     return error.strerror or str(error)
-
-
-def _explain_write_failure(root: Path, error: OSError) -> NoReturn:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        raise InputError(
-            f"cannot write the run to {root}: the disk is full; free some space or choose another"
-            " directory with --out"
-        ) from error
-    raise InputError(
-        f"cannot write the run to {root}: {_reason(error)}; choose a directory that you may write"
-        " to with --out"
-    ) from error

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -52,6 +50,7 @@ def _reproduce(study: Study, values: dict[str, Any], out: Path, output: Output) 
     from dataclasses import asdict
 
     from ocp import store
+    from ocp.store import atomic
     from problems.studies.study import did_hold
     from reports import console
     from reports.pdf import write_pdf
@@ -74,26 +73,10 @@ def _reproduce(study: Study, values: dict[str, Any], out: Path, output: Output) 
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     write_pdf([store.load(stored)], pdf)
     # netCDF 3: HDF5 stamps its root group with the time of writing.
-    _replace(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
+    atomic.write(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
     output.note(console.claim_table(claims))
     output.say(f"{study.id}: {meta['verdict']}")
     files = [str(pdf), str(copy)]
     output.say(f"files: {', '.join(files)}")
     return {"id": study.id, "title": study.title, "files": files, "run": str(stored),
             "seed": asked["seed"], "claims": meta["claims"]}  # fmt: skip
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write whole or not at all."""
-    from ocp.errors import InputError
-
-    handle, partial = tempfile.mkstemp(prefix=".partial-", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(partial).chmod(0o644)
-        Path(partial).replace(path)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}; choose another --out") from error
-    finally:
-        Path(partial).unlink(missing_ok=True)

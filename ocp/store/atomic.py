@@ -1,0 +1,110 @@
+"""Write files and directories whole or not at all.
+
+Everything is made in a hidden directory beside its place, flushed to the disk and renamed, so that
+a process killed at any time leaves nothing half written.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
+
+from ocp.errors import InputError
+
+_PREFIX = ".ocp-partial-"
+
+
+def write(path: Path, content: bytes, what: str = "") -> None:
+    """Put ``content`` in the place of ``path``; raises as :func:`replacing` does."""
+    with replacing(path, what) as draft:
+        draft.write_bytes(content)
+
+
+@contextmanager
+def replacing(path: Path, what: str = "") -> Iterator[Path]:
+    """Give the file to fill that then takes the place of ``path``; it has the same name.
+
+    Raises :class:`~ocp.errors.InputError` with the reason where it cannot be written; ``what``
+    says what it is.
+    """
+    with told(f"{what} {path}".strip()), drafts(path.parent) as room:
+        draft = room / path.name
+        yield draft
+        flush(draft)
+        draft.replace(path)
+        flush(path.parent)
+
+
+@contextmanager
+def told(place: str, advice: str = "another place") -> Iterator[None]:
+    """Turn an OSError into an :class:`~ocp.errors.InputError` with the place and a way out."""
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        reason = "the disk is full" if full else error.strerror or str(error)
+        mend = "free some space or choose" if full else "choose"
+        raise InputError(f"cannot write {place}: {reason}; {mend} {advice}") from error
+
+
+@contextmanager
+def drafts(directory: Path) -> Iterator[Path]:
+    """Make a directory in ``directory`` to write in, locked while its process lives, then gone."""
+    directory.mkdir(parents=True, exist_ok=True)
+    shelf = _lock(directory, wait=True)
+    try:
+        _sweep(directory)
+        room = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=directory))
+        lock = _lock(room, wait=False)
+    finally:
+        _close(shelf)
+    try:
+        yield room
+    finally:
+        shutil.rmtree(room, ignore_errors=True)
+        _close(lock)
+
+
+def flush(path: Path) -> None:
+    """Bring a file, or the names in a directory, to the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        # Some file systems cannot flush a directory; a rename is still atomic there.
+        with suppress(OSError) if path.is_dir() else nullcontext():
+            os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _sweep(directory: Path) -> None:
+    """Remove what killed processes left: the kernel drops a lock with its process."""
+    for stale in directory.glob(f"{_PREFIX}*"):
+        lock = _lock(stale, wait=False)
+        if lock is not None:
+            shutil.rmtree(stale, ignore_errors=True)
+            _close(lock)
+
+
+def _lock(directory: Path, wait: bool) -> int | None:
+    """Open and lock a directory, or None where another holds it or the file system cannot."""
+    try:
+        handle = os.open(directory, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _close(handle: int | None) -> None:
+    if handle is not None:
+        os.close(handle)
