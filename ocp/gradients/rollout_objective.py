@@ -46,7 +46,7 @@ class RolloutObjective(SampledObjective):
         policy = OpenLoop() if policy is None else policy
         closed = law.close(problem.system)
         self.problem, self.policy = problem, policy
-        self.step = replace(closed, p=problem.parameters + closed.p)
+        self.step = replace(closed, knobs=problem.parameters + closed.knobs)
         self.name, self.n_noise = problem.name, problem.N * problem.system.nu
         # Shared by all copies that differ in values alone, so that nothing is compiled twice.
         self._compiled: list[RolloutFunction] = []
