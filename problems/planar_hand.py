@@ -13,14 +13,7 @@ from dynamics.systems import ParameterTable, Signal, quasi_dynamic, signals
 from dynamics.systems.geometry import ContactGeometry, Pose, disc_capsule, disc_disc
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
-from problems.parameters import (
-    Parameters,
-    choice,
-    quantity,
-    rough_or_smooth,
-    structure,
-    table,
-)
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "planar-hand"
@@ -206,7 +199,7 @@ def build(params: Params) -> Problem:
     u are the commanded joint angles [rad], lam the impulses [N s] along the edges of the friction
     cones. Without friction there is one row a contact, and no parameter ``friction`` to turn.
     """
-    p, friction = rough_or_smooth(table(params))
+    p, friction = friction_of(table(params))
     discs = params.links == "discs"
 
     def distance(q: ca.SX) -> ca.SX:

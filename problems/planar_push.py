@@ -12,14 +12,7 @@ from dynamics.systems import quasi_dynamic, signals
 from dynamics.systems.geometry import ContactGeometry, Pose, disc_box
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
-from problems.parameters import (
-    Parameters,
-    choice,
-    quantity,
-    rough_or_smooth,
-    structure,
-    table,
-)
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "planar-push"
@@ -117,7 +110,7 @@ def build(params: Params) -> Problem:
     u is the commanded position of the pusher [m], lam the impulses [N s] along the edges of the
     friction cone. Without friction there is one row, and no parameter ``friction`` to turn.
     """
-    p, friction = rough_or_smooth(table(params))
+    p, friction = friction_of(table(params))
 
     def sliding(q: ca.SX) -> ca.SX:
         return _touch(q, p["side"], p["r"]).jacobians(Pose(q[3:], ca.SX(0)), _box(q), q)[1]
