@@ -140,7 +140,8 @@ def test_compiler_that_makes_rubbish_is_passed_over(graph, tmp_path, monkeypatch
 
 
 def test_processes_may_compile_the_same_at_once(own_cache):
-    program = f"from dynamics.batch.engines import compiler; assert compiler.load({SOURCE % 47!r}).answer() == 47"
+    load = "from dynamics.batch.engines.compiler import load"
+    program = f"{load}; assert load({SOURCE % 47!r}).answer() == 47"
     racing = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(4)]
     assert [process.wait(timeout=120) for process in racing] == [0, 0, 0, 0]
     assert len(list(own_cache.glob("*.so"))) == 1
