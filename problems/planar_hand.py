@@ -19,7 +19,6 @@ from problems.spec import Citation, Golden
 name = "planar-hand"
 title = "Two arms turn a ball in the plane, with friction"
 citation = Citation("suh2023noising", "Noising data, sec. V-B, planar hand, and its code")
-axes = ("x [m]", "y [m]")
 equations = """
 "ball" o = (x, y, theta), "joints" a = (l_1, l_2, r_1, r_2) "of both arms, anticlockwise"
 "bases at" (-"base", 0) "and" ("base", 0); "at zero the arms point away from each other"

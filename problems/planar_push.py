@@ -18,7 +18,6 @@ from problems.spec import Citation, Golden
 name = "planar-push"
 title = "Pushing a box in the plane, with friction"
 citation = Citation("suh2023noising", "Noising data, sec. V-B, planar pushing, and its code")
-axes = ("x [m]", "y [m]")
 equations = """
 "box" o = (x, y, theta), "pusher" a, "input" u: "where the pusher is told to be"
 M / h delta q_u = (J_(n u) + nu J_(t u))^top lambda_+ + (J_(n u) - nu J_(t u))^top lambda_-, quad
