@@ -119,12 +119,12 @@ def read(
     Raises InputError for what is neither, and for parameters given to a run, which has its own.
     """
     from ocp.errors import InputError
-    from problems import names, parse_parameters, spec
-    from reports.cli.choices import contact_law
+    from problems import names, spec
+    from reports.cli.choices import assignments, contact_law
 
     if what in names() or (what.endswith(".py") and not Path(what).is_dir()):
         found = spec(what)
-        problem = found.problem(parse_parameters(found, params or ()))
+        problem = found.problem(assignments("-p", params))
         law = contact_law(contact or "barrier", law_settings)
         return Asked(found.name, found.title, problem, law)
     asked = _run(what, root)
