@@ -10,10 +10,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from ocp.errors import InputError
+from ocp.errors import InputError, did_you_mean
 from ocp.gradients.objective import SampledObjective
 from problems.registry import names, spec
-from problems.spec import Citation, ProblemSpec, check_parameters, did_you_mean, lines_of
+from problems.spec import Citation, ProblemSpec, check_parameters, lines_of
 
 _MODULES = {
     "heaviside": "problems.heaviside",

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from ocp.errors import InputError
+from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import natural_units, range_of, unit_of
@@ -32,7 +31,7 @@ class Golden:
     """The best known value at the default parameters, under the exact law unless told otherwise.
 
     Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
-    of seed 0, see :func:`ocp.solve.guesses`) ends at ``cost``, within ``tolerance`` relative, with
+    of seed 0, see :mod:`ocp.guesses`) ends at ``cost``, within ``tolerance`` relative, with
     a certificate (:mod:`ocp.stationarity.certificate`) that says ``stationarity`` and ``kind``.
     ``tried`` counts the solves, over strategies and guesses, of which no certified one ends lower.
 
@@ -162,24 +161,6 @@ def _explain(Params: type[BaseModel], error: ValidationError) -> str:
     return f"parameter {parameter}{meaning} must be {range_of(about)}, got {shown}"
 
 
-def parse_parameters(spec: ProblemSpec, assignments: Iterable[str]) -> dict[str, Any]:
-    """Read ``["M=2", "N=40"]`` into checked values by name, ready for :meth:`ProblemSpec.problem`.
-
-    Raises :class:`~ocp.errors.InputError` for anything that is not ``name=value``, for a name
-    given twice, and for what :meth:`ProblemSpec.params` refuses.
-    """
-    given: dict[str, str] = {}
-    for assignment in assignments:
-        name, sign, value = (part.strip() for part in assignment.partition("="))
-        if not (name and sign and value):
-            raise InputError(f"{spec.name}: expected name=value, got {assignment!r}; say -p M=2.0")
-        if name in given:
-            raise InputError(f"{spec.name}: parameter {name} is given twice; give it once")
-        given[name] = value
-    checked = spec.params(given)
-    return {name: getattr(checked, name) for name in given}
-
-
 class HasParams(Protocol):
     """Anything with parameters to describe: a problem, an objective."""
 
@@ -206,13 +187,6 @@ def describe(spec: HasParams) -> list[dict[str, Any]]:
 def lines_of(equations: str) -> tuple[str, ...]:
     """One equation a line; a line that begins with a space continues the one before."""
     return tuple(re.sub(r"\n +", " ", equations.strip()).splitlines())
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``" (did you mean 'x'?)"`` for the nearest known name, or nothing."""
-    names = {candidate.lower(): candidate for candidate in known}
-    close = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
-    return f" (did you mean {names[close[0]]!r}?)" if close else ""
 
 
 def where(error: BaseException, path: Path) -> str:

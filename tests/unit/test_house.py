@@ -58,7 +58,13 @@ HEAVY = "scipy pandas xarray matplotlib netCDF4 typst rich multiprocessing jax"
 """Libraries that are loaded where they are used, not by whoever only asks what there is."""
 
 
-@pytest.mark.parametrize("code", ["import ocp"])
+LIST = """from contextlib import redirect_stdout
+from io import StringIO
+from reports.cli.app import main
+with redirect_stdout(StringIO()): assert main(["list"]) == 0"""
+
+
+@pytest.mark.parametrize("code", ["import ocp", LIST], ids=["import ocp", "ocp list"])
 def test_asking_what_there_is_loads_no_heavy_library(code: str) -> None:
     told = f"print('loaded', [name for name in {HEAVY.split()!r} if name in sys.modules])"
     done = subprocess.run(
