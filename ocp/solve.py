@@ -11,6 +11,7 @@ import numpy as np
 from dynamics.contact import ContactLaw, Exact
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError
+from ocp.guesses import guesses
 from ocp.judgement import judged
 from ocp.policy import OpenLoop, Policy
 from ocp.problem import Problem
@@ -23,7 +24,6 @@ from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.warm_start import carried_guess, carry
 
-_SPREAD = 0.3
 Rank = Literal["planned", "referee"]
 """What orders several answers: their cost under the law, or what the referee makes of them."""
 
@@ -165,7 +165,7 @@ def solve_session(
     """
     solutions: list[Solution] = []
     try:
-        for number, guess in enumerate(guesses(session, starts, seed)):
+        for number, guess in enumerate(guesses(session.problem, session.values, starts, seed)):
             outcome = session.solve(progress=progress, guess=guess, number=number)
             solutions.append(judged(session, outcome, seed))
     except KeyboardInterrupt as stop:
@@ -202,18 +202,3 @@ def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
     order = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Status.NO_PROGRESS: 2}
     cost = found.cost if by == "planned" else found.referee.cost
     return order.get(found.status, 3), cost if np.isfinite(cost) else np.inf
-
-
-def guesses(session: Session, starts: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the problem's own guess and perturbed ones, each from its own stream of the seed."""
-    problem = session.problem
-    physical = np.array([session.values[name] for name in problem.parameters.names])
-    X, U = problem.initial_guess(physical)
-    found = [(X, U)]
-    for stream in np.random.SeedSequence(seed).spawn(starts - 1):
-        noise = np.random.default_rng(stream)
-        size_x, size_u = problem.sizes.x, problem.sizes.u
-        shaken = X + _SPREAD * size_x * noise.standard_normal(X.shape)
-        shaken[0] = X[0]
-        found.append((shaken, U + _SPREAD * size_u * noise.standard_normal(U.shape)))
-    return found

@@ -20,6 +20,7 @@ from statistics import median
 import numpy as np
 
 from dynamics.contact import Barrier, Exact
+from ocp.guesses import guesses
 from ocp.judgement import judged
 from ocp.physics.measures import broken_constraints
 from ocp.programs.status import Status
@@ -29,7 +30,7 @@ from ocp.routes.outcome import Outcome
 from ocp.routes.relaxations import CentralPath
 from ocp.session import Session
 from ocp.solution import Solution
-from ocp.solve import guesses, new_session, solve
+from ocp.solve import new_session, solve
 from ocp.transcription import MultipleShooting, SingleShooting
 from problems import get
 from tests.benchmarks.ocp.random_draws import PROBLEMS, Instance, drawn
@@ -74,8 +75,8 @@ def alone(instance: Instance) -> Answer:
 
     def run(session: Session) -> Outcome:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        route = Route([CentralPath()], session.problem.reference, session.first_point)
-        ended = by_strategy(follower, route, route.looks[0])
+        route = Route(CentralPath(), session.problem.reference, session.first_point)
+        ended = by_strategy(follower, route, route.strategy)
         return Outcome(*ended, follower.trace)
 
     return _from_session(instance, run)
@@ -101,7 +102,9 @@ def _strategy(name: str) -> Callable[[Instance], Answer]:
 
 def _start(number: int) -> Callable[[Instance], Answer]:
     def run(session: Session) -> Outcome:
-        return session.solve(guess=guesses(session, number + 1, SEED)[number])
+        return session.solve(
+            guess=guesses(session.problem, session.values, number + 1, SEED)[number]
+        )
 
     return lambda instance: _from_session(instance, run)
 
