@@ -45,7 +45,7 @@ def test_moves_change_one_chain_and_are_undone_by_their_opposite(held: list[bool
         assert changed is not None and not changed[chains[1]].any()
         assert abs(int(changed.sum()) - int(active.sum())) <= 2
         alone = len(runs(active)) == len(runs(changed)) == 1
-        inside = runs(changed) and 0 < runs(changed)[0][0] and runs(changed)[-1][1] < len(held)
+        inside = runs(changed) and runs(changed)[0][0] > 0 and runs(changed)[-1][1] < len(held)
         if alone and inside and runs(active)[0][0] > 0:
             back = Move(move.chain, move.run, -move.begins, -move.ends)
             np.testing.assert_array_equal(moved(changed, chains, back), active)
