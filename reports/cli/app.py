@@ -14,6 +14,7 @@ from reports.cli import (
     continue_command,
     doctor_command,
     estimate_command,
+    export_command,
     figure_command,
     interrupt,
     list_command,
@@ -42,6 +43,7 @@ for name, command in {
     "figure": figure_command.COMMAND,
     "report": report_command.COMMAND,
     "animate": animate_command.COMMAND,
+    "export": export_command.COMMAND,
     "runs": runs_command.COMMAND,
     "doctor": doctor_command.COMMAND,
 }.items():

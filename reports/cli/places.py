@@ -21,8 +21,8 @@ def check_place(file: Path, what: str) -> None:
     from ocp import store
 
     if file.is_dir():
-        ending = "pdf" if what == "PDF" else "gif"
-        raise InputError(f"{file} is a directory; name a file such as {file / f'report.{ending}'}")
+        example = {"PDF": "report.pdf", "C file": "rollout.c"}.get(what, "report.gif")
+        raise InputError(f"{file} is a directory; name a file such as {file / example}")
     try:
         store.check_writable(file.parent)
     except InputError as error:
