@@ -125,6 +125,7 @@ def time_stepping(
             book=None if book is None else book(q, v, u, v_next, normal, along),
             sharp=sharp,
             refinable=True,
+            mass=M,
         )
 
     def touched(touching: Touching) -> ContactSystem:
