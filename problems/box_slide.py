@@ -14,7 +14,6 @@ from problems.spec import Citation, Golden
 name = "box-slide"
 title = "A box pushed over a rough floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 6b, as a task")
-axes = ("x [m]", "y [m]")
 equations = """
 m (v^+ - v) = h u + f, quad x^+ = x + h v^+, quad abs(f) <= b = "friction" h m g
 h v^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0

@@ -15,7 +15,6 @@ from problems.spec import Citation, Golden
 name = "cart-transport"
 title = "A cart that carries a box by friction"
 citation = Citation("li2026impact", "IMPACT, cart transporter: the model; masses and task are ours")
-axes = ("x [m]", "y [m]")
 equations = """
 (m_c + m_b) (v_c^+ - v_c) + m_b (v_r^+ - v_r) = h u, quad m_b (v_c^+ - v_c + v_r^+ - v_r) = f
 q^+ = q + h v^+, quad abs(f) <= b = "friction" h m_b g, quad abs(r) <= r_"reach"

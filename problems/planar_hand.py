@@ -13,20 +13,12 @@ from pydantic import model_validator
 from dynamics.systems import ParameterTable, Signal, contacts, quasi_dynamic, signals
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
-from problems.parameters import (
-    Parameters,
-    choice,
-    quantity,
-    rough_or_smooth,
-    structure,
-    table,
-)
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "planar-hand"
 title = "Two arms turn a ball in the plane, with friction"
 citation = Citation("suh2023noising", "Noising data, sec. V-B, planar hand, and its code")
-axes = ("x [m]", "y [m]")
 equations = """
 "ball" o = (x, y, theta), "joints" a = (l_1, l_2, r_1, r_2) "of both arms, anticlockwise"
 "bases at" (-"base", 0) "and" ("base", 0); "at zero the arms point away from each other"
@@ -198,7 +190,7 @@ def build(params: Params) -> Problem:
     u are the commanded joint angles [rad], lam the impulses [N s] along the edges of the friction
     cones. Without friction there is one row a contact, and no parameter ``friction`` to turn.
     """
-    p, friction = rough_or_smooth(table(params))
+    p, friction = friction_of(table(params))
     discs = params.links == "discs"
 
     def stacked(each: Callable[[contacts.Contact], ca.SX], q: ca.SX) -> ca.SX:

@@ -11,20 +11,12 @@ from pydantic import model_validator
 from dynamics.systems import contacts, quasi_dynamic, signals
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
-from problems.parameters import (
-    Parameters,
-    choice,
-    quantity,
-    rough_or_smooth,
-    structure,
-    table,
-)
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "planar-push"
 title = "Pushing a box in the plane, with friction"
 citation = Citation("suh2023noising", "Noising data, sec. V-B, planar pushing, and its code")
-axes = ("x [m]", "y [m]")
 equations = """
 "box" o = (x, y, theta), "pusher" a, "input" u: "where the pusher is told to be"
 M / h delta q_u = (J_(n u) + nu J_(t u))^top lambda_+ + (J_(n u) - nu J_(t u))^top lambda_-, quad
@@ -113,7 +105,7 @@ def build(params: Params) -> Problem:
     u is the commanded position of the pusher [m], lam the impulses [N s] along the edges of the
     friction cone. Without friction there is one row, and no parameter ``friction`` to turn.
     """
-    p, friction = rough_or_smooth(table(params))
+    p, friction = friction_of(table(params))
 
     system = quasi_dynamic(
         name,

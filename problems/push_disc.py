@@ -15,7 +15,6 @@ from problems.spec import Citation, Golden
 name = "push-disc"
 title = "Pushing a disc in the plane"
 citation = Citation("suh2023noising", "Noising data, eq. 13-14, in the plane and frictionless")
-axes = ("x [m]", "y [m]")
 equations = """
 M / h (o^+ - o) = n lambda, quad h K (a^+ - u) = -n lambda, quad n = (o - a) / norm(o - a)
 0 <= lambda perp norm(o - a) - R - r + n dot ((o^+ - o) - (a^+ - a)) >= 0

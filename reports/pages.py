@@ -15,7 +15,6 @@ from reports.console import (
     books,
     contact_rows,
     distance_rows,
-    event_rows,
     idle_contacts,
     judged_rows,
     knob_title,
@@ -24,6 +23,7 @@ from reports.console import (
 )
 from reports.figures import comparison, contacts, run
 from reports.figures import continuation as path_figures
+from reports.path_tables import event_rows
 from reports.strobe import strobe
 from reports.view import RunView
 

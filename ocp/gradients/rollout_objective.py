@@ -44,9 +44,8 @@ class RolloutObjective(SampledObjective):
         block: int = 32,
     ) -> None:
         policy = OpenLoop() if policy is None else policy
-        closed = law.close(problem.system)
         self.problem, self.policy = problem, policy
-        self.step = replace(closed, p=problem.parameters + closed.p)
+        self.step = law.close(replace(problem.system, parameters=problem.parameters))
         self.name, self.n_noise = problem.name, problem.N * problem.system.nu
         # Shared by all copies that differ in values alone, so that nothing is compiled twice.
         self._compiled: list[RolloutFunction] = []
