@@ -54,7 +54,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
     plan = trajectories(nlp, result, p)
     found, replay, book = audit(nlp, result, plan, values, p, bounds)
     # Not the solver's f, which may hold a penalty on gains or on products of contact.
-    physical = np.array([values[name] for name in session.problem.parameters.names])
+    physical = session.problem.parameters.pack(values)
     kept = feasible(nlp, found)
     costs = trajectory_costs(session.problem, plan.x, plan.u, physical)
     rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, costs)
@@ -131,7 +131,7 @@ def idle_cost(session: Session, plan: Rollout) -> float:
 
 def _held_cost(session: Session, plan: Rollout) -> float:
     problem, values = session.problem, session.values
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     held = np.tile(np.array(problem.limits(physical)[1]).ravel(), (1, problem.N, 1))
     idle, unsolved = roll_on(problem, held, values, session.step, plan.x[:, 0])
     if unsolved is not None or broken_constraints(problem, idle.x, idle.u, physical):
@@ -141,7 +141,7 @@ def _held_cost(session: Session, plan: Rollout) -> float:
 
 def _still_cost(session: Session, plan: Rollout) -> float:
     problem, values, N = session.problem, session.values, session.problem.N
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     before = np.array(problem.limits(physical)[1]).ravel()
     x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(before, (len(plan.x), N, 1))
     limit, S = _STILL * problem.sizes.x / N, len(x)
@@ -165,7 +165,7 @@ def _state_slope(problem: Problem, x: np.ndarray, physical: np.ndarray) -> float
 
 def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: np.ndarray) -> bool:
     """Whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit`` (nx,)."""
-    p = np.array([session.values[name] for name in session.step.p.names])
+    p = session.step.p.pack(session.values)
     start = np.repeat(x[:, None], len(inputs), axis=1)
     after = np.array(session.step.solve.map(len(inputs))(start, inputs.T, p)[0])
     return bool(np.any(np.all(np.abs(after - start) <= limit[:, None], axis=0)))

@@ -166,7 +166,7 @@ def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
 def guesses(session: Session, starts: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the problem's own guess and perturbed ones, each from its own stream of the seed."""
     problem = session.problem
-    physical = np.array([session.values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(session.values)
     X, U = problem.initial_guess(physical)
     found = [(X, U)]
     for stream in np.random.SeedSequence(seed).spawn(starts - 1):

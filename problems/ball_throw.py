@@ -166,7 +166,7 @@ def _guess(params: Params):
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         inputs = np.zeros((params.N, 2))
         inputs[0] = params.theta_start, params.speed_start
-        values = dict(zip(problem.parameters.names, p, strict=True))
+        values = problem.parameters.unpack(p)
         now = params.model_copy(update=values)
         return roll(now, params.theta_start, params.speed_start), inputs
 

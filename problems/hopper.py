@@ -139,7 +139,7 @@ def build(params: Params) -> Problem:
 
 def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Slide upright from start to goal on a low arc."""
-    position = dict(zip(problem.parameters.names, p, strict=True))
+    position = problem.parameters.unpack(p)
     N, nx, nu = problem.N, problem.system.nx, problem.system.nu
     nq = nx // 2
     s = np.linspace(0, 1, N + 1)

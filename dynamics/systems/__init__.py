@@ -15,7 +15,7 @@ from dynamics.systems.geometry import (
 from dynamics.systems.lcs import is_p_matrix, lcs, linearise
 from dynamics.systems.machine import Machine, Sphere
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
-from dynamics.systems.parameters import Parameter, ParameterTable, Signal, signals
+from dynamics.systems.parameters import KNOB, Parameter, ParameterTable, Signal, entries, signals
 from dynamics.systems.planar import Link
 from dynamics.systems.quasidynamic import quasi_dynamic
 from dynamics.systems.sharp import Sharp
@@ -23,6 +23,7 @@ from dynamics.systems.system import ContactSystem, ReducedContact
 from dynamics.systems.timestepping import time_stepping
 
 __all__ = [
+    "KNOB",
     "Chain",
     "ContactForces",
     "ContactGeometry",
@@ -45,6 +46,7 @@ __all__ = [
     "disc_disc",
     "disc_half_plane",
     "dry_friction",
+    "entries",
     "frictional_time_stepping",
     "is_p_matrix",
     "lcs",

@@ -147,7 +147,7 @@ class StaticObjective(SampledObjective):
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the cost's parameters."""
-        return {parameter.name: float(parameter.value) for parameter in self._table}
+        return self._table.defaults
 
     def at(self, values: Mapping[str, float]) -> StaticObjective:
         """Return the same graph at other values; nothing is built again."""

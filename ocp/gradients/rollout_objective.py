@@ -44,14 +44,15 @@ class RolloutObjective(SampledObjective):
         block: int = 32,
     ) -> None:
         policy = OpenLoop() if policy is None else policy
-        closed = law.close(problem.system)
         self.problem, self.policy = problem, policy
-        self.step = replace(closed, p=problem.parameters + closed.p)
+        # The cost's parameters too, since the rollout evaluates it.
+        every = problem.parameters + problem.system.parameters
+        self.step = law.close(replace(problem.system, parameters=every))
         self.name, self.n_noise = problem.name, problem.N * problem.system.nu
         # Shared by all copies that differ in values alone, so that nothing is compiled twice.
         self._compiled: list[RolloutFunction] = []
         self._options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
-        self._values = {parameter.name: float(parameter.value) for parameter in self.step.p}
+        self._values = self.step.p.defaults
         self._start()
         shape = self._policy.shape(problem.N)
         self.theta = (
@@ -126,7 +127,7 @@ class RolloutObjective(SampledObjective):
 
     def _start(self) -> None:
         """Initial states and the input before, at the present parameters."""
-        physical = np.array([self._values[name] for name in self.problem.parameters.names])
+        physical = self.problem.parameters.pack(self._values)
         self._x0 = self.problem.initial_states(physical)
         self._before = np.array(self.problem.limits(physical)[1]).ravel()
         self._p = np.array(list(self._values.values()))
@@ -143,7 +144,7 @@ class RolloutObjective(SampledObjective):
         return call
 
     def _guess(self, shape: tuple[int, ...]) -> np.ndarray:
-        physical = np.array([self._values[name] for name in self.problem.parameters.names])
+        physical = self.problem.parameters.pack(self._values)
         inputs = self.problem.initial_guess(physical)[1]
         if isinstance(self.policy, OpenLoop):
             return inputs

@@ -97,7 +97,7 @@ def _refined_cost(
     x = rolled.x.copy()
     if chosen is not None:
         x[:, :, chosen] *= REFINEMENT
-    physical = np.array([values[key] for key in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     return float(trajectory_costs(problem, x, rolled.u, physical).mean()), ""
 
 
@@ -155,7 +155,7 @@ def hear(
 
     The plan's inputs are replayed, or the policy where there is one, from the plan's own starts.
     """
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     heard = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
     there = heard.replay
     planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)

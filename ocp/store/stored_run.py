@@ -120,7 +120,7 @@ class StoredRun:
                 solve_s=number(meta["solve_s"]),
                 record=self.record,
                 problem=problem,
-                values={parameter.name: parameter.value for parameter in problem.parameters},
+                values=problem.parameters.defaults,
                 gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
                 others=meta["others"],
                 evaluation_s=number(meta.get("evaluation_s")),

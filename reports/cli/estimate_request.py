@@ -137,7 +137,7 @@ class EstimateRequest:
         units = {s.name: s.unit for s in self.objective.decision}
         step = getattr(self.objective, "step", None)
         if step is not None:
-            units |= {parameter.name: parameter.unit for parameter in step.p}
+            units |= step.p.units
         return units.get(self.sweep.name, "1")
 
 
@@ -175,11 +175,13 @@ def _check_values(
     how: Mapping[str, Any],
 ) -> None:
     """Raise InputError where a swept value is out of its parameter's range."""
-    law, sign, knob = swept.name.partition(".")
+    from dynamics.systems import KNOB
+
+    knob = swept.name.removeprefix(KNOB)
     for value in swept.values:
         if swept.name in spec.Params.model_fields:
             spec.params({**given, swept.name: value})
-        elif (law, sign) == ("contact", "."):
+        elif swept.name.startswith(KNOB):
             own = [item for item in how["law_settings"] if not item.startswith(f"{knob}=")]
             contact_law(how["contact"], [*own, f"{knob}={value}"])
 

@@ -139,7 +139,7 @@ def _answer(found: Solution, seconds: float, wall: float) -> Answer:
 
 def _misplaced(found: Solution) -> float:
     """How far an audited throw is off its bounds, or below where a bounce puts a node at most."""
-    physical = np.array([found.values[name] for name in found.problem.parameters.names])
+    physical = found.problem.parameters.pack(found.values)
     x, u = found.data["x"].values, found.data["u"].values
     broken = broken_constraints(found.problem, x, u, physical)
     e, g, h = (found.values[name] for name in ("restitution", "g", "h"))
