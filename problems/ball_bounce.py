@@ -15,17 +15,11 @@ name = "ball-bounce"
 title = "A ball with thrust over a floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 1a, with thrust")
 axes = ("x [m]", "y [m]")
-equations = (
-    "m (v+ - v) = h (u - (0, m g)) + (0, lam),  q+ = q + h v+,  0 <= lam ⟂ y+ >= 0",
-    "minimise  sum_k w_u h |u_k|²  +  w_end |q_N - goal|² + w_v |v_N|²",
-    "with |u| <= u_max componentwise, from (x0, y0, vx0, vy0)",
-)
-typst = (
-    "m (v^+ - v) = h (u - (0, m g)) + (0, lambda), quad q^+ = q + h v^+,"
-    " quad 0 <= lambda perp y^+ >= 0",
-    'min sum_(k=0)^(N-1) w_u h norm(u_k)^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N)^2',
-    'norm(u)_infinity <= u_"max"',
-)
+equations = """
+m (v^+ - v) = h (u - (0, m g)) + (0, lambda), quad q^+ = q + h v^+, quad 0 <= lambda perp y^+ >= 0
+min sum_(k=0)^(N-1) w_u h norm(u_k)^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N)^2
+norm(u)_infinity <= u_"max", quad "from" (x_0, y_0, v_(x,0), v_(y,0))
+"""
 golden = {
     "exact": Golden(
         0.745009295,

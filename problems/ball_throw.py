@@ -15,21 +15,15 @@ name = "ball-throw"
 title = "A ball thrown to a goal by way of the floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 7a; numbers are ours")
 axes = ("x [m]", "z [m]")
-equations = (
-    "w = v + hand speed (cos theta, sin theta) + hand (0, g h/2),  hand = 1 at first, then 0",
-    "m (v+ - w) = h (0, -m g) + (0, lam),  q+ = q + h v+:  v is the mean velocity of a step",
-    "0 <= lam ⟂ z+ + R(z - h w_z) >= 0,  R(s) = e s + (1 + e) g s²/(2 V²),  e: restitution",
-    "  V² = (w_z - g h/2)² + 2 g z of the step before: the square of the speed at the floor",
-    "minimise  w_speed speed²  +  w_end |q_N - goal|² + w_v |v_N - goal velocity|²",
-    "over theta and speed of the throw; later inputs move nothing and are put to zero",
-)
-typst = (
-    'w = v + "hand" (s cos theta, s sin theta + g h \\/ 2), quad "hand" = 1 "at first, then" 0',
-    "m (v^+ - w) = h (0, -m g) + (0, lambda), quad q^+ = q + h v^+",
-    "0 <= lambda perp z^+ + R(z - h w_z) >= 0, quad R(s) = e s + (1 + e) g s^2 \\/ (2 V^2)",
-    'V^2 = (w_z - g h \\/ 2)^2 + 2 g z quad "one step before"',
-    'min w_s s^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N - v_"goal")^2',
-)
+equations = r"""
+w = v + "hand" (s cos theta, s sin theta + g h \/ 2), quad "hand" = 1 "at first, then" 0
+m (v^+ - w) = h (0, -m g) + (0, lambda), quad q^+ = q + h v^+, quad v "the mean velocity of a step"
+0 <= lambda perp z^+ + R(z - h w_z) >= 0, quad R(d) = e d + (1 + e) g d^2 \/ (2 V^2), quad
+  e "the restitution"
+V^2 = (w_z - g h \/ 2)^2 + 2 g z "one step before: the square of the speed at the floor"
+min w_"speed" s^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N - v_"goal")^2
+"over angle" theta "and speed" s "of the throw; later inputs move nothing and are put to zero"
+"""
 golden = {
     "exact": Golden(
         0.00898210373,

@@ -15,14 +15,10 @@ from problems.spec import Citation
 name = "ball-wall"
 title = "A ball thrown past the corner of a rectangular wall"
 citation = Citation("suh2022pathologies", "Pathologies of differentiable simulators, ex. III.6")
-equations = (
-    "x(t) = v0 t cos(a),  y(t) = v0 t sin(a) - g t²/2,  a = theta + w",
-    "f = -x(T), or -(2 d - x(T)) where the ball meets the wall's face, x = d, below its top",
-)
-typst = (
-    "x(t) = v_0 t cos a, quad y(t) = v_0 t sin a - g t^2 \\/ 2, quad a = theta + w",
-    'f = -x(T), quad "or" -(2 d - x(T)) "where" y < y_"top" "at" x = d',
-)
+equations = r"""
+x(t) = v_0 t cos a, quad y(t) = v_0 t sin a - g t^2 \/ 2, quad a = theta + w
+f = -x(T), quad "or" -(2 d - x(T)) "where" y < y_"top" "at the wall's face," x = d
+"""
 
 
 class Params(Parameters):

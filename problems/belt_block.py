@@ -15,14 +15,11 @@ from problems.spec import Citation
 name = "belt-block"
 title = "A block dragged by a belt, with friction relaxed within a slip tolerance"
 citation = Citation("suh2022pathologies", "Pathologies of differentiable simulators, fig. 3, left")
-equations = (
-    "m (v+ - v) = h F H(s),  s = b - v+,  H(s) = max(-1, min(1, 2 s/nu)),  b = theta + w",
-    "f = m v_N/(N h F): the impulse on the block as a share of the largest, from rest",
-)
-typst = (
-    "m (v^+ - v) = h F macron(H)_nu (b - v^+), quad b = theta + w",
-    "f = m v_N \\/ (N h F)",
-)
+equations = r"""
+m (v^+ - v) = h F macron(H)_nu (b - v^+), quad macron(H)_nu (t) = "clip"(2 t \/ nu, -1, 1), quad
+  b = theta + w
+f = m v_N \/ (N h F): "the impulse on the block as a share of the largest, from rest"
+"""
 
 
 class Params(Parameters):

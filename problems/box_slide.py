@@ -15,18 +15,12 @@ name = "box-slide"
 title = "A box pushed over a rough floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 6b, as a task")
 axes = ("x [m]", "y [m]")
-equations = (
-    "m (v+ - v) = h u + f,  x+ = x + h v+,  |f| <= b = friction h m g  (f an impulse)",
-    "h v+ = s_f - s_b,  0 <= s_f ⟂ b + f >= 0,  0 <= s_b ⟂ b - f >= 0",
-    "  sliding forward means f = -b, sliding backward f = b, and at rest f is what holds the box",
-    "minimise  sum_k w_u h u_k²  +  w_end (x_N - goal)² + w_v v_N²,  |u| <= u_max",
-)
-typst = (
-    'm (v^+ - v) = h u + f, quad x^+ = x + h v^+, quad abs(f) <= b = "friction" h m g',
-    "h v^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0",
-    'min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" (x_N - x_"goal")^2 + w_v v_N^2,'
-    ' quad abs(u) <= u_"max"',
-)
+equations = """
+m (v^+ - v) = h u + f, quad x^+ = x + h v^+, quad abs(f) <= b = "friction" h m g
+h v^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0
+"sliding forward" f = -b, quad "sliding backward" f = b, quad "at rest" f "is what holds the box"
+min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" (x_N - x_"goal")^2 + w_v v_N^2, quad abs(u) <= u_"max"
+"""
 golden = {
     "exact": Golden(
         0.354703374,

@@ -16,20 +16,14 @@ name = "cart-transport"
 title = "A cart that carries a box by friction"
 citation = Citation("li2026impact", "IMPACT, cart transporter: the model; masses and task are ours")
 axes = ("x [m]", "y [m]")
-equations = (
-    "(mc + mb) (vc+ - vc) + mb (vr+ - vr) = h u,  mb (vc+ - vc + vr+ - vr) = f,  q+ = q + h v+",
-    "  c: cart, r: the box's offset on it; f the friction impulse, |f| <= b = friction h mb g",
-    "h vr+ = s_f - s_b,  0 <= s_f ⟂ b + f >= 0,  0 <= s_b ⟂ b - f >= 0,  |r| <= reach",
-    "minimise  sum_k w_u h u_k²  +  w_end ((c_N - goal)² + (r_N - goal_offset)²)"
-    "  +  w_v (vc_N² + vr_N²),  |u| <= u_max",
-)
-typst = (
-    "(m_c + m_b) (v_c^+ - v_c) + m_b (v_r^+ - v_r) = h u, quad m_b (v_c^+ - v_c + v_r^+ - v_r) = f",
-    'q^+ = q + h v^+, quad abs(f) <= b = "friction" h m_b g, quad abs(r) <= r_"reach"',
-    "h v_r^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0",
-    'min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" ((c_N - c_"goal")^2 + (r_N - r_"goal")^2)'
-    ' + w_v (v_(c,N)^2 + v_(r,N)^2), quad abs(u) <= u_"max"',
-)
+equations = """
+(m_c + m_b) (v_c^+ - v_c) + m_b (v_r^+ - v_r) = h u, quad m_b (v_c^+ - v_c + v_r^+ - v_r) = f
+q^+ = q + h v^+, quad abs(f) <= b = "friction" h m_b g, quad abs(r) <= r_"reach"
+c "the cart," r "the box's offset on it," f "the impulse of friction"
+h v_r^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0
+min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" ((c_N - c_"goal")^2 + (r_N - r_"goal")^2)
+  + w_v (v_(c,N)^2 + v_(r,N)^2), quad abs(u) <= u_"max"
+"""
 golden = {
     "exact": Golden(
         0.592060446,

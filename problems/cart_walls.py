@@ -15,25 +15,16 @@ name = "cart-walls"
 title = "A pole on a cart between soft walls"
 citation = Citation("zhang2023adaptive", "A linear complementarity system as in eq. 2.1-2.2")
 axes = ("x [m]", "y [m]")
-equations = (
-    "x = (p, theta, p', theta'),  x+ = x + h (A x+ + B u + C lam),  lam a force [N]",
-    "A[0,2] = A[1,3] = 1, A[2,1] = g mp/mc, A[3,1] = g (mc+mp)/(l mc), B = (0, 0, 1/mc, 1/(l mc))",
-    "C[3] = (-1/(l mp), 1/(l mp)),  tip = p+ + l theta+",
-    "0 <= lam_1 ⟂ lam_1/k + wall - tip >= 0,  0 <= lam_2 ⟂ lam_2/k + wall + tip >= 0",
-    "minimise  sum_k w_p p² + w_theta theta² + w_dp p'² + w_dtheta theta'² + w_u u²"
-    "  +  w_end |x_N|²",
-    "with |u| <= u_max, from (p0, theta0, dp0, dtheta0)",
-)
-typst = (
-    "x = (p, theta, dot(p), dot(theta)), quad x^+ = x + h (A x^+ + B u + C lambda)",
-    "A_13 = A_24 = 1, quad A_32 = g m_p / m_c, quad A_42 = g (m_c + m_p) / (l m_c)",
-    "B = (0, 0, 1 / m_c, 1 / (l m_c)), quad C_(4 dot) = (-1 / (l m_p), 1 / (l m_p))",
-    "0 <= lambda_1 perp lambda_1 / k + d - (p^+ + l theta^+) >= 0, quad"
-    " 0 <= lambda_2 perp lambda_2 / k + d + (p^+ + l theta^+) >= 0",
-    "min sum_(k=0)^(N-1) w_p p^2 + w_theta theta^2 + w_(dot(p)) dot(p)^2"
-    ' + w_(dot(theta)) dot(theta)^2 + w_u u^2 + w_"end" norm(x_N)^2',
-    'abs(u) <= u_"max"',
-)
+equations = """
+x = (p, theta, dot(p), dot(theta)), quad x^+ = x + h (A x^+ + B u + C lambda)
+A_13 = A_24 = 1, quad A_32 = g m_p / m_c, quad A_42 = g (m_c + m_p) / (l m_c)
+B = (0, 0, 1 / m_c, 1 / (l m_c)), quad C_4 = (-1 / (l m_p), 1 / (l m_p)), quad lambda "forces"
+0 <= lambda_1 perp lambda_1 / k + d - (p^+ + l theta^+) >= 0, quad
+  0 <= lambda_2 perp lambda_2 / k + d + (p^+ + l theta^+) >= 0
+min sum_(k=0)^(N-1) w_p p^2 + w_theta theta^2 + w_(dot(p)) dot(p)^2
+  + w_(dot(theta)) dot(theta)^2 + w_u u^2 + w_"end" norm(x_N)^2
+abs(u) <= u_"max", quad "from" (p_0, theta_0, dot(p)_0, dot(theta)_0)
+"""
 golden = {
     "exact": Golden(
         186.588555,

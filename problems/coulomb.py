@@ -15,16 +15,11 @@ from problems.spec import Citation
 name = "coulomb"
 title = "Coulomb friction, relaxed within a slip tolerance"
 citation = Citation("suh2022pathologies", "Pathologies of differentiable simulators, ex. III.5")
-equations = (
-    "f(theta, w) = H(theta + w),  H(t) = max(-1, min(1, 2 t/nu)),  w ~ N(0, sigma²)",
-    "dF/dtheta = (2/nu) p,  p = Phi((theta + nu/2)/sigma) - Phi((theta - nu/2)/sigma)",
-)
-typst = (
-    'f(theta, w) = macron(H)_nu (theta + w), quad macron(H)_nu (t) = "clip"(2 t \\/ nu, -1, 1),'
-    ' quad w tilde "N"(0, sigma^2)',
-    "(dif F) / (dif theta) = 2 / nu (Phi((theta + nu \\/ 2) / sigma)"
-    " - Phi((theta - nu \\/ 2) / sigma))",
-)
+equations = r"""
+f(theta, w) = macron(H)_nu (theta + w), quad macron(H)_nu (t) = "clip"(2 t \/ nu, -1, 1), quad
+  w tilde "N"(0, sigma^2)
+(dif F) / (dif theta) = 2 / nu (Phi((theta + nu \/ 2) / sigma) - Phi((theta - nu \/ 2) / sigma))
+"""
 _NODES, _REACH = np.polynomial.legendre.leggauss(96), 12.0
 
 

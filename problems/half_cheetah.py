@@ -27,29 +27,19 @@ citation = Citation(
     "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; tables of Dojo's cheetah"
 )
 axes = ("x [m]", "z [m]")
-equations = (
-    "M(q) (v+ - v) = h (B u - bias(q, v) - D v+ - K q+) + J_n' gamma + J_t' (beta+ - beta-)"
-    " + J_l' nu",
-    "q+ = q + h v+,  q = (x, z, pitch, three joints of the hind leg, three of the fore leg),"
-    " angles clockwise",
-    "  M: masses; bias: gravity and centrifugal forces; B: motors; D, K: dampers and springs of"
-    " the joints; gamma, beta±: normal and friction impulses of each sphere on the ground; nu:"
-    " of the joints' limits",
-    "0 <= gamma ⟂ phi(q+) >= 0,  0 <= beta± ⟂ psi ± h J_t v+ >= 0,"
-    "  0 <= psi ⟂ friction gamma - beta+ - beta- >= 0,  0 <= nu ⟂ way to a joint's limit >= 0",
-    "  phi: height of a sphere above the ground, psi: the way it slides in a step, against"
-    " friction",
-    "minimise  (1/N) sum_k (w_u |u_k|² + w_v |v_k|²)  over a stride that ends as it began,"
-    " speed N h further on; the start and the step size h are chosen too; |u| <= u_max",
-)
-typst = (
-    "M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma"
-    " + J_t^top (beta^+ - beta^-) + J_l^top nu, quad q^+ = q + h v^+",
-    "0 <= gamma perp phi(q^+) >= 0, quad 0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0,"
-    " quad 0 <= psi perp f gamma - beta^+ - beta^- >= 0",
-    "min 1/N sum_(k=0)^(N-1) w_u norm(u_k)^2 + w_v norm(v_k)^2, quad"
-    ' x_N = x_0 + ("speed" N h, 0, dots)',
-)
+equations = """
+M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma + J_t^top (beta^+ - beta^-)
+  + J_l^top nu, quad q^+ = q + h v^+
+q "= (x, z, pitch, three joints of the hind leg, three of the fore leg), angles clockwise"
+M "masses," b "gravity and centrifugal forces," B "motors," D, K "dampers and springs of the joints"
+gamma, beta^plus.minus "normal and friction impulses of spheres," nu "of the joints' limits"
+0 <= gamma perp phi(q^+) >= 0, quad 0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0, quad
+  0 <= psi perp f gamma - beta^+ - beta^- >= 0
+0 <= nu perp "way to a joint's limit" >= 0, quad f "the coefficient of friction"
+phi "height of a sphere above the ground," psi "the way it slides in a step, against friction"
+min 1 / N sum_(k=0)^(N-1) (w_u norm(u_k)^2 + w_v norm(v_k)^2), quad abs(u) <= u_"max"
+"over a stride," x_N = x_0 + ("speed" N h, 0, dots); "start and step size" h "are chosen too"
+"""
 _PARTS = ("thigh", "shin", "foot")
 _SPHERES = {
     "legs": ("bshin", "bfoot", "fshin", "ffoot"),

@@ -16,14 +16,10 @@ from problems.spec import Citation
 name = "heaviside"
 title = "A step, whose pathwise gradient is zero almost everywhere"
 citation = Citation("suh2022pathologies", "Pathologies of differentiable simulators, ex. III.2")
-equations = (
-    "f(theta, w) = H(theta + w),  H(t) = 1 for t >= 0, else 0,  w ~ N(0, sigma²)",
-    "F = Phi(theta/sigma),  dF/dtheta = phi(theta/sigma)/sigma",
-)
-typst = (
-    'f(theta, w) = H(theta + w), quad H(t) = 1_(t >= 0), quad w tilde "N"(0, sigma^2)',
-    "F = Phi(theta \\/ sigma), quad (dif F) / (dif theta) = phi(theta \\/ sigma) \\/ sigma",
-)
+equations = r"""
+f(theta, w) = H(theta + w), quad H(t) = 1 "for" t >= 0 "else" 0, quad w tilde "N"(0, sigma^2)
+F = Phi(theta \/ sigma), quad (dif F) / (dif theta) = phi(theta \/ sigma) \/ sigma
+"""
 
 
 class Params(Parameters):

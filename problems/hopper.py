@@ -28,27 +28,18 @@ citation = Citation(
     "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; tables of Dojo's hopper"
 )
 axes = ("x [m]", "z [m]")
-equations = (
-    "M(q) (v+ - v) = h (B u - bias(q, v) - D v+ - K q+) + J_n' gamma + J_t' (beta+ - beta-)",
-    "q+ = q + h v+,  q = (x, z, pitch, thigh, leg, foot), angles clockwise; x, z, pitch of the"
-    " torso",
-    "  M: masses; bias: gravity and centrifugal forces; B: motors; D, K: dampers and springs of"
-    " the joints; gamma, beta±: normal and friction impulses of each sphere on the ground",
-    "0 <= gamma ⟂ phi(q+) >= 0,  0 <= beta± ⟂ psi ± h J_t v+ >= 0,"
-    "  0 <= psi ⟂ friction gamma - beta+ - beta- >= 0",
-    "  phi: height of a sphere above the ground, psi: the way it slides in a step, against"
-    " friction",
-    "minimise  sum_k h (w_u |u_k|² + w_v |v_k|²)  +  w_end |q_N - q_end|² + w_rest |v_N|²,"
-    "  q_end: upright at x = goal; |u| <= u_max",
-)
-typst = (
-    "M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma"
-    " + J_t^top (beta^+ - beta^-), quad q^+ = q + h v^+",
-    "0 <= gamma perp phi(q^+) >= 0, quad 0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0,"
-    " quad 0 <= psi perp f gamma - beta^+ - beta^- >= 0",
-    "min sum_(k=0)^(N-1) h (w_u norm(u_k)^2 + w_v norm(v_k)^2)"
-    ' + w_"end" norm(q_N - q_"end")^2 + w_"rest" norm(v_N)^2',
-)
+equations = """
+M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma + J_t^top (beta^+ - beta^-)
+q^+ = q + h v^+, quad q "= (x, z, pitch, thigh, leg, foot), angles clockwise; x, z of the torso"
+M "masses," b "gravity and centrifugal forces," B "motors," D, K "dampers and springs of the joints"
+gamma, beta^plus.minus "normal and friction impulses of each sphere on the ground"
+0 <= gamma perp phi(q^+) >= 0, quad 0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0, quad
+  0 <= psi perp f gamma - beta^+ - beta^- >= 0
+phi "height of a sphere above the ground," psi "the way it slides in a step, against friction" f
+min sum_(k=0)^(N-1) h (w_u norm(u_k)^2 + w_v norm(v_k)^2) + w_"end" norm(q_N - q_"end")^2
+  + w_"rest" norm(v_N)^2
+q_"end" "upright at" x = "goal", quad abs(u) <= u_"max"
+"""
 
 golden = {
     "exact": Golden(0.0502015625, tried=13, note="other minima: 0.0505520, 0.0509175, 0.0516220"),

@@ -16,23 +16,16 @@ name = "hopper-1d"
 title = "A one-dimensional hopper that jumps"
 citation = Citation("bryson1975applied", "The double integrator's bang-bang optimum, with a foot")
 axes = ("x [m]", "z [m]")
-equations = (
-    "mb (vb+ - vb) = h (u - mb g) + lam_short - lam_long,  z+ = z + h v+",
-    "mf (vf+ - vf) = h (-u - mf g) + lam_foot - lam_short + lam_long",
-    "0 <= lam_foot ⟂ zf+ >= 0,  0 <= lam_short ⟂ l+ - l_min >= 0,  0 <= lam_long ⟂ l_max - l+ >= 0",
-    "  l = zb - zf: the leg; only the ground can lift the centre of mass zc",
-    "maximise  zc_N - zc_0  -  w_v vc_N²,  |u| <= u_max:  as high as can be, at the apex",
-    "Optimum (w_v large): force u_max for t = T M g/(u_max + mf g), M = mb + mf, then flight;"
-    "  height a t T/2,  a = (u_max - mb g)/M",
-)
-typst = (
-    'm_b (v_b^+ - v_b) = h (u - m_b g) + lambda_"short" - lambda_"long", quad z^+ = z + h v^+',
-    'm_f (v_f^+ - v_f) = h (-u - m_f g) + lambda_"foot" - lambda_"short" + lambda_"long"',
-    '0 <= lambda_"foot" perp z_f^+ >= 0, quad l = z_b - z_f',
-    '0 <= lambda_"short" perp l^+ - l_"min" >= 0, quad 0 <= lambda_"long" perp l_"max" - l^+ >= 0',
-    'max z_(c,N) - z_(c,0) - w_v v_(c,N)^2, quad abs(u) <= u_"max"',
-    't = T (M g) / (u_"max" + m_f g), quad z_(c,N) - z_(c,0) = (u_"max" - m_b g) / (2 M) t T',
-)
+equations = """
+m_b (v_b^+ - v_b) = h (u - m_b g) + lambda_"short" - lambda_"long", quad z^+ = z + h v^+
+m_f (v_f^+ - v_f) = h (-u - m_f g) + lambda_"foot" - lambda_"short" + lambda_"long"
+0 <= lambda_"foot" perp z_f^+ >= 0, quad l = z_b - z_f "the leg"
+0 <= lambda_"short" perp l^+ - l_"min" >= 0, quad 0 <= lambda_"long" perp l_"max" - l^+ >= 0
+max z_(c,N) - z_(c,0) - w_v v_(c,N)^2, quad abs(u) <= u_"max": "as high as can be, at the apex"
+"only the ground can lift the centre of mass" z_c
+"optimum for large" w_v: "force" u_"max" "for a time" t = T (M g) / (u_"max" + m_f g) "then flight"
+z_(c,N) - z_(c,0) = (u_"max" - m_b g) / (2 M) t T, quad M = m_b + m_f
+"""
 golden = {
     "exact": Golden(-0.6146875, tried=33, independent="the closed form of the bang-bang optimum"),
 }

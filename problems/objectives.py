@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from ocp.errors import InputError
 from ocp.gradients.objective import SampledObjective
 from problems.registry import names, spec
-from problems.spec import Citation, ProblemSpec, check_parameters, did_you_mean
+from problems.spec import Citation, ProblemSpec, check_parameters, did_you_mean, lines_of
 
 _MODULES = {
     "heaviside": "problems.heaviside",
@@ -36,7 +36,6 @@ class ObjectiveSpec:
     Params: type[BaseModel]
     build: Callable[..., SampledObjective]
     equations: tuple[str, ...]
-    typst: tuple[str, ...]
     citation: Citation
 
     def params(self, values: Mapping[str, Any]) -> Any:
@@ -90,5 +89,6 @@ def objective_spec(name: str) -> ObjectiveSpec:
 @cache
 def _registered(name: str) -> ObjectiveSpec:
     module = importlib.import_module(_MODULES[name])
-    keys = ("name", "title", "Params", "build", "equations", "typst", "citation")
-    return ObjectiveSpec(**{key: getattr(module, key) for key in keys})
+    keys = ("name", "title", "Params", "build", "citation")
+    values = {key: getattr(module, key) for key in keys}
+    return ObjectiveSpec(**values, equations=lines_of(module.equations))

@@ -27,33 +27,20 @@ name = "planar-hand"
 title = "Two arms turn a ball in the plane, with friction"
 citation = Citation("suh2023noising", "Noising data, sec. V-B, planar hand, and its code")
 axes = ("x [m]", "y [m]")
-equations = (
-    "state: ball o = (ox, oy) and angle theta, joints a = (l1, l2, r1, r2) of the left and right"
-    " arm, anticlockwise; input u, where the joints are told to be",
-    "bases at (-base, 0) and (base, 0); a link points along angle l1 + pi, l1 + l2 + pi on the"
-    " left, r1, r1 + r2 on the right, so that at zero the arms point away from each other",
-    "(1/h) M dq = sum_i (J_n + friction J_t)_i' lam_i+ + (J_n - friction J_t)_i' lam_i-  +"
-    " h (0, -m g, 0)  on the ball, M = diag(m, m, I), and  h K (a+ - u) = that sum on the joints",
-    "0 <= lam_i± ⟂ phi_i + ((J_n ± friction J_t) dq)_i >= 0,  phi_i from the ball's rim to the"
-    " surface of link i (or of disc i of a link)",
-    "minimise  sum_k w |o_k - goal|² + w_a |a_k - a_0|² + w_du |du_k|²"
-    "  +  w_end (w |o_N - goal|² + w_a |a_N - a_0|²),  o with its angle",
-    "with du_k = u_k - u_(k-1), u_(-1) = a_0, |u_k - a_k| <= reach componentwise, and the joints"
-    " within their limits",
-)
-typst = (
-    "1 / h M delta q_u = sum_i (J_n + nu J_t)_(u,i)^top lambda_(i+)"
-    " + (J_n - nu J_t)_(u,i)^top lambda_(i-) + h (0, -m g, 0), quad M = diag(m, m, I)",
-    "h K (a^+ - u) = sum_i (J_n + nu J_t)_(a,i)^top lambda_(i+)"
-    " + (J_n - nu J_t)_(a,i)^top lambda_(i-)",
-    "0 <= lambda_(i plus.minus) perp phi_i + (J_n plus.minus nu J_t)_i delta q >= 0, quad"
-    ' nu "the coefficient of friction"',
-    'min sum_(k=0)^(N-1) w norm(o_k - o_"goal")^2 + w_a norm(a_k - a_0)^2'
-    ' + w_(delta u) norm(delta u_k)^2 + w_"end" (w norm(o_N - o_"goal")^2'
-    " + w_a norm(a_N - a_0)^2)",
-    'delta u_k = u_k - u_(k-1), quad norm(u_k - a_k)_infinity <= "reach", quad'
-    ' a_"lower" <= a_k <= a_"upper"',
-)
+equations = """
+"ball" o = (x, y, theta), "joints" a = (l_1, l_2, r_1, r_2) "of both arms, anticlockwise"
+"bases at" (-"base", 0) "and" ("base", 0); "at zero the arms point away from each other"
+M / h delta q_u = sum_i (J_n + nu J_t)_(u,i)^top lambda_(i+)
+  + (J_n - nu J_t)_(u,i)^top lambda_(i-) + h (0, -m g, 0), quad M = diag(m, m, I)
+h K (a^+ - u) = sum_i (J_n + nu J_t)_(a,i)^top lambda_(i+) + (J_n - nu J_t)_(a,i)^top lambda_(i-)
+0 <= lambda_(i plus.minus) perp phi_i + (J_n plus.minus nu J_t)_i delta q >= 0, quad
+  nu "the coefficient of friction"
+phi_i "from the ball's rim to the surface of link" i "or of disc" i "of a link"
+min sum_(k=0)^(N-1) w norm(o_k - o_"goal")^2 + w_a norm(a_k - a_0)^2 + w_(delta u) norm(delta u_k)^2
+  + w_"end" (w norm(o_N - o_"goal")^2 + w_a norm(a_N - a_0)^2)
+delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k - a_k)_infinity <= "reach", quad
+  a_"lower" <= a_k <= a_"upper"
+"""
 golden = {
     "exact": Golden(
         12.1817748,

@@ -26,26 +26,19 @@ name = "planar-push"
 title = "Pushing a box in the plane, with friction"
 citation = Citation("suh2023noising", "Noising data, sec. V-B, planar pushing, and its code")
 axes = ("x [m]", "y [m]")
-equations = (
-    "state: box o = (ox, oy) and angle theta, pusher a; input u, where the pusher is told to be",
-    "(1/h) M dq = (J_n + friction J_t)' lam+ + (J_n - friction J_t)' lam-  on the box, where"
-    " M = diag(m, m, I), and  h K (a+ - u) = the same on the pusher",
-    "0 <= lam± ⟂ phi + (J_n ± friction J_t) dq >= 0,  phi from the disc's rim to the box's side",
-    "minimise  sum_k |o_k - goal|²_w + w_a |a_k - rest|² + w_du |du_k|²"
-    "  +  w_end (|o_N - goal|²_w + w_a |a_N - rest|²),  |o|²_w = w_x (ox² + oy²) + w_angle theta²",
-    "with du_k = u_k - u_(k-1), u_(-1) = a_0, |u_k - a_k| <= reach componentwise",
-)
-typst = (
-    "1 / h M delta q_u = (J_(n u) + nu J_(t u))^top lambda_+ + (J_(n u) - nu J_(t u))^top lambda_-,"
-    " quad M = diag(m, m, I)",
-    "h K (a^+ - u) = (J_(n a) + nu J_(t a))^top lambda_+ + (J_(n a) - nu J_(t a))^top lambda_-",
-    "0 <= lambda_plus.minus perp phi + (J_n plus.minus nu J_t) delta q >= 0, quad"
-    ' nu "the coefficient of friction"',
-    'min sum_(k=0)^(N-1) norm(o_k - o_"goal")_w^2 + w_a norm(a_k - a_"rest")^2'
-    ' + w_(delta u) norm(delta u_k)^2 + w_"end" (norm(o_N - o_"goal")_w^2'
-    ' + w_a norm(a_N - a_"rest")^2)',
-    'delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k - a_k)_infinity <= "reach"',
-)
+equations = """
+"box" o = (x, y, theta), "pusher" a, "input" u: "where the pusher is told to be"
+M / h delta q_u = (J_(n u) + nu J_(t u))^top lambda_+ + (J_(n u) - nu J_(t u))^top lambda_-, quad
+  M = diag(m, m, I)
+h K (a^+ - u) = (J_(n a) + nu J_(t a))^top lambda_+ + (J_(n a) - nu J_(t a))^top lambda_-
+0 <= lambda_plus.minus perp phi + (J_n plus.minus nu J_t) delta q >= 0, quad
+  nu "the coefficient of friction"
+phi "from the disc's rim to the box's side", quad norm(o)_w^2 = w_x (x^2 + y^2) + w_"angle" theta^2
+min sum_(k=0)^(N-1) norm(o_k - o_"goal")_w^2 + w_a norm(a_k - a_"rest")^2
+  + w_(delta u) norm(delta u_k)^2
+  + w_"end" (norm(o_N - o_"goal")_w^2 + w_a norm(a_N - a_"rest")^2)
+delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k - a_k)_infinity <= "reach"
+"""
 golden = {
     "exact": Golden(120.918554915, tried=33),
     "barrier mu=1e-3": Golden(120.603713118, law="barrier", stationarity="KKT", kind="", tried=11),

@@ -16,18 +16,13 @@ name = "push-1d"
 title = "Pushing a mass along a line"
 citation = Citation("suh2023noising", "Noising data, sec. IV-B and eq. 13")
 axes = ("x [m]", "")
-equations = (
-    "(M/h) (qu+ - qu) = lam,  h K (qa+ - u) = -lam,  0 <= lam ⟂ qu+ - qa+ - width >= 0",
-    "minimise  sum_k w_x (qu_k - goal_x)² + w_du du_k²  +  w_end (qu_N - goal_x)²",
-    "with du_k = u_k - u_(k-1), u_(-1) = qa0, |u| <= u_max, from (qu0, qa0)",
-)
-typst = (
-    "M / h (q_u^+ - q_u) = lambda, quad h K (q_a^+ - u) = -lambda,"
-    " quad 0 <= lambda perp q_u^+ - q_a^+ - w >= 0",
-    'min sum_(k=0)^(N-1) w_x (q_(u,k) - x_"goal")^2 + w_(delta u) delta u_k^2'
-    ' + w_"end" (q_(u,N) - x_"goal")^2',
-    'delta u_k = u_k - u_(k-1), quad u_(-1) = q_(a,0), quad abs(u) <= u_"max"',
-)
+equations = """
+M / h (q_u^+ - q_u) = lambda, quad h K (q_a^+ - u) = -lambda, quad
+  0 <= lambda perp q_u^+ - q_a^+ - "width" >= 0
+min sum_(k=0)^(N-1) w_x (q_(u,k) - x_"goal")^2 + w_(delta u) delta u_k^2
+  + w_"end" (q_(u,N) - x_"goal")^2
+delta u_k = u_k - u_(k-1), quad u_(-1) = q_(a,0), quad abs(u) <= u_"max"
+"""
 golden = {
     "exact": Golden(
         1.38481827,

@@ -16,19 +16,13 @@ name = "push-disc"
 title = "Pushing a disc in the plane"
 citation = Citation("suh2023noising", "Noising data, eq. 13-14, in the plane and frictionless")
 axes = ("x [m]", "y [m]")
-equations = (
-    "(M/h) (o+ - o) = n lam,  h K (a+ - u) = -n lam",
-    "0 <= lam ⟂ |o - a| - R - r + n·((o+ - o) - (a+ - a)) >= 0,  n = (o - a) / |o - a|",
-    "minimise  sum_k w_x |o_k - goal|² + w_du |du_k|²  +  w_end |o_N - goal|²",
-    "with du_k = u_k - u_(k-1), u_(-1) = a_0, |u| <= u_max componentwise",
-)
-typst = (
-    "M / h (o^+ - o) = n lambda, quad h K (a^+ - u) = -n lambda, quad n = (o - a) / norm(o - a)",
-    "0 <= lambda perp norm(o - a) - R - r + n dot ((o^+ - o) - (a^+ - a)) >= 0",
-    'min sum_(k=0)^(N-1) w_x norm(o_k - o_"goal")^2 + w_(delta u) norm(delta u_k)^2'
-    ' + w_"end" norm(o_N - o_"goal")^2',
-    'delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u)_infinity <= u_"max"',
-)
+equations = """
+M / h (o^+ - o) = n lambda, quad h K (a^+ - u) = -n lambda, quad n = (o - a) / norm(o - a)
+0 <= lambda perp norm(o - a) - R - r + n dot ((o^+ - o) - (a^+ - a)) >= 0
+min sum_(k=0)^(N-1) w_x norm(o_k - o_"goal")^2 + w_(delta u) norm(delta u_k)^2
+  + w_"end" norm(o_N - o_"goal")^2
+delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k)_infinity <= u_"max"
+"""
 golden = {
     "exact": Golden(
         0.100678475,

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from ocp.errors import InputError
 from ocp.problem import Problem
 from problems.loading import check, import_file
-from problems.spec import ProblemSpec, did_you_mean
+from problems.spec import ProblemSpec, did_you_mean, lines_of
 
 _MODULES = {
     "wall-1d": "problems.wall_1d",
@@ -32,7 +32,7 @@ _MODULES = {
     "half-cheetah": "problems.half_cheetah",
 }
 _REQUIRED = ("name", "title", "Params", "build")
-_OPTIONAL = ("equations", "typst", "draw", "frames", "axes", "golden", "citation")
+_OPTIONAL = ("equations", "draw", "frames", "axes", "golden", "citation")
 
 
 def names() -> list[str]:
@@ -67,8 +67,8 @@ def load(path: str | Path) -> ProblemSpec:
     """Read a problem from a user's file.
 
     The file defines ``name``, ``title``, ``Params`` (a pydantic model, :mod:`problems.parameters`)
-    and ``build(params) -> Problem``, and may define ``equations``, ``typst``, ``draw``,
-    ``frames``, ``axes``, ``golden`` and ``citation``, as the files beside this one do.
+    and ``build(params) -> Problem``, and may define ``equations``, ``draw``, ``frames``, ``axes``,
+    ``golden`` and ``citation``, as the files beside this one do.
 
     Raises :class:`~ocp.errors.InputError` where there is no such file, it raises (with the line),
     a name is missing or of the wrong kind, or the problem's dimensions do not fit.
@@ -92,13 +92,11 @@ def _from_module(module: ModuleType, path: Path | None) -> ProblemSpec:
             f"{path}: the file must define {', '.join(_REQUIRED)};"
             f" {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
         )
+    values |= {key: getattr(module, key) for key in _OPTIONAL if hasattr(module, key)}
     wrong = _wrong_kind(values)
     if wrong:
         raise InputError(f"{path}: {wrong}")
-    values |= {key: getattr(module, key) for key in _OPTIONAL if hasattr(module, key)}
-    for key in ("equations", "typst"):
-        lines = values.get(key, ())
-        values[key] = tuple(lines.splitlines()) if isinstance(lines, str) else tuple(lines)
+    values["equations"] = lines_of(values.get("equations", ""))
     return ProblemSpec(**values, path=path)
 
 
@@ -110,6 +108,8 @@ def _wrong_kind(values: dict[str, Any]) -> str | None:
     params = values["Params"]
     if not (isinstance(params, type) and issubclass(params, BaseModel)):
         return "Params must be a class derived from problems.Parameters (a pydantic model)"
+    if not isinstance(values.get("equations", ""), str):
+        return "equations must be a text in typst's mathematics, one a line"
     if not callable(values["build"]):
         return "build must be a function that takes Params and returns a Problem"
     return None

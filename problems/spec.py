@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -72,8 +73,8 @@ class ProblemSpec:
 
     ``build(params)`` gives the :class:`~ocp.problem.Problem`; ``draw(params, state)`` the shapes at
     one state (nx,), ``frames(params, state)`` the place and direction of each contact;
-    ``equations`` are plain lines, ``typst`` the same in typst's mathematics; ``axes`` label the
-    drawing; ``path`` is the user's file, None for a problem that ships with the workbench.
+    ``equations`` are lines of typst's mathematics; ``axes`` label the drawing; ``path`` is the
+    user's file, None for a problem that ships with the workbench.
     """
 
     name: str
@@ -81,7 +82,6 @@ class ProblemSpec:
     Params: type[BaseModel]
     build: Callable[[Any], Problem]
     equations: tuple[str, ...] = ()
-    typst: tuple[str, ...] = ()
     draw: Callable[[Any, np.ndarray], list[Shape]] | None = None
     frames: Callable[[Any, np.ndarray], list[ContactFrame]] | None = None
     axes: tuple[str, str] = ("x [m]", "y [m]")
@@ -201,6 +201,11 @@ def describe(spec: HasParams) -> list[dict[str, Any]]:
         }
         for name, about in spec.Params.model_fields.items()
     ]
+
+
+def lines_of(equations: str) -> tuple[str, ...]:
+    """One equation a line; a line that begins with a space continues the one before."""
+    return tuple(re.sub(r"\n +", " ", equations.strip()).splitlines())
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

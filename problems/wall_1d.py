@@ -15,17 +15,11 @@ name = "wall-1d"
 title = "A mass against a wall"
 citation = Citation("suh2022pathologies", "Pathologies of differentiable simulators, ex. IV.1-2")
 axes = ("x [m]", "")
-equations = (
-    "m (v+ - v) = u + lam,  x+ = x + h v+,  0 <= lam ⟂ x+ >= 0",
-    "minimise  sum_k w_x (x_k - goal_x)² + w_v v_k² + w_u u_k²  +  w_end (x_N - goal_x)²",
-    "with |u| <= u_max, from (x0, v0)",
-)
-typst = (
-    "m (v^+ - v) = u + lambda, quad x^+ = x + h v^+, quad 0 <= lambda perp x^+ >= 0",
-    'min sum_(k=0)^(N-1) w_x (x_k - x_"goal")^2 + w_v v_k^2 + w_u u_k^2'
-    ' + w_"end" (x_N - x_"goal")^2',
-    'abs(u) <= u_"max"',
-)
+equations = """
+m (v^+ - v) = u + lambda, quad x^+ = x + h v^+, quad 0 <= lambda perp x^+ >= 0
+min sum_(k=0)^(N-1) w_x (x_k - x_"goal")^2 + w_v v_k^2 + w_u u_k^2 + w_"end" (x_N - x_"goal")^2
+abs(u) <= u_"max", quad "from" (x_0, v_0)
+"""
 golden = {
     "exact": Golden(
         17.8301723,

@@ -118,7 +118,6 @@ def estimate_page(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
             f"{row['estimator']}: {row['explanation']}" for row in meta["estimates"]
         ] if not swept else [],
         "equations": list(spec.equations) if spec else [],
-        "typst": list(spec.typst) if spec else [],
         "parameters": [
             [about["name"], number(params.get(about["name"])),
              "" if about["unit"] == "1" else about["unit"], about["description"]]

@@ -128,7 +128,6 @@ def _head(view: RunView) -> dict[str, Any]:
         "problem": meta["problem"],
         "hash": meta["hash"],
         "equations": list(spec.equations) if spec else [],
-        "typst": list(spec.typst) if spec else [],
         "parameters": _parameters(view),
         "citation": _citation(view),
         "settings": _pairs(_settings(view)),

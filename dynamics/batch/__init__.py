@@ -1,13 +1,13 @@
 """Many samples at once: CasADi graphs over arrays, compiled where there is a compiler."""
 
-from dynamics.batch.compiler import CompilerError
+from dynamics.batch.engines.compiler import CompilerError
 from dynamics.batch.function import BatchFunction
+from dynamics.batch.graphs.policy import RolloutPolicy, affine, open_loop
+from dynamics.batch.graphs.tape import UnsupportedOperation
 from dynamics.batch.moments import Moments
 from dynamics.batch.nonfinite import BatchWarning, NonFinite
-from dynamics.batch.policy import RolloutPolicy, affine, open_loop
 from dynamics.batch.random import Gaussian
 from dynamics.batch.rollout import RolloutFunction, RolloutMoments, Rollouts
-from dynamics.batch.tape import UnsupportedOperation
 
 __all__ = [
     "BatchFunction",

@@ -7,6 +7,16 @@ from typing import Any
 
 import numpy as np
 
+BLOCK = 32
+"""Samples worked on at once where nobody says otherwise."""
+
+
+def checked_block(block: int) -> int:
+    """`block` if it is a whole number of at least 1, else `ValueError`."""
+    if isinstance(block, bool) or not isinstance(block, int) or block < 1:
+        raise ValueError(f"block must be a whole number of samples, at least 1, not {block!r}")
+    return block
+
 
 def bind(
     args: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], what: str

@@ -10,17 +10,22 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.arguments import as_output, as_rows, bind, common_length
-from dynamics.batch.backends import choose
-from dynamics.batch.c_flat import c_engine
-from dynamics.batch.casadi_backend import CasadiEngine
-from dynamics.batch.llvm_backend import llvm_engine
+from dynamics.batch.arguments import (
+    BLOCK,
+    as_output,
+    as_rows,
+    bind,
+    checked_block,
+    common_length,
+)
+from dynamics.batch.engines.c_flat import c_engine
+from dynamics.batch.engines.casadi_kernel import CasadiEngine
+from dynamics.batch.engines.choice import choose
+from dynamics.batch.engines.numpy_kernel import NumpyEngine
+from dynamics.batch.engines.parallel import checked_threads
+from dynamics.batch.graphs.tape import Tape, UnsupportedOperation, tape_of
 from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
-from dynamics.batch.numpy_backend import NumpyEngine
-from dynamics.batch.parallel import checked_threads
-from dynamics.batch.tape import Tape, UnsupportedOperation, tape_of
 
-BLOCK = 32
 LONGEST = 40_000
 """Operations beyond which `auto` interprets: compilers take minutes over longer programs."""
 
@@ -43,15 +48,14 @@ class BatchFunction:
         y = f(x=x, p=p)["y"]   # by name: a dictionary of outputs
 
     Rows hold nonzeros in CasADi's order. Outputs are `(n_samples, nnz_out)`: one array, or a tuple
-    where the function has several. `backend` is `c`, `llvm`, `numpy`, `casadi`, or `auto` for the
-    fastest that can be built here; `llvm` needs no compiler, but the extra `centralpath[llvm]`.
-    `threads` is None for every CPU. `block` is how many samples are worked on at once. Results do
-    not depend on `threads` or `block`, to the last bit.
+    where the function has several. `backend` is `c`, `numpy`, `casadi`, or `auto` for the fastest
+    that can be built here. `threads` is None for every CPU. `block` is how many samples are worked
+    on at once. Results do not depend on `threads` or `block`, to the last bit.
 
     After a call `nonfinite` tells which samples gave NaN or infinity; a `BatchWarning` says so too.
 
     Raises `ValueError` for an unknown backend, wrong shapes or counts; `UnsupportedOperation` where
-    the named backend lacks an operation; `CompilerError` where `c` or `llvm` was asked for in vain.
+    the named backend lacks an operation; `CompilerError` where `c` was asked for in vain.
     """
 
     def __init__(
@@ -73,11 +77,7 @@ class BatchFunction:
 
     def _makers(self, fn: ca.Function, backend: str) -> dict[str, Any]:
         tape = functools.cache(lambda: tape_of(fn))
-        # LLVM's code was never slower than the C compiler's, and up to twice as fast.
-        compiled = {
-            "llvm": lambda: llvm_engine(tape(), self.threads),
-            "c": lambda: c_engine(tape(), self.threads, self.block),
-        }
+        compiled = {"c": lambda: c_engine(tape(), self.threads, self.block)}
         interpreted = {
             "numpy": lambda: NumpyEngine(tape(), self.threads, self.block),
             "casadi": lambda: CasadiEngine(fn, self.threads),
@@ -112,13 +112,6 @@ class BatchFunction:
             as_output(array, (n, size), name)
             for array, size, name in zip(given, self.output_sizes, self.output_names, strict=True)
         ]
-
-
-def checked_block(block: int) -> int:
-    """`block` if it is a whole number of at least 1, else `ValueError`."""
-    if isinstance(block, bool) or not isinstance(block, int) or block < 1:
-        raise ValueError(f"block must be a whole number of samples, at least 1, not {block!r}")
-    return block
 
 
 def _too_long(tape: Callable[[], Tape]) -> bool:

@@ -9,20 +9,30 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.arguments import as_doubles, as_output, as_rows, common_length
-from dynamics.batch.backends import choose
-from dynamics.batch.casadi_backend import CasadiKernel
-from dynamics.batch.function import BLOCK, checked_block
-from dynamics.batch.llvm_backend import llvm_rollout_engine
+from dynamics.batch.arguments import (
+    BLOCK,
+    as_doubles,
+    as_output,
+    as_rows,
+    checked_block,
+    common_length,
+)
+from dynamics.batch.engines.casadi_kernel import CasadiKernel
+from dynamics.batch.engines.choice import choose
+from dynamics.batch.engines.numpy_kernel import NumpyKernel
+from dynamics.batch.engines.parallel import checked_threads
+from dynamics.batch.engines.rollout_engines import (
+    ChunkEngine,
+    Request,
+    RolloutEngine,
+    c_rollout_engine,
+)
+from dynamics.batch.graphs.policy import RolloutPolicy
+from dynamics.batch.graphs.rollout_tapes import build_tapes
+from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
 from dynamics.batch.moments import Moments, merge_chunks
 from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
-from dynamics.batch.numpy_backend import NumpyKernel
-from dynamics.batch.parallel import checked_threads
-from dynamics.batch.policy import RolloutPolicy
 from dynamics.batch.random import Gaussian
-from dynamics.batch.rollout_engines import ChunkEngine, Request, RolloutEngine, c_rollout_engine
-from dynamics.batch.rollout_tapes import build_tapes
-from dynamics.batch.tape import tape_of, with_shared_reciprocals
 from dynamics.contact import Step
 
 # Moments are kept for each chunk until this many samples, and then merged into the total.
@@ -100,7 +110,6 @@ class RolloutFunction:
 
         return {
             "c": lambda: c_rollout_engine(self.tapes, self.threads, self.block),
-            "llvm": lambda: llvm_rollout_engine(self.tapes, self.threads, self.block),
             "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
             "casadi": lambda: chunks(CasadiKernel),
         }

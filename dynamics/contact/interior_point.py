@@ -1,23 +1,20 @@
-"""The softened linear complementarity problem ``lam (z + F lam) = mu`` and its path solver.
+"""The softened linear complementarity problem ``lam (z + F lam) = mu``, iteration by iteration.
 
-:func:`iteration` is one step of the primal-dual path solver as a graph, :func:`lcp_solver` folds
-it a fixed number of times, :func:`scalar_solution` is the closed form for one contact.
+:func:`advance` is one step of the primal-dual path solver as a graph, :func:`follow` repeats it,
+:func:`scalar_solution` is the closed form for one contact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 
 import casadi as ca
 
-from dynamics.systems.elimination import Factors, solve_without_pivoting
+from dynamics.systems.elimination import Factors
 
 _STAGES = (8, 8, 16, 32, 64, 128)
-MU_EXACT = 1e-12
-"""The exact law follows the path to this mu (in scaled units), then reads off the active set."""
-MU_LEAST = 1e-14
-"""A smaller scaled mu is rounding to the path solver and is raised to this."""
+ITERATIONS = sum(_STAGES)
+"""Iterations that the path solver is given; ten suffice mostly."""
 _BOUNDARY = 0.995
 _CENTRING = 0.3
 _NEAR = 0.5
@@ -43,68 +40,21 @@ def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
     return ca.fmax(0, -z) / F
 
 
-def scaling(z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return D (n, 1) and a scalar c so that ``z D / c`` and ``D F D`` are of order one.
-
-    In the scaled problem lam' = lam / (c D), s' = s D / c and mu' = mu / c²: the path is the same.
-    """
-    D = 1 / ca.sqrt(ca.diag(F))
-    size = ca.mmax(ca.vertcat(ca.fabs(z * D), ca.sqrt(mu)))
-    return D, ca.fmax(size, 1e-150)
-
-
-def scale(
-    z: ca.SX, F: ca.SX, mu: ca.SX, exact: bool = False
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Return ``(z D / c, D F D, mu / c², D, c)``, the problem that the path solver works on.
-
-    ``z`` and ``mu`` are (n, 1), F is (n, n), D and c those of :func:`scaling`. A mu / c² below
-    :data:`MU_LEAST` is raised to it; with ``exact`` mu is ignored and :data:`MU_EXACT` stands in
-    its place.
-    """
-    D, c = scaling(z, F, 0 * mu if exact else mu)
-    target = mu * 0 + MU_EXACT if exact else ca.fmax(mu / c**2, MU_LEAST)
-    return z * D / c, ca.diag(D) @ F @ ca.diag(D), target, D, c
-
-
-def iteration_count(n: int) -> int:
-    """Iterations the path solver is given for n contacts; ten suffice mostly, none for one."""
-    return sum(_STAGES) if n > 1 else 0
-
-
-@cache
-def iteration(n: int) -> ca.Function:
-    """One iteration on the scaled problem: ``(lam, s, z, F, mu) -> (lam, s)``.
-
-    All (n, 1) but F (n, n); lam, s > 0, and ``s = z + F lam`` holds only in the limit. Algorithm 3
-    of adaptive barrier smoothing: Mehrotra's affine predictor and centring, fraction to the
-    boundary. Differently from it, the affine step aims at the wanted mu and the target never
-    falls below it, so that the end is *at* mu; the second-order correction is taken only where it
-    shortens no step and lowers the violation (with it alone, one problem in ten cycles); the
-    centring goes at least two thirds of the way and steps near the end are damped (else strongly
-    coupled contacts stall or circle there); pairs far below their target are lifted back (without
-    it, rare problems jam at the boundary); the products wait for the defect of ``s = z + F lam``,
-    and both shrink together. Once rounding stops the progress the point is returned unchanged: a
-    fixed point ends the loop.
-    """
-    lam, s, z, mu = (ca.SX.sym(name, n) for name in ("lam", "s", "z", "mu"))
-    F = ca.SX.sym("F", n, n)
-    new_lam, new_s = advance(lam, s, z, F, mu)
-    return ca.Function(
-        f"path_iteration_{n}",
-        [lam, s, z, F, mu],
-        [new_lam, new_s],
-        ["lam", "s", "z", "F", "mu"],
-        ["lam_next", "s_next"],
-    )
-
-
 def advance(
     lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX, rest: float = 0.0
 ) -> tuple[ca.SX, ca.SX]:
-    """The pair after one :func:`iteration`, as an expression; structural zeros of F are skipped.
+    """The pair after one iteration on the scaled problem, as expressions: ``lam, s``.
 
-    A point with a relative violation of ``rest`` or less is left as it is.
+    All (n, 1) but F (n, n), whose structural zeros are skipped; lam, s > 0, and ``s = z + F lam``
+    holds only in the limit. Algorithm 3 of adaptive barrier smoothing: Mehrotra's affine predictor
+    and centring, fraction to the boundary. Differently from it, the affine step aims at the wanted
+    mu and the target never falls below it, so that the end is *at* mu; the second-order correction
+    is taken only where it shortens no step and lowers the violation (with it alone, one problem in
+    ten cycles); the centring goes at least two thirds of the way and steps near the end are damped
+    (else strongly coupled contacts stall or circle there); pairs far below their target are lifted
+    back (without it, rare problems jam at the boundary); the products wait for the defect of
+    ``s = z + F lam``, and both shrink together. Once rounding stops the progress, or the relative
+    violation is ``rest`` or less, the point is returned unchanged: a fixed point ends the loop.
     """
     n = lam.numel()
     defect = z + F @ lam - s
@@ -177,40 +127,6 @@ def _best(steps: list[ca.SX], merit: Callable[[ca.SX], ca.SX]) -> ca.SX:
     return best
 
 
-@cache
-def lcp_solver(n: int, exact: bool = False) -> ca.Function:
-    """Solve ``lam (z + F lam) = mu`` for lam > 0: ``(z, F, mu) -> (lam, s, error)``.
-
-    ``z``, ``mu``, ``lam`` (impulse), ``s`` (gap), ``error`` are (n, 1), F is a (n, n) P-matrix;
-    ``error`` is each contact's scaled violation ``max(|lam s - mu|, |z + F lam - s|)``, 1e-10 or
-    less where the path was followed to its end, infinite where the iterates diverged (F is no
-    P-matrix). With ``exact`` mu is ignored: the path is followed to :data:`MU_EXACT`, the contacts
-    with lam > s taken as active, and the linear system on that active set solved, so that the
-    complementarity is exact to rounding.
-
-    One contact is solved in closed form. No derivative of this function is of use: differentiate
-    through the implicit function theorem (:mod:`dynamics.contact.step`).
-    """
-    z, mu, F = ca.SX.sym("z", n), ca.SX.sym("mu", n), ca.SX.sym("F", n, n)
-    names = ["z", "F", "mu"], ["lam", "s", "error"]
-    if n == 1:
-        lam = exact_scalar_solution(z, F) if exact else scalar_solution(z, F, mu)
-        s = ca.fmax(0, z) if exact else ca.if_else(z > 0, z + F * lam, mu / ca.fmax(lam, 1e-300))
-        return ca.Function("contact_1", [z, F, mu], [lam, s, 0 * z], *names)
-    pre = ca.Function("scale", [z, F, mu], list(scale(z, F, mu, exact)))
-    post = unscale(n, exact)
-    args = ca.MX.sym("z", n), ca.MX.sym("F", n, n), ca.MX.sym("mu", n)
-    z_scaled, F_scaled, mu_scaled, D_, c_ = pre(*args)
-    iterate = iteration(n)
-    pair, *data = (ca.SX.sym(name, *iterate.size_in(name)) for name in ("lam", "z", "F", "mu"))
-    pair = ca.vertcat(pair, ca.SX.sym("s", n))
-    moved = ca.vertcat(*iterate(pair[:n], pair[n:], *data))
-    body = ca.Function(f"path_{n}", [pair, *data], [moved])
-    end = follow(body)(ca.MX.ones(2 * n), z_scaled, F_scaled, mu_scaled)
-    out = post(end[:n], end[n:], z_scaled, F_scaled, mu_scaled, D_, c_)
-    return ca.Function(f"contact_{n}", list(args), list(out), *names)
-
-
 def follow(body: ca.Function, stage: int = 0) -> ca.Function:
     """Repeat ``body: (pair, *data) -> pair`` until it moves no more, at most 256 times.
 
@@ -226,33 +142,3 @@ def follow(body: ca.Function, stage: int = 0) -> ca.Function:
         more = ca.Function.if_else("more", follow(body, stage + 1), stay)
         now = more(ca.mmax(ca.fabs(now - before)) > 0, now, *data)
     return ca.Function(f"{body.name()}_{stage}", [pair, *data], [now])
-
-
-def unscale(n: int, exact: bool) -> ca.Function:
-    """Scale the end of the path back: ``(lam, s, z, F, mu, D, c) -> (lam, s, error)``.
-
-    Arguments are in the numbers of :func:`scale`, all (n, 1) but F (n, n) and the scalar c;
-    ``lam`` = lam' c D (impulse) and ``s`` = s' c / D (gap) are the caller's, ``error`` (n, 1) is
-    the scaled violation that :func:`lcp_solver` describes. With ``exact`` the end of the path is
-    replaced by the solution of the linear system on its active set {lam > s}, where that solution
-    is feasible.
-    """
-    lam, s, z, mu, D = (ca.SX.sym(name, n) for name in ("lam", "s", "z", "mu", "D"))
-    F, c = ca.SX.sym("F", n, n), ca.SX.sym("c")
-    new_lam, new_s = lam, s
-    if exact:
-        active = lam > s
-        projector = ca.diag(active)
-        matrix = projector @ F + ca.SX.eye(n) - projector
-        on_set = solve_without_pivoting(matrix, -active * z)
-        slack = (1 - active) * (z + F @ on_set)
-        # Redundant contacts leave the forces on the active set open: then the path's end stands.
-        off = ca.mmax(ca.fabs(active * (z + F @ on_set)))
-        valid = ca.logic_and(ca.mmin(ca.vertcat(on_set, slack)) >= -1e-9, off <= 1e-9)
-        new_lam = ca.if_else(valid, ca.fmax(0, on_set), lam)
-        new_s = ca.if_else(valid, ca.fmax(0, slack), s)
-    goal = 0 if exact else mu
-    error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(z + F @ new_lam - new_s) / (1 + s))
-    # Diverged, as where F is no P-matrix: not a number, which would pass for small in a comparison.
-    error = ca.if_else(error < ca.inf, error, ca.inf)
-    return ca.Function("unscale", [lam, s, z, F, mu, D, c], [new_lam * c * D, new_s * c / D, error])

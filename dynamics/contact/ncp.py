@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact.interior_point import follow
-from dynamics.contact.nonlinear import TRUE_GAP, NonlinearPath
+from dynamics.contact.path import Path
 from dynamics.systems import ContactSystem
 
 LOST = 1e-7
@@ -42,24 +42,24 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
 
     ``p`` are the system's parameters, ``mu``, ``lam``, ``gap``, ``error`` (nlam, 1), error each
     pair's scaled violation, 1e-10 or less where the step was solved. With ``exact`` mu is ignored
-    and the point at :data:`~dynamics.contact.nonlinear.MU_EXACT` returned.
+    and the point at :data:`~dynamics.contact.path.MU_EXACT` returned.
     """
-    path, mu = NonlinearPath(system, exact), ca.SX.sym("mu", system.nlam)
+    path, mu = Path.of_system(system, exact), ca.SX.sym("mu", system.nlam)
     given = [system.x, system.u, system.parameters.vector]
-    opening = ca.Function("opening", [*given, mu], [path.opening(mu)], {"cse": True})
+    opening = ca.Function("opening", [*given, mu], [path.opening_of(system, mu)], {"cse": True})
     landing = ca.Function("landing", [*given, system.lam], [system.landing], {"cse": True})
     arguments = [ca.MX.sym(f"in_{k}", opening.numel_in(k)) for k in range(4)]
     data, ending, followed = opening(*arguments), path.ending(), follow(path.iteration())
-    pair = followed(ca.MX.ones(2 * path.n + 1), data)
+    pair = followed(ca.MX.ones(path.size), data)
     lam, gap, error = _recovered(path, followed)(*ending(pair, data), pair, data)
     outputs = [landing(*arguments[:3], lam), lam, gap, error]
     names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
     return ca.Function("contact_ncp", arguments, outputs, *names)
 
 
-def _recovered(path: NonlinearPath, followed: ca.Function) -> ca.Function:
+def _recovered(path: Path, followed: ca.Function) -> ca.Function:
     """``(lam, gap, error, pair, data) -> (lam, gap, error)``: from other starts, if any is off."""
-    n, size = path.n, 2 * path.n + 1
+    n, size = path.n, path.size
     names = {"lam": n, "gap": n, "error": n, "pair": size, "data": path.data.numel()}
     given = [ca.MX.sym(name, length) for name, length in names.items()]
     lam, gap, error, pair, data = given
@@ -73,9 +73,9 @@ def _recovered(path: NonlinearPath, followed: ca.Function) -> ca.Function:
     return ca.Function("recovered", given, [*again(lost, *given)])
 
 
-def _attempt(path: NonlinearPath, followed: ca.Function) -> ca.Function:
+def _attempt(path: Path, followed: ca.Function) -> ca.Function:
     """From one start: ``(best, data) -> best``, best a pair, its error, the start's number."""
-    n, size = path.n, 2 * path.n + 1
+    n, size = path.n, path.size
     best, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
     descent = _repeated(_damped_step(path), _ITERATIONS, lambda point: point[n] < _STUCK)
     lam = descent(_start(path)(best[size + 1], data), data)[:n]
@@ -86,7 +86,7 @@ def _attempt(path: NonlinearPath, followed: ca.Function) -> ca.Function:
     return ca.Function("attempt", [best, data], [ca.vertcat(kept, best[size + 1] + 1)])
 
 
-def _start(path: NonlinearPath) -> ca.Function:
+def _start(path: Path) -> ca.Function:
     """Start number k and its damping: ``(k, data) -> (lam, damping)``, (n + 1, 1).
 
     The first is next to no impulse at all, what a body in the air feels; the exponents of the
@@ -94,7 +94,7 @@ def _start(path: NonlinearPath) -> ca.Function:
     """
     k, n = ca.SX.sym("k"), path.n
     gap, _ = _gap(path, ca.SX.zeros(n))
-    size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.symbols["mu"])))
+    size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.known["mu"])))
     turned = k * ca.DM(_irrational(n))
     most = _MOST + (_MOST_AT_LAST - _MOST) * k / 2**_STARTS
     exponent = _LEAST + (most - _LEAST) * (turned - ca.floor(turned))
@@ -102,7 +102,7 @@ def _start(path: NonlinearPath) -> ca.Function:
     return ca.Function("start", [k, path.data], [ca.vertcat(size * lam, _DAMPING)])
 
 
-def _damped_step(path: NonlinearPath) -> ca.Function:
+def _damped_step(path: Path) -> ca.Function:
     """``(point, data) -> point``, point (lam, damping); the damping at rest is infinite."""
     n = path.n
     point = ca.SX.sym("point", n + 1)
@@ -122,28 +122,28 @@ def _damped_step(path: NonlinearPath) -> ca.Function:
     return ca.Function("damped_step", [point, path.data], [moved], {"cse": True})
 
 
-def _paired(path: NonlinearPath) -> ca.Function:
+def _paired(path: Path) -> ca.Function:
     """The pair at lam and how far it is from a root: ``(lam, data) -> (pair, off)``."""
-    lam, mu = ca.SX.sym("lam", path.n), path.symbols["mu"]
+    lam, mu = ca.SX.sym("lam", path.n), path.known["mu"]
     gap, _ = _gap(path, lam)
     # Near a root the large one of a pair has all its digits, and the small one none.
     large = ca.fmax(ca.fmax(lam, gap), _ROOT)
     small = mu / large
     pair = [ca.if_else(lam > gap, *both) for both in ((large, small), (small, large))]
     off = ca.mmax(ca.fabs(_phi(path, lam, gap)[0]) / (1 + large))
-    outputs = [ca.vertcat(*pair, TRUE_GAP), off]
+    outputs = [path.pair(*pair), off]
     return ca.Function("paired", [lam, path.data], outputs, {"cse": True})
 
 
-def _gap(path: NonlinearPath, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _gap(path: Path, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Scaled true gaps (n, 1) at lam, and their derivatives by it (n, n)."""
     z, F = path.linearised(lam, ca.SX(1))
     return z + F @ lam, F
 
 
-def _phi(path: NonlinearPath, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _phi(path: Path, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """The complementarity function of every pair, and its derivatives by lam and by gap."""
-    size = ca.sqrt(lam**2 + gap**2 + 2 * path.symbols["mu"])
+    size = ca.sqrt(lam**2 + gap**2 + 2 * path.known["mu"])
     return lam + gap - size, 1 - lam / size, 1 - gap / size
 
 

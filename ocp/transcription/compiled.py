@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from dynamics.batch.compiler import load
+from dynamics.batch.engines.compiler import load
 
 
 class StageCompiler:

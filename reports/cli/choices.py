@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-BACKENDS = ("auto", "c", "llvm", "numpy", "casadi")
+BACKENDS = ("auto", "c", "numpy", "casadi")
 """What evaluates many samples at once; auto takes the first that can be built."""
 
 

@@ -40,7 +40,7 @@ def run(
 
 def _clear(output: Output) -> int:
     """Empty the cache of kernels, say how many compiled objects went, and return that number."""
-    from dynamics.batch import compiler
+    from dynamics.batch.engines import compiler
 
     count = compiler.clear()
     output.say(f"{count} compiled object{'' if count == 1 else 's'} removed from the kernel cache")
@@ -69,7 +69,7 @@ def machine() -> dict[str, Any]:
     """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
     import casadi as ca
 
-    from dynamics.batch import compiler, llvm_backend
+    from dynamics.batch.engines import compiler
     from ocp.programs.solver import SOLVERS
     from ocp.store.provenance import versions
 
@@ -79,7 +79,6 @@ def machine() -> dict[str, Any]:
         "solvers": {name: ca.has_nlpsol(name) for name in SOLVERS},
         "linear_solvers": {name: _linear_solver_works(name) for name in LINEAR_SOLVERS},
         "kernels": compiler.info(),
-        "llvm": llvm_backend.info() or "not installed; pip install 'centralpath[llvm]'",
     }
 
 

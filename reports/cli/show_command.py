@@ -21,16 +21,18 @@ def run(
     from problems import describe
     from problems.objectives import named
     from reports.bibliography import full_citation
+    from reports.notation import plain
 
     found = named(problem)
     parameters = describe(found)
     citation = found.citation
+    equations = [plain(line) for line in found.equations]
     output = Output(as_json, quiet)
     output.document(
         {
             "name": found.name,
             "title": found.title,
-            "equations": list(found.equations),
+            "equations": equations,
             "parameters": parameters,
             "citation": None if citation is None else asdict(citation),
             "golden": {name: asdict(golden) for name, golden in found.golden.items()},
@@ -39,7 +41,7 @@ def run(
     if as_json:
         return 0
     print(f"{found.name}: {found.title}\n")
-    for line in found.equations:
+    for line in equations:
         print(fill(line, 80, initial_indent="    ", subsequent_indent="        "))
     print()
     from reports.console import golden_table, parameter_table, print_table

@@ -294,7 +294,7 @@ def test_what_is_not_finite_is_null(ocp, monkeypatch: pytest.MonkeyPatch, capsys
 
 
 def test_jit_without_a_compiler_is_one_line(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
-    from dynamics.batch import compiler
+    from dynamics.batch.engines import compiler
 
     def none() -> None:
         raise compiler.CompilerError("no C compiler found (looked for cc)")

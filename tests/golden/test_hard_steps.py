@@ -18,7 +18,7 @@ import problems
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.interior_point import follow
 from dynamics.contact.ncp import LOST, ncp_solver
-from dynamics.contact.nonlinear import NonlinearPath
+from dynamics.contact.path import Path
 from dynamics.systems import ContactSystem, Signal
 from ocp.errors import NotConverged
 from problems.machines.hopper import hopper
@@ -60,15 +60,15 @@ def states() -> list[tuple[np.ndarray, np.ndarray]]:
 def by_path_alone(law: str) -> np.ndarray:
     """Largest violation of every state where its path ends, (states,)."""
     step = closed(law)
-    path, s = NonlinearPath(system(), step.exact), system()
+    path, s = Path.of_system(system(), step.exact), system()
     mu = ca.SX.sym("mu", path.n)
     inputs = [s.x, s.u, s.parameters.vector, mu]
-    opening = ca.Function("opening", inputs, [path.opening(mu)], {"cse": True})
+    opening = ca.Function("opening", inputs, [path.opening_of(s, mu)], {"cse": True})
     ending, body = path.ending(), follow(path.iteration())
     errors = []
     for x, u in states():
         data = opening(x, u, s.parameters.values, 1e-3)
-        errors.append(float(ca.mmax(ending(body(ca.DM.ones(2 * path.n + 1), data), data)[2])))
+        errors.append(float(ca.mmax(ending(body(ca.DM.ones(path.size), data), data)[2])))
     return np.array(errors)
 
 

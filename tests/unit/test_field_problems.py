@@ -202,7 +202,7 @@ def test_drawings_are_plain_data_that_moves_with_the_state(name: str) -> None:
 
 
 def test_equations_are_valid_typst() -> None:
-    lines = [line for name in NAMES for line in problems.spec(name).typst]
+    lines = [line for name in NAMES for line in problems.spec(name).equations]
     document = "\n\n".join(f"$ {line} $" for line in lines)
     assert typst.compile(document.encode(), format="pdf")
 

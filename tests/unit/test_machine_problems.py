@@ -190,7 +190,7 @@ def test_forces_are_drawn_where_spheres_touch_the_ground(name: str):
 @pytest.mark.parametrize("name", MACHINES)
 def test_show_has_equations_that_typeset_and_a_citation_that_exists(name: str):
     spec = problems.spec(name)
-    document = "\n\n".join(f"$ {line} $" for line in spec.typst)
+    document = "\n\n".join(f"$ {line} $" for line in spec.equations)
     assert typst.compile(document.encode(), format="pdf")
     assert len(spec.equations) >= 4
     for row in problems.describe(spec):

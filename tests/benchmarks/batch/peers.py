@@ -16,9 +16,9 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import open_loop
-from dynamics.batch.compiler import find_compiler
-from dynamics.batch.inner import InnerLoop
-from dynamics.batch.rollout_tapes import build_tapes
+from dynamics.batch.engines.compiler import find_compiler
+from dynamics.batch.graphs.inner import InnerLoop
+from dynamics.batch.graphs.rollout_tapes import build_tapes
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.interior_point import scalar_solution
 

@@ -13,17 +13,16 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, compiler, open_loop
+from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, open_loop
+from dynamics.batch.engines import compiler
 from dynamics.contact import Barrier, Step
 from problems import get
 from tests.benchmarks.batch.peers import casadi_forms, fastest, generated, hand_written, mapped
 from tests.benchmarks.batch.race import Row, race, tell
-from tests.unit.batch.backends import LLVM
 from tests.unit.batch.rollout_cases import closed, four_contact_matrices, four_contacts
 
 pytestmark = pytest.mark.bench
 MU = 1e-3
-COMPILED = ["c", *LLVM]
 
 
 @dataclass(frozen=True)
@@ -116,11 +115,7 @@ def casadi_peers(case: Case, theta: np.ndarray, folder: Path) -> dict[str, ca.Fu
 def test_against_casadi(name, tmp_path):
     case = CASES[name]()
     theta = case.inputs(case.n)
-    compiled = {
-        f"{backend} {k}": case.rollout(backend=backend, threads=k)
-        for backend in COMPILED
-        for k in (1, 2)
-    }
+    compiled = {f"c {k}": case.rollout(backend="c", threads=k) for k in (1, 2)}
     plain = case.rollout(backend="numpy", threads=2)
     before = np.zeros(case.step.system.nu) if case.u_before is None else case.u_before
     few = case.inputs(case.n_map)
@@ -137,25 +132,19 @@ def test_against_casadi(name, tmp_path):
     for run in peers.values():
         wanted = run()
         own = np.array(wanted[1]).T.reshape(few.shape)
-        for backend in COMPILED:
-            got = compiled[f"{backend} 2"](case.x0, few, u_before=case.u_before)
-            np.testing.assert_allclose(got.cost, np.array(wanted[0])[0], rtol=1e-10)
-            np.testing.assert_allclose(got.gradient, own, rtol=1e-8, atol=1e-10 * np.abs(own).max())
-    rows = []
-    for backend in COMPILED:
-        ours = seconds[f"{backend} 2"]
-        scaling = seconds[f"{backend} 1"].wall / ours.wall
-        rows += [
-            Row(
-                f"{backend}, two threads: rollouts with gradient", case.n / ours.wall / 1e6, " M/s"
-            ),
-            Row(f"{backend}, two threads / one", scaling, "x", least=1.8),
-        ]
+        got = compiled["c 2"](case.x0, few, u_before=case.u_before)
+        np.testing.assert_allclose(got.cost, np.array(wanted[0])[0], rtol=1e-10)
+        np.testing.assert_allclose(got.gradient, own, rtol=1e-8, atol=1e-10 * np.abs(own).max())
+    ours = seconds["c 2"].wall
+    rows = [
+        Row("c, two threads: rollouts with gradient", case.n / ours / 1e6, " M/s"),
+        Row("c, two threads / one", seconds["c 1"].wall / ours, "x", least=1.8),
+    ]
     for k, peer in enumerate(peers):
         slow = seconds[peer].processor / case.n_map
         rows.append(Row(f"CasADi {peer}", 1e-6 * case.n_map / seconds[peer].wall, " M/s"))
-        for backend in (*COMPILED, "numpy"):
-            ours = seconds["numpy" if backend == "numpy" else f"{backend} 2"].processor / case.n
+        for backend, key in (("c", "c 2"), ("numpy", "numpy")):
+            ours = seconds[key].processor / case.n
             floor = 60.0 if backend != "numpy" else 4.0 if name == "wall-1d" else None
             rows.append(Row(f"{backend} / that", slow / ours, "x", least=None if k else floor))
     tell(f"{name}, {case.horizon} steps", rows)
@@ -169,20 +158,15 @@ def test_against_hand_written_c(tmp_path):
     p = np.array([values[name] for name in names])
     rows = []
     for threads in (1, 2):
-        runners = {
-            backend: case.runner(case.rollout(backend=backend, threads=threads), theta)
-            for backend in COMPILED
-        }
-        runners["hand"] = hand_written(tmp_path, p, theta, threads)
-        cost, gradient = runners["hand"]()
-        for backend in COMPILED:
-            got = runners[backend]()
-            np.testing.assert_allclose(got.cost, cost, rtol=1e-10)
-            np.testing.assert_allclose(got.gradient, gradient, rtol=1e-8, atol=1e-9)
-        seconds = race(runners, rounds=15)
-        for backend in COMPILED:
-            ratio = seconds["hand"].wall / seconds[backend].wall
-            rows.append(Row(f"{backend} / hand-written C, {threads} thread(s)", ratio, "x", 0.95))
+        ours = case.runner(case.rollout(backend="c", threads=threads), theta)
+        theirs = hand_written(tmp_path, p, theta, threads)
+        cost, gradient = theirs()
+        got = ours()
+        np.testing.assert_allclose(got.cost, cost, rtol=1e-10)
+        np.testing.assert_allclose(got.gradient, gradient, rtol=1e-8, atol=1e-9)
+        seconds = race({"ours": ours, "hand": theirs}, rounds=15)
+        ratio = seconds["hand"].wall / seconds["ours"].wall
+        rows.append(Row(f"c / hand-written C, {threads} thread(s)", ratio, "x", 0.95))
     tell("wall-1d, 40 steps", rows)
 
 
@@ -264,11 +248,10 @@ def test_compile_time(tmp_path, monkeypatch):
             monkeypatch.setattr(compiler, "_loaded", {})
             case = make()
             object.__setattr__(case, "horizon", horizon)
-            for backend in COMPILED:
-                begin = processor_seconds()
-                case.rollout(backend=backend)
-                seconds = processor_seconds() - begin
-                rows.append(Row(f"{backend}, {name}, {horizon} steps", seconds, " s", most=1.0))
+            begin = processor_seconds()
+            case.rollout(backend="c")
+            seconds = processor_seconds() - begin
+            rows.append(Row(f"c, {name}, {horizon} steps", seconds, " s", most=1.0))
     tell("graphs, source and compiler together, whatever the horizon", rows)
 
 
@@ -280,21 +263,19 @@ def test_flat_function_of_the_unrolled_graph(tmp_path):
     peers = casadi_peers(case, theta[:1024], tmp_path)
     graph = next(iter(peers.values()))
     runners = {peer: mapped(form, case.x0, before, theta) for peer, form in peers.items()}
-    for backend in COMPILED:
-        f = BatchFunction(graph, backend=backend, threads=2)
-        out = f(case.x0, rows, before)
-        runners[backend] = functools.partial(f, case.x0, rows, before, out=out)
+    f = BatchFunction(graph, backend="c", threads=2)
+    out = f(case.x0, rows, before)
+    runners["c"] = functools.partial(f, case.x0, rows, before, out=out)
     seconds = race(runners)
     tell(
         "wall-1d unrolled",
         [
             Row(
-                f"{backend} / CasADi {peer}",
-                seconds[peer].processor / seconds[backend].processor,
+                f"c / CasADi {peer}",
+                seconds[peer].processor / seconds["c"].processor,
                 "x",
                 least=None if k else 30.0,
             )
             for k, peer in enumerate(peers)
-            for backend in COMPILED
         ],
     )

@@ -14,7 +14,6 @@ from dynamics.contact import Barrier
 from ocp.gradients.rollout_objective import RolloutObjective
 from ocp.policy import Feedback
 from problems import get, names
-from tests.unit.batch.backends import LLVM
 
 HORIZON, SAMPLES = 3, 4
 # Their kernels take a compiler a good part of a minute.
@@ -22,7 +21,7 @@ LARGE = ("hopper", "half-cheetah")
 CASES = [
     (name, backend)
     for name in names()
-    for backend in (("numpy",) if name in LARGE else ("numpy", "c", *LLVM))
+    for backend in (("numpy",) if name in LARGE else ("numpy", "c"))
 ]
 
 

@@ -1,9 +1,4 @@
-"""The backends that can be tested here: `llvm` where its extra is installed."""
+"""The backends of batched evaluation: those that the tests hold against each other."""
 
-from __future__ import annotations
-
-import importlib.util
-
-LLVM = ["llvm"] if importlib.util.find_spec("llvmlite") else []
-FAST = ["c", *LLVM, "numpy"]
+FAST = ["c", "numpy"]
 BACKENDS = [*FAST, "casadi"]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from dynamics.batch import backends
+from dynamics.batch.engines import choice
 
 
 @pytest.fixture(autouse=True)
 def nothing_told(monkeypatch) -> None:
     """As in a new process, where no reason to pass a backend over was told before."""
-    monkeypatch.setattr(backends, "_told", set())
+    monkeypatch.setattr(choice, "_told", set())

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import RolloutFunction, open_loop
-from dynamics.batch.carrying import carried
-from dynamics.batch.tape import tape_of
+from dynamics.batch.graphs.carrying import carried
+from dynamics.batch.graphs.tape import tape_of
 from dynamics.contact import Barrier
 from tests.unit.batch.rollout_cases import closed, wall
 

@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import BatchFunction, BatchWarning, CompilerError, compiler
+from dynamics.batch import BatchFunction, BatchWarning, CompilerError
+from dynamics.batch.engines import compiler
 
 SOURCE = "long long answer(void) { return %d; }\n"
 
@@ -28,12 +29,6 @@ def own_cache(tmp_path, monkeypatch) -> Path:
 def graph() -> ca.Function:
     x = ca.SX.sym("x")
     return ca.Function("graph", [x], [ca.sin(x) + x * x])
-
-
-@pytest.fixture
-def no_llvm(monkeypatch) -> None:
-    """As if the extra were not installed."""
-    monkeypatch.setitem(sys.modules, "llvmlite", None)
 
 
 def fake_compiler(folder: Path, script: str, monkeypatch) -> None:
@@ -100,7 +95,7 @@ def test_full_disk_is_done_without(own_cache, monkeypatch):
     assert refused
 
 
-def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatch, no_llvm):
+def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     message = r"no C compiler found \(looked for cc, gcc, clang\); 'graph' runs on the numpy"
     with pytest.warns(BatchWarning, match=message):
@@ -112,7 +107,7 @@ def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatc
     assert compiler.info()["compiler"] is None
 
 
-def test_the_same_reason_is_told_once(graph, tmp_path, monkeypatch, no_llvm):
+def test_the_same_reason_is_told_once(graph, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.warns(BatchWarning) as told:
         for _ in range(3):
@@ -120,9 +115,7 @@ def test_the_same_reason_is_told_once(graph, tmp_path, monkeypatch, no_llvm):
     assert len(told) == 1
 
 
-def test_failing_compiler_shows_its_last_line_and_is_passed_over(
-    graph, tmp_path, monkeypatch, no_llvm
-):
+def test_failing_compiler_shows_its_last_line_and_is_passed_over(graph, tmp_path, monkeypatch):
     script = """case "$*" in
       *--version*) echo "cc 0.1" ;;
       *-dM*) echo "#define __SSE2__ 1" ;;
@@ -147,9 +140,8 @@ def test_compiler_that_makes_rubbish_is_passed_over(graph, tmp_path, monkeypatch
 
 
 def test_processes_may_compile_the_same_at_once(own_cache):
-    program = (
-        f"from dynamics.batch import compiler; assert compiler.load({SOURCE % 47!r}).answer() == 47"
-    )
+    load = "from dynamics.batch.engines.compiler import load"
+    program = f"{load}; assert load({SOURCE % 47!r}).answer() == 47"
     racing = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(4)]
     assert [process.wait(timeout=120) for process in racing] == [0, 0, 0, 0]
     assert len(list(own_cache.glob("*.so"))) == 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynamics.batch import BatchWarning, Gaussian, RolloutFunction
-from dynamics.batch.policy import open_loop
+from dynamics.batch.graphs.policy import open_loop
 from dynamics.contact import Barrier, Exact, Randomized, Step
 from dynamics.systems import (
     ContactSystem,

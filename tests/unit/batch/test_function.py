@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dynamics.batch import BatchFunction, BatchWarning
-from dynamics.contact.interior_point import lcp_solver
-from tests.unit.batch.backends import BACKENDS, FAST, LLVM
+from dynamics.contact.lcp import lcp_solver
+from tests.unit.batch.backends import BACKENDS, FAST
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +76,7 @@ def test_threads_and_blocks_do_not_change_a_bit(backend, graph):
             np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("backend", ["c", *LLVM])
-def test_long_graphs_are_cut_and_agree(backend):
+def test_long_graphs_are_cut_and_agree():
     x = ca.SX.sym("x", 4)
     y, kept = x, []
     for k in range(240):
@@ -87,10 +86,10 @@ def test_long_graphs_are_cut_and_agree(backend):
     f = ca.Function("long", [x], [y, ca.vertcat(*kept)])
     assert f.n_instructions() > 2000
     at = np.random.default_rng(3).standard_normal((50, 4))
-    wanted, got = BatchFunction(f, backend="numpy")(at), BatchFunction(f, backend=backend)(at)
+    wanted, got = BatchFunction(f, backend="numpy")(at), BatchFunction(f, backend="c")(at)
     # The map is chaotic: early values agree to rounding, late ones only with themselves.
     np.testing.assert_allclose(got[1][:, :4], wanted[1][:, :4], rtol=1e-12)
-    np.testing.assert_array_equal(got[0], BatchFunction(f, backend=backend, threads=2)(at)[0])
+    np.testing.assert_array_equal(got[0], BatchFunction(f, backend="c", threads=2)(at)[0])
 
 
 @pytest.mark.parametrize("backend", FAST)
@@ -180,7 +179,7 @@ def test_wrong_names_and_counts_are_listed(graph, samples):
         ({"threads": 0}, "threads must be a whole number of at least 1 or None, not 0"),
         ({"threads": 1.5}, "threads must be"),
         ({"block": 0}, "block must be a whole number of samples, at least 1, not 0"),
-        ({"backend": "fortran"}, "unknown backend 'fortran'.*choose one of auto, llvm, c,"),
+        ({"backend": "fortran"}, "unknown backend 'fortran'.*choose one of auto, c, numpy,"),
     ],
 )
 def test_wrong_options_are_explained(options, message, graph):

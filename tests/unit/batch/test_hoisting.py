@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.hoisting import hoisted
+from dynamics.batch.graphs.hoisting import hoisted
 
 X, P = ca.SX.sym("x", 2), ca.SX.sym("p", 3)
 

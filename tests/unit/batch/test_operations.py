@@ -10,7 +10,7 @@ import pytest
 from scipy import special
 
 from dynamics.batch import BatchFunction, BatchWarning, UnsupportedOperation
-from dynamics.batch.tape import BINARY, OP_NAMES, RENAMES, UNARY, tape_of
+from dynamics.batch.graphs.tape import BINARY, OP_NAMES, RENAMES, UNARY, tape_of
 from tests.unit.batch.backends import FAST
 
 SPECIAL = np.array(

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import compiler
+from dynamics.batch.engines import compiler
 from dynamics.contact import Barrier
 from ocp import Direct, MultipleShooting, SingleShooting, solve
 from ocp.solve import new_session

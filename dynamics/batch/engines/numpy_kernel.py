@@ -9,8 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.parallel import over_chunks
-from dynamics.batch.tape import BOOLEAN, Operation, Tape, chosen, operands
+from dynamics.batch.engines.parallel import over_chunks
+from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, chosen, operands
 
 Array = np.ndarray
 _LOGICAL = frozenset({ca.OP_NOT, ca.OP_AND, ca.OP_OR})

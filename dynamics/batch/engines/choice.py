@@ -6,16 +6,12 @@ import warnings
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-from dynamics.batch.compiler import CompilerError
+from dynamics.batch.engines.compiler import CompilerError
+from dynamics.batch.graphs.tape import UnsupportedOperation
 from dynamics.batch.nonfinite import BatchWarning
-from dynamics.batch.tape import UnsupportedOperation
 
 EngineT = TypeVar("EngineT")
 _told: set[str] = set()
-
-
-class MissingExtra(CompilerError):
-    """A backend whose package is not installed; the message says how to get it."""
 
 
 def choose(
@@ -24,8 +20,7 @@ def choose(
     """Build the named backend, or for `auto` the first of `makers` that can be built.
 
     Under `auto`, a backend that cannot be built is passed over; one `BatchWarning` line says why
-    and what is used instead, once for each reason in a process. One whose package is not installed
-    is passed over without a word.
+    and what is used instead, once for each reason in a process.
     Raises `ValueError` for an unknown name, and the backend's own error when it was asked for.
     """
     if backend != "auto":
@@ -37,8 +32,6 @@ def choose(
     for name, make in makers.items():
         try:
             engine = make()
-        except MissingExtra:
-            continue
         except (CompilerError, UnsupportedOperation) as error:
             reasons.append(str(error))
             continue

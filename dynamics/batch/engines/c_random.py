@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from dynamics.batch.c_source import number
+from dynamics.batch.engines.c_source import number
 from dynamics.batch.random import INCREMENTS, MULTIPLIERS, ROUNDS, taylor
 
 _PHILOX = """\

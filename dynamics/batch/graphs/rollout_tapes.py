@@ -19,18 +19,17 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from dynamics.batch.carrying import carried
-from dynamics.batch.hoisting import hoisted
-from dynamics.batch.inner import (
+from dynamics.batch.graphs.carrying import carried
+from dynamics.batch.graphs.hoisting import hoisted
+from dynamics.batch.graphs.inner import (
     NEWTON_ITERATIONS,
     InnerLoop,
-    ScaledProblem,
+    guess,
     loop_graphs,
-    path_graphs,
 )
-from dynamics.batch.policy import RolloutPolicy
+from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.contact import AffineStep, Step, interior_point
-from dynamics.contact.nonlinear import NonlinearPath
+from dynamics.contact.path import Path
 from dynamics.systems.elimination import solve_without_pivoting
 
 
@@ -140,11 +139,8 @@ class _Closed:
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
         score = ca.jtimes(law, self.theta, self.w, True)
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
-        loop = None
-        if not isinstance(self.step, AffineStep):
-            loop = self._path_loop()
-        elif self.step.system.nlam > 1:
-            loop = self._inner_loop(self.step)
+        scalar = isinstance(self.step, AffineStep) and self.step.system.nlam <= 1
+        loop = None if scalar else self._loop()
         with_p = {
             "adjoint": (self._adjoint(), 3),
             "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
@@ -197,47 +193,38 @@ class _Closed:
         ]
         return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
-    def _inner_loop(self, step: AffineStep) -> InnerLoop:
-        n, exact = step.system.nlam, step.exact
-        problems = self._contacts(step)
-        pattern = sum((F.sparsity() for _, F, _ in problems), ca.Sparsity(n, n))
-        scaled = [ScaledProblem.scale(*problem, pattern, exact) for problem in problems]
-        guesses = ca.vertcat(*[problem.guess(exact) for problem in scaled])
-        data = ca.vertcat(*[problem.data for problem in scaled])
-        lam = step.lam
+    def _loop(self) -> InnerLoop:
+        step, lam = self.step, self.step.lam
+        if isinstance(step, AffineStep):
+            problems = self._contacts(step)
+            n = step.system.nlam
+            path = Path(sum((F.sparsity() for _, F, _ in problems), ca.Sparsity(n, n)), step.exact)
+            columns = [path.opening(*problem) for problem in problems]
+        else:
+            path = Path.of_system(step.system, step.exact)
+            columns = self._openings(path)
+        guesses = ca.vertcat(*[guess(path, column) for column in columns])
         return InnerLoop(
-            opening=_function("opening", self.arguments, [guesses, data]),
+            opening=_function("opening", self.arguments, [guesses, ca.vertcat(*columns)]),
             closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
-            **loop_graphs(pattern, exact),
-            n=n,
-            n_pair=2 * n,
-            n_data=data.numel() // len(problems),
-            branches=len(problems),
-            newton_iterations=NEWTON_ITERATIONS,
-            path_iterations=interior_point.iteration_count(n),
+            **loop_graphs(path),
+            n=path.n,
+            n_pair=path.size,
+            n_data=path.data.numel(),
+            branches=step.branches,
+            newton_iterations=NEWTON_ITERATIONS if path.unique else 0,
+            path_iterations=interior_point.ITERATIONS,
         )
 
-    def _path_loop(self) -> InnerLoop:
-        step, system = self.step, self.step.system
-        path, n = NonlinearPath(system, step.exact), system.nlam
-        mu = ca.SX.sym("mu", n)
-        opening, data = path.opening(mu), []
+    def _openings(self, path: Path) -> list[ca.SX]:
+        """The data of the path of every branch."""
+        step, system, mu = self.step, self.step.system, ca.SX.sym("mu", path.n)
+        opening, data = path.opening_of(system, mu), []
         for node, rows in zip(step.nodes, step.rows, strict=True):
             old = ca.vertcat(system.x, system.u, mu)
             new = ca.vertcat(system.x + node.noise_x, system.u + node.noise_u, step.mu[rows])
             data += self._closed(ca.substitute(opening, old, new))
-        stacked, lam = ca.vertcat(*data), step.lam
-        return InnerLoop(
-            opening=_function("opening", self.arguments, [ca.SX.zeros(step.n), stacked]),
-            closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
-            **path_graphs(path),
-            n=n,
-            n_pair=2 * n + 1,
-            n_data=stacked.numel() // step.branches,
-            branches=step.branches,
-            newton_iterations=0,
-            path_iterations=interior_point.iteration_count(2),
-        )
+        return data
 
     def _adjoint(self) -> ca.Function:
         step = self.step

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from dynamics.batch.hoisting import apply
-from dynamics.batch.tape import (
+from dynamics.batch.graphs.hoisting import apply
+from dynamics.batch.graphs.tape import (
     COMMUTATIVE,
     Operation,
     Tape,

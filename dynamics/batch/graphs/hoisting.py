@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from dynamics.batch.tape import BINARY, Operation, Tape, tape_of
+from dynamics.batch.graphs.tape import BINARY, Operation, Tape, tape_of
 
 
 def hoisted(

@@ -2,9 +2,9 @@
 
 Objects live in the user's cache directory as `<key>-<sha256>.so`, where the key covers the source,
 the compiler's version, the flags and the CPU's instruction set, and the second part is the
-checksum of the object itself; what LLVM compiled lies beside them as `<key>-<sha256>.o`. A name
-appears by one atomic rename, so processes may race; an object whose bytes do not match its name is
-thrown away and compiled again before anything is loaded.
+checksum of the object itself. A name appears by one atomic rename, so processes may race; an
+object whose bytes do not match its name is thrown away and compiled again before anything is
+loaded.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ from pathlib import Path
 CANDIDATES = ("cc", "gcc", "clang")
 # No flag here lets the compiler assume that NaN or infinity do not occur, reorder a sum, or choose
 # where to contract a*b+c: the emitted source says so itself with explicit fused operations.
-FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
+FLAGS = (
+    *("-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
+    *("-fPIC", "-shared"),
+)
 NATIVE_FLAGS = (("-march=native",), ("-mcpu=native",), ())
 COMPILE_TIMEOUT_S = 600
 VECTOR_FUNCTIONS = (
@@ -173,7 +176,7 @@ def _open(path: Path) -> ctypes.CDLL:
 def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -> Path:
     directory = cache_directory()
     if directory is not None:
-        found = _verified(directory, key, "so")
+        found = _verified(directory, key)
         if found is not None:
             return found
         with contextlib.suppress(OSError):
@@ -181,33 +184,8 @@ def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -
     return _compile(key, source, compiler, flags, _private_directory())
 
 
-def kept(key: str) -> bytes | None:
-    """The LLVM object of this key if the cache has it and its bytes match its name."""
-    directory = cache_directory()
-    found = directory and _verified(directory, key, "o")
-    with contextlib.suppress(OSError):
-        return found.read_bytes() if found else None
-    return None
-
-
-def keep(key: str, code: bytes) -> None:
-    """Put an LLVM object into the cache, by one atomic rename; a cache that refuses is let be."""
-    directory = cache_directory()
-    if directory is None:
-        return
-    target = directory / f"{key}-{hashlib.sha256(code).hexdigest()}.o"
-    with (
-        contextlib.suppress(OSError),
-        tempfile.TemporaryDirectory(prefix="build-", dir=directory) as build,
-    ):
-        written = Path(build) / "batch.o"
-        written.write_bytes(code)
-        written.chmod(0o600)
-        written.replace(target)
-
-
-def _verified(directory: Path, key: str, kind: str) -> Path | None:
-    for path in sorted(directory.glob(f"{key}-*.{kind}")):
+def _verified(directory: Path, key: str) -> Path | None:
+    for path in sorted(directory.glob(f"{key}-*.so")):
         with contextlib.suppress(OSError):
             if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem.partition("-")[2]:
                 return path
@@ -303,4 +281,4 @@ def clear() -> int:
 
 
 def _objects(directory: Path) -> list[Path]:
-    return [path for kind in ("so", "o") for path in directory.glob(f"*.{kind}")]
+    return list(directory.glob("*.so"))

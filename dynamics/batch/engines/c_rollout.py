@@ -7,17 +7,19 @@ first-level cache for problems of ordinary size.
 
 from __future__ import annotations
 
-from dynamics.batch import c_random, c_source
-from dynamics.batch.c_prelude import prelude
-from dynamics.batch.c_source import Strides
-from dynamics.batch.compiler import Compiler
-from dynamics.batch.inner import InnerLoop
-from dynamics.batch.rollout_tapes import RolloutTapes
-from dynamics.batch.tape import tape_of, with_shared_reciprocals
+from dynamics.batch.engines import c_random, c_source
+from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.engines.compiler import Compiler
+from dynamics.batch.graphs.inner import InnerLoop
+from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
 
 # Operations up to which the registers of a block are worked on without a loop around them: more
 # would not find room in the processor at once, and take the compiler long.
 UNROLLED = 200
+# Operations up to which two registers of a block are worked on abreast, which doubles the text.
+LONG = 6000
 
 _JOB = """\
 enum { WANT_GRADIENT = 1, WANT_SCORE = 2, WANT_MOMENTS = 4 };
@@ -39,10 +41,9 @@ INLINE lines lines_of(const double *a, i64 size, i64 row, i64 end, i64 turns) {
   if (row >= end) stop = at;
   return (lines){at, stop, ((stop - at) / 64 / turns + 1) * 64};
 }
-INLINE void fetch(lines *f, const int write) {
-  const char *stop = f->at + f->each < f->stop ? f->at + f->each : f->stop;
-  for (; f->at < stop; f->at += 64) __builtin_prefetch(f->at, write);
-}
+INLINE const char *next_stop(lines f) { return f.at + f.each < f.stop ? f.at + f.each : f.stop; }
+#define FETCH(f, write) \\
+  for (const char *stop = next_stop(f); f.at < stop; f.at += 64) __builtin_prefetch(f.at, write)
 static void forward(const job *q, const memory *a, i64 next, i64 end) {
   i64 ahead = next + U * W < end ? next + U * W : end, n = q->horizon, ts = a->ts;
   i64 theta_step = q->parts > 1 ? NT * ts : 0;
@@ -54,22 +55,22 @@ static void forward(const job *q, const memory *a, i64 next, i64 end) {
   V *x = a->x, *lam = a->lam;
   const V *theta = a->theta, *w = a->w;
   for (i64 t = 0; t < n; t++, x += NX * U, lam += NL * U, theta += theta_step, w += a->w_step) {
-    fetch(&theta_lines, 0);
-    fetch(&noise_lines, 0);
-    EACH for (int j = 0; j < U; j++) {
-      V stage;
+    FETCH(theta_lines, 0);
+    FETCH(noise_lines, 0);
+    EACH for (int j = 0; j < U; j += A) {
+      V stage[A];
       const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j};
-      V *out[] = {x + NX * U + j, lam + j, &stage};
+      V *out[] = {x + NX * U + j, lam + j, stage};
       one_step(in, out, ts);
-      cost[j] += stage;
+      UNROLL for (int r = 0; r < A; r++) cost[j + r] += stage[r];
     }
   }
-  for (int j = 0; j < U; j++) {
-    V last;
+  for (int j = 0; j < U; j += A) {
+    V last[A];
     const V *in[] = {x + j, p + (PS > 1) * j};
-    V *out[] = {&last};
-    terminal(in, out, ts);
-    a->cost[j] = cost[j] + last;
+    V *out[] = {last};
+    terminal(in, out);
+    UNROLL for (int r = 0; r < A; r++) a->cost[j + r] = cost[j + r] + last[r];
   }
 }
 static void backward(const job *q, const memory *a, i64 row, i64 end) {
@@ -81,10 +82,10 @@ static void backward(const job *q, const memory *a, i64 row, i64 end) {
   UNROLL for (int k = 0; k < NP * PS; k++) p[k] = a->p[k];
   V *x = a->x + n * NX * U, *lam = a->lam + n * NL * U, *g = a->gradient + (n - 1) * NT * U;
   const V *theta = a->theta + n * theta_step, *w = a->w + n * a->w_step;
-  for (int j = 0; j < U; j++) {
+  for (int j = 0; j < U; j += A) {
     const V *in[] = {x + j, p + (PS > 1) * j};
     V *out[] = {bars + j};
-    terminal_adjoint(in, out, ts);
+    terminal_adjoint(in, out);
   }
   if (q->parts == 1) {
     g = a->gradient;
@@ -92,88 +93,101 @@ static void backward(const job *q, const memory *a, i64 row, i64 end) {
   }
   for (i64 t = 0; t < n; t++) {
     x -= NX * U, lam -= NL * U, theta -= theta_step, w -= a->w_step;
-    fetch(&gradient_lines, 1);
-    EACH for (int j = 0; j < U; j++) {
-      V before[NX + 1], part[NT + 1];
+    FETCH(gradient_lines, 1);
+    EACH for (int j = 0; j < U; j += A) {
+      V before[NX * A + 1], part[NT * A + 1];
       const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j, lam + j, bars + j};
       V *out[] = {before, part};
       adjoint(in, out, ts);
-      UNROLL for (int k = 0; k < NX; k++) bars[k * U + j] = before[k];
-      if (q->parts > 1) UNROLL for (int k = 0; k < NT; k++) g[k * U + j] = part[k];
-      else UNROLL for (int k = 0; k < NT; k++) g[k * U + j] += part[k];
+      UNROLL for (int k = 0; k < NX * A; k++) bars[k / A * U + j + k % A] = before[k];
+      if (q->parts > 1) UNROLL for (int k = 0; k < NT * A; k++) g[k / A * U + j + k % A] = part[k];
+      else UNROLL for (int k = 0; k < NT * A; k++) g[k / A * U + j + k % A] += part[k];
     }
     if (q->parts > 1) g -= NT * U;
   }
 }
 static void scores(const job *q, const memory *a) {
   i64 ts = a->ts, theta_step = q->parts > 1 ? NT * ts : 0, to = q->parts > 1 ? NT * U : 0;
-  V part[NT + 1], weighed[NU + 1];
+  V part[NT * A + 1], weighed[NU * A + 1];
   for (i64 k = 0; k < q->parts * NT * U; k++) a->score[k] = (V){};
   for (i64 t = 0; t < q->horizon; t++)
-    for (int j = 0; j < U; j++) {
+    for (int j = 0; j < U; j += A) {
       const V *w = a->w + t * a->w_step + j, *x = a->x + t * NX * U + j;
       V *s = a->score + t * to + j;
-      for (int k = 0; k < NU; k++) weighed[k] = w[k * U] * q->precision[k];
+      for (int k = 0; k < NU * A; k++) weighed[k] = w[k / A * U + k % A] * q->precision[k / A];
       const V *in[] = {x, a->theta + t * theta_step + (ts > 1) * j, weighed};
       V *out[] = {part};
       score(in, out, ts);
-      for (int k = 0; k < NT; k++) s[k * U] += part[k];
+      for (int k = 0; k < NT * A; k++) s[k / A * U + k % A] += part[k];
     }
 }
 """
 
 _INNER_GRAPHS = ("opening", "newton", "settled", "path", "followed", "closing")
-# Of (x, theta, w, p) and so on; entries of what a graph does not share with the block are adjacent.
+# Of (x, theta, w, p) and so on; U between entries of the block's memory, A in a step's own.
 _GIVEN = ("U", "ts", "U", "PS")
 _STRIDES = {
-    "step": Strides(_GIVEN, ("U", "U")),
-    "opening": Strides(_GIVEN),
-    "closing": Strides(_GIVEN, ("U", "U")),
-    "adjoint": Strides((*_GIVEN, "U", "U")),
-    "score": Strides(("U", "ts")),
-    "terminal": Strides(("U", "PS")),
-    "terminal_adjoint": Strides(("U", "PS"), ("U",)),
+    "step": (_GIVEN, ("U", "U", "A")),
+    "opening": (_GIVEN, ("A", "A")),
+    "newton": (("A", "A"), ("A", "A")),
+    "settled": (("A", "A"), ("A",)),
+    "path": (("PA", "A"), ("PA",)),
+    "followed": (("PA", "A"), ("PA",)),
+    "closing": ((*_GIVEN, "A"), ("U", "U", "A")),
+    "adjoint": ((*_GIVEN, "U", "U"), ("A", "A")),
+    "score": (("U", "ts", "A"), ("A",)),
+    "terminal": (("U", "PS"), ("A",)),
+    "terminal_adjoint": (("U", "PS"), ("U",)),
 }
+_PATH_GRAPHS = ("path", "followed")
 _CLOSED_FORM = "#define one_step step\n"
 
-# A lane that has come to rest keeps its value, so that a sample does not depend on its neighbours.
-# NaN never looks open, and so ends the loop.
+# A register that has come to rest keeps its value lane by lane, so that a sample does not depend on
+# its neighbours. NaN never looks open, and so ends the loop.
 _INNER = """\
 INLINE int differ(const V *a, const V *b) {
-  M changed = {};
-  for (int k = 0; k < NW; k++) changed |= (M)a[k] != (M)b[k];
+  M changed = DIFFER(a[0], b[0]);
+  for (int k = 1; k < NW * PA; k++) changed |= DIFFER(a[k], b[k]);
   return any(changed);
 }
-static __attribute__((noinline)) void follow_path(const V *data, M open, V *lam) {
-  V pair[NW], moved[NW], end[NB], *to[] = {moved}, *out[] = {end};
+INLINE int some(const M *m, int n) {
+  M either = m[0];
+  for (int r = 1; r < n; r++) either |= m[r];
+  return any(either);
+}
+static NOINLINE void follow_path(const V *data, const M *open, V *lam) {
+  V pair[NW * PA], moved[NW * PA], end[NB * PA], *to[] = {moved}, *out[] = {end};
   const V *from[] = {pair, data};
-  for (int k = 0; k < NW; k++) pair[k] = SPLAT(1.0);
+  if (!some(open, PA)) return;
+  for (int k = 0; k < NW * PA; k++) pair[k] = SPLAT(1.0);
   for (int i = 0; i < %(path_iterations)d; i++) {
-    path(from, to, 1);
+    path(from, to);
     if (!differ(pair, moved)) break;
-    for (int k = 0; k < NW; k++) pair[k] = moved[k];
+    for (int k = 0; k < NW * PA; k++) pair[k] = moved[k];
   }
-  followed(from, out, 1);
-  for (int k = 0; k < NB; k++) lam[k] = pick(open, end[k], lam[k]);
+  followed(from, out);
+  for (int k = 0; k < NB; k++)
+    for (int r = 0; r < PA; r++) lam[k * A + r] = pick(open[r], end[k * PA + r], lam[k * A + r]);
 }
 INLINE void solve_branch(V *lam, const V *data) {
-  V moved[NB], unrest, *to[] = {moved, &unrest}, *out[] = {moved};
+  V moved[NB * A], unrest[A], *to[] = {moved, unrest}, *out[] = {moved};
   const V *from[] = {lam, data};
-  M open = ~(M){};
-  for (int i = 0; i < %(newton_iterations)d && any(open); i++) {
-    newton(from, to, 1);
-    for (int k = 0; k < NB; k++) lam[k] = pick(open, moved[k], lam[k]);
-    open &= unrest != 0.0;
+  M open[A];
+  for (int r = 0; r < A; r++) open[r] = EVERYWHERE;
+  for (int i = 0; i < %(newton_iterations)d && some(open, A); i++) {
+    newton(from, to);
+    for (int k = 0; k < NB * A; k++) lam[k] = pick(open[k %% A], moved[k], lam[k]);
+    for (int r = 0; r < A; r++) open[r] &= unrest[r] != 0.0;
   }
-  settled(from, out, 1);
-  for (int k = 0; k < NB; k++) lam[k] = moved[k];
-  if (any(open)) follow_path(data, open, lam);
+  settled(from, out);
+  for (int k = 0; k < NB * A; k++) lam[k] = moved[k];
+  for (int r = 0; r < A; r += PA) follow_path(data + r, open + r, lam + r);
 }
 INLINE void one_step(const V *const in[], V *const out[], i64 ts) {
-  V lam[%(branches)d * NB], data[%(branches)d * ND];
+  V lam[%(branches)d * NB * A], data[%(branches)d * ND * A];
   V *opened[] = {lam, data};
   opening(in, opened, ts);
-  for (int b = 0; b < %(branches)d; b++) solve_branch(lam + b * NB, data + b * ND);
+  for (int b = 0; b < %(branches)d; b++) solve_branch(lam + b * NB * A, data + b * ND * A);
   const V *all[] = {in[0], in[1], in[2], in[3], lam};
   closing(all, out, ts);
 }
@@ -255,8 +269,8 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
   memory a = {parts[0], parts[1], parts[2], parts[3], parts[4], parts[in_place ? 3 : 5],
               parts[6], parts[7], w_step, q->shared_theta ? 1 : U};
   top = parts[8];
-  if (q->shared_theta) load_shared(q->theta, nt, a.theta);
-  if (PS == 1) load_shared(q->p, NP, a.p);
+  if (q->shared_theta) load_shared(q->theta, nt, a.theta, 1);
+  if (PS == 1) load_shared(q->p, NP, a.p, 1);
   if (!q->noise) for (i64 k = 0; k < NU * U; k++) a.w[k] = (V){};
   accumulator sums = {top, top + values, top + 2 * values, {}};
   for (i64 k = 0; k < 3 * values; k++) top[k] = (V){};
@@ -297,6 +311,7 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
   return bad;
 }
 /* Threads draw chunks from one counter until there are none left. */
+i64 run(i64 *next, i64 n, i64 chunk, const job *q);
 i64 run(i64 *next, i64 n, i64 chunk, const job *q) {
   i64 bad = 0, begin;
   while ((begin = __atomic_fetch_add(next, chunk, __ATOMIC_RELAXED)) < n) {
@@ -328,9 +343,17 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         functions[name] = getattr(tapes, name)
     length = sum(fn.n_instructions() for fn in functions.values())
+    abreast = 2 if UNROLLED < length <= LONG else 1
+    # Where Newton's method comes first the path is rare, and its text shorter by half.
+    path_abreast = 1 if isinstance(loop, InnerLoop) and loop.newton_iterations else abreast
     constants = {
         "EACH": "UNROLL" if length <= UNROLLED else "",
-        **{"U": max(1, block // machine.width), "NX": tapes.nx, "NU": tapes.nu, "NP": tapes.np},
+        **{
+            "A": abreast,
+            "PA": path_abreast,
+            "U": abreast * max(1, block // (abreast * machine.width)),
+        },
+        **{"NX": tapes.nx, "NU": tapes.nu, "NP": tapes.np},
         "PS": "U" if own_p else "1",
         **{"NL": tapes.nlam, "NT": tapes.n_theta, "NB": sizes[0], "ND": sizes[1], "NW": sizes[2]},
     }
@@ -342,7 +365,7 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
                 c_source.kernel(
                     with_shared_reciprocals(tape_of(fn)),
                     name,
-                    strides=_STRIDES.get(name, Strides()),
+                    _layout(name, path_abreast if name in _PATH_GRAPHS else abreast),
                 )
                 for name, fn in functions.items()
             ),
@@ -355,3 +378,8 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
             _RUN,
         )
     )
+
+
+def _layout(name: str, abreast: int) -> Layout:
+    inputs, outputs = _STRIDES[name]
+    return Layout(inputs, outputs, abreast)

@@ -7,7 +7,7 @@ sample's result depends neither on its lane, nor on the block, nor on the thread
 
 from __future__ import annotations
 
-from dynamics.batch.compiler import TWO_ARGUMENTS, VECTOR_FUNCTIONS, Compiler
+from dynamics.batch.engines.compiler import TWO_ARGUMENTS, VECTOR_FUNCTIONS, Compiler
 
 _TYPES = """\
 typedef double V __attribute__((vector_size(8 * W)));
@@ -17,8 +17,15 @@ typedef double VU __attribute__((vector_size(8 * W), aligned(8)));
 typedef long long i64;
 #define UNROLL _Pragma("GCC unroll 16")
 #define LANES UNROLL for (int l = 0; l < W; l++)
-#define INLINE static inline __attribute__((always_inline))
+#define UNUSED __attribute__((unused))
+#define INLINE static inline __attribute__((always_inline, unused))
+#define NOINLINE __attribute__((noinline))
 #define SPLAT(c) ((c) - (V){})
+#define NOT(m) (~(m))
+#define EVERYWHERE (~(M){})
+#define DIFFER(a, b) ((M)(a) != (M)(b))
+#define INFINITE __builtin_inf()
+#define NOT_A_NUMBER __builtin_nan("")
 #if defined(__clang__) || __GNUC__ >= 12
 #define SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
@@ -62,7 +69,7 @@ _PROBE = "#ifndef __has_builtin\n#define __has_builtin(x) 0\n#endif\n"
 # Newton's method on erf(y) = x near 0 and on erfc(y) = 1 - |x| (exact there) further out, from
 # Winitzki's closed form; Halley's correction makes three steps enough for every double.
 _ERFINV = """\
-static double erfinv_lane(double x) {
+static UNUSED double erfinv_lane(double x) {
   double a = __builtin_fabs(x), c = 1.0 - a;
   if (!(a < 1.0)) return a == 1.0 ? x * __builtin_inf() : __builtin_nan("");
   if (a < 1e-8) return x * 0.88622692545275801365;
@@ -82,7 +89,7 @@ INLINE V verfinv(V a) { V r; LANES r[l] = erfinv_lane(a[l]); return r; }
 # last one again. Whole tiles go through registers; what is left over goes lane by lane.
 _ROWS = """\
 INLINE i64 row_at(i64 row, i64 end) { return row < end ? row : end - 1; }
-static void load_rows(const double *a, i64 size, i64 row, i64 end, V *out, i64 step) {
+static UNUSED void load_rows(const double *a, i64 size, i64 row, i64 end, V *out, i64 step) {
   i64 k = 0;
   const double *r[W];
   LANES r[l] = a + row_at(row + l, end) * size;
@@ -94,7 +101,7 @@ static void load_rows(const double *a, i64 size, i64 row, i64 end, V *out, i64 s
   }
   for (; k < size; k++) { V t; LANES t[l] = r[l][k]; out[k * step] = t; }
 }
-static void store_rows(double *a, i64 size, i64 row, i64 end, const V *in, i64 step) {
+static UNUSED void store_rows(double *a, i64 size, i64 row, i64 end, const V *in, i64 step) {
   i64 k = 0;
   double *r[W];
   LANES r[l] = a + row_at(row + l, end) * size;
@@ -107,8 +114,9 @@ static void store_rows(double *a, i64 size, i64 row, i64 end, const V *in, i64 s
     }
   for (; k < size; k++) { V t = in[k * step]; LANES if (row + l < end) r[l][k] = t[l]; }
 }
-static void load_shared(const double *a, i64 size, V *out) {
-  for (i64 k = 0; k < size; k++) out[k] = SPLAT(a[k]);
+static UNUSED void load_shared(const double *a, i64 size, V *out, i64 step) {
+  for (i64 k = 0; k < size; k++)
+    for (i64 j = 0; j < step; j++) out[k * step + j] = SPLAT(a[k]);
 }
 INLINE i64 count_rows(M m, i64 row, i64 end) {
   i64 n = 0;

@@ -7,12 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.batch import c_source, compiler
-from dynamics.batch.c_prelude import prelude
-from dynamics.batch.parallel import run_chunks
-from dynamics.batch.tape import Tape
+from dynamics.batch.engines import c_source, compiler
+from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.engines.compiler import Compiler
+from dynamics.batch.engines.parallel import run_chunks
+from dynamics.batch.graphs.tape import Tape
 
 CHUNK = 1024
+# Registers that a kernel works on at once.
+ABREAST = 2
 # Shorter functions than elsewhere: with two registers abreast each is twice as long.
 PART = 250
 
@@ -22,31 +26,32 @@ static i64 evaluate(i64 begin, i64 end, const double *const *a, const i64 *share
   static const i64 nx[] = {%(input_sizes)s}, ny[] = {%(output_sizes)s};
   V *memory = aligned_alloc(sizeof(V), sizeof(V) * (U * (%(nx)d + %(ny)d) + 1));
   if (!memory) return -1;
-  const V *x[U][%(n_in)d + 1];
-  V *y[U][%(n_out)d + 1], *top = memory;
-  for (int j = 0; j < U; j++) {
-    for (int k = 0; k < %(n_in)d; top += nx[k++]) {
-      x[j][k] = top;
-      if (shared[k]) load_shared(a[k], nx[k], top);
-    }
-    for (int k = 0; k < %(n_out)d; top += ny[k++]) y[j][k] = top;
+  V *x[%(n_in)d + 1], *y[%(n_out)d + 1], *top = memory;
+  for (int k = 0; k < %(n_in)d; top += U * nx[k++]) {
+    x[k] = top;
+    if (shared[k]) load_shared(a[k], nx[k], top, U);
   }
+  for (int k = 0; k < %(n_out)d; top += U * ny[k++]) y[k] = top;
   i64 bad = 0;
   for (i64 block = begin; block < end; block += U * W) {
-    int vectors = end - block < U * W ? (int)((end - block + W - 1) / W) : U;
-    for (int j = 0; j < vectors; j++)
-      for (int k = 0; k < %(n_in)d; k++)
-        if (!shared[k]) load_rows(a[k], nx[k], block + j * W, end, (V *)x[j][k], 1);
-    /* An odd one out is computed twice, abreast of itself. */
-    for (int j = 0; j < vectors; j += 2) {
-      int other = j + 1 < vectors ? j + 1 : j;
-      kernel(x[j], y[j], x[other], y[other]);
+    /* Rows past the end are the last one again, which nobody stores. */
+    i64 left = (end - block + A * W - 1) / (A * W) * A;
+    int registers = left < U ? (int)left : U;
+    for (int k = 0; k < %(n_in)d; k++)
+      for (int j = 0; j < registers && !shared[k]; j++)
+        load_rows(a[k], nx[k], block + j * W, end, x[k] + j, U);
+    for (int j = 0; j < registers; j += A) {
+      const V *in[%(n_in)d + 1];
+      V *out[%(n_out)d + 1];
+      for (int k = 0; k < %(n_in)d; k++) in[k] = x[k] + j;
+      for (int k = 0; k < %(n_out)d; k++) out[k] = y[k] + j;
+      kernel(in, out);
     }
-    for (int j = 0; j < vectors; j++) {
+    for (int j = 0; j < registers; j++) {
       V spoiled = {};
       for (int k = 0; k < %(n_out)d; k++) {
-        for (i64 i = 0; i < ny[k]; i++) spoiled += y[j][k][i] - y[j][k][i];
-        store_rows(b[k], ny[k], block + j * W, end, y[j][k], 1);
+        for (i64 i = 0; i < ny[k]; i++) spoiled += y[k][i * U + j] - y[k][i * U + j];
+        store_rows(b[k], ny[k], block + j * W, end, y[k] + j, U);
       }
       bad += count_rows(spoiled != 0.0, block + j * W, end);
     }
@@ -55,6 +60,8 @@ static i64 evaluate(i64 begin, i64 end, const double *const *a, const i64 *share
   return bad;
 }
 /* Threads draw chunks from one counter until there are none left. */
+i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
+        double *const *b);
 i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
         double *const *b) {
   i64 bad = 0, begin;
@@ -91,7 +98,9 @@ class CompiledEngine:
 
 def c_engine(tape: Tape, threads: int, block: int) -> CompiledEngine:
     """The engine of backend `c`. Raises `CompilerError`."""
-    return CompiledEngine("c", tape, threads, compiler.load(source(tape, block)).run)
+    return CompiledEngine(
+        "c", tape, threads, compiler.load(source(tape, block, compiler.find_compiler())).run
+    )
 
 
 def addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
@@ -99,9 +108,8 @@ def addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
     return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])
 
 
-def source(tape: Tape, block: int) -> str:
-    """The C text for a tape, working on blocks of about `block` samples."""
-    machine = compiler.find_compiler()
+def source(tape: Tape, block: int, machine: Compiler) -> str:
+    """The C text for a tape on this machine, working on blocks of about `block` samples."""
     driver = _DRIVER % {
         "input_sizes": ", ".join(map(str, (*tape.input_sizes, 0))),
         "output_sizes": ", ".join(map(str, (*tape.output_sizes, 0))),
@@ -110,10 +118,11 @@ def source(tape: Tape, block: int) -> str:
         "n_in": len(tape.input_sizes),
         "n_out": len(tape.output_sizes),
     }
-    vectors = max(1, block // machine.width)
+    layout = Layout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), ABREAST)
+    registers = ABREAST * max(1, block // (ABREAST * machine.width))
     return (
         prelude(machine)
-        + f"#define U {vectors}\n"
-        + c_source.kernel(tape, "kernel", abreast=2, part=PART)
+        + f"#define A {ABREAST}\n#define U {registers}\n"
+        + c_source.kernel(tape, "kernel", layout, PART)
         + driver
     )

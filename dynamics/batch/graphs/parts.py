@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from dynamics.batch.tape import Operation, Tape, chosen, operands
+from dynamics.batch.graphs.tape import Operation, Tape, chosen, operands
 
 # Integer powers up to this one are products, which the vector pow would only approximate.
 LARGEST_PRODUCT = 4

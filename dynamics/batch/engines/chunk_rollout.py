@@ -8,9 +8,9 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.inner import InnerLoop
-from dynamics.batch.rollout_tapes import RolloutTapes
-from dynamics.batch.scratch import Scratch
+from dynamics.batch.engines.scratch import Scratch
+from dynamics.batch.graphs.inner import InnerLoop
+from dynamics.batch.graphs.rollout_tapes import RolloutTapes
 
 Array = np.ndarray
 

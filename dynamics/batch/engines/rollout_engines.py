@@ -10,12 +10,12 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import c_rollout, compiler
-from dynamics.batch.parallel import over_chunks, run_chunks
+from dynamics.batch.engines import c_rollout, compiler
+from dynamics.batch.engines.chunk_rollout import ChunkRollout, Kernel
+from dynamics.batch.engines.parallel import over_chunks, run_chunks
+from dynamics.batch.engines.scratch import transpose
+from dynamics.batch.graphs.rollout_tapes import RolloutTapes
 from dynamics.batch.random import Gaussian, key_of
-from dynamics.batch.rollout_numpy import ChunkRollout, Kernel
-from dynamics.batch.rollout_tapes import RolloutTapes
-from dynamics.batch.scratch import transpose
 
 Array = np.ndarray
 
@@ -77,7 +77,7 @@ class RolloutEngine(Protocol):
 
 
 class Job(ctypes.Structure):
-    """The C structure `job` of `dynamics.batch.c_rollout`; every field has eight bytes."""
+    """The C structure `job` of `dynamics.batch.engines.c_rollout`; every field has eight bytes."""
 
     _fields_ = [
         *(

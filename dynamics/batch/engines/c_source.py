@@ -1,0 +1,239 @@
+"""A tape as C: one function over SIMD registers or plain doubles, one statement per operation."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import casadi as ca
+
+from dynamics.batch.graphs.parts import Parts
+from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, chosen
+
+# gcc's time grows faster than a function's length; past this many operations a tape is cut.
+PART = 1500
+# Values and masks in a statement.
+_NAMES = re.compile(r"\b([vm])(\d+)\b")
+_CALLS = {
+    **{ca.OP_EXP: "vexp", ca.OP_LOG: "vlog", ca.OP_LOG1P: "vlog1p", ca.OP_EXPM1: "vexpm1"},
+    **{ca.OP_SQRT: "vsqrt", ca.OP_POW: "vpow", ca.OP_ERF: "verf", ca.OP_ERFINV: "verfinv"},
+    **{ca.OP_SIN: "vsin", ca.OP_COS: "vcos", ca.OP_TAN: "vtan"},
+    **{ca.OP_ASIN: "vasin", ca.OP_ACOS: "vacos", ca.OP_ATAN: "vatan", ca.OP_ATAN2: "vatan2"},
+    **{ca.OP_SINH: "vsinh", ca.OP_COSH: "vcosh", ca.OP_TANH: "vtanh"},
+    **{ca.OP_ASINH: "vasinh", ca.OP_ACOSH: "vacosh", ca.OP_ATANH: "vatanh"},
+    **{ca.OP_HYPOT: "vhypot", ca.OP_FMOD: "vfmod", ca.OP_REMAINDER: "vremainder"},
+    **{ca.OP_COPYSIGN: "vcopysign", ca.OP_FMIN: "vfmin", ca.OP_FMAX: "vfmax"},
+    **{ca.OP_FLOOR: "vfloor", ca.OP_CEIL: "vceil", ca.OP_FABS: "vfabs", ca.OP_SIGN: "vsign"},
+}
+_INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
+_COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+
+
+def number(value: float) -> str:
+    """A double as a C expression that gives exactly that double."""
+    if math.isnan(value):
+        return "NOT_A_NUMBER"
+    if math.isinf(value):
+        return "INFINITE" if value > 0 else "(-INFINITE)"
+    return f"({value.hex()})"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the entries of inputs and outputs are, for a kernel over registers side by side.
+
+    Entry j of an array for register r is number `j * stride + r`, or `j * stride` alone where the
+    stride is 1, which is what all registers share. Strides are C expressions, "1" where not told;
+    they may name `ts`, which the kernel then takes as its last argument. The kernel works on
+    `abreast` registers at once: a long chain of dependent operations leaves a processor idle that
+    two such chains keep busy.
+    """
+
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    abreast: int = 1
+
+    @property
+    def with_ts(self) -> bool:
+        """Whether the kernel takes the argument `ts`."""
+        return "ts" in (*self.inputs, *self.outputs)
+
+    @staticmethod
+    def place(strides: Sequence[str], k: int, j: int, register: int) -> str:
+        """Where entry j of array k is for this register."""
+        stride = strides[k] if k < len(strides) else "1"
+        if stride == "1":
+            return str(j)
+        at = f"{j} * {stride}"
+        return at if register == 0 else f"{at} + ({stride} > 1) * {register}"
+
+
+def kernel(tape: Tape, name: str, layout: Layout | None = None, part: int = PART) -> str:
+    """C text of `void name(const V *const in[], V *const out[])`.
+
+    `in[k][j]` is nonzero j of input k, `out` likewise, laid out as `layout` says; no output may
+    overlap an input. A tape of more than `part` operations becomes several functions that pass
+    values through memory.
+    """
+    return _Emitter(tape, name, layout or Layout(), part).text()
+
+
+class _Emitter:
+    def __init__(self, tape: Tape, name: str, layout: Layout, part: int) -> None:
+        self.name, self.layout, self.cut = name, layout, Parts(tape, part)
+
+    def text(self) -> str:
+        cut, registers = self.cut, self.layout.abreast
+        if len(cut.parts) == 1:
+            return self._function("INLINE", self.name, self._body(0))
+        names = [f"{self.name}_part{p}" for p in range(len(cut.parts))]
+        parts = [
+            self._function("static NOINLINE", name, self._body(p), ", V *w")
+            for p, name in enumerate(names)
+        ]
+        calls = [f"V w[{max(cut.n_slots, 1) * registers}];"]
+        calls += [f"{name}(in, out{', ts' * self.layout.with_ts}, w);" for name in names]
+        return "".join(parts) + self._function("INLINE", self.name, calls)
+
+    def _function(self, kind: str, name: str, lines: list[str], more: str = "") -> str:
+        parameters = "const V *const in[], V *const out[]" + ", i64 ts" * self.layout.with_ts + more
+        body = "\n".join(lines)
+        for word in re.findall(r"(\w+)(?:\[\])?(?:,|$)", parameters):
+            if not re.search(rf"\b{word}\b", body):
+                lines = [f"(void){word};", *lines]
+        text = "".join(f"  {line}\n" for line in lines)
+        return f"{kind} void {name}({parameters}) {{\n{text}}}\n"
+
+    def _body(self, p: int) -> list[str]:
+        """The statements of a part, every one once for each register in turn."""
+        each = [_Part(self.cut, p, self.layout, r).lines() for r in range(self.layout.abreast)]
+        return list(chain.from_iterable(zip(*each, strict=True)))
+
+
+class _Part:
+    """The statements of one part of a tape, for one of the registers abreast."""
+
+    def __init__(self, cut: Parts, p: int, layout: Layout, register: int) -> None:
+        self.cut, self.tape, self.layout, self.register = cut, cut.tape, layout, register
+        self.part, self.here = cut.parts[p], set(cut.parts[p])
+        self.stores: dict[int, list[str]] = {}
+        for i in self.part:
+            if i in cut.slots:
+                self.stores.setdefault(i, []).append(f"{self._slot(i)} = v{i};")
+        for i, k, j in cut.ends[p]:
+            place = layout.place(layout.outputs, k, j, register)
+            self.stores.setdefault(i, []).append(f"out[{k}][{place}] = v{i};")
+
+    def lines(self) -> list[str]:
+        """Each value that is read, right before it is first used."""
+        lines: list[str] = []
+        known: set[str] = set()
+        for line in self._needed():
+            for kind, i in _NAMES.findall(line):
+                if int(i) not in self.here and kind + i not in known:
+                    known.add(kind + i)
+                    lines.append(self._leaf(kind, int(i)))
+            lines.append(line)
+        if self.layout.abreast == 1:
+            return lines
+        return [_NAMES.sub(rf"\g<0>_{self.register}", line) for line in lines]
+
+    def _needed(self) -> Iterable[str]:
+        """Statements in turn, without those whose value nobody reads, as of products in `fused`."""
+        foreign = [line for i, lines in self.stores.items() if i not in self.here for line in lines]
+        reverse = foreign[::-1]
+        wanted = {kind + i for line in reverse for kind, i in _NAMES.findall(line)}
+        for i in reversed(self.part):
+            for line in (*self.stores.get(i, [])[::-1], *self._statements(i)):
+                name = re.match(r"const \w (\w+) =", line)
+                if name is None or name[1] in wanted:
+                    wanted |= {kind + k for kind, k in _NAMES.findall(line)}
+                    reverse.append(line)
+        return reversed(reverse)
+
+    def _slot(self, i: int) -> str:
+        return f"w[{self.cut.slots[i] * self.layout.abreast + self.register}]"
+
+    def _leaf(self, kind: str, i: int) -> str:
+        operation = self.tape.operations[i]
+        if operation.op == ca.OP_INPUT:
+            k, j = operation.args
+            place = self.layout.place(self.layout.inputs, k, j, self.register)
+            return f"const V v{i} = in[{k}][{place}];"
+        if operation.op == ca.OP_CONST:
+            return f"const V v{i} = SPLAT({number(operation.value)});"
+        return f"const {kind.upper()} {kind}{i} = {self._slot(i)}{' != 0.0' * (kind == 'm')};"
+
+    def _statements(self, i: int) -> tuple[str, ...]:
+        """What defines value i, the last line first."""
+        operation = self.tape.operations[i]
+        if operation.op in BOOLEAN:
+            condition = self._condition(operation)
+            return f"const V v{i} = truth(m{i});", f"const M m{i} = {condition};"
+        return (f"const V v{i} = {self._expression(operation)};",)
+
+    def _mask(self, i: int) -> str:
+        return f"m{i}" if self.tape.operations[i].op in BOOLEAN else f"(v{i} != 0.0)"
+
+    def _condition(self, operation: Operation) -> str:
+        args = operation.args
+        if operation.op in _COMPARE:
+            return f"v{args[0]} {_COMPARE[operation.op]} v{args[1]}"
+        if operation.op == ca.OP_NOT:
+            return f"NOT({self._mask(args[0])})"
+        sign = "&" if operation.op == ca.OP_AND else "|"
+        return f"{self._mask(args[0])} {sign} {self._mask(args[1])}"
+
+    def _expression(self, operation: Operation) -> str:
+        op, v = operation.op, [f"v{a}" for a in operation.args]
+        if op in (ca.OP_ADD, ca.OP_SUB):
+            shorter = self._chosen(operation) or self._fused(operation)
+            if shorter:
+                return shorter
+        if op == ca.OP_DIV:
+            return self._quotient(operation)
+        if op in _INFIX:
+            return f"{v[0]} {_INFIX[op]} {v[1]}"
+        if op in _CALLS:
+            return f"{_CALLS[op]}({', '.join(v)})"
+        if op == ca.OP_CONSTPOW:
+            return self._power(operation)
+        if op == ca.OP_IF_ELSE_ZERO:
+            return f"keep({self._mask(operation.args[0])}, {v[1]})"
+        return {
+            ca.OP_NEG: f"-{v[0]}",
+            ca.OP_SQ: f"{v[0]} * {v[0]}",
+            ca.OP_TWICE: f"{v[0]} + {v[0]}",
+            ca.OP_INV: f"1.0 / {v[0]}",
+        }[op]
+
+    def _power(self, operation: Operation) -> str:
+        base, exponent = operation.args
+        count = self.cut.power(operation)
+        return " * ".join([f"v{base}"] * count) if count else f"vpow(v{base}, v{exponent})"
+
+    def _quotient(self, operation: Operation) -> str:
+        """A division, or for a constant divisor the product with its reciprocal."""
+        a, b = operation.args
+        reciprocal = self.cut.reciprocal(operation)
+        return f"v{a} / v{b}" if reciprocal is None else f"v{a} * {number(reciprocal)}"
+
+    def _chosen(self, operation: Operation) -> str:
+        """CasADi's if_else as one selection; else an empty string."""
+        choice = chosen(self.tape, operation)
+        return "pick(m{}, v{}, v{})".format(*choice) if choice else ""
+
+    def _fused(self, operation: Operation) -> str:
+        """a*b + c as one rounding where the product has no other reader; else an empty string."""
+        left, right = operation.args
+        minus = "-" if operation.op == ca.OP_SUB else ""
+        factors = self.cut.factors(right, self.here)
+        if factors:
+            return f"fused({minus}v{factors[0]}, v{factors[1]}, v{left})"
+        factors = self.cut.factors(left, self.here)
+        if factors:
+            return f"fused(v{factors[0]}, v{factors[1]}, {minus}v{right})"
+        return ""

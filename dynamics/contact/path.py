@@ -1,0 +1,207 @@
+"""The central path of one complementarity problem, ``lam gap(lam) = mu``, as graphs.
+
+Rows of the gap that are affine in lam are ``z + F lam``: with these alone it is a linear
+complementarity problem. Curved rows are followed twice, by the iteration of
+:mod:`dynamics.contact.interior_point`: first linearised where the step starts, down to
+:data:`MU_LINEAR`, then as they are, linearised at every iteration where it stands. Started right
+away on the true gap, large trial impulses would spin light bodies round to solutions of no meaning.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+
+from dynamics.contact import interior_point
+from dynamics.contact.curved_gap import CurvedGap
+from dynamics.systems import ContactSystem, Pair
+from dynamics.systems.elimination import solve_without_pivoting
+
+MU_EXACT = 1e-12
+"""The exact law is the path's point at this mu, in scaled units, or that point's active set."""
+MU_LEAST = 1e-14
+"""A smaller scaled mu is rounding to the path solver and is raised to this."""
+MU_LINEAR = 1e-4
+"""Where the path of the linearised gap is left for that of the true one, in scaled units."""
+# Where F is singular, or belongs to a curved gap, the linear model promises a better point at every
+# iteration, down to rounding.
+_REST = 1e-12
+_NEAR = 1e-2
+TRUE_GAP = 2.0
+"""The number, in the last entry of a pair, of the path of the true gap."""
+
+
+class Path:
+    """The path of one problem as graphs in a ``pair`` of unknowns and a column of ``data``.
+
+    ``pair`` (size, 1) is lam, s in scaled units and, where rows are curved, the number of the path
+    that is followed; it starts at ones. ``data`` is what a step's state, input and parameters make
+    of the problem: scaled z, F, mu, the scales D and c, and what curved rows need.
+
+    ``pattern`` is that of F (n, n). Where F is a P-matrix, ``unique``, the multipliers are unique;
+    then the exact law is the solution on the path's active set, complementary to rounding.
+    """
+
+    def __init__(
+        self,
+        pattern: ca.Sparsity,
+        exact: bool,
+        pairs: tuple[Pair, ...] = (),
+        curved: CurvedGap | None = None,
+        unique: bool = True,
+    ) -> None:
+        self.pattern, self.exact, self.unique, self.curved = pattern, exact, unique, curved
+        self.n = pattern.size1()
+        self.pairs = pairs
+        self.size = 2 * self.n + (1 if curved else 0)
+
+    @classmethod
+    def of_system(cls, system: ContactSystem, exact: bool) -> Path:
+        """The path of a system's step whatever its gaps are; see :meth:`opening_of`."""
+        curved = None if system.reduced.affine else CurvedGap(system)
+        pattern = system.reduced.F.sparsity()
+        return cls(pattern, exact, system.pairs, curved if curved and curved.rows else None, False)
+
+    def opening_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
+        """``data`` of a step as an expression in the system's (x, u, p) and mu (n, 1)."""
+        reduced = system.reduced
+        return self.opening(reduced.z_linear, reduced.F, mu)
+
+    def opening(self, z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
+        """``data`` of the problem ``lam (z + F lam) = mu``, z and mu (n, 1), F (n, n).
+
+        In scaled numbers lam' = lam / (c D), s' = s D / c and mu' = mu / c²: the path is the same.
+        With ``exact`` mu is ignored and :data:`MU_EXACT` stands in its place.
+        """
+        D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs)
+        target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
+        F = ca.project(ca.diag(D) @ F @ ca.diag(D), self.pattern)
+        more = self.curved.opening if self.curved else ca.SX(0, 1)
+        return ca.densify(ca.vertcat(z * D / c, F.nz[:], target, D, c, more))
+
+    @cached_property
+    def data(self) -> ca.SX:
+        """The symbols of ``data`` in one column."""
+        own = 3 * self.n + self.pattern.nnz() + 1
+        return ca.SX.sym("data", own + (self.curved.opening.numel() if self.curved else 0))
+
+    def parts(self, data: ca.SX) -> dict[str, ca.SX]:
+        """Take ``data`` apart: z, F, mu, D, c, and what curved rows need."""
+        n, ends = self.n, [0]
+        for length in (n, self.pattern.nnz(), n, n, 1):
+            ends.append(ends[-1] + length)
+        z, F, mu, D, c, more = ca.vertsplit(data, [*ends, data.numel()])
+        return {"z": z, "F": ca.SX(self.pattern, F), "mu": mu, "D": D, "c": c, "more": more}
+
+    @cached_property
+    def known(self) -> dict[str, ca.SX]:
+        """The :meth:`parts` of the symbols of ``data``."""
+        return self.parts(self.data)
+
+    def pair(self, lam: ca.SX, s: ca.SX, phase: ca.SX | float = TRUE_GAP) -> ca.SX:
+        """Put lam, s and the number of the path together."""
+        return ca.vertcat(lam, s, phase) if self.curved else ca.vertcat(lam, s)
+
+    def iteration(self) -> ca.Function:
+        """One iteration, ``(pair, data) -> pair``; a pair that has arrived is left as it is."""
+        n, mu = self.n, self.known["mu"]
+        pair = ca.SX.sym("pair", self.size)
+        lam, s, phase, true = pair[:n], pair[n : 2 * n], pair[2 * n :], ca.SX(1)
+        if self.curved:
+            true = phase == TRUE_GAP
+            mu = ca.if_else(true, mu, ca.fmax(mu, MU_LINEAR))
+        z, F = self.linearised(lam, true)
+        moved = interior_point.advance(lam, s, z, F, mu, 0.0 if self.unique else _REST)
+        if self.curved:
+            off = ca.vertcat(ca.fabs(lam * s - mu) / mu, ca.fabs(z + F @ lam - s) / (1 + s))
+            phase = ca.if_else(ca.mmax(off) < _NEAR, TRUE_GAP, phase)
+        return ca.Function(f"path_{n}", [pair, self.data], [self.pair(*moved, phase)])
+
+    def linearised(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """``gap = z + F lam`` around lam, or around the start of the step where not ``true``."""
+        known = self.known
+        if not self.curved:
+            return known["z"], known["F"]
+        z, F = ca.SX(known["z"]), ca.SX(known["F"])
+        rows, slopes = self.curved.at(lam, known["D"], known["c"], known["more"])
+        for k, i in enumerate(self.curved.rows):
+            z[i] = ca.if_else(true, rows[k] - slopes[k, :] @ lam, z[i])
+            F[i, :] = ca.if_else(true, slopes[k, :], ca.densify(F[i, :]))
+        return z, F
+
+    def ending(self) -> ca.Function:
+        """Out of the scaling: ``(pair, data) -> (lam, gap, error)``, each (n, 1).
+
+        lam (impulse) and the gap are the caller's; ``error`` is each contact's scaled violation,
+        the larger one of ``|lam s - mu|`` and ``|z + F lam - s| / (1 + s)``.
+        """
+        n, known = self.n, self.known
+        pair = ca.SX.sym("pair", self.size)
+        lam, s, D, c, goal = pair[:n], pair[n : 2 * n], known["D"], known["c"], known["mu"]
+        z, F = self.linearised(lam, ca.SX(1))
+        new_lam, new_s = lam, s
+        if self.exact and self.unique:
+            new_lam, new_s = _on_active_set(lam, s, z, F)
+            goal = ca.SX(0)
+        error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(z + F @ new_lam - new_s) / (1 + s))
+        # Diverged: not a number, which would pass for small in a comparison.
+        error = ca.if_else(error < ca.inf, error, ca.inf)
+        outputs = [ca.densify(value) for value in (new_lam * c * D, new_s * c / D, error)]
+        return ca.Function("ending", [pair, self.data], outputs)
+
+
+def _on_active_set(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """The solution of the linear system on {lam > s}, where that is feasible."""
+    active = lam > s
+    projector = ca.diag(active)
+    matrix = projector @ F + ca.SX.eye(lam.numel()) - projector
+    on_set = solve_without_pivoting(matrix, -active * z)
+    slack = (1 - active) * (z + F @ on_set)
+    # Redundant contacts leave the forces on the active set open: then the path's end stands.
+    off = ca.mmax(ca.fabs(active * (z + F @ on_set)))
+    valid = ca.logic_and(ca.mmin(ca.vertcat(on_set, slack)) >= -1e-9, off <= 1e-9)
+    return ca.if_else(valid, ca.fmax(0, on_set), lam), ca.if_else(valid, ca.fmax(0, slack), s)
+
+
+def scaling(z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...]) -> tuple[ca.SX, ca.SX]:
+    """D (n, 1) and a scalar c so that ``z D / c`` and ``D F D`` are of order one.
+
+    A slip pair, whose F_ii is zero, is scaled against the pairs that it meets. Without ``pairs`` F
+    is a P-matrix; where it is not, the path of a negative F_ii is not a number from its start.
+    """
+    n = z.numel()
+    sizes = _sizes(F, pairs) if pairs else {i: F[i, i] for i in range(n)}
+    known = {i: 1 / ca.sqrt(size) for i, size in sizes.items()}
+    D = dict(known)
+    for i in set(range(n)) - set(known):
+        met = [ca.fabs(F[i, j]) * known[j] for j in known if not F[i, j].is_zero()]
+        D[i] = 1 / ca.mmax(ca.vertcat(*met))
+    column = ca.vertcat(ca.SX(0, 1), *(D[i] for i in range(n)))
+    size = ca.mmax(ca.vertcat(ca.fabs(z * column), ca.sqrt(mu)))
+    return column, ca.fmax(size, 1e-150)
+
+
+def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
+    """Compliance of every pair that has one.
+
+    Friction that drags along the normal may leave little of F_ii, or turn its sign; the compliance
+    across the contact is of the size that the normal's was. So it is for a pair of friction whose
+    coefficient is zero, which has no compliance of its own.
+    """
+    own = [i for i in range(len(pairs)) if not F[i, i].is_zero()]
+    contact = {"normal", "friction"}
+    sizes = {
+        i: ca.mmax(ca.vertcat(*(
+            ca.fabs(F[i, j]) for j in own
+            if j == i or (pairs[i].contact == pairs[j].contact
+                          and {pairs[i].kind, pairs[j].kind} == contact)
+        )))
+        for i in own
+    }  # fmt: skip
+    normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
+    for i, pair in enumerate(pairs):
+        if pair.kind == "friction" and normal[pair.contact] in sizes:
+            across = sizes[normal[pair.contact]]
+            sizes[i] = ca.if_else(sizes[i] > 0, sizes[i], across) if i in sizes else across
+    return sizes
