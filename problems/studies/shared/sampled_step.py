@@ -80,14 +80,12 @@ class SampledStep:
             matrices(lam_by_x, self._step.n, system.nx),
         )  # fmt: skip
 
-    def roll_out(
-        self, x: ArrayLike, u: ArrayLike, steps: int, **knobs: ArrayLike
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def roll_out(self, x: ArrayLike, u: ArrayLike, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Repeat the step under a constant input: states (n, steps + 1, nx), lam (n, steps, nlam).
 
-        Arguments as for a call.
+        ``x`` and ``u`` as for a call.
         """
-        states, inputs, p = self._rows(x, u, self._step.p.pack(None, **knobs))
+        states, inputs, p = self._rows(x, u, self._step.p.values)
         n = len(states)
         path = np.empty((n, steps + 1, self._step.system.nx))
         impulses = np.empty((n, steps, self._step.n))
