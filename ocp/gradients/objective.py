@@ -103,7 +103,7 @@ class SampledObjective(ABC):
         """Cost without noise."""
         return float(self.costs(np.zeros((1, self.n_noise)))[0])
 
-    def reference(self, sigma: float) -> ClosedForm | None:
+    def closed_form(self, sigma: float) -> ClosedForm | None:
         """What is known in closed form, None where nothing is."""
         return None
 
@@ -180,7 +180,7 @@ class StaticObjective(SampledObjective):
         """Equal to a score, because the noise is added to the decision."""
         return self.scored(noise, n)
 
-    def reference(self, sigma: float) -> ClosedForm | None:
+    def closed_form(self, sigma: float) -> ClosedForm | None:
         """The closed form, where the objective was given one."""
         if self._closed_form is None:
             return None

@@ -90,7 +90,7 @@ def run(
     output = Output(as_json, quiet)
     identity = {**asked.record, "backend": backend, "by": versions()}
     checkpoint = Checkpoint(out, asked.name, identity)
-    study = SweepRun(asked.objective, asked.plan, asked.sweep, checkpoint, asked.rebuilt)
+    study = SweepRun(asked.objective, asked.sampling, asked.sweep, checkpoint, asked.rebuilt)
     interrupted = False
     try:
         with estimates.progress(quiet, interrupt.check) as report:
@@ -131,7 +131,7 @@ def _store(asked: EstimateRequest, study: SweepRun, out: Path) -> tuple[dict[str
         "kind": "estimate",
         "argv": ["ocp", *sys.argv[1:]],
         "problem": asked.name,
-        "seed": asked.plan.seed,
+        "seed": asked.sampling.seed,
         "record": asked.record,
         "sweep": None if swept is None else {
             "name": swept.name, "values": list(swept.values), "unit": asked.unit(),

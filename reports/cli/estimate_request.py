@@ -1,4 +1,4 @@
-"""What a person asked to be estimated: the objective, the plan, the sweep, all checked."""
+"""What a person asked to be estimated: the objective, its sampling, the sweep, all checked."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from reports.cli.choices import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from ocp.gradients.estimation import Plan
+    from ocp.gradients.estimation import Sampling
     from ocp.gradients.objective import SampledObjective
     from ocp.gradients.sweep import Sweep
     from problems.objectives import ObjectiveSpec
@@ -36,7 +36,7 @@ class EstimateRequest:
 
     name: str
     objective: SampledObjective
-    plan: Plan
+    sampling: Sampling
     sweep: Sweep | None
     record: dict[str, Any]
     values: dict[str, Any]
@@ -64,7 +64,7 @@ class EstimateRequest:
         engine: Mapping[str, Any],
     ) -> EstimateRequest:
         """Check the words of a command line; raises InputError for the first that does not fit."""
-        from ocp.gradients.estimation import Plan
+        from ocp.gradients.estimation import Sampling
         from ocp.gradients.sweep import Sweep
         from problems.objectives import named
 
@@ -82,7 +82,7 @@ class EstimateRequest:
             "policy_settings": own, "at": at, "engine": dict(engine),
         }  # fmt: skip
         objective, values, default_sigma = build(spec, given, how)
-        plan = Plan(
+        sampling = Sampling(
             tuple(name.strip() for name in estimators.split(",") if name.strip()),
             whole("--samples", samples),
             default_sigma if sigma is None else sigma,
@@ -95,10 +95,10 @@ class EstimateRequest:
         if swept is not None:
             _check_values(swept, spec, given, how)
         record = {
-            "problem": spec.name, "params": values, "estimators": list(plan.estimators),
-            "samples": plan.samples, "sigma": plan.sigma, "seed": seed, "reference": reference,
-            "reference_samples": plan.most_reference_samples,
-            "rules": {rule.name: vars(rule) for rule in plan.rules},
+            "problem": spec.name, "params": values, "estimators": list(sampling.estimators),
+            "samples": sampling.samples, "sigma": sampling.sigma, "seed": seed,
+            "reference": reference, "reference_samples": sampling.most_reference_samples,
+            "rules": {rule.name: vars(rule) for rule in sampling.rules},
             "sweep": None if swept is None else {"name": swept.name, "values": swept.values},
             "source": _source(spec),
         }  # fmt: skip
@@ -108,7 +108,7 @@ class EstimateRequest:
                 "policy": policy_name, "policy_settings": own,
                 "at": None if at is None else str(at),
             }  # fmt: skip
-        return cls(spec.name, objective, plan, swept, record, given, spec, how)
+        return cls(spec.name, objective, sampling, swept, record, given, spec, how)
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
         """Build the objective again at a value that shapes it, such as a number of steps."""
