@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
 from ocp.problem import Problem, Reference
-from problems.drawing import ContactFrame, Point, Shape
+from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.hopper import hopper as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
 from problems.machines.start import check_start
@@ -144,7 +144,7 @@ def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Links, spheres, the ground, and the goal."""
-    return [*machine_shapes(_PICTURED, state), Point(params.goal, 0.0, "goal")]
+    return [*machine_shapes(_PICTURED, state), Mark(params.goal, 0.0, "goal")]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:

@@ -99,7 +99,7 @@ def progress(quiet: bool, first: str) -> Iterator[Callable[[StageRecord], None]]
         yield lambda stage: live.update(Text(stage_line(stage)), refresh=True)
 
 
-def point_line(name: str, row: Mapping[str, Any]) -> str:
+def curve_line(name: str, row: Mapping[str, Any]) -> str:
     """One point of a continuation in one line, at most 80 columns."""
     return (
         f"{knob_title(name)} {row['value']:.4g}  cost {number(row['cost'], 7)}"
@@ -108,7 +108,7 @@ def point_line(name: str, row: Mapping[str, Any]) -> str:
     )
 
 
-def path_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+def curve_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     """The points of a continuation."""
     heads = (knob_title(name), "cost", "exact cost", "lam·gap", "iter")
     table = _table(*((title, "right") for title in heads), ("", "left"))

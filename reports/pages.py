@@ -23,7 +23,7 @@ from reports.console import (
     small,
 )
 from reports.figures import comparison, contacts, run
-from reports.figures import continuation as path_figures
+from reports.figures import continuation as curve_figures
 from reports.strobe import strobe
 from reports.view import RunView
 
@@ -91,7 +91,7 @@ def comparison_page(views: list[RunView]) -> Page:
 
 
 def continuation_page(view: RunView) -> Page:
-    """Content and figures of a path over a parameter."""
+    """Content and figures of a curve over a parameter."""
     meta, points, head = view.run.meta, view.run.meta["points"], _head(view)
     rows = [
         [
@@ -105,19 +105,19 @@ def continuation_page(view: RunView) -> Page:
         "settings": [row for row in head["settings"] if row[0] != meta["over"]],
         "over": meta["over"],
         "verdict": meta["verdict"],
-        "grade": path_grade(meta["points"]) if meta["success"] else "failed",
+        "grade": curve_grade(meta["points"]) if meta["success"] else "failed",
         "points": rows,
         "events": [list(row) for row in event_rows(meta["events"])],
         "law": _law(view),
         "key": [["iterations in all", str(meta["iterations"])], ["NLPs built",
                 str(meta["nlp_builds"])]],
     }  # fmt: skip
-    figures = {"path": path_figures.path(view), "states": path_figures.states(view)}
+    figures = {"path": curve_figures.curve(view), "states": curve_figures.states(view)}
     return content, {name: figure for name, figure in figures.items() if figure is not None}
 
 
-def path_grade(points: list[dict[str, Any]]) -> str:
-    """Colour of a path that was followed to its end: whether every plan on it survives."""
+def curve_grade(points: list[dict[str, Any]]) -> str:
+    """Colour of a curve that was followed to its end: whether every plan on it survives."""
     return "survives" if all(point["survives"] for point in points) else "certified"
 
 

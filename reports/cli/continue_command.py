@@ -48,7 +48,7 @@ def run(
 ) -> int:
     """Follow a solution along a parameter of the problem, the law or the start; store the path."""
     from ocp import store
-    from ocp.continuation import Continuation, continue_over, path_dataset, resolve
+    from ocp.continuation import Continuation, continue_over, curve_dataset, resolve
     from ocp.solve import new_session
     from reports import console
     from reports.cli import interrupt
@@ -75,7 +75,7 @@ def run(
     def note(point: Any) -> None:
         finished.append(point)
         if not quiet:
-            print(console.point_line(over, point.row()), file=sys.stderr, flush=True)
+            print(console.curve_line(over, point.row()), file=sys.stderr, flush=True)
         interrupt.check()
 
     interrupted = False
@@ -112,8 +112,8 @@ def run(
         "status": "solved" if path.broke is None else "broke",
         "verdict": _verdict(path, end),
     }
-    stored = store.write(out, asked.problem.name, path_dataset(path), meta)
-    output.note(console.path_table(path.parameter, rows))
+    stored = store.write(out, asked.problem.name, curve_dataset(path), meta)
+    output.note(console.curve_table(path.parameter, rows))
     if path.events:
         output.note(console.event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])

@@ -1,4 +1,4 @@
-"""``ocp doctor``: what this machine has, and whether the house stands on one root."""
+"""``ocp doctor``: what this computer has, and whether the house stands on one root."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run(
     output = Output(as_json, quiet)
     cleared = {"cleared": _clear(output)} if clear_cache else {}
     roots = package_roots()
-    found = {"root": common_root(roots), "roots": roots, **machine(), **cleared}
+    found = {"root": common_root(roots), "roots": roots, **computer(), **cleared}
     output.document(found)
     if not as_json:
         for key, value in found.items():
@@ -65,7 +65,7 @@ def common_root(roots: dict[str, str]) -> str:
     return next(iter(roots.values()))
 
 
-def machine() -> dict[str, Any]:
+def computer() -> dict[str, Any]:
     """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
     import casadi as ca
 
