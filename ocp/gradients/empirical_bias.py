@@ -84,9 +84,9 @@ def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> Empir
 
 def _upper(outside: int, n: int) -> float:
     """Clopper and Pearson's 95 % upper bound on a probability seen ``outside`` times in n."""
-    from scipy.stats import beta
+    from scipy.stats import binomtest
 
-    return 1.0 if outside >= n else float(beta.ppf(0.95, outside + 1, n - outside))
+    return float(binomtest(outside, n, alternative="less").proportion_ci(0.95).high)
 
 
 @dataclass(frozen=True)

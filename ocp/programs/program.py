@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -125,7 +124,5 @@ def closure_rows(
     return []
 
 
-ProgramOf = Callable[[str], Program]
-"""Gives the program of a form, built once."""
 Values = dict[str, float]
 Bounds = dict[str, Any]
