@@ -76,7 +76,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
         audit=found,
         certificate=certificate,
-        referee=refereed(heard, session.problem.sizes),
+        referee=refereed(heard, rolled, session.problem.sizes),
         idle_cost=idle,
         stages=outcome.trace.records,
         iterations=outcome.trace.iterations,
@@ -171,17 +171,17 @@ def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: np.ndarra
     return bool(np.any(np.all(np.abs(after - start) <= limit[:, None], axis=0)))
 
 
-def refereed(heard: Hearing, sizes: Sizes) -> Refereed:
+def refereed(heard: Hearing, plan: Rollout, sizes: Sizes) -> Refereed:
     """What a run keeps of the referee's hearing; without geometry there is no referee."""
-    referee, survival, broken = heard.referee, heard.survival, list(heard.broken)
+    referee = heard.referee
     parting = _undetermined(heard.parting, sizes)
     if referee.note is None:
         return Refereed(note="no geometry", parting=parting)
     return Refereed(
         cost=referee.cost,
-        gap=survival.state_gap,
-        survives=survival.survives,
-        reasons=list(survival.reasons),
+        gap=float(np.abs(referee.replay.x - plan.x).max()),
+        survives=not heard.reasons,
+        reasons=list(heard.reasons),
         note=referee.note,
         refined_cost=referee.refined_cost,
         refined_note=referee.refined_note,
@@ -190,7 +190,7 @@ def refereed(heard: Hearing, sizes: Sizes) -> Refereed:
         force_distance=heard.planned.force_distance,
         replay_penetration=heard.replayed.penetration,
         replay_between=heard.replayed.between,
-        broken=[one.violation for one in broken],
+        broken=[one.violation for one in heard.broken],
         parting=parting,
     )
 

@@ -97,7 +97,7 @@ def test_a_certificate_out_of_time_is_undecided(ocp, monkeypatch: pytest.MonkeyP
 @pytest.mark.usefixtures("without_proof")
 def test_a_program_that_fails_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     failure = SimpleNamespace(status=4, x=None, message="numerical difficulties")
-    monkeypatch.setattr("ocp.stationarity.lpec.milp", lambda *_, **__: failure)
+    monkeypatch.setattr("scipy.optimize.milp", lambda *_, **__: failure)
     done = ocp(*KINKED, *QUIET)
     assert done.code == 3
     assert done.json["stationarity"] == "undecided"
