@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import TypeVar
+
+T = TypeVar("T")
+
 
 class InputError(ValueError):
     """Wrong usage: the message says what was wrong, what was expected and how to mend it."""
@@ -19,3 +25,23 @@ class DamagedRun(RuntimeError):
     """A run directory that cannot be read back; the message names the file and the reason."""
 
     exit_code = 4
+
+
+def did_you_mean(name: str, known: Iterable[str], alike: float = 0.5) -> str:
+    """Return ``" (did you mean 'x'?)"`` for the nearest known name, or nothing.
+
+    ``alike``, from 0 to 1, says how near it must be.
+    """
+    names = {candidate.lower(): candidate for candidate in known}
+    close = get_close_matches(name.lower(), names, n=1, cutoff=alike)
+    return f" (did you mean {names[close[0]]!r}?)" if close else ""
+
+
+def choose(kind: str, name: str, known: Mapping[str, T]) -> T:
+    """Return ``known[name]``; raises :class:`InputError` with the nearest name and the list."""
+    if name not in known:
+        raise InputError(
+            f"unknown {kind} {name!r}{did_you_mean(name, known)};"
+            f" there {'is' if len(known) == 1 else 'are'} {', '.join(known)}"
+        )
+    return known[name]

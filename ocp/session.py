@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,12 +11,21 @@ import numpy as np
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.law import Schedule
 from ocp.errors import InputError, NotConverged
+from ocp.guesses import Guessed, guesses, rolled_guesses
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Point, Solver
 from ocp.routes.branches import land
-from ocp.routes.complementarity import FEW, LOOKS, SECOND, SECOND_FEW, Route, solve_pairs
-from ocp.routes.landing import rolled_down
+from ocp.routes.complementarity import (
+    FEW,
+    RELAXATIONS,
+    SECOND,
+    SECOND_FEW,
+    WIDE,
+    Route,
+    solve_pairs,
+)
+from ocp.routes.landing import embedded, rolled_down
 from ocp.routes.legs import (
     PRIMAL,
     Homotopy,
@@ -36,7 +46,8 @@ _PARTED = 1e-3
 """Relative rise of the cost from which on a rollout has parted from its plan."""
 _PATIENCE, _PATIENCE_S = 10.0, 20.0
 """Times what the first way took, and seconds at least, after which a second way is given up."""
-Guessed = tuple[np.ndarray, np.ndarray] | None
+_ROLLED = 8
+"""Guesses that are rolled out where a relaxation is hard to follow."""
 
 
 @dataclass
@@ -92,7 +103,7 @@ class Session:
 
     def solve(
         self, start: Point | None = None, progress: Progress | None = None,
-        guess: Guessed = None, warm_from: NLP | None = None, number: int = 0,
+        guess: Guessed | None = None, warm_from: NLP | None = None, number: int = 0,
     ) -> Outcome:  # fmt: skip
         """Solve at the present values, from a warm point of ``warm_from`` or from a guess.
 
@@ -106,12 +117,12 @@ class Session:
             return self._exact(follower, guess, number)
         return self._smooth(follower, guess)
 
-    def _smooth(self, follower: Homotopy, guess: Guessed) -> Outcome:
+    def _smooth(self, follower: Homotopy, guess: Guessed | None) -> Outcome:
         """Follow the law's own path, and try the exact law's answer as a start beside it."""
         nlp = self.nlp_of("product")
         if self.step.exact and self.homotopy is not False:
             return self._rolled(follower, guess, nlp)
-        schedule = None if self.step.exact or self.homotopy is False else self._schedule()
+        schedule = None if self.step.exact or self.homotopy is False else self.schedule()
         value = self.values[schedule.knob] if schedule else 0.0
         path = one_stage(self.step.law.name, {})
         if schedule is not None:
@@ -126,17 +137,18 @@ class Session:
                     result, finished = below, True
         return Outcome(result, nlp, finished, follower.trace)
 
-    def _schedule(self) -> Schedule | None:
+    def schedule(self) -> Schedule | None:
+        """How the law's knob is followed down, if it has one."""
         sizes = self.problem.sizes
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 
-    def _absorbed(self, helper: Session, follower: Homotopy, guess: Guessed) -> Outcome:
+    def _absorbed(self, helper: Session, follower: Homotopy, guess: Guessed | None) -> Outcome:
         """Solve by a helping session, whose table and work are added to the follower's."""
         found = helper.solve(guess=guess, progress=follower.progress)
         follower.trace.absorb(found.trace)
         return found
 
-    def _rolled(self, follower: Homotopy, guess: Guessed, nlp: NLP) -> Outcome:
+    def _rolled(self, follower: Homotopy, guess: Guessed | None, nlp: NLP) -> Outcome:
         """Exact law in shooting: a plan made otherwise, rolled out exactly and settled.
 
         At a kink of the exact law no gradient vanishes, so a gradient method cannot end there. The
@@ -204,22 +216,29 @@ class Session:
         """Seconds of set-up, of helping sessions too."""
         return self.build_s + sum(helper.total_build_s for helper in self.helpers.values())
 
-    def _exact(self, follower: Homotopy, guess: Guessed, number: int) -> Outcome:
+    def _exact(self, follower: Homotopy, guess: Guessed | None, number: int) -> Outcome:
         if self.strategy not in STRATEGIES:
             raise InputError(
                 f"unknown strategy {self.strategy!r}; there are {', '.join(STRATEGIES)}"
             )
         usual = self.strategy == DEFAULT_STRATEGY
         few = usual and self.nlp_of("product").pairs.shape[1] <= FEW
-        looks = LOOKS if few else [STRATEGIES[self.strategy]()]
-        second = SECOND_FEW if few else SECOND
-        if few and number:
-            looks = [LOOKS[-number % len(LOOKS)]]
-        route = Route(
-            looks, self.problem.reference,
-            lambda nlp: self.first_point(nlp, guess), second if usual else None,
-        )  # fmt: skip
+        strategy = RELAXATIONS[-number % len(RELAXATIONS)] if few else STRATEGIES[self.strategy]()
+        second = (SECOND_FEW if few else SECOND) if usual else None
+        route = Route(strategy, self.problem.reference,
+                      lambda nlp: self.first_point(nlp, guess), second)  # fmt: skip
+        if few:
+            moved = guesses(self.problem, self.values, 2, 0, guess)[1]
+            route = replace(route, other=(WIDE, lambda nlp: self.first_point(nlp, moved)),
+                            feasible=lambda nlp: self._feasible(nlp, guess))  # fmt: skip
         return Outcome(*solve_pairs(follower, route), follower.trace)
+
+    def _feasible(self, nlp: NLP, guess: Guessed | None) -> Iterator[Point]:
+        """Points on branches that cost little: guesses, rolled out."""
+        if isinstance(self.policy, Feedback):
+            return
+        rolled = rolled_guesses(self.problem, self.step, self.values, _ROLLED, guess)
+        yield from (Point(embedded(nlp, one, None)) for one in rolled)
 
     def _continue(self, follower: Homotopy, start: Point, source: NLP) -> Outcome:
         """One warm stage at the present values; for the exact law on a small relaxation first."""
@@ -264,7 +283,7 @@ class Session:
             result = follower.stage(high, nlp, start, True)
         return Outcome(result, nlp, result.ok, follower.trace)
 
-    def first_point(self, nlp: NLP, guess: Guessed = None) -> Point:
+    def first_point(self, nlp: NLP, guess: Guessed | None = None) -> Point:
         """Write guessed trajectories into the NLP's variables, with contacts to match.
 
         Multipliers and gaps start on the central path of the homotopy's first mu, each gap at its

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, get_type_hints
 
-from ocp.errors import InputError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from ocp.errors import InputError, choose
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 
 OWN = {
@@ -18,60 +19,51 @@ OWN = {
     "start": "first value of the homotopy's knob",
     "jit": "true or false: evaluate by compiled C, cached, where a compiler is found",
 }
+_KINDS = {
+    "bool": "true or false",
+    "int": "a whole number",
+    "float": "a number",
+    "finite": "a finite number",
+    "less": "between 0 and 1",
+    "greater": "a positive finite number",
+}
+"""What to expect, by the first word of pydantic's name for what was wrong."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Validated settings; ``options`` go to the solver unread."""
+    """Validated settings; ``options`` go to the solver, which knows their types."""
 
     homotopy: bool | None = None
     strategy: str = DEFAULT_STRATEGY
-    factor: float | None = None
-    start: float | None = None
+    factor: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None = None
+    start: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     jit: bool = False
     options: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def read(cls, raw: dict[str, Any]) -> Settings:
         """Read strings (or values) by key; raises :class:`~ocp.errors.InputError`."""
-        own: dict[str, Any] = {}
-        options: dict[str, Any] = {}
-        for key, value in raw.items():
-            if key in ("homotopy", "jit"):
-                own[key] = _flag(key, value)
-            elif key in ("factor", "start"):
-                own[key] = _number(key, value)
-            elif key == "strategy":
-                own[key] = _strategy(str(value))
-            else:
-                options[key.removeprefix("ipopt.")] = literal(value)
-        if own.get("factor") is not None and not own["factor"] < 1:
-            raise InputError(f"setting factor must lie between 0 and 1, got {own['factor']}")
+        types = get_type_hints(cls, include_extras=True)
+        own = {key: read(f"setting {key}", raw[key], types[key]) for key in OWN if key in raw}
+        if "strategy" in own:
+            choose("strategy", own["strategy"], STRATEGIES)
+        options = {k.removeprefix("ipopt."): literal(v) for k, v in raw.items() if k not in OWN}
         return cls(**own, options=options)
 
 
-def _flag(key: str, value: Any) -> bool:
-    words = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-    word = str(value).lower()
-    if word not in words:
-        raise InputError(f"setting {key} must be true or false, got {value!r}")
-    return words[word]
+def read(what: str, value: Any, kind: Any) -> Any:
+    """Return ``value``, a word or already a value, as the type ``kind``.
 
-
-def _number(key: str, value: Any) -> float:
+    Raises :class:`~ocp.errors.InputError` that says what was expected of ``what``.
+    """
     try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number > 0):
-        raise InputError(f"setting {key} must be a positive finite number, got {value!r}")
-    return number
-
-
-def _strategy(name: str) -> str:
-    if name not in STRATEGIES:
-        raise InputError(f"unknown strategy {name!r}; there are {', '.join(STRATEGIES)}")
-    return name
+        adapter = TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True))
+        return adapter.validate_python(value)
+    except ValidationError as error:
+        known = (_KINDS.get(found["type"].partition("_")[0]) for found in error.errors())
+        expected = next((words for words in known if words), error.errors()[0]["msg"].lower())
+        raise InputError(f"{what} must be {expected}, got {value!r}") from None
 
 
 def literal(value: Any) -> Any:

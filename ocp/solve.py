@@ -9,7 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from dynamics.contact import ContactLaw, Exact
+from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError
+from ocp.guesses import guesses
 from ocp.judgement import judged
 from ocp.policy import OpenLoop, Policy
 from ocp.problem import Problem
@@ -17,13 +19,11 @@ from ocp.programs.solver import Solver
 from ocp.programs.status import Status
 from ocp.routes.outcome import Outcome
 from ocp.session import Session
-from ocp.settings import Settings
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.warm_start import carried_guess, carry
 
-_SPREAD = 0.3
 Rank = Literal["planned", "referee"]
 """What orders several answers: their cost under the law, or what the referee makes of them."""
 
@@ -58,14 +58,24 @@ def solve(
     if not 1 <= starts <= 10_000:
         raise InputError(f"starts must be from 1 to 10000, got {starts}")
     session = new_session(problem, contact, transcription, policy, solver, settings)
-    if start is not None:
-        if starts != 1:
-            raise InputError("a start and several starts exclude each other; leave starts at 1")
-        outcome, resumed = from_solution(session, start, progress)
-        found = judged(session, outcome, seed)
-        origin = start.record.get("hash", "a solution in memory")
-        return replace(found, record={**found.record, "from": origin, "resumed": resumed})
-    return solve_session(session, starts, seed, progress, rank_by)
+    if start is None:
+        return solve_session(session, starts, seed, progress, rank_by)
+    if starts != 1:
+        raise InputError("a start and several starts exclude each other; leave starts at 1")
+    return solve_from(session, start, seed, progress)
+
+
+def solve_from(
+    session: Session,
+    start: Solution,
+    seed: int = 0,
+    progress: Callable[[StageRecord], None] | None = None,
+) -> Solution:
+    """Solve a session from a solution; the record says which, and whether it converged so."""
+    outcome, resumed = from_solution(session, start, progress)
+    found = judged(session, outcome, seed)
+    origin = start.record.get("hash", "a solution in memory")
+    return replace(found, record={**found.record, "from": origin, "resumed": resumed})
 
 
 def from_solution(
@@ -94,9 +104,17 @@ def new_session(
     solver: str = "ipopt",
     settings: dict[str, Any] | None = None,
 ) -> Session:
-    """Build what a solve, or a whole study, needs once."""
+    """Build what a solve, or a whole study, needs once.
+
+    Raises :class:`~ocp.errors.InputError` for what cannot be, what would not fit into memory, and
+    a setting that would change nothing.
+    """
+    # Here, since pydantic costs a fifth of importing this package.
+    from ocp.settings import Settings
+
     chosen = Settings.read(settings or {})
-    return Session(
+    check_memory(f"{problem.name} with N = {problem.N}{_several(problem)}", solve_memory(problem))
+    session = Session(
         problem,
         contact or Exact(),
         transcription or Direct(),
@@ -108,6 +126,29 @@ def new_session(
         chosen.start,
         StageCompiler() if chosen.jit else None,
     )
+    _check_use(session, set(settings or {}))
+    return session
+
+
+def _several(problem: Problem) -> str:
+    return f" and {problem.scenarios.n} scenarios" if problem.scenarios.n > 1 else ""
+
+
+def _check_use(session: Session, given: set[str]) -> None:
+    """Raise InputError for a setting of ours that this law and method have no use for."""
+    followed = not session.step.exact and session.schedule() is not None
+    used = {"strategy"} if session.complementary else set()
+    if followed or (session.step.exact and not session.complementary):
+        used.add("homotopy")
+    if followed and session.homotopy is not False:
+        used |= {"factor", "start"}
+    unused = sorted(given & {"strategy", "homotopy", "factor", "start"} - used)
+    if unused:
+        instead = f"; {', '.join(sorted(used))} would" if used else ""
+        raise InputError(
+            f"{' and '.join(unused)} would change nothing for the {session.law.name} law by"
+            f" {session.method.name}{instead}; drop {'it' if len(unused) == 1 else 'them'}"
+        )
 
 
 def solve_session(
@@ -124,7 +165,7 @@ def solve_session(
     """
     solutions: list[Solution] = []
     try:
-        for number, guess in enumerate(guesses(session, starts, seed)):
+        for number, guess in enumerate(guesses(session.problem, session.values, starts, seed)):
             outcome = session.solve(progress=progress, guess=guess, number=number)
             solutions.append(judged(session, outcome, seed))
     except KeyboardInterrupt as stop:
@@ -161,18 +202,3 @@ def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
     order = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Status.NO_PROGRESS: 2}
     cost = found.cost if by == "planned" else found.referee.cost
     return order.get(found.status, 3), cost if np.isfinite(cost) else np.inf
-
-
-def guesses(session: Session, starts: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the problem's own guess and perturbed ones, each from its own stream of the seed."""
-    problem = session.problem
-    physical = problem.parameters.pack(session.values)
-    X, U = problem.initial_guess(physical)
-    found = [(X, U)]
-    for stream in np.random.SeedSequence(seed).spawn(starts - 1):
-        noise = np.random.default_rng(stream)
-        size_x, size_u = problem.sizes.x, problem.sizes.u
-        shaken = X + _SPREAD * size_x * noise.standard_normal(X.shape)
-        shaken[0] = X[0]
-        found.append((shaken, U + _SPREAD * size_u * noise.standard_normal(U.shape)))
-    return found

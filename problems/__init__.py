@@ -2,7 +2,7 @@
 
 from problems.parameters import Parameters, quantity, structure, table
 from problems.registry import get, load, names, spec
-from problems.spec import Citation, Golden, ProblemSpec, describe, parse_parameters
+from problems.spec import Citation, Golden, ProblemSpec, describe
 
 __all__ = [
     "Citation",
@@ -13,7 +13,6 @@ __all__ = [
     "get",
     "load",
     "names",
-    "parse_parameters",
     "quantity",
     "spec",
     "structure",

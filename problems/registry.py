@@ -11,10 +11,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from ocp.errors import InputError
+from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
 from problems.loading import check, import_file
-from problems.spec import ProblemSpec, did_you_mean, lines_of
+from problems.spec import ProblemSpec, lines_of
 
 _MODULES = {
     "wall-1d": "problems.wall_1d",

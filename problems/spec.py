@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from ocp.errors import InputError
+from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import natural_units, range_of, unit_of
@@ -32,7 +31,7 @@ class Golden:
     """The best known value at the default parameters, under the exact law unless told otherwise.
 
     Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
-    of seed 0, see :func:`ocp.solve.guesses`) ends at ``cost``, within ``tolerance`` relative, with
+    of seed 0, see :mod:`ocp.guesses`) ends at ``cost``, within ``tolerance`` relative, with
     a certificate (:mod:`ocp.stationarity.certificate`) that says ``stationarity`` and ``kind``.
     ``tried`` counts the solves, over strategies and guesses, of which no certified one ends lower.
 
@@ -67,34 +66,40 @@ class Golden:
         return "; ".join(part for part in (how, confirmed, self.note) if part)
 
 
-@dataclass(frozen=True)
-class ProblemSpec:
-    """One named problem, at any parameters.
-
-    ``build(params)`` gives the :class:`~ocp.problem.Problem`; ``draw(params, state)`` the shapes at
-    one state (nx,), ``frames(params, state)`` the place and direction of each contact;
-    ``equations`` are lines of typst's mathematics; ``axes`` label the drawing; ``path`` is the
-    user's file, None for a problem that ships with the workbench.
-    """
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """What has a name, parameters, equations in typst's mathematics, and a source."""
 
     name: str
     title: str
     Params: type[BaseModel]
-    build: Callable[[Any], Problem]
     equations: tuple[str, ...] = ()
-    draw: Callable[[Any, np.ndarray], list[Shape]] | None = None
-    frames: Callable[[Any, np.ndarray], list[ContactFrame]] | None = None
-    axes: tuple[str, str] = ("x [m]", "y [m]")
-    golden: Mapping[str, Golden] = field(default_factory=dict)
     citation: Citation | None = None
-    path: Path | None = None
 
-    def params(self, values: Mapping[str, Any]) -> BaseModel:
+    def params(self, values: Mapping[str, Any]) -> Any:
         """Check ``values`` and fill in the defaults.
 
         Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
         """
         return check_parameters(self.name, self.Params, values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemSpec(Spec):
+    """One named problem, at any parameters.
+
+    ``build(params)`` gives the :class:`~ocp.problem.Problem`; ``draw(params, state)`` the shapes at
+    one state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes``
+    label the drawing; ``path`` is the user's file, None for a problem that ships with the
+    workbench.
+    """
+
+    build: Callable[[Any], Problem]
+    draw: Callable[[Any, np.ndarray], list[Shape]] | None = None
+    frames: Callable[[Any, np.ndarray], list[ContactFrame]] | None = None
+    axes: tuple[str, str] = ("x [m]", "y [m]")
+    golden: Mapping[str, Golden] = field(default_factory=dict)
+    path: Path | None = None
 
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
         """Build the problem at ``values``, the rest at their defaults.
@@ -162,34 +167,7 @@ def _explain(Params: type[BaseModel], error: ValidationError) -> str:
     return f"parameter {parameter}{meaning} must be {range_of(about)}, got {shown}"
 
 
-def parse_parameters(spec: ProblemSpec, assignments: Iterable[str]) -> dict[str, Any]:
-    """Read ``["M=2", "N=40"]`` into checked values by name, ready for :meth:`ProblemSpec.problem`.
-
-    Raises :class:`~ocp.errors.InputError` for anything that is not ``name=value``, for a name
-    given twice, and for what :meth:`ProblemSpec.params` refuses.
-    """
-    given: dict[str, str] = {}
-    for assignment in assignments:
-        name, sign, value = (part.strip() for part in assignment.partition("="))
-        if not (name and sign and value):
-            raise InputError(f"{spec.name}: expected name=value, got {assignment!r}; say -p M=2.0")
-        if name in given:
-            raise InputError(f"{spec.name}: parameter {name} is given twice; give it once")
-        given[name] = value
-    checked = spec.params(given)
-    return {name: getattr(checked, name) for name in given}
-
-
-class HasParams(Protocol):
-    """Anything with parameters to describe: a problem, an objective."""
-
-    @property
-    def Params(self) -> type[BaseModel]:
-        """The pydantic model of the parameters."""
-        ...
-
-
-def describe(spec: HasParams) -> list[dict[str, Any]]:
+def describe(spec: Spec) -> list[dict[str, Any]]:
     """List the parameters in order, each with name, value, unit, range and description."""
     return [
         {
@@ -206,13 +184,6 @@ def describe(spec: HasParams) -> list[dict[str, Any]]:
 def lines_of(equations: str) -> tuple[str, ...]:
     """One equation a line; a line that begins with a space continues the one before."""
     return tuple(re.sub(r"\n +", " ", equations.strip()).splitlines())
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``" (did you mean 'x'?)"`` for the nearest known name, or nothing."""
-    names = {candidate.lower(): candidate for candidate in known}
-    close = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
-    return f" (did you mean {names[close[0]]!r}?)" if close else ""
 
 
 def where(error: BaseException, path: Path) -> str:

@@ -48,7 +48,7 @@ class Animation:
         Raises :class:`~ocp.errors.InputError` for a run without states or a problem without a
         drawing, and for more frames than a file should hold.
         """
-        _check(view)
+        check_drawable(view)
         self.fps, self.speed = fps, speed
         self.times = frame_times(float(view.time[-1]), fps, speed)
         self.motions = motions(view, self.times)
@@ -197,7 +197,8 @@ def _stage(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def _check(view: RunView) -> None:
+def check_drawable(view: RunView) -> None:
+    """Raise :class:`~ocp.errors.InputError` for a run that does not move or has no drawing."""
     name = view.run.meta["problem"]
     if view.run.kind != "solve" or view.array("x") is None:
         raise InputError(

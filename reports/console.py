@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from ocp.judges.findings import Audit, Refereed
     from ocp.solution import Solution, StageRecord
     from ocp.stationarity.certificate import Certificate
-    from ocp.store.stored_run import StoredRun
-    from problems.spec import Golden
-    from problems.studies import Claim
 
 COLUMNS = 80
 
@@ -43,7 +40,8 @@ def small(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
 
 
-def _table(*columns: tuple[str, str], title: str | None = None) -> Table:
+def table_of(*columns: tuple[str, str], title: str | None = None) -> Table:
+    """An empty table of columns with a title each, justified ``left`` or ``right``."""
     table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0))
     for name, justify in columns:
         table.add_column(name, justify="right" if justify == "right" else "left")
@@ -59,7 +57,7 @@ def stage_table(stages: Sequence[StageRecord]) -> Table:
     """Homotopy table: where on the path, cost, residuals, iterations, seconds; failures named."""
     knobs = {stage.knob for stage in stages}
     head = knob_title(knobs.pop()) if len(knobs) == 1 else "knob"
-    table = _table(
+    table = table_of(
         *((name, "right") for name in ("stage", head, "cost", "lam·gap", "residual", "iter", "s")),
         ("", "left"),
     )
@@ -99,50 +97,10 @@ def progress(quiet: bool, first: str) -> Iterator[Callable[[StageRecord], None]]
         yield lambda stage: live.update(Text(stage_line(stage)), refresh=True)
 
 
-def curve_line(name: str, row: Mapping[str, Any]) -> str:
-    """One point of a continuation in one line, at most 80 columns."""
-    return (
-        f"{knob_title(name)} {row['value']:.4g}  cost {number(row['cost'], 7)}"
-        f"  exact {number(row['exact_cost'], 7)}  lam·gap {small(row['complementarity'])}"
-        f"  {row['iterations']} it"
-    )
-
-
-def curve_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The points of a continuation."""
-    heads = (knob_title(name), "cost", "exact cost", "lam·gap", "iter")
-    table = _table(*((title, "right") for title in heads), ("", "left"))
-    for row in rows:
-        table.add_row(
-            f"{row['value']:.5g}", number(row["cost"], 7), number(row["exact_cost"], 7),
-            small(row["complementarity"]), str(row["iterations"]), row["status"],
-        )  # fmt: skip
-    return table
-
-
-def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
-    """Number, value, kind, what happens, where, and cost of events other than bounds being met."""
-    kept = [event for event in events if event["kind"] != "bound"]
-    for count, event in enumerate(kept, start=1):
-        steps = ", ".join(str(step) for step in event["steps"])
-        what = f"{event['contact']} {event['change']}".strip()
-        yield (str(count), f"{event['value']:.8g}", event["kind"], what, steps,
-               number(event["cost"], 7))  # fmt: skip
-
-
-def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
-    """The events of a continuation."""
-    table = _table(("", "right"), (knob_title(name), "right"), ("event", "left"), ("", "left"),
-                   ("steps", "left"), ("cost", "right"))  # fmt: skip
-    for row in event_rows(events):
-        table.add_row(*row)
-    return table
-
-
 def result_table(solution: Solution) -> Table:
     """Cost, exact cost, iterations and the audited residuals."""
     audit = solution.audit
-    table = _table(("", "left"), ("", "right"), ("", "left"))
+    table = table_of(("", "left"), ("", "right"), ("", "left"))
     table.show_header = False
     rows = [
         ("cost under the chosen law", number(solution.cost, 8), ""),
@@ -216,7 +174,7 @@ def contact_table(audit: Audit) -> Table:
     """When each contact acts, how hard, how far it slides; those that never act are counted."""
     rough = math.isfinite(audit.cone_violation)
     heads = ("steps", *(["slipping"] if rough else []), "peak N", *(["slid m"] if rough else []))
-    table = _table(
+    table = table_of(
         ("contact", "left"),
         *((head, "right") for head in (*heads, "weak")),
         ("steps from-to", "left"),
@@ -267,7 +225,7 @@ def split(solution: Solution) -> tuple[str, str]:
 
 def violation_table(solution: Solution) -> Table:
     """The worst constraints by name, for a solve that failed."""
-    table = _table(
+    table = table_of(
         ("worst constraint", "left"), ("component", "left"), ("scenario", "right"),
         ("step", "right"), ("off by", "right"),
     )  # fmt: skip
@@ -283,85 +241,9 @@ def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
     """The starts of a multi-start that did not win."""
     known = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")
     keys = [key for key in known if any(key in other for other in others)]
-    table = _table(*((key.replace("_", " "), "right") for key in keys), title="other starts")
+    table = table_of(*((key.replace("_", " "), "right") for key in keys), title="other starts")
     for other in others:
         table.add_row(
             *(number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys)
         )
     return table
-
-
-def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
-    """A problem's parameters with default, unit and meaning."""
-    table = _table(("parameter", "left"), ("default", "right"), ("unit", "left"), ("", "left"))
-    for row in parameters:
-        value, meaning = row["value"], row["description"]
-        if isinstance(value, str):
-            table.add_row(row["name"], value, "", f"{meaning} ({row['range']})")
-            continue
-        shown = number(value) if isinstance(value, int | float) else "required"
-        table.add_row(row["name"], shown, row["unit"], meaning)
-    return table
-
-
-def golden_table(golden: Mapping[str, Golden]) -> Table:
-    """Best known values, their certificates, and of how many solves each is the best."""
-    table = _table(
-        ("best known", "left"), ("method", "left"), ("cost", "right"), ("certificate", "left"),
-        ("of solves", "right"),
-    )  # fmt: skip
-    for name, known in golden.items():
-        cost = number(known.cost, 9)
-        table.add_row(name, known.method, cost, known.certificate, str(known.tried))
-    return table
-
-
-def runs_table(entries: Sequence[Mapping[str, Any]]) -> Table:
-    """One line a stored run; a damaged one shows why."""
-    table = _table(("problem", "left"), ("run", "left"), ("what", "left"), ("cost", "right"),
-                   ("", "left"))  # fmt: skip
-    for entry in entries:
-        name = entry["run"].rpartition("/")[2]
-        if entry["damage"]:
-            table.add_row(entry["problem"], name, "damaged", "", "")
-            continue
-        what = " ".join(str(entry[key]) for key in ("contact", "method") if entry[key])
-        table.add_row(entry["problem"], name, what or entry["kind"], number(entry["cost"]),
-                      entry["status"] or "")  # fmt: skip
-    return table
-
-
-def run_table(run: StoredRun) -> Table:
-    """What one run's description says, one line a key."""
-    table = _table(("", "left"), ("", "left"))
-    table.show_header = False
-    meta, record = run.meta, run.meta.get("record") or {}
-    table.add_row("run", str(run.path))
-    for key in ("kind", "problem", "created", "status", "cost", "iterations", "seed", "revision"):
-        if meta.get(key) is not None:
-            table.add_row(key, str(meta[key]))
-    for key, value in record.items():
-        if value not in (None, {}, []) and key not in ("problem", "seed"):
-            table.add_row(key, _inline(value))
-    table.add_row("command", " ".join(meta.get("argv") or []))
-    table.add_row("versions", _inline(meta.get("versions") or {}))
-    table.add_row("arrays", ", ".join(str(name) for name in run.data.data_vars))
-    return table
-
-
-def claim_table(claims: Sequence[Claim]) -> Table:
-    """A study's claims: what the paper says, what was measured, whether it holds."""
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 1, 0))
-    for name, share in (("claim", 6), ("source", 4), ("expected", 4), ("measured", 5)):
-        table.add_column(name, ratio=share, overflow="fold")
-    table.add_column("holds", no_wrap=True)
-    for claim in claims:
-        cells = (claim.claim, claim.source, claim.expected, claim.measured)
-        table.add_row(*map(Text, cells), "yes" if claim.holds else "NO")
-    return table
-
-
-def _inline(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{key}={_inline(item)}" for key, item in value.items())
-    return number(value) if isinstance(value, float) else str(value)

@@ -15,13 +15,13 @@ from reports.console import (
     books,
     contact_rows,
     distance_rows,
-    event_rows,
     idle_contacts,
     judged_rows,
     knob_title,
     number,
     small,
 )
+from reports.curve_tables import event_rows
 from reports.figures import comparison, contacts, run
 from reports.figures import continuation as curve_figures
 from reports.strobe import strobe
@@ -91,7 +91,7 @@ def comparison_page(views: list[RunView]) -> Page:
 
 
 def continuation_page(view: RunView) -> Page:
-    """Content and figures of a curve over a parameter."""
+    """Content and figures of a path over a parameter."""
     meta, points, head = view.run.meta, view.run.meta["points"], _head(view)
     rows = [
         [
@@ -117,7 +117,7 @@ def continuation_page(view: RunView) -> Page:
 
 
 def curve_grade(points: list[dict[str, Any]]) -> str:
-    """Colour of a curve that was followed to its end: whether every plan on it survives."""
+    """Colour of a path that was followed to its end: whether every plan on it survives."""
     return "survives" if all(point["survives"] for point in points) else "certified"
 
 

@@ -1,6 +1,7 @@
 """Many samples at once: CasADi graphs over arrays, compiled where there is a compiler."""
 
 from dynamics.batch.engines.compiler import CompilerError
+from dynamics.batch.export import TabulatedPolicy, exported, identifier
 from dynamics.batch.function import BatchFunction
 from dynamics.batch.graphs.policy import RolloutPolicy, affine, open_loop
 from dynamics.batch.graphs.tape import UnsupportedOperation
@@ -20,7 +21,10 @@ __all__ = [
     "RolloutMoments",
     "RolloutPolicy",
     "Rollouts",
+    "TabulatedPolicy",
     "UnsupportedOperation",
     "affine",
+    "exported",
+    "identifier",
     "open_loop",
 ]

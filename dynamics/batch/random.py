@@ -14,7 +14,6 @@ one of 7e10 would; a run that draws that many should not ask for more of its tai
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -41,15 +40,6 @@ def philox(counter: Sequence[np.ndarray] | np.ndarray, key: tuple[int, int]) -> 
         ]
         k = [(word + step) & 0xFFFFFFFF for word, step in zip(k, INCREMENTS, strict=True)]
     return np.stack(np.broadcast_arrays(*c))
-
-
-def taylor(first: int) -> list[float]:
-    """Coefficients, highest power of y² first, of sin(y) / y (`first` 1) or cos(y) (`first` 0).
-
-    Nine of them reach double precision for |y| <= pi/4.
-    """
-    orders = range(first + 16, first - 1, -2)
-    return [(-1) ** (n // 2) / math.factorial(n) for n in orders]
 
 
 def key_of(seed: int | np.random.SeedSequence) -> tuple[int, int]:

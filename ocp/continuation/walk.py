@@ -11,7 +11,7 @@ import numpy as np
 
 from ocp.continuation.events import LOCATED, Event, joined
 from ocp.continuation.tracking import Tracker
-from ocp.errors import InputError
+from ocp.errors import InputError, choose
 from ocp.judgement import judged
 from ocp.programs.solver import Point
 from ocp.programs.status import Status
@@ -67,11 +67,8 @@ def resolve(session: Session, over: str) -> str:
     Raises :class:`~ocp.errors.InputError` with the names that there are.
     """
     names = [*session.problem.parameters.names, *session.step.p.names]
-    for candidate in (over, over.removeprefix("problem.")):
-        if candidate in names:
-            return candidate
-    listed = ", ".join(dict.fromkeys(names))
-    raise InputError(f"there is no parameter {over!r} to continue over; there are {listed}")
+    name = over.removeprefix("problem.")
+    return choose("parameter", name, {known: known for known in names})
 
 
 def continue_over(
@@ -100,7 +97,7 @@ def continue_over(
     equal or non-finite ends, or a log scale through zero.
     """
     name = resolve(session, over)
-    scales = _scale(scale, start, end, steps)
+    scales = check_range(scale, start, end, steps)
     tracker = Tracker(session, name, abs(end - start), scale == "log")
     walk = _Walk(session, tracker, Continuation(name), scales, (start, end, steps), seed, progress)
     return walk.all()
@@ -281,9 +278,10 @@ def _worst(solution: Solution) -> str:
     return f" Worst: {worst.name} of {worst.component} at step {worst.step}, {worst.amount:.1e}."
 
 
-def _scale(
+def check_range(
     scale: str, start: float, end: float, steps: int
 ) -> tuple[Callable[[float], float], Callable[[float], float]]:
+    """Return the maps from the scale to values and back; raises as :func:`continue_over` does."""
     if not (math.isfinite(start) and math.isfinite(end) and start != end):
         raise InputError(f"--from and --to must be finite and differ, got {start} and {end}")
     if steps < 1:

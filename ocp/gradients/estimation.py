@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.batch import Gaussian, Moments
-from ocp.errors import InputError
+from ocp.errors import InputError, choose
 from ocp.gradients.empirical_bias import EmpiricalBias, Jump, empirical_bias, sharpest_change
 from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.interpolation import RULES, Choice, ConfidenceTest, Evidence, Rule
@@ -103,6 +102,10 @@ def plainly(values: np.ndarray) -> float | list[float]:
     return float(flat[0]) if flat.size == 1 else flat.tolist()
 
 
+_SMALLEST = 1e-150
+"""Least sigma: its square is divided by."""
+
+
 @dataclass(frozen=True)
 class Sampling:
     """What to estimate: estimators by name, samples of each, the noise and the seed.
@@ -124,29 +127,21 @@ class Sampling:
     reference_samples: int | None = None
 
     def __post_init__(self) -> None:
-        known = [*SAMPLED, *RULES]
+        known = {**SAMPLED, **RULES}
         if not self.estimators:
             raise InputError(f"name at least one estimator; there are {', '.join(known)}")
         for name in self.estimators:
-            if name not in known:
-                raise InputError(
-                    f"unknown estimator {name!r}{nearest(name, known)}; there are"
-                    f" {', '.join(known)}"
-                )
+            choose("estimator", name, known)
         if len(set(self.estimators)) < len(self.estimators):
             raise InputError("an estimator is named twice; name each once")
-        if self.reference not in KINDS:
-            raise InputError(
-                f"unknown reference {self.reference!r}{nearest(self.reference, KINDS)}; there are"
-                f" {', '.join(KINDS)}"
-            )
+        choose("reference", self.reference, dict.fromkeys(KINDS))
         check_samples(self.samples)
         if self.reference_samples is not None:
             check_samples(self.reference_samples)
-        if not (math.isfinite(self.sigma) and self.sigma > 0):
+        if not _SMALLEST <= self.sigma <= 1 / _SMALLEST:
             raise InputError(
-                f"sigma, the standard deviation of the noise, must be positive and finite, got"
-                f" {self.sigma:g}"
+                f"sigma, the standard deviation of the noise, must be positive and finite, with a"
+                f" square that is both: from {_SMALLEST:g} to {1 / _SMALLEST:g}, got {self.sigma:g}"
             )
 
     @property
@@ -173,14 +168,6 @@ def check_samples(samples: float) -> None:
             f"the number of samples must be a whole number of 2 or more, since one sample has no"
             f" variance; got {samples:g}"
         )
-
-
-def nearest(name: str, known: Sequence[str]) -> str:
-    """``" (did you mean 'x'?)"`` or nothing."""
-    import difflib
-
-    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.5)
-    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def estimate_gradient(

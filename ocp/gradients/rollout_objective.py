@@ -45,9 +45,7 @@ class RolloutObjective(SampledObjective):
     ) -> None:
         policy = OpenLoop() if policy is None else policy
         self.problem, self.policy = problem, policy
-        # The cost's parameters too, since the rollout evaluates it.
-        every = problem.parameters + problem.system.parameters
-        self.step = law.close(replace(problem.system, parameters=every))
+        self.step = law.close(replace(problem.system, parameters=problem.parameters))
         self.name, self.n_noise = problem.name, problem.N * problem.system.nu
         # Shared by all copies that differ in values alone, so that nothing is compiled twice.
         self._compiled: list[RolloutFunction] = []

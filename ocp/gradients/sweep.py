@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynamics.batch import Gaussian
 from ocp.errors import InputError
 from ocp.gradients.estimation import Sampling, carry_out, check_samples
 from ocp.gradients.known_gradient import is_sampled
@@ -21,6 +23,9 @@ if TYPE_CHECKING:
 
 Build = Callable[[dict[str, float]], SampledObjective]
 """Makes the objective at changed values of what shapes it, such as its horizon."""
+_MANY, _PROBE = 1e11, 1 << 11
+"""Noise numbers from which on a study is timed beforehand, and the samples that this takes."""
+_MOST_VALUES = 100_000
 OF_THE_PLAN = ("sigma", "samples")
 
 
@@ -55,6 +60,8 @@ class Sweep:
             raise InputError(f"--sweep: the ends must be finite, got {start:g} and {end:g}")
         if count < 1 or not whole:
             raise InputError(f"--sweep: the number of values must be 1 or more, got {parts[2]}")
+        if count > _MOST_VALUES:
+            raise InputError(f"--sweep: at most {_MOST_VALUES} values, got {parts[2]}; take fewer")
         log = len(parts) == 4 and parts[3] == "log"
         if log and not (start > 0 and end > 0):
             raise InputError(f"--sweep: a log scale needs positive ends, got {start:g} and {end:g}")
@@ -107,6 +114,18 @@ class SweepRun:
         """Whether every point is done."""
         return len(self.rows) == len(self._tasks)
 
+    @property
+    def samples(self) -> int:
+        """Samples at all points, those of references too."""
+        return sum(_size(*task) for task in self._tasks)
+
+    def seconds(self) -> float:
+        """Time that all samples take, from a probe where they are many; 0 where they are few."""
+        most = max(self._tasks, key=lambda task: _size(*task))
+        if self.samples * max(1, most[0].n_noise) < _MANY:
+            return 0.0
+        return self.samples * _probed(*most)
+
     def run(self, progress: Callable[[Progress], None] | None = None) -> None:
         """Estimate at all points that are not finished, in their order."""
         sizes = [_size(*task) for task in self._tasks]
@@ -151,6 +170,17 @@ def _tasks(
     if sweep.name not in known and build is not None:
         return [(build({sweep.name: value}), sampling) for value in sweep.values]
     return [(objective.at({sweep.name: value}), sampling) for value in sweep.values]
+
+
+def _probed(objective: SampledObjective, sampling: Sampling) -> float:
+    """Seconds a sample, of the second of two batches: the first compiles."""
+    noise = Gaussian(sampling.sigma, np.random.SeedSequence(sampling.seed))
+    began = 0.0
+    for _ in range(2):
+        began = time.perf_counter()
+        if objective.moments(noise, _PROBE, "zeroth") is None:
+            objective.scored(noise, _PROBE)
+    return (time.perf_counter() - began) / _PROBE
 
 
 def _size(objective: SampledObjective, sampling: Sampling) -> int:

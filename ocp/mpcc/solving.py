@@ -101,7 +101,7 @@ def solve(
     best: MPCCSolution | None = None
     for name in strategies:
         route = Route(
-            [STRATEGIES[name]()], reference, lambda program: Point(program.extended(inside))
+            STRATEGIES[name](), reference, lambda program: Point(program.extended(inside))
         )
         result, program, _ = solve_pairs(follower, route)
         found = _judged(programs("none"), program, result, inside, name)

@@ -73,6 +73,11 @@ class Program(ABC):
     def pair_name(self, index: int) -> PairName:
         """What the pair ``pairs[:, index]`` is called."""
 
+    @property
+    def chains(self) -> np.ndarray:
+        """Indices of pairs that follow one another in time, a row a chain; none without time."""
+        return np.empty((0, 0), dtype=int)
+
     @cached_property
     def scale(self) -> Scale | None:
         """What a solver divides variables, constraints and cost by; None for nothing."""

@@ -13,7 +13,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ocp.errors import InputError
+from ocp.errors import InputError, choose
+from ocp.programs.options import check_options
 from ocp.programs.program import Program
 from ocp.programs.scaled import Point, Scaled
 from ocp.programs.status import Status
@@ -90,11 +91,10 @@ class Solver:
     """
 
     def __init__(self, name: str = "ipopt", options: dict[str, Any] | None = None) -> None:
-        if name not in SOLVERS:
-            raise InputError(f"unknown solver {name!r}; there are {', '.join(SOLVERS)}")
+        choose("solver", name, SOLVERS)
         if not ca.has_nlpsol(name):
             raise InputError(f"this CasADi has no {name}; use --solver ipopt")
-        self.name, self.options = name, dict(options or {})
+        self.name, self.options = name, check_options(name, options or {})
         self.deadline: float | None = None
 
     @contextmanager

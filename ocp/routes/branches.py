@@ -20,6 +20,8 @@ from ocp.stationarity.lpec import LinearModel
 _ROUNDS = 8
 _EXCHANGES = 12
 _NEAR = 1e-6
+WISH = 1e-6
+"""Multiplier of a held member, in natural units, from which on its growth would pay."""
 _FIRST_RADIUS = 0.1
 _REACHES = (1e-3, 1e-2, 1e-1, 1.0)
 _GAIN = 1e-7
@@ -37,8 +39,13 @@ class Branches:
         self.p = self.program.parameter_vector({**follower.values, "penalty": 0.0})
         self.limits = self.program.bounds(follower.values)
 
-    def solve(self, start: Point, active: np.ndarray, mu_init: float) -> Result:
-        """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains."""
+    def solve(
+        self, start: Point, active: np.ndarray, mu_init: float, most: int | None = None
+    ) -> Result:
+        """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains.
+
+        In ``most`` iterations, where given.
+        """
         first, second = self.program.pairs
         bounds = {key: value.copy() for key, value in self.limits.items()}
         bounds["ubx"][second[active]] = 0.0
@@ -46,7 +53,7 @@ class Branches:
         options: dict[str, Any] = {}
         if self.follower.solver.name == "ipopt":
             warm = WARM if start.lam_g is not None else {}
-            options = {**warm, "mu_init": mu_init}
+            options = {**warm, "mu_init": mu_init} | ({"max_iter": most} if most else {})
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
         found = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
         self.follower.record("active set", float(active.sum()), self.program, found, self.p, bounds)
@@ -164,15 +171,19 @@ class Branches:
     def _seconds(self) -> float:
         return float(np.clip(_SHARE * self.follower.trace.seconds, _LEAST_S, _MOST_S))
 
-    def _other_side(self, found: Result, active: np.ndarray) -> np.ndarray:
-        """Pairs at (0, 0) whose held member would lower the cost by growing."""
+    def wishes(self, found: Result, active: np.ndarray) -> np.ndarray:
+        """Fall of the cost (m,) by a unit of each pair's held member, in natural units."""
         (first, second), units = self.program.pairs, self.program.natural
         if found.point.lam_x is None:
-            return np.zeros_like(active)
-        x, lam_x = found.point.x / units.x, found.point.lam_x * units.x / units.f
-        both = (x[first] < _NEAR) & (x[second] < _NEAR)
-        held = np.where(active, lam_x[second], lam_x[first])
-        return both & (held > 1e-6)
+            return np.zeros(active.size)
+        lam_x = found.point.lam_x * units.x / units.f
+        return np.where(active, lam_x[second], lam_x[first])
+
+    def _other_side(self, found: Result, active: np.ndarray) -> np.ndarray:
+        """Pairs at (0, 0) whose held member would lower the cost by growing."""
+        x = found.point.x / self.program.natural.x
+        both = np.all(x[self.program.pairs] < _NEAR, axis=0)
+        return both & (self.wishes(found, active) > WISH)
 
 
 def land(

@@ -96,7 +96,6 @@ class Homotopy:
                  progress: Progress | None = None) -> None:  # fmt: skip
         self.nlp_of, self.solver, self.values = nlp_of, solver, values
         self.progress, self.trace = progress, Trace()
-        self.early: Point | None = None
 
     def follow(self, path: Path, start: Point, warm: bool = False) -> tuple[Result, Program, bool]:
         """Follow one path: the last result, its program, and whether the end was reached."""
@@ -113,7 +112,6 @@ class Homotopy:
                 point, form, good = result.point, nlp, value
                 tries = 0 if value in path.values else tries
                 best = (result, nlp)
-                self.early = self.early or point
                 if path.complete is not None and path.complete(nlp, result):
                     break
                 continue

@@ -154,6 +154,15 @@ class NLP(Program):
         other = first / self.problem.reference.impulse > second / self.problem.reference.gap
         return own if np.array_equal(own[0], other) else [other, *own]
 
+    @property
+    def chains(self) -> np.ndarray:
+        """The pairs (m,) of every scenario and contact over all steps, (scenarios contacts, N)."""
+        if not self.pairs.size:
+            return super().chains
+        scenarios, steps, contacts = self.variables["lam"].shape
+        order = np.arange(self.pairs.shape[1]).reshape(scenarios, steps, contacts)
+        return order.transpose(0, 2, 1).reshape(-1, steps)
+
     def pair_name(self, index: int) -> PairName:
         """Contact, scenario and step of a pair; branches of an averaged law carry their number."""
         _, (scenario, step, i) = self.variables.locate(int(self.pairs[0, index]))

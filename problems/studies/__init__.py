@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ocp.errors import InputError
-from problems.spec import did_you_mean
+from ocp.errors import InputError, did_you_mean
 from problems.studies import (
     adaptive_mu,
     audited_theory,

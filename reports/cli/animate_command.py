@@ -4,53 +4,68 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from reports.cli.common import Debug, Json, Out, Output, Quiet
+from reports.cli.options import RUN, Command, StoreOptions
+from reports.cli.output import Output
 
-
-def run(
-    run: Annotated[str, typer.Argument(help="A run: its path, or part of its name.")],
-    file: Annotated[
-        Path, typer.Option("--output", "-o", help="The .gif, .mp4 or .html file to write.")
-    ],
-    fps: Annotated[int, typer.Option("--fps", min=1, max=100, help="Frames a second.")] = 25,
-    speed: Annotated[
-        float, typer.Option("--speed", min=1e-3, max=1e3, help="1 is real time, 0.5 half as fast.")
-    ] = 1.0,
-    out: Out = Path("runs"),
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> int:
-    """Animate a stored run: bodies, contact forces and cones, the plan beside its exact replay."""
-    from ocp import store
-    from reports.animation import Animation
-    from reports.cli.request import check_place
-    from reports.cli.runs_command import find
-    from reports.movie import check_format, playable, write
-    from reports.style import styled
+if TYPE_CHECKING:
     from reports.view import RunView
 
-    check_format(file)
-    check_place(file, "animation")
-    stored = store.load(find(run, out))
-    output = Output(as_json, quiet)
+
+@dataclass(frozen=True, kw_only=True)
+class AnimateOptions(StoreOptions):
+    """Which run, the file, and how fast."""
+
+    run: Annotated[str, typer.Argument(help=RUN)]
+    file: Annotated[
+        Path, typer.Option("--output", "-o", help="The .gif, .mp4 or .html file to write.")
+    ]
+    fps: Annotated[int, typer.Option("--fps", min=1, max=100, help="Frames a second.")] = 25
+    speed: Annotated[
+        float, typer.Option("--speed", min=1e-3, max=1e3, help="1 is real time, 0.5 half as fast.")
+    ] = 1.0
+
+
+def check(options: AnimateOptions) -> RunView:
+    """Read the run, and see that it can be drawn."""
+    from reports.animation import check_drawable, frame_times
+    from reports.cli.places import check_place
+    from reports.cli.runs_command import stored
+    from reports.movie import check_format, playable
+    from reports.view import RunView
+
+    check_format(options.file)
+    check_place(options.file, "animation")
+    view = RunView.of(stored(options.run, options.out))
+    check_drawable(view)
+    frame_times(float(view.time[-1]), playable(options.fps, options.file), options.speed)
+    return view
+
+
+def run(options: AnimateOptions, view: RunView) -> int:
+    """Animate a stored run: bodies, contact forces and cones, the plan beside its exact replay."""
+    from reports.animation import Animation
+    from reports.movie import playable, write
+    from reports.style import styled
+
+    output, file = options.output, options.file
     with styled():
-        animation = Animation(RunView.of(stored), playable(fps, file), speed)
+        animation = Animation(view, playable(options.fps, file), options.speed)
         with _progress(output, len(animation.times)) as told:
             write(animation, file, told)
     output.say(f"animation: {file} ({len(animation.times)} frames)")
     output.document(
         {
             "animation": str(file),
-            "run": str(stored.path),
+            "run": str(view.run.path),
             "frames": len(animation.times),
             "fps": animation.fps,
-            "speed": speed,
+            "speed": options.speed,
             "duration_s": float(animation.times[-1]),
             "bytes": file.stat().st_size,
             "panels": [motion.title for motion in animation.motions],
@@ -76,3 +91,6 @@ def _progress(output: Output, frames: int) -> Iterator[Callable[[int], None]]:
             bar.update(task, completed=done)
 
         yield told
+
+
+COMMAND = Command(AnimateOptions, check, run)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from reports.cli import (
     continue_command,
     doctor_command,
     estimate_command,
+    export_command,
     figure_command,
     interrupt,
     list_command,
@@ -22,6 +24,7 @@ from reports.cli import (
     show_command,
     solve_command,
 )
+from reports.cli.options import register
 
 app = typer.Typer(
     help="Optimal control through contact: solve, replay, continue and report named problems.",
@@ -30,20 +33,21 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for name, function in {
-    "list": list_command.run,
-    "show": show_command.run,
-    "solve": solve_command.run,
-    "replay": replay_command.run,
-    "continue": continue_command.run,
-    "estimate": estimate_command.run,
-    "figure": figure_command.run,
-    "report": report_command.run,
-    "animate": animate_command.run,
-    "runs": runs_command.run,
-    "doctor": doctor_command.run,
+for name, command in {
+    "list": list_command.COMMAND,
+    "show": show_command.COMMAND,
+    "solve": solve_command.COMMAND,
+    "replay": replay_command.COMMAND,
+    "continue": continue_command.COMMAND,
+    "estimate": estimate_command.COMMAND,
+    "figure": figure_command.COMMAND,
+    "report": report_command.COMMAND,
+    "animate": animate_command.COMMAND,
+    "export": export_command.COMMAND,
+    "runs": runs_command.COMMAND,
+    "doctor": doctor_command.COMMAND,
 }.items():
-    app.command(name)(function)
+    register(app, name, command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -78,13 +82,24 @@ def _explain(error: Exception) -> tuple[str, int]:
         message = error.format_message()  # pyright: ignore[reportAttributeAccessIssue]
         if not message or type(error).__name__ == "NoArgsIsHelpError":
             return "", 2
-        return f"{message.rstrip('.')}; ocp --help shows what there is", 2
+        return f"{_shortened(message).rstrip('.')}; ocp --help shows what there is", 2
     if isinstance(code := getattr(error, "exit_code", None), int):
-        return str(error), code
+        return _shortened(str(error)), code
     if isinstance(error, BrokenPipeError):
         return "", 1
+    if isinstance(error, OSError) and error.filename is not None:
+        reason = f"{error.strerror}; name another file or directory"
+        return f"cannot use {_shortened(str(error.filename))}: {reason}", 2
+    if isinstance(error, MemoryError):
+        return "this does not fit into memory; take fewer steps, scenarios or samples", 2
     return (
-        f"internal fault, {type(error).__name__}: {error}\n"
+        f"internal fault, {type(error).__name__}: {_shortened(str(error))}\n"
         "this is a defect of the workbench; --debug shows where it lies",
         1,
     )
+
+
+def _shortened(message: str) -> str:
+    """Leave out the middle of words that no name or path needs, and write what is no text so."""
+    message = message.encode("utf-8", "backslashreplace").decode()
+    return re.sub(r"\S{200,}", lambda word: f"{word[0][:60]}...{word[0][-30:]}", message)

@@ -4,30 +4,19 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
-from ocp.errors import InputError
+from ocp.errors import InputError, choose, did_you_mean
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw
+    from dynamics.systems import ContactSystem
     from ocp.policy import Policy
 
 T = TypeVar("T")
 
 BACKENDS = ("auto", "c", "numpy", "casadi")
 """What evaluates many samples at once; auto takes the first that can be built."""
-
-
-def choose(kind: str, name: str, known: Mapping[str, T]) -> T:
-    """Return ``known[name]``; raises InputError with the nearest name and the list."""
-    from problems.spec import did_you_mean
-
-    if name not in known:
-        raise InputError(
-            f"unknown {kind} {name!r}{did_you_mean(name, known)};"
-            f" there {'is' if len(known) == 1 else 'are'} {', '.join(known)}"
-        )
-    return known[name]
 
 
 def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
@@ -62,6 +51,16 @@ def contact_law(name: str, given: Iterable[str] | None) -> ContactLaw:
     return _construct("contact law", name, LAWS[name], outer)
 
 
+def closing_law(name: str, given: Iterable[str] | None, system: ContactSystem) -> ContactLaw:
+    """Make a law that can close ``system``; raises InputError where it cannot."""
+    law = contact_law(name, given)
+    try:
+        law.knobs(system)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    return law
+
+
 def policy(name: str, values: Mapping[str, str]) -> Policy:
     """Make the policy called ``name`` from its settings."""
     from ocp.policy import POLICIES
@@ -76,38 +75,18 @@ def split_policy_settings(values: Mapping[str, str]) -> tuple[dict[str, str], di
 
 
 def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) -> T:
-    parameters = inspect.signature(cls).parameters
+    takes = inspect.signature(cls).parameters
     for key in values:
-        if key not in parameters:
-            from problems.spec import did_you_mean
-
-            takes = ", ".join(parameters) or "none"
+        if key not in takes:
             raise InputError(
-                f"{kind} {name} has no setting {key!r}{did_you_mean(key, parameters)};"
-                f" it takes {takes}"
+                f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
+                f" it takes {', '.join(takes) or 'none'}"
             )
-    typed = {
-        key: _convert(f"{name}: {key}", value, str(parameters[key].annotation))
-        for key, value in values.items()
-    }
+    from ocp.settings import read
+
+    hints = get_type_hints(cls.__init__)
+    typed = {key: read(f"{name}: {key}", value, hints[key]) for key, value in values.items()}
     try:
         return cls(**typed)
     except (ValueError, TypeError) as error:
         raise InputError(str(error)) from error
-
-
-def _convert(what: str, value: Any, annotation: str) -> Any:
-    """Read a setting as the type its annotation names; text stays text."""
-    if not isinstance(value, str) or "str" in annotation:
-        return value
-    if "bool" in annotation:
-        words = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-        if value.lower() not in words:
-            raise InputError(f"{what} must be true or false, got {value!r}")
-        return words[value.lower()]
-    whole = "int" in annotation
-    try:
-        return int(value) if whole else float(value)
-    except ValueError:
-        kind = "a whole number" if whole else "a number"
-        raise InputError(f"{what} must be {kind}, got {value!r}") from None

@@ -3,130 +3,124 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from reports.cli.common import (
-    Contact,
-    Debug,
-    Json,
-    LawSettings,
-    Method,
-    Out,
-    Output,
-    Params,
-    PolicyName,
-    Quiet,
-    Seed,
-    Settings,
-    SolverName,
-)
+from reports.cli.options import Command, SolverOptions
+
+if TYPE_CHECKING:
+    from ocp.continuation import Continuation
+    from reports.cli.request import Request
+
+SCALES = {"log": "in equal ratios", "linear": "in equal steps"}
 
 
-def run(
-    problem: Annotated[str, typer.Argument(help="Registered name or path/to/file.py.")],
-    over: Annotated[str, typer.Option("--over", help="Parameter, such as contact.mu or M.")],
-    start: Annotated[float, typer.Option("--from", help="First value.")],
-    end: Annotated[float, typer.Option("--to", help="Last value.")],
-    steps: Annotated[int, typer.Option("--steps", min=1, help="Steps that are asked for.")] = 20,
-    scale: Annotated[str, typer.Option("--scale", help="log or linear.")] = "linear",
-    params: Params = None,
-    contact: Contact = "barrier",
-    law_settings: LawSettings = None,
-    method: Method = "direct",
-    policy: PolicyName = "open-loop",
-    solver: SolverName = "ipopt",
-    settings: Settings = None,
-    seed: Seed = 0,
-    out: Out = Path("runs"),
-    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write a report here.")] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ContinueOptions(SolverOptions):
+    """What to follow, from where to where."""
+
+    over: Annotated[str, typer.Option("--over", help="Parameter, such as contact.mu or M.")]
+    start: Annotated[float, typer.Option("--from", help="First value.")]
+    end: Annotated[float, typer.Option("--to", help="Last value.")]
+    steps: Annotated[
+        int, typer.Option("--steps", min=1, max=100_000, help="Steps that are asked for.")
+    ] = 20
+    scale: Annotated[str, typer.Option("--scale", help="log or linear.")] = "linear"
+
+
+def check(options: ContinueOptions) -> Request:
+    """Build the session, and see that the parameter may have both values."""
+    from ocp.continuation import resolve
+    from ocp.continuation.walk import check_range
+    from ocp.errors import InputError, choose
+    from reports.cli.choices import assignments
+    from reports.cli.places import check_places
+    from reports.cli.request import Request
+
+    choose("scale", options.scale, SCALES)
+    asked = Request.read(options)
+    check_places(options.out, options.pdf)
+    name = resolve(asked.session, options.over)
+    for value in (options.start, options.end):
+        asked.check_value(name, value)
+    check_range(options.scale, options.start, options.end, options.steps)
+    law, _, knob = name.rpartition(".")
+    option, given = ("-c", options.law_settings) if law == "contact" else ("-p", options.params)
+    if (knob if law == "contact" else name) in assignments(option, given):
+        raise InputError(f"{name} goes from --from to --to; drop {option} {knob}")
+    return asked
+
+
+def run(options: ContinueOptions, asked: Request) -> int:
     """Follow a solution along a parameter of the problem, the law or the start; store the path."""
     from ocp import store
-    from ocp.continuation import Continuation, continue_over, curve_dataset, resolve
-    from ocp.solve import new_session
-    from reports import console
-    from reports.cli import interrupt
-    from reports.cli.choices import choose
-    from reports.cli.request import Request, check_pdf_place
+    from ocp.continuation import curve_dataset
+    from reports import curve_tables
 
-    choose("scale", scale, {"log": 0, "linear": 0})
-    asked = Request.read(
-        problem=problem, params=params, contact=contact, law_settings=law_settings, method=method,
-        policy_name=policy, solver=solver, settings=settings,
-    )  # fmt: skip
-    store.check_writable(out)
-    check_pdf_place(pdf)
-    output = Output(as_json, quiet)
-    session = new_session(
-        asked.problem, asked.law, asked.method, asked.policy, asked.solver, asked.settings
-    )
-    known = dict.fromkeys([*session.problem.parameters.names, *session.step.p.names])
-    choose("parameter", over.removeprefix("problem."), known)
-    for end_value in (start, end):
-        asked.check_value(over, end_value)
-    finished: list[Any] = []
+    path, interrupted = _followed(options, asked)
+    output, meta = options.output, _meta(options, asked, path)
+    stored = store.write(options.out, asked.session.problem.name, curve_dataset(path), meta)
+    output.note(curve_tables.curve_table(path.parameter, meta["points"]))
+    if path.events:
+        output.note(curve_tables.event_table(path.parameter, meta["events"]))
+    output.say(meta["verdict"])
+    output.finish(stored, meta, options.pdf)
+    if interrupted:
+        raise KeyboardInterrupt
+    return 0 if path.broke is None else 3
+
+
+def _followed(options: ContinueOptions, asked: Request) -> tuple[Continuation, bool]:
+    """The path, and whether Ctrl-C ended it; what was finished by then is the path."""
+    from ocp.continuation import Continuation, continue_over, resolve
+    from reports.cli import interrupt
+    from reports.curve_tables import curve_line
+
+    session, over, finished = asked.session, options.over, []
 
     def note(point: Any) -> None:
         finished.append(point)
-        if not quiet:
-            print(console.curve_line(over, point.row()), file=sys.stderr, flush=True)
+        if not options.quiet:
+            print(curve_line(over, point.row()), file=sys.stderr, flush=True)
         interrupt.check()
 
-    interrupted = False
     try:
-        path = continue_over(session, over, start, end, steps, scale, note, seed)
+        return continue_over(
+            session, over, options.start, options.end, options.steps, options.scale, note,
+            options.seed,
+        ), False  # fmt: skip
     except KeyboardInterrupt:
         if not finished:
             raise
-        interrupted = True
-        path = Continuation(
-            resolve(session, over), finished,
-            iterations=sum(p.solution.iterations for p in finished),
-            nlp_builds=session.nlp_builds,
-            broke=f"after {over} = {finished[-1].value:g}: stopped by the user",
-        )  # fmt: skip
-    record = {**path.points[0].solution.record, **asked.origin}
-    rows = [point.row() for point in path.points]
-    meta = {
+    return Continuation(
+        resolve(session, over), finished,
+        iterations=sum(p.solution.iterations for p in finished), nlp_builds=session.nlp_builds,
+        broke=f"after {over} = {finished[-1].value:g}: stopped by the user",
+    ), True  # fmt: skip
+
+
+def _meta(options: ContinueOptions, asked: Request, path: Continuation) -> dict[str, Any]:
+    return {
         "kind": "continue",
-        "argv": ["ocp", *sys.argv[1:]],
-        "seed": seed,
-        "record": record,
+        "argv": options.argv,
+        "seed": options.seed,
+        "record": {**path.points[0].solution.record, **asked.origin},
         "over": path.parameter,
-        "from": start,
-        "to": end,
-        "steps": steps,
-        "scale": scale,
-        "unit": _unit(session, path.parameter),
-        "points": rows,
+        "from": options.start,
+        "to": options.end,
+        "steps": options.steps,
+        "scale": options.scale,
+        "unit": _unit(asked.session, path.parameter),
+        "points": [point.row() for point in path.points],
         "events": [event.row() for event in path.events],
         "iterations": path.iterations,
         "nlp_builds": path.nlp_builds,
         "success": path.broke is None,
         "status": "solved" if path.broke is None else "broke",
-        "verdict": _verdict(path, end),
+        "verdict": _verdict(path, options.end),
     }
-    stored = store.write(out, asked.problem.name, curve_dataset(path), meta)
-    output.note(console.curve_table(path.parameter, rows))
-    if path.events:
-        output.note(console.event_table(path.parameter, meta["events"]))
-    output.say(meta["verdict"])
-    output.say(f"run: {stored}")
-    if pdf is not None:
-        from reports.pdf import write_pdf
-
-        write_pdf([store.load(stored)], pdf)
-        output.say(f"PDF: {pdf}")
-    output.document({**meta, "run": str(stored), "pdf": None if pdf is None else str(pdf)})
-    if interrupted:
-        raise KeyboardInterrupt
-    return 0 if path.broke is None else 3
 
 
 def _unit(session: Any, name: str) -> str:
@@ -148,3 +142,6 @@ def _verdict(path: Any, end: float) -> str:
         f"Followed to {path.parameter} = {end:g}: cost from {first.cost:.6g} to {last.cost:.6g},"
         f" under exact physics {last.audit.exact_cost:.6g} there.{events}"
     )
+
+
+COMMAND = Command(ContinueOptions, check, run)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -10,28 +11,34 @@ from typing import Annotated, Any
 
 import typer
 
-from reports.cli.common import Debug, Json, Output, Quiet
+from reports.cli.options import Command, Options
+from reports.cli.output import Output
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 LINEAR_SOLVERS = ("mumps", "spral")
-ClearCache = Annotated[
-    bool, typer.Option("--clear-cache", help="Empty the cache of compiled kernels first.")
-]
 
 
-def run(
-    clear_cache: ClearCache = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> int:
-    """Show CasADi's plugins, the compiler, threads, versions, and where the packages lie."""
-    output = Output(as_json, quiet)
-    cleared = {"cleared": _clear(output)} if clear_cache else {}
+@dataclass(frozen=True, kw_only=True)
+class DoctorOptions(Options):
+    """Whether to empty the cache."""
+
+    clear_cache: Annotated[
+        bool, typer.Option("--clear-cache", help="Empty the cache of compiled kernels first.")
+    ] = False
+
+
+def check(options: DoctorOptions) -> dict[str, Any]:
+    """Find where the four packages lie."""
     roots = package_roots()
-    found = {"root": common_root(roots), "roots": roots, **computer(), **cleared}
-    output.document(found)
-    if not as_json:
+    return {"root": common_root(roots), "roots": roots}
+
+
+def run(options: DoctorOptions, place: dict[str, Any]) -> int:
+    """Show CasADi's plugins, the compiler, threads, versions, and where the packages lie."""
+    cleared = {"cleared": _clear(options.output)} if options.clear_cache else {}
+    found = {**place, **computer(), **cleared}
+    options.output.document(found)
+    if not options.as_json:
         for key, value in found.items():
             if key not in ("roots", "cleared"):
                 print(f"{key:<16} {_words(value)}")
@@ -106,3 +113,6 @@ def _words(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+COMMAND = Command(DoctorOptions, check, run)

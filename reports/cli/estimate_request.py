@@ -1,21 +1,23 @@
-"""What a person asked to be estimated: the objective, its sampling, the sweep, all checked."""
+"""What a person asked to be estimated: the objective, the sampling, the sweep, all checked."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any
 
-from ocp.errors import InputError
+import typer
+
+from ocp.errors import InputError, choose, did_you_mean
 from reports.cli.choices import (
     BACKENDS,
     assignments,
-    choose,
+    closing_law,
     contact_law,
     policy,
     split_policy_settings,
 )
+from reports.cli.options import ProblemOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,102 +30,118 @@ if TYPE_CHECKING:
 
 SIGMA_SHARE = 0.1
 """Noise on a problem's inputs where none is asked for, as a share of their characteristic size."""
+_OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "at": "--at"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions(ProblemOptions):
+    """Estimators, samples, noise, the sweep, and what computes."""
+
+    estimators: Annotated[
+        str, typer.Option("--estimators", help="Names with commas; ocp list shows them.")
+    ] = "zobg,fobg,alpha"
+    samples: Annotated[str, typer.Option("--samples", "-n", help="Of each estimator.")] = "1e5"
+    sweep: Annotated[
+        str | None, typer.Option("--sweep", metavar="NAME=A:B:n[:log]", help="Go along NAME.")
+    ] = None
+    sigma: Annotated[float | None, typer.Option("--sigma", help="Size of the noise.")] = None
+    reference: Annotated[
+        str,
+        typer.Option("--reference", help="auto, closed-form, quadrature, zobg or none."),
+    ] = "auto"
+    reference_samples: Annotated[
+        str | None, typer.Option("--reference-samples", help="Of a sampled reference.")
+    ] = None
+    at: Annotated[
+        str | None, typer.Option("--at", help="A stored run whose inputs are the decision.")
+    ] = None
+    backend: Annotated[
+        str, typer.Option("--backend", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}.")
+    ] = "auto"
+    threads: Annotated[
+        int | None, typer.Option("--threads", min=1, max=1024, help="CPUs to use.")
+    ] = None
 
 
 @dataclass(frozen=True)
 class EstimateRequest:
-    """One study, nothing unchecked; ``record`` is what determines its answer."""
+    """One study, nothing unchecked: ``given`` parameters as words, ``params`` all of them."""
 
-    name: str
+    options: EstimateOptions
+    spec: ObjectiveSpec | ProblemSpec
+    given: dict[str, str]
     objective: SampledObjective
+    params: dict[str, Any]
     sampling: Sampling
     sweep: Sweep | None
-    record: dict[str, Any]
-    values: dict[str, Any]
-    spec: ObjectiveSpec | ProblemSpec
-    how: dict[str, Any]
 
     @classmethod
-    def read(
-        cls,
-        *,
-        problem: str,
-        params: Iterable[str] | None,
-        contact: str,
-        law_settings: Iterable[str] | None,
-        policy_name: str,
-        settings: Iterable[str] | None,
-        estimators: str,
-        samples: str,
-        sigma: float | None,
-        sweep: str | None,
-        seed: int,
-        reference: str,
-        reference_samples: str | None,
-        at: Path | None,
-        engine: Mapping[str, Any],
-    ) -> EstimateRequest:
+    def read(cls, options: EstimateOptions) -> EstimateRequest:
         """Check the words of a command line; raises InputError for the first that does not fit."""
         from ocp.gradients.estimation import Sampling
+        from ocp.gradients.known_gradient import is_sampled
         from ocp.gradients.sweep import Sweep
         from problems.objectives import named
 
-        spec = named(problem)
-        choose("backend", engine["backend"], dict.fromkeys(BACKENDS))
-        given = {k: v for k, v in assignments("-p", params).items() if k != "sigma"}
-        of_noise = assignments("-p", params).get("sigma")
-        if of_noise is not None and "sigma" in spec.Params.model_fields and sigma is None:
-            sigma = spec.params({"sigma": of_noise}).model_dump()["sigma"]
-        elif of_noise is not None:
-            given["sigma"] = of_noise
-        own, others = split_policy_settings(assignments("-s", settings))
-        how = {
-            "contact": contact, "law_settings": list(law_settings or ()), "policy": policy_name,
-            "policy_settings": own, "at": at, "engine": dict(engine),
-        }  # fmt: skip
-        objective, values, default_sigma = build(spec, given, how)
+        choose("backend", options.backend, dict.fromkeys(BACKENDS))
+        spec = named(options.problem)
+        given = assignments("-p", options.params)
+        if "sigma" in given and options.sigma is not None:
+            raise InputError("--sigma and -p sigma say the same; drop one of them")
+        estimators = tuple(n.strip() for n in options.estimators.split(",") if n.strip())
+        rules = _rules(split_policy_settings(assignments("-s", options.settings))[1], estimators)
+        most = options.reference_samples
+        sweep = None if options.sweep is None else Sweep.read(options.sweep)
+        objective, params, usual = build(spec, given, options)
         sampling = Sampling(
-            tuple(name.strip() for name in estimators.split(",") if name.strip()),
-            whole("--samples", samples),
-            default_sigma if sigma is None else sigma,
-            seed,
-            _rules(others),
-            reference,
-            None if reference_samples is None else whole("--reference-samples", reference_samples),
-        )
-        swept = None if sweep is None else Sweep.read(sweep)
-        if swept is not None:
-            _check_values(swept, spec, given, how)
+            estimators, whole("--samples", options.samples),
+            usual if options.sigma is None else options.sigma, options.seed, rules,
+            options.reference, None if most is None else whole("--reference-samples", most),
+        )  # fmt: skip
+        if most is not None and not is_sampled(objective, sampling.sigma, sampling.reference):
+            raise InputError(
+                f"the reference of {spec.name} is not sampled; drop --reference-samples or ask for"
+                " --reference zobg"
+            )
+        if "sigma" in params:
+            params["sigma"] = sampling.sigma
+        if sweep is not None:
+            _check_sweep(sweep, spec, given, options)
+        return cls(options, spec, given, objective, params, sampling, sweep)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What determines the answer."""
+        options, sampling, swept = self.options, self.sampling, self.sweep
+        path = getattr(self.spec, "path", None)
         record = {
-            "problem": spec.name, "params": values, "estimators": list(sampling.estimators),
-            "samples": sampling.samples, "sigma": sampling.sigma, "seed": seed,
-            "reference": reference, "reference_samples": sampling.most_reference_samples,
+            "problem": self.spec.name, "params": self.params,
+            "estimators": list(sampling.estimators), "samples": sampling.samples,
+            "sigma": sampling.sigma, "seed": sampling.seed,
+            "reference": sampling.reference, "reference_samples": sampling.most_reference_samples,
             "rules": {rule.name: vars(rule) for rule in sampling.rules},
             "sweep": None if swept is None else {"name": swept.name, "values": swept.values},
-            "source": _source(spec),
+            "source": None if path is None else str(path),
         }  # fmt: skip
-        if hasattr(objective, "problem"):
+        if hasattr(self.objective, "problem"):
             record |= {
-                "contact": contact, "law_settings": list(law_settings or ()),
-                "policy": policy_name, "policy_settings": own,
-                "at": None if at is None else str(at),
+                "contact": options.contact, "law_settings": list(options.law_settings or ()),
+                "policy": options.policy, "policy_settings": _policy_settings(options),
+                "at": options.at,
             }  # fmt: skip
-        return cls(spec.name, objective, sampling, swept, record, given, spec, how)
+        return record
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
         """Build the objective again at a value that shapes it, such as a number of steps."""
-        field = self.spec.Params.model_fields
+        known = self.spec.Params.model_fields
         for name in changed:
-            if name not in field:
-                from problems.spec import did_you_mean
-
-                known = ["sigma", "samples", *field, *self.objective.parameters]
-                known = list(dict.fromkeys(known))
+            if name not in known:
+                names = dict.fromkeys(["sigma", "samples", *known, *self.objective.parameters])
                 raise InputError(
-                    f"--sweep: {self.name} has nothing called {name!r}{did_you_mean(name, known)};"
-                    f" there are {', '.join(known)}"
+                    f"--sweep: {self.spec.name} has nothing called {name!r}"
+                    f"{did_you_mean(name, names)}; there are {', '.join(names)}"
                 )
-        return build(self.spec, {**self.values, **changed}, self.how)[0]
+        return build(self.spec, {**self.given, **changed}, self.options)[0]
 
     def unit(self) -> str:
         """Unit of what is swept."""
@@ -131,9 +149,9 @@ class EstimateRequest:
 
         if self.sweep is None or self.sweep.name == "samples":
             return "1"
-        field = self.spec.Params.model_fields.get(self.sweep.name)
-        if field is not None:
-            return unit_of(field)
+        known = self.spec.Params.model_fields.get(self.sweep.name)
+        if known is not None:
+            return unit_of(known)
         units = {s.name: s.unit for s in self.objective.decision}
         step = getattr(self.objective, "step", None)
         if step is not None:
@@ -142,92 +160,119 @@ class EstimateRequest:
 
 
 def build(
-    spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], how: Mapping[str, Any]
+    spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], options: EstimateOptions
 ) -> tuple[SampledObjective, dict[str, Any], float]:
     """Return the objective, all its parameters by name, and the noise to take by default."""
-    from ocp.gradients.rollout_objective import RolloutObjective
     from problems.objectives import ObjectiveSpec
 
-    checked = spec.params(given)
-    values = checked.model_dump()
-    if isinstance(spec, ObjectiveSpec):
-        objective = spec.build(checked, **how["engine"])
-        return objective, values, float(values["sigma"])
-    law = contact_law(how["contact"], how["law_settings"])
-    chosen = policy(how["policy"], how["policy_settings"])
+    params = spec.params(given)
+    engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
+    if not isinstance(spec, ObjectiveSpec):
+        objective, usual = _rollouts(spec, given, options, engine)
+        return objective, params.model_dump(), usual
+    unused = [_OF_ROLLOUTS[name] for name in _OF_ROLLOUTS if name in options.given]
+    unused += [f"-s policy.{name}" for name in _policy_settings(options)]
+    if unused:
+        raise InputError(
+            f"{spec.name} is an objective without dynamics, to which {unused[0]} means nothing;"
+            " drop it"
+        )
+    values = params.model_dump()
+    return spec.objective(given, **engine), values, float(values["sigma"])
+
+
+def _rollouts(
+    spec: ProblemSpec, given: Mapping[str, Any], options: EstimateOptions, engine: dict[str, Any]
+) -> tuple[SampledObjective, float]:
+    """Return a problem's rollouts as an objective, and a share of its inputs' size as noise."""
+    from ocp.effort import check_memory, sampling_memory
+    from ocp.gradients.estimators import CHUNK
+    from ocp.gradients.rollout_objective import RolloutObjective
+
     problem = spec.problem(given)
+    law = closing_law(options.contact, options.law_settings, problem.system)
+    own = _policy_settings(options)
+    chosen = policy(options.policy, own)
+    if unused := own.keys() - {"stationary"}:
+        raise InputError(
+            f"-s policy.{min(unused)} would change nothing: an estimate has no gains to limit; drop"
+            " it"
+        )
+    per_step = problem.system.nu * (1 if options.policy == "open-loop" else problem.system.nx + 1)
+    needed = sampling_memory(float(problem.N) * per_step, CHUNK)
+    check_memory(f"{spec.name} with N = {problem.N}", needed)
+    theta = None if options.at is None else _stored_decision(options)
+    expected = problem.N * per_step if not own.get("stationary") else None
+    if theta is not None and expected is not None and theta.size != expected:
+        raise InputError(
+            f"--at {options.at} decides {theta.size} numbers and {spec.name} takes {expected} here;"
+            " give the parameters of that run"
+        )
     try:
-        law.knobs(problem.system)
+        objective = RolloutObjective(problem, law, chosen, theta, **engine)
     except ValueError as error:
         raise InputError(str(error)) from error
-    theta = None if how["at"] is None else _stored_decision(how["at"], how["policy"])
-    try:
-        objective = RolloutObjective(problem, law, chosen, theta, **how["engine"])
-    except ValueError as error:
-        raise InputError(str(error)) from error
-    return objective, values, SIGMA_SHARE * float(problem.sizes.u.max())
+    return objective, SIGMA_SHARE * float(problem.sizes.u.max())
 
 
-def _check_values(
+def _policy_settings(options: EstimateOptions) -> dict[str, str]:
+    return split_policy_settings(assignments("-s", options.settings))[0]
+
+
+def _check_sweep(
     swept: Sweep,
     spec: ObjectiveSpec | ProblemSpec,
     given: Mapping[str, Any],
-    how: Mapping[str, Any],
+    options: EstimateOptions,
 ) -> None:
-    """Raise InputError where a swept value is out of its parameter's range."""
-    from dynamics.systems import KNOB
+    """Raise InputError for a value out of its parameter's range, and for what is given beside it.
 
-    knob = swept.name.removeprefix(KNOB)
+    What is swept takes its values from the sweep alone.
+    """
+    law, sign, knob = swept.name.partition(".")
+    of_law = (law, sign) == ("contact", ".")
+    beside = {name: "-p " + name for name in given}
+    beside |= {f"contact.{name}": "-c " + name for name in assignments("-c", options.law_settings)}
+    beside |= {name: f"--{name}" for name in ("sigma", "samples") if name in options.given}
+    if swept.name in beside:
+        raise InputError(f"--sweep gives the values of {swept.name}; drop {beside[swept.name]}")
     for value in swept.values:
         if swept.name in spec.Params.model_fields:
             spec.params({**given, swept.name: value})
-        elif swept.name.startswith(KNOB):
-            own = [item for item in how["law_settings"] if not item.startswith(f"{knob}=")]
-            contact_law(how["contact"], [*own, f"{knob}={value}"])
+        elif of_law:
+            contact_law(options.contact, [*(options.law_settings or ()), f"{knob}={value}"])
 
 
-def _source(spec: ObjectiveSpec | ProblemSpec) -> str | None:
-    """The user's file, where the problem comes from one."""
-    path = getattr(spec, "path", None)
-    return None if path is None else str(path)
-
-
-def _stored_decision(at: Path, policy_name: str) -> np.ndarray:
+def _stored_decision(options: EstimateOptions) -> np.ndarray:
     """Inputs, or gains, of a stored run, in the order of a decision."""
     import numpy as np
 
-    from ocp import store
+    from reports.cli.runs_command import stored
 
-    data = store.load(at).data
-    if policy_name == "open-loop":
-        return data["u"].values[0]
-    if "K" not in data:
-        raise InputError(f"{at} holds no gains; solve it with --policy feedback")
-    K, k = data["K"].values, data["k"].values
+    run = stored(str(options.at), options.out)
+    if run.kind != "solve":
+        raise InputError(f"--at {options.at}: that is a run of ocp {run.kind}; give one of a solve")
+    if options.policy == "open-loop":
+        return run.data["u"].values[0]
+    if "K" not in run.data:
+        raise InputError(f"{options.at} holds no gains; solve it with --policy feedback")
+    K, k = run.data["K"].values, run.data["k"].values
     return np.concatenate([K.reshape(len(K), -1), k], axis=1)
 
 
-def _rules(given: Mapping[str, str]) -> list[Any]:
+def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
-    from dataclasses import fields
-
     from ocp.gradients.interpolation import RULES
+    from ocp.settings import read
 
+    known = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
     settings: dict[str, dict[str, float]] = {}
     for key, value in given.items():
-        name, _, setting = key.partition(".")
-        known = [field.name for field in fields(RULES[name])] if name in RULES else []
-        if setting not in known:
-            listed = [f"{rule}.{f.name}" for rule, cls in RULES.items() for f in fields(cls)]
-            raise InputError(
-                f"-s: there is no setting {key!r}; there are {', '.join(listed)} and those of the"
-                " policy"
-            )
-        try:
-            settings.setdefault(name, {})[setting] = float(value)
-        except ValueError:
-            raise InputError(f"-s {key}: expected a number, got {value!r}") from None
-    return [RULES[name](**values) for name, values in settings.items()]
+        rule = choose("setting", key, known)
+        if rule not in estimators:
+            raise InputError(f"-s {key} would change nothing: {rule} is not among --estimators")
+        settings.setdefault(rule, {})[key.partition(".")[2]] = read(f"-s {key}", value, float)
+    return [RULES[rule](**values) for rule, values in settings.items()]
 
 
 def whole(option: str, text: str) -> int:

@@ -2,67 +2,87 @@
 
 from __future__ import annotations
 
+import math
 import sys
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from reports.cli.common import Debug, Json, Output, Quiet, Seed
+from reports.cli.options import Command, StoreOptions
 
 if TYPE_CHECKING:
     from problems.studies import Study
 
 
-def run(
-    figure: Annotated[str | None, typer.Argument(help="Figure, such as P6; ocp list.")] = None,
-    every: Annotated[bool, typer.Option("--all", help="Every figure there is.")] = False,
+USUAL_S = 60.0
+"""Seconds that a figure takes at its default counts, about; it grows with each of them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FigureOptions(StoreOptions):
+    """Which figures, and their parameters."""
+
+    figure: Annotated[str | None, typer.Argument(help="Figure, such as P6; ocp list.")] = None
+    every: Annotated[bool, typer.Option("--all", help="Every figure there is.")] = False
     params: Annotated[
         list[str] | None,
         typer.Option("--param", "-p", metavar="K=V", help="Parameter of the study."),
-    ] = None,
-    seed: Seed = 0,
-    out: Annotated[Path, typer.Option("--out", help="Where files and runs go.")] = Path("runs"),
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> int:
-    """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
-    from ocp import store
+    ] = None
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")] = 0
+
+
+def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
+    """Find the studies, each with all its parameters."""
+    from ocp.effort import check_time
     from ocp.errors import InputError
     from problems import studies
     from reports.cli.choices import assignments
+    from reports.cli.places import check_places
 
-    if every == (figure is not None):
+    if options.every == (options.figure is not None):
         raise InputError(f"give one figure or --all; there are {', '.join(studies.ids())}")
-    values = assignments("-p", params)
-    if every and values:
+    values: dict[str, Any] = assignments("-p", options.params)
+    if options.every and values:
         raise InputError("-p belongs to one figure's study; name the figure instead of --all")
-    store.check_writable(out)
-    output = Output(as_json, quiet)
-    chosen = [studies.get(name) for name in (studies.ids() if every else [str(figure)])]
-    done = [_reproduce(study, {"seed": seed, **values}, out, output) for study in chosen]
-    output.document({"figures": done} if every else done[0])
+    if "seed" in values and "seed" in options.given:
+        raise InputError("--seed and -p seed say the same; drop one of them")
+    named = studies.ids() if options.figure is None else [options.figure]
+    chosen = [studies.get(name) for name in named]
+    asked = {"seed": options.seed, **values}
+    found = [(study, study.params(asked).model_dump()) for study in chosen]
+    for study, params in found:
+        counts = {n: f.default for n, f in study.Params.model_fields.items() if f.annotation is int}
+        growth = math.prod(max(1.0, params[n] / usual) for n, usual in counts.items() if usual)
+        check_time(f"{study.id} with {', '.join(options.params or ())}", USUAL_S * growth)
+    check_places(options.out, None)
+    return found
+
+
+def run(options: FigureOptions, chosen: list[tuple[Study, dict[str, Any]]]) -> int:
+    """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
+    done = [_reproduce(study, asked, options) for study, asked in chosen]
+    options.output.document({"figures": done} if options.every else done[0])
     return 0
 
 
-def _reproduce(study: Study, values: dict[str, Any], out: Path, output: Output) -> dict[str, Any]:
+def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> dict[str, Any]:
     from dataclasses import asdict
 
     from ocp import store
     from ocp.store import atomic
     from problems.studies.study import did_hold
-    from reports import console
     from reports.pdf import write_pdf
+    from reports.stored_tables import claim_table
 
+    out, output = options.out, options.output
     if not output.quiet:
         print(f"{study.id}: {study.title}", file=sys.stderr, flush=True)
-    asked = study.params(values).model_dump()
     data = study.data(asked)
     claims = study.claims(data)
     meta = {
         "kind": "figure",
-        "argv": ["ocp", *sys.argv[1:]],
+        "argv": options.argv,
         "seed": asked["seed"],
         "record": {"params": asked},
         "claims": [asdict(claim) for claim in claims],
@@ -74,9 +94,12 @@ def _reproduce(study: Study, values: dict[str, Any], out: Path, output: Output) 
     write_pdf([store.load(stored)], pdf)
     # netCDF 3: HDF5 stamps its root group with the time of writing.
     atomic.write(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
-    output.note(console.claim_table(claims))
+    output.note(claim_table(claims))
     output.say(f"{study.id}: {meta['verdict']}")
     files = [str(pdf), str(copy)]
     output.say(f"files: {', '.join(files)}")
     return {"id": study.id, "title": study.title, "files": files, "run": str(stored),
             "seed": asked["seed"], "claims": meta["claims"]}  # fmt: skip
+
+
+COMMAND = Command(FigureOptions, check, run)

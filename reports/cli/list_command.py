@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from reports.cli.common import Debug, Json, Output, Quiet
+from reports.cli.options import Command, Options
+
+Catalogue = dict[str, list[dict[str, Any]]]
 
 
-def run(as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> int:
+def run(options: Options, content: Catalogue) -> int:
     """List named problems, contact laws, methods, policies, solvers and figures."""
-    content = catalogue()
-    output = Output(as_json, quiet)
-    output.document(content)
-    if not as_json:
+    options.output.document(content)
+    if not options.as_json:
         for title, items in content.items():
             if items:
                 print(title)
@@ -21,7 +21,7 @@ def run(as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> in
     return 0
 
 
-def catalogue() -> dict[str, list[dict[str, Any]]]:
+def catalogue(options: Options) -> Catalogue:
     """Return what ``ocp list --json`` prints: per kind, objects with name and summary."""
     from dynamics.contact import LAWS
     from ocp.gradients.estimators import SAMPLED
@@ -47,3 +47,6 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
         "estimators": classes({**SAMPLED, **RULES}),
         "figures": [{"name": i, "summary": studies.get(i).title} for i in studies.ids()],
     }
+
+
+COMMAND = Command(Options, catalogue, run)

@@ -2,32 +2,50 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from reports.cli.common import Contact, Debug, Json, LawSettings, Out, Output, Quiet
+from reports.cli.options import RUN, Command, LawOptions
+
+if TYPE_CHECKING:
+    from dynamics.contact import ContactLaw
+    from ocp.problem import Problem
+    from ocp.solution import Solution
+    from ocp.store.stored_run import StoredRun
+
+    Asked = tuple[StoredRun, Solution, Problem, ContactLaw]
 
 
-def run(
-    run: Annotated[str, typer.Argument(help="A run: its path, or part of its name.")],
-    contact: Contact = "exact",
-    law_settings: LawSettings = None,
-    out: Out = Path("runs"),
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions(LawOptions):
+    """Which run."""
+
+    run: Annotated[str, typer.Argument(help=RUN)]
+    contact: Annotated[str, typer.Option("--contact", help="Contact law; ocp list shows them.")] = (
+        "exact"
+    )
+
+
+def check(options: ReplayOptions) -> Asked:
+    """Read the run's plan, and make the law."""
+    from reports.cli.choices import closing_law
+    from reports.cli.runs_command import stored
+    from reports.view import problem_of
+
+    found = stored(options.run, options.out)
+    problem = problem_of(found)[2]
+    law = closing_law(options.contact, options.law_settings, problem.system)
+    return found, found.solution(problem), problem, law
+
+
+def run(options: ReplayOptions, asked: Asked) -> int:
     """Roll the inputs, or the feedback policy, of a stored run out under a contact law."""
-    from ocp import store
-    from reports.cli.choices import contact_law
-    from reports.cli.runs_command import find
     from reports.console import number, small
 
-    law = contact_law(contact, law_settings)
-    found = replay(store.load(find(run, out)), law)
-    output = Output(as_json, quiet)
+    found = replay(*asked)
+    law, output = asked[-1], options.output
     output.say(
         f"planned cost {number(found['planned_cost'], 8)};"
         f" under the {law.name} law {number(found['cost'], 8)}"
@@ -40,7 +58,9 @@ def run(
     return 0
 
 
-def replay(stored: Any, law: Any) -> dict[str, Any]:
+def replay(
+    stored: StoredRun, solution: Solution, problem: Problem, law: ContactLaw
+) -> dict[str, Any]:
     """Return what ``ocp replay --json`` prints.
 
     ``cost`` under the law, ``planned_cost``, ``state_gap`` max |x - x_replay|, ``penetration`` [m]
@@ -50,10 +70,7 @@ def replay(stored: Any, law: Any) -> dict[str, Any]:
     import numpy as np
 
     from ocp.judges.audit import signed_distances
-    from reports.view import problem_of
 
-    _, _, problem = problem_of(stored)
-    solution = stored.solution(problem)
     rolled = solution.replay(law)
     distance = signed_distances(problem, rolled.x, problem.parameters.values)
     deepest = -(rolled.gap if distance is None else distance)
@@ -70,3 +87,6 @@ def replay(stored: Any, law: Any) -> dict[str, Any]:
         "final_state": rolled.x[:, -1],
         "states": [signal.name for signal in problem.system.states],
     }
+
+
+COMMAND = Command(ReplayOptions, check, run)

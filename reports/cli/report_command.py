@@ -2,32 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from reports.cli.common import Debug, Json, Out, Output, Quiet
+from reports.cli.options import Command, StoreOptions
+
+if TYPE_CHECKING:
+    from ocp.store.stored_run import StoredRun
 
 
-def run(
-    runs: Annotated[list[str], typer.Argument(help="Runs: paths, or parts of their names.")],
-    pdf: Annotated[Path, typer.Option("--output", "-o", help="The PDF to write.")],
-    out: Out = Path("runs"),
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions(StoreOptions):
+    """Which runs, and the file."""
+
+    runs: Annotated[list[str], typer.Argument(help="Runs: paths, or parts of their names.")]
+    pdf: Annotated[Path, typer.Option("--output", "-o", help="The PDF to write.")]
+
+
+def check(options: ReportOptions) -> list[StoredRun]:
+    """Read the runs."""
+    from reports.cli.places import check_place
+    from reports.cli.runs_command import stored
+
+    check_place(options.pdf, "PDF")
+    return [stored(text, options.out) for text in options.runs]
+
+
+def run(options: ReportOptions, runs: list[StoredRun]) -> int:
     """Write a PDF of one stored run, or of several side by side."""
-    from ocp import store
-    from reports.cli.request import check_pdf_place
-    from reports.cli.runs_command import find
     from reports.pdf import write_pdf
 
-    check_pdf_place(pdf)
-    stored = [store.load(find(text, out)) for text in runs]
-    write_pdf(stored, pdf)
-    output = Output(as_json, quiet)
-    output.say(f"PDF: {pdf}")
-    output.document({"pdf": str(pdf), "runs": [str(item.path) for item in stored]})
+    write_pdf(runs, options.pdf)
+    output = options.output
+    output.say(f"PDF: {options.pdf}")
+    output.document({"pdf": str(options.pdf), "runs": [str(item.path) for item in runs]})
     return 0
+
+
+COMMAND = Command(ReportOptions, check, run)

@@ -2,41 +2,55 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from reports.cli.common import Debug, Json, Out, Output, Quiet
+from reports.cli.options import RUN, Command, StoreOptions
+
+if TYPE_CHECKING:
+    from ocp.store.stored_run import StoredRun
 
 
-def run(
-    run: Annotated[str | None, typer.Argument(help="A run: its path, or part of its name.")] = None,
-    out: Out = Path("runs"),
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class RunsOptions(StoreOptions):
+    """One run, or all."""
+
+    run: Annotated[str | None, typer.Argument(help=RUN)] = None
+
+
+def check(options: RunsOptions) -> StoredRun | None:
+    """Read the run that was asked for; None for all."""
+    return None if options.run is None else stored(options.run, options.out)
+
+
+def run(options: RunsOptions, one: StoredRun | None) -> int:
     """List the stored runs, or show one."""
-    from reports.console import print_table, run_table, runs_table
+    from reports.console import print_table
+    from reports.stored_tables import run_table, runs_table
 
-    output = Output(as_json, quiet)
-    if run is not None:
-        from ocp import store
-
-        stored = store.load(find(run, out))
-        output.document({"run": str(stored.path), **stored.meta})
-        if not as_json:
-            print_table(run_table(stored))
+    if one is not None:
+        options.output.document({"run": str(one.path), **one.meta})
+        if not options.as_json:
+            print_table(run_table(one))
         return 0
-    entries = listing(out)
-    output.document({"runs": entries})
-    if not as_json:
+    entries = listing(options.out)
+    options.output.document({"runs": entries})
+    if not options.as_json:
         if entries:
             print_table(runs_table(entries))
         else:
-            print(f"{out} holds no runs; ocp solve PROBLEM makes one")
+            print(f"{options.out} holds no runs; ocp solve PROBLEM makes one")
     return 0
+
+
+def stored(text: str, root: Path) -> StoredRun:
+    """Read the run that ``text`` names; raises as :func:`find` and ``store.load`` do."""
+    from ocp import store
+
+    return store.load(find(text, root))
 
 
 def listing(root: Path) -> list[dict[str, Any]]:
@@ -67,8 +81,7 @@ def find(text: str, root: Path) -> Path:
     Raises :class:`~ocp.errors.InputError` for none and for several that differ.
     """
     from ocp import store
-    from ocp.errors import InputError
-    from problems.spec import did_you_mean
+    from ocp.errors import InputError, did_you_mean
 
     if Path(text).exists():
         return Path(text)
@@ -85,3 +98,6 @@ def find(text: str, root: Path) -> Path:
     raise InputError(
         f"there is no run {text!r}{did_you_mean(text, entries)}; ocp runs lists what {root} holds"
     )
+
+
+COMMAND = Command(RunsOptions, check, run)

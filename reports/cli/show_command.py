@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from textwrap import fill
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from reports.cli.common import Debug, Json, Output, Quiet
+from reports.cli.options import PROBLEM, Command, Options
+
+if TYPE_CHECKING:
+    from problems.objectives import ObjectiveSpec
+    from problems.spec import ProblemSpec
 
 
-def run(
-    problem: Annotated[str, typer.Argument(help="Registered name or path/to/file.py.")],
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ShowOptions(Options):
+    """What to show."""
+
+    problem: Annotated[str, typer.Argument(help=PROBLEM)]
+
+
+def check(options: ShowOptions) -> ProblemSpec | ObjectiveSpec:
+    """Find the problem."""
+    from problems.objectives import named
+
+    return named(options.problem)
+
+
+def run(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
     """Show a problem: equations, parameters with units and defaults, citation, golden values."""
     from problems import describe
-    from problems.objectives import named
     from reports.bibliography import full_citation
     from reports.notation import plain
 
-    found = named(problem)
     parameters = describe(found)
     citation = found.citation
     equations = [plain(line) for line in found.equations]
-    output = Output(as_json, quiet)
-    output.document(
+    options.output.document(
         {
             "name": found.name,
             "title": found.title,
@@ -38,13 +48,14 @@ def run(
             "golden": {name: asdict(golden) for name, golden in found.golden.items()},
         }
     )
-    if as_json:
+    if options.as_json:
         return 0
     print(f"{found.name}: {found.title}\n")
     for line in equations:
         print(fill(line, 80, initial_indent="    ", subsequent_indent="        "))
     print()
-    from reports.console import golden_table, parameter_table, print_table
+    from reports.console import print_table
+    from reports.stored_tables import golden_table, parameter_table
 
     print_table(parameter_table(parameters))
     if found.golden:
@@ -57,3 +68,6 @@ def run(
     if citation is not None:
         print(f"\nSource: {citation.text} ({full_citation(citation.key)})")
     return 0
+
+
+COMMAND = Command(ShowOptions, check, run)

@@ -2,116 +2,121 @@
 
 from __future__ import annotations
 
-import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from reports.cli.common import (
-    Contact,
-    Debug,
-    Json,
-    LawSettings,
-    Method,
-    Out,
-    Output,
-    Params,
-    PolicyName,
-    Quiet,
-    Seed,
-    Settings,
-    SolverName,
-)
+from reports.cli.options import Command, SolverOptions
+from reports.cli.output import Output
 
 if TYPE_CHECKING:
     from ocp.solution import Solution, StageRecord
     from ocp.solve import Rank
+    from reports.cli.request import Request
 
 NOT_CONVERGED = 3
 RANKS: dict[str, Rank] = {"planned": "planned", "referee": "referee"}
 REQUIREMENTS = {"survives": "the referee's replay stays with the plan"}
 
 
-def run(
-    problem: Annotated[str, typer.Argument(help="Registered name or path/to/file.py.")],
-    params: Params = None,
-    contact: Contact = "barrier",
-    law_settings: LawSettings = None,
-    method: Method = "direct",
-    policy: PolicyName = "open-loop",
-    solver: SolverName = "ipopt",
-    settings: Settings = None,
+@dataclass(frozen=True, kw_only=True)
+class SolveOptions(SolverOptions):
+    """Where to start, and what counts as done."""
+
     start: Annotated[
         str | None,
         typer.Option("--from", metavar="RUN", help="Start at a stored run of the same problem."),
-    ] = None,
-    starts: Annotated[int, typer.Option("--starts", min=1, help="Perturbed guesses.")] = 1,
+    ] = None
+    starts: Annotated[
+        int, typer.Option("--starts", min=1, max=10_000, help="Perturbed guesses.")
+    ] = 1
     rank: Annotated[
         str, typer.Option("--rank", help="Several starts by their cost: planned or referee.")
-    ] = "planned",
+    ] = "planned"
     require: Annotated[
         str | None,
         typer.Option("--require", metavar="survives", help="Exit 3 unless the plan survives."),
-    ] = None,
-    seed: Seed = 0,
-    out: Out = Path("runs"),
-    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write a report here.")] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> int:
+    ] = None
+
+
+def check(options: SolveOptions) -> tuple[Request, Solution | None]:
+    """Build the session, and read the solution to start at."""
+    from ocp.errors import InputError, choose
+    from reports.cli.places import check_places
+    from reports.cli.request import Request
+
+    choose("rank", options.rank, RANKS)
+    if options.require is not None:
+        choose("requirement", options.require, REQUIREMENTS)
+    if "rank" in options.given and options.starts == 1:
+        raise InputError("--rank orders several starts and there is one; give --starts 2 or more")
+    if options.start is not None and options.starts > 1:
+        raise InputError("--from and several starts exclude each other; leave starts at 1")
+    asked = Request.read(options)
+    check_places(options.out, options.pdf)
+    start = None if options.start is None else _start(asked, options.start, options.out)
+    return asked, start
+
+
+def _start(asked: Request, run: str, root: Path) -> Solution:
+    """Return the stored solution that ``run`` names, of this problem at its own parameters."""
+    from ocp.errors import InputError
+    from reports.cli.runs_command import stored
+    from reports.view import problem_of
+
+    found, name = stored(run, root), asked.session.problem.name
+    if found.meta["problem"] != name:
+        raise InputError(
+            f"--from {run}: that run is of {found.meta['problem']}, not of {name}; start from a run"
+            f" of {name}"
+        )
+    solution = found.solution(problem_of(found)[2])
+    return replace(solution, record={**solution.record, "hash": found.meta["hash"]})
+
+
+def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     """Solve a problem under a contact law, audit the answer, and store the run."""
     from ocp import store
+
+    asked, start = checked
+    output = options.output
+    solution = asked.described(_solved(options, asked, start))
+    path = store.save(solution, options.out, options.argv)
+    show(output, solution)
+    if solution.record["jit"] not in (None, "compiled"):
+        output.say(f"jit: {solution.record['jit']}")
+    output.verdict(solution.verdict, solution.grade)
+    output.finish(path, document(solution, path), options.pdf)
+    survives = options.require is None or bool(solution.referee.survives)
+    return 0 if solution.success and survives else NOT_CONVERGED
+
+
+def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> Solution:
+    """Solve; where Ctrl-C falls between several starts the best answer so far is stored."""
+    from ocp import store
     from ocp.solution import Interrupted
-    from ocp.solve import solve
+    from ocp.solve import solve_from, solve_session
     from reports import console
     from reports.cli import interrupt
-    from reports.cli.choices import choose
-    from reports.cli.request import Request, check_pdf_place
 
-    rank_by = choose("rank", rank, RANKS)
-    if require is not None:
-        choose("requirement", require, REQUIREMENTS)
-    asked = Request.read(
-        problem=problem, params=params, contact=contact, law_settings=law_settings, method=method,
-        policy_name=policy, solver=solver, settings=settings,
-    )  # fmt: skip
-    store.check_writable(out)
-    check_pdf_place(pdf)
-    origin = asked.start(start, out) if start is not None else None
-    output = Output(as_json, quiet)
-    with console.progress(quiet, f"{asked.spec.name}: building") as report:
+    with console.progress(options.quiet, f"{asked.spec.name}: building") as report:
 
         def told(stage: StageRecord) -> None:
             report(stage)
             interrupt.check()
 
+        if start is not None:
+            return solve_from(asked.session, start, options.seed, told)
         try:
-            solution = solve(
-                asked.problem, contact=asked.law, transcription=asked.method,
-                policy=asked.policy, solver=asked.solver, settings=asked.settings, starts=starts,
-                seed=seed, progress=told, start=origin, rank_by=rank_by,
-            )  # fmt: skip
+            rank = RANKS[options.rank]
+            return solve_session(asked.session, options.starts, options.seed, told, rank)
         except Interrupted as stop:
-            kept = store.save(asked.described(stop.solution), out, ["ocp", *sys.argv[1:]])
-            output.say(f"run: {kept} (the best of {len(stop.solution.others)} finished starts)")
+            kept = store.save(asked.described(stop.solution), options.out, options.argv)
+            finished = len(stop.solution.others)
+            options.output.say(f"run: {kept} (the best of {finished} finished starts)")
             raise
-    solution = asked.described(solution)
-    path = store.save(solution, out, ["ocp", *sys.argv[1:]])
-    show(output, solution)
-    if solution.record["jit"] not in (None, "compiled"):
-        output.say(f"jit: {solution.record['jit']}")
-    output.verdict(solution.verdict, solution.grade)
-    output.say(f"run: {path}")
-    if pdf is not None:
-        from reports.pdf import write_pdf
-
-        write_pdf([store.load(path)], pdf)
-        output.say(f"PDF: {pdf}")
-    output.document(document(solution, path, pdf))
-    survives = require is None or bool(solution.referee.survives)
-    return 0 if solution.success and survives else NOT_CONVERGED
 
 
 def show(output: Output, solution: Solution) -> None:
@@ -129,8 +134,8 @@ def show(output: Output, solution: Solution) -> None:
         output.note(console.starts_table(solution.others))
 
 
-def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[str, Any]:
-    """Return what ``ocp solve --json`` prints."""
+def document(solution: Solution, path: Path) -> dict[str, Any]:
+    """Return what ``ocp solve --json`` prints, but for where the run and its report are."""
     from dataclasses import asdict
 
     from ocp import store
@@ -167,9 +172,7 @@ def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[st
         "grade": solution.grade,
         "stages": [asdict(stage) for stage in solution.stages],
         "others": solution.others,
-        "run": str(path),
         "hash": meta["hash"],
-        "pdf": None if pdf is None else str(pdf),
         "params": record.get("params", record.get("parameters")),
         "settings": record.get("settings"),
         "seed": record.get("seed"),
@@ -177,3 +180,6 @@ def document(solution: Solution, path: Path, pdf: Path | None = None) -> dict[st
         "jit": record.get("jit"),
         "versions": meta["versions"],
     }
+
+
+COMMAND = Command(SolveOptions, check, run)

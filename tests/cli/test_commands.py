@@ -287,7 +287,7 @@ def test_everything_fits_80_columns(ocp, arguments: list[str]) -> None:
 
 
 def test_what_is_not_finite_is_null(ocp, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    from reports.cli.common import Output
+    from reports.cli.output import Output
 
     Output(as_json=True, quiet=False).document({"a": math.nan, "b": [math.inf, 1.0]})
     assert strict(capsys.readouterr().out) == {"a": None, "b": [None, 1.0]}

@@ -7,8 +7,9 @@ import pytest
 import problems
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solve
+from ocp.guesses import guesses
 from ocp.judgement import judged
-from ocp.solve import guesses, new_session
+from ocp.solve import new_session
 from problems.studies.start_without_contact.data import gains, plan
 from tests.golden.known import LAWS, better
 
@@ -79,7 +80,10 @@ def test_feedback_over_scenarios_is_worth_its_gains() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_exact_law_is_solved_from_every_perturbed_guess(name: str) -> None:
     session = new_session(problems.get(name), Exact(), Direct())
-    found = [judged(session, session.solve(guess=g), 0) for g in guesses(session, 21, 0)]
+    found = [
+        judged(session, session.solve(guess=g), 0)
+        for g in guesses(session.problem, session.values, 21, 0)
+    ]
     assert sum(one.success for one in found) >= 20
     golden = problems.spec(name).golden["exact"]
     assert [one.cost for one in found if better(golden, one)] == []

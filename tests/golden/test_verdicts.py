@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from dataclasses import replace
 
 import casadi as ca
@@ -63,6 +64,7 @@ def test_a_disc_pulled_round_a_post_is_certified_and_does_not_survive() -> None:
         f"Solved: cost {found.cost:.6g}, exact law {found.audit.exact_cost:.6g},"
         f" referee {found.referee.cost:.6g}; does not survive."
     )
+    assert "The model's gaps are linearised." in found.verdict
     assert "Referee: true gaps; the plan does not survive: it costs" in found.verdict
     far = found.referee.force_distance
     assert far is not None and far.amount > 0.05
@@ -314,6 +316,17 @@ def test_without_geometry_there_is_no_referee_and_that_is_said() -> None:
     assert headline(found).endswith(", no referee.")
     assert "No referee: the system has no geometry." in found.verdict
     assert "surviv" not in found.verdict
+    assert "gaps are" not in found.verdict
+
+
+def test_every_verdict_says_which_gaps_the_model_has() -> None:
+    bent = solved(round_a_post)
+    true = solve(round_a_post(N=2, linearised=False), Barrier(mu=0.1))
+    flat = solve(get("wall-1d"), Barrier(mu=0.1))
+    said = [
+        re.findall(r"The model's gaps are (\w+)\.", each.verdict) for each in (bent, true, flat)
+    ]
+    assert said == [["linearised"], ["true"], ["true"]]
 
 
 EASY = tuple(name for name in names() if name not in ("half-cheetah", "hopper", "planar-hand"))

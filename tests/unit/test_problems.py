@@ -16,6 +16,7 @@ from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.problem import Problem
 from problems.parameters import is_structural
+from reports.cli.choices import assignments
 
 NAMES = ["wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls"]
 MACHINES = ("hopper", "half-cheetah")
@@ -46,7 +47,7 @@ def test_the_first_five_problems_are_registered_in_order():
 @pytest.mark.parametrize(("name", "parameter"), PARAMETERS)
 def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter: str):
     value = other_value(name, parameter)
-    given = problems.parse_parameters(problems.spec(name), [f"{parameter}={value}"])
+    given: dict[str, object] = {parameter: str(value)}
     if parameter.startswith("scenario_"):
         given["scenarios"] = 3
     problem = problems.get(name, **given)
@@ -258,7 +259,7 @@ def test_bad_input_gets_its_sentence(name: str, values: dict, sentence: str):
 )
 def test_bad_assignments_get_their_sentence(assignment: list[str], sentence: str):
     with pytest.raises(InputError, match=sentence):
-        problems.parse_parameters(problems.spec("push-disc"), assignment)
+        problems.spec("push-disc").params(assignments("-p", assignment))
 
 
 USER = """

@@ -15,9 +15,11 @@ from dynamics.batch.engines.parallel import run_chunks
 from dynamics.batch.graphs.tape import Tape
 
 CHUNK = 1024
-# Registers that a kernel works on at once.
-ABREAST = 2
-# Shorter functions than elsewhere: with two registers abreast each is twice as long.
+# Registers that a kernel works on at once: a graph unrolled over time is one chain of operations
+# that wait for each other, and compilers take their time over long graphs.
+ABREAST, ABREAST_LONG = 4, 2
+LONG = 4000
+# Shorter functions than elsewhere: with registers abreast each is so many times as long.
 PART = 250
 
 _DRIVER = """\
@@ -118,11 +120,12 @@ def source(tape: Tape, block: int, machine: Compiler) -> str:
         "n_in": len(tape.input_sizes),
         "n_out": len(tape.output_sizes),
     }
-    layout = Layout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), ABREAST)
-    registers = ABREAST * max(1, block // (ABREAST * machine.width))
+    abreast = ABREAST if len(tape.operations) <= LONG else ABREAST_LONG
+    layout = Layout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast)
+    registers = abreast * max(1, block // (abreast * machine.width))
     return (
         prelude(machine)
-        + f"#define A {ABREAST}\n#define U {registers}\n"
+        + f"#define A {abreast}\n#define U {registers}\n"
         + c_source.kernel(tape, "kernel", layout, PART)
         + driver
     )

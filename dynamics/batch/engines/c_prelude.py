@@ -1,4 +1,4 @@
-"""The fixed part of the emitted C: SIMD vectors of doubles, their functions, rows in and out.
+"""The fixed part of the emitted C: vectors or single doubles, their functions, rows in and out.
 
 A `V` is one SIMD register of `W` doubles, lane by lane one sample each. Every operation acts on
 all lanes alike, and the last register of a batch is padded with copies of the last row, so a
@@ -6,6 +6,8 @@ sample's result depends neither on its lane, nor on the block, nor on the thread
 """
 
 from __future__ import annotations
+
+import re
 
 from dynamics.batch.engines.compiler import TWO_ARGUMENTS, VECTOR_FUNCTIONS, Compiler
 
@@ -68,10 +70,10 @@ _PROBE = "#ifndef __has_builtin\n#define __has_builtin(x) 0\n#endif\n"
 
 # Newton's method on erf(y) = x near 0 and on erfc(y) = 1 - |x| (exact there) further out, from
 # Winitzki's closed form; Halley's correction makes three steps enough for every double.
-_ERFINV = """\
-static UNUSED double erfinv_lane(double x) {
+_ERFINV_LANE = """\
+static double erfinv_lane(double x) {
   double a = __builtin_fabs(x), c = 1.0 - a;
-  if (!(a < 1.0)) return a == 1.0 ? x * __builtin_inf() : __builtin_nan("");
+  if (!(a < 1.0)) return a == 1.0 ? x * INFINITE : NOT_A_NUMBER;
   if (a < 1e-8) return x * 0.88622692545275801365;
   double g = __builtin_log1p(-a * a), h = 4.3307467508 + 0.5 * g;
   double y = __builtin_sqrt(__builtin_sqrt(h * h - g * 6.8027210884) - h);
@@ -82,8 +84,8 @@ static UNUSED double erfinv_lane(double x) {
   }
   return __builtin_copysign(y, x);
 }
-INLINE V verfinv(V a) { V r; LANES r[l] = erfinv_lane(a[l]); return r; }
 """
+_ERFINV = "INLINE V verfinv(V a) { V r; LANES r[l] = erfinv_lane(a[l]); return r; }\n"
 
 # Rows of the caller's (n_samples, size) arrays to vectors and back. A row past the last one is the
 # last one again. Whole tiles go through registers; what is left over goes lane by lane.
@@ -126,6 +128,44 @@ INLINE i64 count_rows(M m, i64 row, i64 end) {
 """
 
 
+# The same words for one sample at a time, in C11 and its mathematical library alone.
+_SCALAR = {
+    "INLINE": "static",
+    "NOINLINE": "",
+    "SPLAT(c)": "(c)",
+    "NOT(m)": "(!(m))",
+    "EVERYWHERE": "1",
+    "DIFFER(a, b)": "((a) != (b) && ((a) == (a) || (b) == (b)))",
+    "INFINITE": "((double)INFINITY)",
+    "NOT_A_NUMBER": "((double)NAN)",
+    "any(m)": "(m)",
+    "pick(m, a, b)": "((m) ? (a) : (b))",
+    "keep(m, a)": "((m) ? (a) : 0.0)",
+    "truth(m)": "((double)(m))",
+    "fused(a, b, c)": "((a) * (b) + (c))",
+    "vsign(a)": "((a) < 0.0 ? -1.0 : (a) > 0.0 ? 1.0 : (a))",
+    "vfmin(a, b)": "((a) < (b) || (b) != (b) ? (a) : (b))",
+    "vfmax(a, b)": "((a) > (b) || (b) != (b) ? (a) : (b))",
+    **{
+        f"v{name}": name
+        for name in (*VECTOR_FUNCTIONS, "sqrt", "fabs", "copysign", "floor", "ceil", "fmod")
+    },
+    "vremainder": "remainder",
+    "verfinv": "erfinv_lane",
+}
+
+
+def scalar_prelude(text: str) -> str:
+    """C text before kernels over single doubles: of what there is, what `text` names."""
+    erfinv = _ERFINV_LANE.replace("__builtin_", "") if "verfinv" in text else ""
+    lines = ["#include <math.h>", "#define V double", "#define M int"]
+    for word, meaning in _SCALAR.items():
+        name = word.partition("(")[0]
+        if re.search(rf"\b{name}\b", text + erfinv):
+            lines.append(f"#define {word} {meaning}".rstrip())
+    return "\n".join((*lines, erfinv))
+
+
 def prelude(compiler: Compiler) -> str:
     """C text that every emitted source begins with, for this compiler and CPU."""
     functions = "".join(_vector_function(name, compiler) for name in VECTOR_FUNCTIONS)
@@ -137,7 +177,7 @@ def prelude(compiler: Compiler) -> str:
             _instruction("vsqrt", "V a", _SQRT, "__builtin_sqrt(a[l])"),
             _fused(compiler),
             functions,
-            _ERFINV,
+            f"UNUSED {_ERFINV_LANE}{_ERFINV}",
             _transpose(compiler.width),
             _ROWS,
         )

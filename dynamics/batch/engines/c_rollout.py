@@ -7,13 +7,10 @@ first-level cache for problems of ordinary size.
 
 from __future__ import annotations
 
-from dynamics.batch.engines import c_random, c_source
+from dynamics.batch.engines import c_random, c_steps
 from dynamics.batch.engines.c_prelude import prelude
-from dynamics.batch.engines.c_source import Layout
 from dynamics.batch.engines.compiler import Compiler
-from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.rollout_tapes import RolloutTapes
-from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
 
 # Operations up to which the registers of a block are worked on without a loop around them: more
 # would not find room in the processor at once, and take the compiler long.
@@ -123,79 +120,23 @@ static void scores(const job *q, const memory *a) {
 }
 """
 
-_INNER_GRAPHS = ("opening", "newton", "settled", "path", "followed", "closing")
-# Of (x, theta, w, p) and so on; U between entries of the block's memory, A in a step's own.
+# Of (x, theta, w, p) and so on, between entries of the block's memory: U, or 1 where shared.
 _GIVEN = ("U", "ts", "U", "PS")
 _STRIDES = {
     "step": (_GIVEN, ("U", "U", "A")),
     "opening": (_GIVEN, ("A", "A")),
-    "newton": (("A", "A"), ("A", "A")),
-    "settled": (("A", "A"), ("A",)),
-    "path": (("PA", "A"), ("PA",)),
-    "followed": (("PA", "A"), ("PA",)),
     "closing": ((*_GIVEN, "A"), ("U", "U", "A")),
     "adjoint": ((*_GIVEN, "U", "U"), ("A", "A")),
     "score": (("U", "ts", "A"), ("A",)),
     "terminal": (("U", "PS"), ("A",)),
     "terminal_adjoint": (("U", "PS"), ("U",)),
 }
-_PATH_GRAPHS = ("path", "followed")
-_CLOSED_FORM = "#define one_step step\n"
-
-# A register that has come to rest keeps its value lane by lane, so that a sample does not depend on
-# its neighbours. NaN never looks open, and so ends the loop.
-_INNER = """\
-INLINE int differ(const V *a, const V *b) {
-  M changed = DIFFER(a[0], b[0]);
-  for (int k = 1; k < NW * PA; k++) changed |= DIFFER(a[k], b[k]);
-  return any(changed);
-}
-INLINE int some(const M *m, int n) {
-  M either = m[0];
-  for (int r = 1; r < n; r++) either |= m[r];
-  return any(either);
-}
-static NOINLINE void follow_path(const V *data, const M *open, V *lam) {
-  V pair[NW * PA], moved[NW * PA], end[NB * PA], *to[] = {moved}, *out[] = {end};
-  const V *from[] = {pair, data};
-  if (!some(open, PA)) return;
-  for (int k = 0; k < NW * PA; k++) pair[k] = SPLAT(1.0);
-  for (int i = 0; i < %(path_iterations)d; i++) {
-    path(from, to);
-    if (!differ(pair, moved)) break;
-    for (int k = 0; k < NW * PA; k++) pair[k] = moved[k];
-  }
-  followed(from, out);
-  for (int k = 0; k < NB; k++)
-    for (int r = 0; r < PA; r++) lam[k * A + r] = pick(open[r], end[k * PA + r], lam[k * A + r]);
-}
-INLINE void solve_branch(V *lam, const V *data) {
-  V moved[NB * A], unrest[A], *to[] = {moved, unrest}, *out[] = {moved};
-  const V *from[] = {lam, data};
-  M open[A];
-  for (int r = 0; r < A; r++) open[r] = EVERYWHERE;
-  for (int i = 0; i < %(newton_iterations)d && some(open, A); i++) {
-    newton(from, to);
-    for (int k = 0; k < NB * A; k++) lam[k] = pick(open[k %% A], moved[k], lam[k]);
-    for (int r = 0; r < A; r++) open[r] &= unrest[r] != 0.0;
-  }
-  settled(from, out);
-  for (int k = 0; k < NB * A; k++) lam[k] = moved[k];
-  for (int r = 0; r < A; r += PA) follow_path(data + r, open + r, lam + r);
-}
-INLINE void one_step(const V *const in[], V *const out[], i64 ts) {
-  V lam[%(branches)d * NB * A], data[%(branches)d * ND * A];
-  V *opened[] = {lam, data};
-  opening(in, opened, ts);
-  for (int b = 0; b < %(branches)d; b++) solve_branch(lam + b * NB * A, data + b * ND * A);
-  const V *all[] = {in[0], in[1], in[2], in[3], lam};
-  closing(all, out, ts);
-}
-"""
 
 _LOAD = """\
 static void load_block(const job *q, const memory *a, i64 row, i64 end) {
   i64 nw = q->horizon * NU, nt = q->parts * NT;
+  Q keys[2 * ROUNDS];
+  if (q->noise == 2) schedule(q->key0, q->key1, keys);
   for (int j = 0; j < U; j++, row += W) {
     if (!q->shared_x0) load_rows(q->x0, NX, row, end, a->x + j, U);
     else for (int k = 0; k < NX; k++) a->x[k * U + j] = SPLAT(q->x0[k]);
@@ -205,9 +146,9 @@ static void load_block(const job *q, const memory *a, i64 row, i64 end) {
     if (q->noise == 2)
       for (i64 m = 0; m < nw; m += 4) {
         V z[4];
-        four_normals(q->first + row, m / 4, q->key0, q->key1, z);
+        four_normals(q->first + row, m / 4, keys, z);
         for (i64 k = 0; k < 4 && m + k < nw; k++)
-          a->w[(m + k) * U + j] = z[k] * q->sigma[(m + k) %% NU];
+          a->w[(m + k) * U + j] = z[k] * q->sigma[(m + k) % NU];
       }
   }
 }
@@ -329,57 +270,27 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
 
     With `own_p` every sample has parameters of its own; else they may stay in registers.
     """
-    loop = tapes.forward
-    if isinstance(loop, InnerLoop):
-        functions = {name: getattr(loop, name) for name in _INNER_GRAPHS}
-        sizes = loop.n, loop.n_data, loop.n_pair
-        stepping = _INNER % {
-            "newton_iterations": loop.newton_iterations,
-            "path_iterations": loop.path_iterations,
-            "branches": loop.branches,
-        }
-    else:
-        functions, sizes, stepping = {"step": loop}, (0, 0, 0), _CLOSED_FORM
+    functions = c_steps.graphs(tapes)
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         functions[name] = getattr(tapes, name)
     length = sum(fn.n_instructions() for fn in functions.values())
     abreast = 2 if UNROLLED < length <= LONG else 1
-    # Where Newton's method comes first the path is rare, and its text shorter by half.
-    path_abreast = 1 if isinstance(loop, InnerLoop) and loop.newton_iterations else abreast
     constants = {
         "EACH": "UNROLL" if length <= UNROLLED else "",
-        **{
-            "A": abreast,
-            "PA": path_abreast,
-            "U": abreast * max(1, block // (abreast * machine.width)),
-        },
-        **{"NX": tapes.nx, "NU": tapes.nu, "NP": tapes.np},
+        "U": abreast * max(1, block // (abreast * machine.width)),
         "PS": "U" if own_p else "1",
-        **{"NL": tapes.nlam, "NT": tapes.n_theta, "NB": sizes[0], "ND": sizes[1], "NW": sizes[2]},
     }
     return "".join(
         (
             prelude(machine),
-            *(f"#define {name} {value}\n" for name, value in constants.items()),
-            *(
-                c_source.kernel(
-                    with_shared_reciprocals(tape_of(fn)),
-                    name,
-                    _layout(name, path_abreast if name in _PATH_GRAPHS else abreast),
-                )
-                for name, fn in functions.items()
-            ),
-            stepping,
+            c_steps.constants(tapes, abreast, constants),
+            *c_steps.kernels(tapes, functions, abreast, _STRIDES),
+            c_steps.one_step(tapes, with_ts=True),
             c_random.source(),
             _JOB,
             _SWEEPS,
-            _LOAD % (),
+            _LOAD,
             _MOMENTS,
             _RUN,
         )
     )
-
-
-def _layout(name: str, abreast: int) -> Layout:
-    inputs, outputs = _STRIDES[name]
-    return Layout(inputs, outputs, abreast)

@@ -18,10 +18,11 @@ from pathlib import Path
 from statistics import median
 
 from dynamics.contact import Exact
+from ocp.guesses import guesses
 from ocp.judgement import judged
 from ocp.programs.status import Status
 from ocp.solution import Solution
-from ocp.solve import guesses, new_session
+from ocp.solve import new_session
 from problems import get, names, spec
 
 README = Path(__file__).parents[3] / "README.md"
@@ -66,7 +67,7 @@ class Start:
 def from_guess(problem: str, index: int) -> Start:
     """Solve from one guess, everything built afresh, so that no other solve can matter."""
     session = new_session(get(problem), Exact())
-    guess = guesses(session, PERTURBED + 1, SEED)[index]
+    guess = guesses(session.problem, session.values, PERTURBED + 1, SEED)[index]
     began = time.process_time()
     outcome = session.solve(guess=guess)
     seconds = time.process_time() - began

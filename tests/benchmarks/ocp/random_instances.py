@@ -20,6 +20,7 @@ from statistics import median
 import numpy as np
 
 from dynamics.contact import Barrier, Exact
+from ocp.guesses import guesses
 from ocp.judgement import judged
 from ocp.physics.measures import broken_constraints
 from ocp.programs.status import Status
@@ -29,7 +30,7 @@ from ocp.routes.outcome import Outcome
 from ocp.routes.relaxations import CentralPath
 from ocp.session import Session
 from ocp.solution import Solution
-from ocp.solve import guesses, new_session, solve
+from ocp.solve import new_session, solve
 from ocp.transcription import MultipleShooting, SingleShooting
 from problems import get
 from tests.benchmarks.ocp.random_draws import PROBLEMS, Instance, drawn
@@ -74,8 +75,8 @@ def alone(instance: Instance) -> Answer:
 
     def run(session: Session) -> Outcome:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        route = Route([CentralPath()], session.problem.reference, session.first_point)
-        ended = by_strategy(follower, route, route.looks[0])
+        route = Route(CentralPath(), session.problem.reference, session.first_point)
+        ended = by_strategy(follower, route, route.strategy)
         return Outcome(*ended, follower.trace)
 
     return _from_session(instance, run)
@@ -101,7 +102,9 @@ def _strategy(name: str) -> Callable[[Instance], Answer]:
 
 def _start(number: int) -> Callable[[Instance], Answer]:
     def run(session: Session) -> Outcome:
-        return session.solve(guess=guesses(session, number + 1, SEED)[number])
+        return session.solve(
+            guess=guesses(session.problem, session.values, number + 1, SEED)[number]
+        )
 
     return lambda instance: _from_session(instance, run)
 
@@ -138,12 +141,19 @@ def _answer(found: Solution, seconds: float, wall: float) -> Answer:
 
 
 def _misplaced(found: Solution) -> float:
-    """How far an audited throw is off its bounds, or below where a bounce puts a node at most."""
-    physical = found.problem.parameters.pack(found.values)
+    """How far an audited throw is off its bounds, or below where a bounce puts a node at most.
+
+    A node is at ``-R(s)`` where the free one would be lower. At speed V that needs a node before
+    at ``c <= h V (1 - e) / (1 + e)`` and, one earlier, ``s = c + h V <= 2 h V / (1 + e)``, so that
+    ``R(s) <= 2 e h V / (1 + e) + 2 g h^2 / (1 + e)``, and what gravity adds in two steps.
+    """
+    problem, values = found.problem, found.values
     x, u = found.data["x"].values, found.data["u"].values
-    broken = broken_constraints(found.problem, x, u, physical)
-    e, g, h = (found.values[name] for name in ("restitution", "g", "h"))
-    deep = e * h * np.sqrt(x[..., 5].max()) + (1 + e) * g * h**2 / 2
+    physical = problem.parameters.pack(values)
+    broken = broken_constraints(problem, x, u, physical)
+    e, g, h = (values[name] for name in ("restitution", "g", "h"))
+    fastest = np.sqrt(x[..., 5].max())
+    deep = 2 * (e * h * fastest + g * h**2) / (1 + e) + 3 * g * h**2
     below = max(0.0, -float(x[..., 1].min()) - deep)
     return max([below, *(one.violation.amount for one in broken)])
 

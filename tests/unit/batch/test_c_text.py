@@ -6,7 +6,6 @@ as far as the compiler knows of it.
 
 from __future__ import annotations
 
-import ctypes
 import functools
 import shutil
 import subprocess
@@ -18,12 +17,12 @@ import numpy as np
 import pytest
 
 from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, affine, open_loop
-from dynamics.batch.engines import c_flat, c_random, c_rollout, compiler
-from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines import c_flat, c_rollout, compiler
 from dynamics.batch.graphs.tape import tape_of
 from dynamics.batch.random import key_of, standard_normals
 from dynamics.contact import Barrier
 from problems import get
+from tests.unit.batch import c_draws
 from tests.unit.batch.rollout_cases import closed, four_contacts, wall
 
 STRICT = ("-Wall", "-Wextra", "-Werror")
@@ -32,17 +31,6 @@ COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
 MARCHES = {"SSE2": "-march=x86-64", "AVX2": "-march=x86-64-v3", "AVX-512": "-march=native"}
 HORIZON = 4
 N = 75
-
-_DRAW = """\
-void draw(i64 first, i64 size, i64 key0, i64 key1, double *out);
-void draw(i64 first, i64 size, i64 key0, i64 key1, double *out) {
-  for (i64 m = 0; m < size; m += 4) {
-    V z[4];
-    four_normals(first, m / 4, key0, key1, z);
-    for (i64 k = 0; k < 4 && m + k < size; k++) LANES out[l * size + m + k] = z[k][l];
-  }
-}
-"""
 
 
 def runnable() -> list[str]:
@@ -142,11 +130,9 @@ def test_moments_do_not_depend_on_threads(strict):
 
 
 def test_random_numbers_are_the_same_everywhere(strict):
-    draw = compiler.load(prelude(strict) + c_random.source() + _DRAW).draw
-    draw.argtypes = [*4 * [ctypes.c_int64], ctypes.c_void_p]
-    key, out = key_of(9), np.empty((strict.width, 1001))
-    draw(5, out.shape[1], *key, out.ctypes.data)
-    wanted = standard_normals(key, 5, *out.shape)
+    out = c_draws.draw(9, 5, 1001)
+    assert len(out) == strict.width
+    wanted = standard_normals(key_of(9), 5, *out.shape)
     np.testing.assert_allclose(out, wanted, rtol=1e-13, atol=1e-15)
 
 
@@ -156,7 +142,7 @@ def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
 
     made: dict[str, Callable[[], str]] = {
         "function": lambda: c_flat.source(tape_of(every_operation()), 32, machine),
-        "random": lambda: prelude(machine) + c_random.source() + _DRAW,
+        "random": lambda: c_draws.source(machine),
     }
     for name, parts in systems().items():
         for own_p in (False, True):

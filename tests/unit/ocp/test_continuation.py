@@ -188,14 +188,14 @@ def test_names_are_found_with_and_without_prefix() -> None:
     session = barrier_session()
     assert resolve(session, "contact.mu") == "contact.mu"
     assert resolve(session, "M") == resolve(session, "problem.M") == "M"
-    with pytest.raises(InputError, match=r"no parameter 'mass'.*contact\.mu"):
+    with pytest.raises(InputError, match=r"unknown parameter 'mass'.*contact\.mu"):
         resolve(session, "mass")
 
 
 @pytest.mark.parametrize(
     ("over", "start", "end", "steps", "scale", "sentence"),
     [
-        ("mass", 1, 2, 3, "linear", "no parameter 'mass'"),
+        ("mass", 1, 2, 3, "linear", "unknown parameter 'mass'"),
         ("M", 1, 1, 3, "linear", "must be finite and differ"),
         ("M", 1, float("nan"), 3, "linear", "must be finite and differ"),
         ("M", float("inf"), 1, 3, "linear", "must be finite and differ"),

@@ -22,7 +22,8 @@ from ocp import (
     roll_out,
     solve,
 )
-from ocp.solve import guesses, new_session, rank
+from ocp.guesses import guesses
+from ocp.solve import new_session, rank
 from problems import get
 
 
@@ -56,8 +57,14 @@ def test_the_same_seed_gives_the_same_answer_to_the_last_bit(arguments: dict[str
 
 def test_guesses_come_from_the_seed_and_keep_the_start() -> None:
     session = new_session(get("cart-walls"), Exact())
-    first, again = guesses(session, 5, seed=3), guesses(session, 5, seed=3)
-    more, other = guesses(session, 8, seed=3), guesses(session, 5, seed=4)
+    first, again = (
+        guesses(session.problem, session.values, 5, seed=3),
+        guesses(session.problem, session.values, 5, seed=3),
+    )
+    more, other = (
+        guesses(session.problem, session.values, 8, seed=3),
+        guesses(session.problem, session.values, 5, seed=4),
+    )
     X, U = session.problem.initial_guess(session.problem.parameters.values)
     np.testing.assert_array_equal(first[0][0], X)
     np.testing.assert_array_equal(first[0][1], U)

@@ -1,39 +1,14 @@
-"""What all commands share: the global options, and where output goes."""
+"""Where a command's words go: results to stdout, the rest to stderr, one document as JSON."""
 
 from __future__ import annotations
 
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no tables.")]
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
-Out = Annotated[Path, typer.Option("--out", help="Directory of the run store.")]
-Contact = Annotated[str, typer.Option("--contact", help="Contact law; ocp list shows them.")]
-LawSettings = Annotated[
-    list[str] | None,
-    typer.Option("--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."),
-]
-Params = Annotated[
-    list[str] | None,
-    typer.Option("--param", "-p", metavar="K=V", help="Parameter of the problem."),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--setting", "-s", metavar="K=V", help="Setting of the method or the solver."),
-]
-Method = Annotated[str, typer.Option("--method", help="direct, multiple-shooting, ...")]
-PolicyName = Annotated[str, typer.Option("--policy", help="open-loop or feedback.")]
-SolverName = Annotated[str, typer.Option("--solver", help="ipopt, fatrop, uno or sleqp.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
-
 
 GRADES = {"survives": "green", "certified": "yellow", "failed": "red"}
 """Colour of a verdict: certified and surviving, certified alone, neither."""
@@ -82,3 +57,14 @@ class Output:
         from ocp.store.plain import plain
 
         print(json.dumps(plain(content), indent=1, allow_nan=False))
+
+    def finish(self, run: Path, content: dict[str, Any], pdf: Path | None) -> None:
+        """Say where a run was stored, write its report to ``pdf``, and print its document."""
+        self.say(f"run: {run}")
+        if pdf is not None:
+            from ocp import store
+            from reports.pdf import write_pdf
+
+            write_pdf([store.load(run)], pdf)
+            self.say(f"PDF: {pdf}")
+        self.document({**content, "run": str(run), "pdf": None if pdf is None else str(pdf)})

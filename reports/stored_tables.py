@@ -1,0 +1,92 @@
+"""What is known and what is stored: parameters, best known values, runs, claims."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+from rich.text import Text
+
+from reports.console import number, table_of
+
+if TYPE_CHECKING:
+    from ocp.store.stored_run import StoredRun
+    from problems.spec import Golden
+    from problems.studies import Claim
+
+
+def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
+    """A problem's parameters with default, unit and meaning."""
+    table = table_of(("parameter", "left"), ("default", "right"), ("unit", "left"), ("", "left"))
+    for row in parameters:
+        value, meaning = row["value"], row["description"]
+        if isinstance(value, str):
+            table.add_row(row["name"], value, "", f"{meaning} ({row['range']})")
+            continue
+        shown = number(value) if isinstance(value, int | float) else "required"
+        table.add_row(row["name"], shown, row["unit"], meaning)
+    return table
+
+
+def golden_table(golden: Mapping[str, Golden]) -> Table:
+    """Best known values, their certificates, and of how many solves each is the best."""
+    table = table_of(
+        ("best known", "left"), ("method", "left"), ("cost", "right"), ("certificate", "left"),
+        ("of solves", "right"),
+    )  # fmt: skip
+    for name, known in golden.items():
+        cost = number(known.cost, 9)
+        table.add_row(name, known.method, cost, known.certificate, str(known.tried))
+    return table
+
+
+def runs_table(entries: Sequence[Mapping[str, Any]]) -> Table:
+    """One line a stored run; a damaged one shows why."""
+    table = table_of(("problem", "left"), ("run", "left"), ("what", "left"), ("cost", "right"),
+                   ("", "left"))  # fmt: skip
+    for entry in entries:
+        name = entry["run"].rpartition("/")[2]
+        if entry["damage"]:
+            table.add_row(entry["problem"], name, "damaged", "", "")
+            continue
+        what = " ".join(str(entry[key]) for key in ("contact", "method") if entry[key])
+        table.add_row(entry["problem"], name, what or entry["kind"], number(entry["cost"]),
+                      entry["status"] or "")  # fmt: skip
+    return table
+
+
+def run_table(run: StoredRun) -> Table:
+    """What one run's description says, one line a key."""
+    table = table_of(("", "left"), ("", "left"))
+    table.show_header = False
+    meta, record = run.meta, run.meta.get("record") or {}
+    table.add_row("run", str(run.path))
+    for key in ("kind", "problem", "created", "status", "cost", "iterations", "seed", "revision"):
+        if meta.get(key) is not None:
+            table.add_row(key, str(meta[key]))
+    for key, value in record.items():
+        if value not in (None, {}, []) and key not in ("problem", "seed"):
+            table.add_row(key, _inline(value))
+    table.add_row("command", " ".join(meta.get("argv") or []))
+    table.add_row("versions", _inline(meta.get("versions") or {}))
+    table.add_row("arrays", ", ".join(str(name) for name in run.data.data_vars))
+    return table
+
+
+def claim_table(claims: Sequence[Claim]) -> Table:
+    """A study's claims: what the paper says, what was measured, whether it holds."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 1, 0))
+    for name, share in (("claim", 6), ("source", 4), ("expected", 4), ("measured", 5)):
+        table.add_column(name, ratio=share, overflow="fold")
+    table.add_column("holds", no_wrap=True)
+    for claim in claims:
+        cells = (claim.claim, claim.source, claim.expected, claim.measured)
+        table.add_row(*map(Text, cells), "yes" if claim.holds else "NO")
+    return table
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key}={_inline(item)}" for key, item in value.items())
+    return number(value) if isinstance(value, float) else str(value)

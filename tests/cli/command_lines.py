@@ -1,0 +1,158 @@
+"""Command lines, mostly sound and a little odd, for hypothesis to draw."""
+
+from __future__ import annotations
+
+from hypothesis import strategies as st
+
+LONG = "a" * 5000
+ODD_NUMBERS = (
+    "nan", "inf", "-inf", "1e400", "1e308", "-1e308", "1e-320", "1e300", "1e19", "1e30", "-1", "0",
+    "1.5", "abc", "", " ", "1/0", "0x10", "1_000", "१२", "1e", "--", "None", "true", "100000000",
+    "999999999999999999999999",
+)  # fmt: skip
+ODD_WORDS = (
+    "", " ", LONG, "nope", "--help", "-", "a=b", "=", "a b", "naïve", "\udcff", ".",
+    "%s", "{}", "None", "0", "\n", "\t", "exact ", "EXACT",
+)  # fmt: skip
+odd = st.sampled_from(ODD_NUMBERS + ODD_WORDS) | st.text(
+    st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=8
+)
+
+PROBLEMS = ("wall-1d", "push-1d", "push-disc")
+OBJECTIVES = ("heaviside", "coulomb", "belt-block", "ball-wall")
+LAWS = ("exact", "barrier", "adaptive", "randomized")
+
+
+def among(*words: str) -> st.SearchStrategy[str]:
+    """One of ``words`` five times in six, else something odd."""
+    return st.integers(0, 5).flatmap(lambda n: odd if n == 5 else st.sampled_from(words))
+
+
+def number(*words: str) -> st.SearchStrategy[str]:
+    """The same with odd numbers."""
+    few = st.sampled_from(ODD_NUMBERS) | st.floats().map(repr) | st.integers().map(str)
+    return st.integers(0, 5).flatmap(lambda n: few if n == 5 else st.sampled_from(words))
+
+
+def setting(**values: tuple[str, ...]) -> st.SearchStrategy[str]:
+    """``name=value``; every tenth has no such form, or another name."""
+    sound = st.sampled_from(sorted(values)).flatmap(
+        lambda name: number(*values[name]).map(lambda value: f"{name.replace('__', '.')}={value}")
+    )
+    return st.integers(0, 9).flatmap(lambda n: odd if n == 9 else sound)
+
+
+Options = dict[str, st.SearchStrategy[str] | None]
+COMMON: Options = {"--json": None, "--quiet": None}
+STORE: Options = {"--out": among("runs", "store", "deep/er")}
+LAW: Options = {
+    "--contact": among(*LAWS),
+    "-c": setting(
+        mu=("1e-3", "1"), kappa=("10",), sigma=("0.1",), samples=("8",), seed=("3",),
+        base=("barrier",), base__mu=("1e-2",), law=("gaussian", "quartic"), gradient=("total",),
+        scheme=("sobol", "gauss-hermite"), noise=("input", "state"),
+    ),
+}  # fmt: skip
+PROBLEM: Options = {
+    "-p": setting(N=("5", "8"), h=("0.1",), m=("2",), goal_x=("0.5",), M=("2",), scenarios=("3",)),
+    "--policy": among("open-loop", "feedback"),
+    "--seed": number("0", "7"),
+    "--pdf": among("a.pdf", "new/b.pdf"),
+}
+SOLVER: Options = {
+    "-s": setting(
+        max_iter=("5", "50"), tol=("1e-8",), homotopy=("true", "false"), strategy=("l1",),
+        factor=("0.3",), start=("0.1",), jit=("false",), policy__penalty=("1e-3",),
+        policy__stationary=("true",), linear_solver=("mumps",), mu_init=("1e-2",),
+        dual_inf_tol=("1e-5",), compl_inf_tol=("1e-9",), print_user_options=("no",),
+    ),
+    "--method": among("direct", "multiple-shooting", "single-shooting"),
+    "--solver": among("ipopt", "ipopt", "fatrop", "uno", "sleqp"),
+}  # fmt: skip
+COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
+    "list": (st.just([]), {}),
+    "show": (among(*PROBLEMS, *OBJECTIVES).map(lambda name: [name]), {}),
+    "runs": (st.just([]) | among("@solve", "wall").map(lambda run: [run]), STORE),
+    "doctor": (st.just([]), {}),
+    "solve": (
+        among(*PROBLEMS).map(lambda name: [name]),
+        {
+            **STORE, **LAW, **PROBLEM, **SOLVER, "--starts": number("1", "2", "3"),
+            "--rank": among("planned", "referee"), "--require": among("survives"),
+            "--from": among("@solve", "@continue"),
+        },
+    ),
+    "continue": (
+        st.tuples(
+            among(*PROBLEMS), among("contact.mu", "goal_x", "m"), number("1", "0.5"),
+            number("1e-2", "0.1"),
+        ).map(lambda t: [t[0], "--over", t[1], "--from", t[2], "--to", t[3]]),
+        {
+            **STORE, **LAW, **PROBLEM, **SOLVER, "--steps": number("2", "10"),
+            "--scale": among("log", "linear"),
+        },
+    ),
+    "estimate": (
+        among(*PROBLEMS, *OBJECTIVES).map(lambda name: [name]),
+        {
+            **STORE, **LAW, **PROBLEM,
+            "-s": setting(
+                alpha__gamma=("0.1",), policy__stationary=("true",), alpha__delta=("0.05",),
+                policy__penalty=("1",),
+            ),
+            "--estimators": among("zobg", "fobg,zobg", "alpha", "zobg,fobg,alpha", "es"),
+            "-n": number("100", "1e4", "1e19", "1e300"),
+            "--sigma": number("0.1", "1e-3"),
+            "--sweep": among(
+                "sigma=0.01:1:3", "samples=10:100:2", "contact.mu=1e-3:1:3:log", "N=2:4:3",
+                "nu=0.1:1:2", "samples=2:3:1e30", "N=1:1e9:3", "sigma=1e-320:1:2",
+            ),
+            "--reference": among("auto", "closed-form", "quadrature", "zobg", "none"),
+            "--reference-samples": number("100", "1e5"),
+            "--at": among("@solve", "@continue"),
+            "--backend": among("auto", "numpy", "casadi"),
+            "--threads": number("1", "2"),
+        },
+    ),
+    "replay": (among("@solve", "@continue").map(lambda run: [run]), {**STORE, **LAW}),
+    "report": (
+        st.tuples(
+            st.lists(among("@solve", "@continue"), min_size=1, max_size=2),
+            among("a.pdf", "new/b.pdf"),
+        ).map(lambda t: [*t[0], "-o", t[1]]),
+        STORE,
+    ),
+    "animate": (
+        st.tuples(among("@solve", "@continue"), among("a.gif", "a.html", "a.mp4")).map(
+            lambda t: [t[0], "-o", t[1]]
+        ),
+        {**STORE, "--fps": number("5", "25"), "--speed": number("1", "4")},
+    ),
+    "figure": (
+        among("P6", "p1", "N2", "T1").map(lambda name: [name]) | st.just([]),
+        {
+            **STORE, "--all": None, "--seed": number("0", "3"),
+            "-p": setting(sigma=("0.1",), samples=("100",), n=("10",), seed=("1",)),
+        },
+    ),
+}  # fmt: skip
+OFTEN = (*COMMANDS, *3 * ("solve", "estimate"), "continue", "replay")
+"""Commands as often as they have ways to go wrong."""
+
+
+@st.composite
+def lines(draw: st.DrawFn, commands: tuple[str, ...] = OFTEN) -> list[str]:
+    """A command line; ``@solve`` and ``@continue`` stand for runs of these commands."""
+    name = draw(st.sampled_from(commands))
+    words, options = draw(COMMANDS[name][0]), {**COMMANDS[name][1], **COMMON}
+    given = draw(st.lists(st.sampled_from(sorted(options)), max_size=5))
+    if draw(st.integers(0, 9)) < 9:
+        # An option given twice is one refusal, and would leave nothing else to see.
+        given = [flag for i, flag in enumerate(given) if flag in "-p-c-s" or flag not in given[:i]]
+    line = [name, *words]
+    for flag in given:
+        value = options[flag]
+        line += [flag] if value is None else [flag, draw(value)]
+    if draw(st.integers(0, 19)) == 0:
+        line.insert(draw(st.integers(0, len(line))), draw(odd))
+    return line

@@ -1,0 +1,114 @@
+"""``ocp export``: the C file that it writes does what the run did."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynamics.contact import Barrier, Exact
+from ocp import store
+from reports.view import problem_of
+
+CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler")
+# 20 lines: roll out NAME's policy from a start over some steps, and print the states.
+DRIVER = """\
+#include <stdio.h>
+int main(void) {
+  double x[NAME_nx], u[NAME_nu];
+  int steps;
+  if (scanf("%d", &steps) != 1) return 1;
+  for (int i = 0; i < NAME_nx; i++)
+    if (scanf("%lf", x + i) != 1) return 1;
+  for (int t = 0; t <= steps; t++) {
+    for (int i = 0; i < NAME_nx; i++) printf("%.17g ", x[i]);
+    printf("\\n");
+    NAME_policy(t, x, u);
+    if (NAME_step(x, u, 0, x, 0)) return 1;
+  }
+  return 0;
+}
+"""
+
+
+def rolled(text: str, name: str, start: np.ndarray, steps: int) -> np.ndarray:
+    """States (steps + 1, nx) that the file's policy and step give."""
+    source = Path("driven.c")
+    source.write_text(text + DRIVER.replace("NAME", name))
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([str(CC), *flags, source, "-o", "driven", "-lm"], check=True)
+    given = " ".join(map(repr, [steps, *start.tolist()]))
+    done = subprocess.run(["./driven"], input=given, capture_output=True, text=True, check=True)
+    return np.array([line.split() for line in done.stdout.splitlines()], dtype=float)
+
+
+@needs_compiler
+@pytest.mark.parametrize("policy", ["open-loop", "feedback"])
+@pytest.mark.parametrize("law", [None, "exact"])
+def test_a_runs_file_repeats_its_rollout(ocp, policy, law) -> None:
+    """Under the run's own law, and under another: the replay of the run, state by state."""
+    solved = ocp("solve", "push-1d", "-c", "mu=1e-3", "--policy", policy, "--json")
+    run = json.loads(solved.out)["run"]
+    asked = [] if law is None else ["--contact", law]
+    done = ocp("export", run, "-o", "rollout.c", *asked, "--json")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["policy"] == policy
+    assert told["functions"] == ["push_1d_step", "push_1d_derivatives", "push_1d_policy"]
+    stored = store.load(run)
+    solution = stored.solution(problem_of(stored)[2])
+    wanted = solution.replay(Barrier(mu=1e-3) if law is None else Exact()).x[0]
+    text = Path("rollout.c").read_text()
+    assert Path(run).name in text
+    states = rolled(text, "push_1d", wanted[0], len(wanted) - 1)
+    np.testing.assert_allclose(states, wanted, rtol=1e-9, atol=1e-11)
+
+
+def test_a_problem_at_other_parameters_has_no_policy(ocp) -> None:
+    done = ocp("export", "push-disc", "-o", "a/disc.c", "-p", "M=2.5", "-c", "mu=0.02")
+    assert done.code == 0
+    assert done.out == "C file: a/disc.c (push_disc_step, push_disc_derivatives)\n"
+    text = Path("a/disc.c").read_text()
+    assert "M = 2.5 [kg]" in text
+    assert "contact.mu = 0.02 [N s m]" in text
+    assert "barrier (mu = 0.02)" in text
+    assert "_policy" not in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["push-disk", "-o", "x.c"], ["no run 'push-disk'", "did you mean 'push-disc'?"]),
+        (["heaviside", "-o", "x.c"], ["objective without dynamics"]),
+        (["push-disc"], ["--output"]),
+        (["push-disc", "-o", "."], ["is a directory", "rollout.c"]),
+        (["push-disc", "-o", "x.c", "-p", "mass=1"], ["mass", "M"]),
+        (["push-disc", "-o", "x.c", "--contact", "hard"], ["'hard'", "exact, barrier"]),
+        (["push-disc", "-o", "x.c", "-c", "sigma=1"], ["sigma", "barrier"]),
+        (["push-1d/", "-o", "x.c"], ["names", "give more of it"]),
+    ],
+    ids=["name", "objective", "no file", "directory", "parameter", "law", "setting", "two"],
+)
+def test_what_it_cannot_do_is_said(ocp, store_of_runs: Path, arguments, said) -> None:
+    done = ocp("export", *arguments, "--out", str(store_of_runs))
+    assert done.code == 2
+    assert "Traceback" not in done.err
+    assert done.out == ""
+    assert all(part in done.err for part in said), done.err
+    assert not [path for path in Path().iterdir() if path.is_file()]
+
+
+def test_a_run_has_its_own_parameters_and_a_policy(ocp, store_of_runs: Path) -> None:
+    """A solve takes no -p; a continuation is no solve."""
+    runs = {store.load(path).kind: path for path in (store_of_runs / "wall-1d").iterdir()}
+    done = ocp("export", str(runs["solve"]), "-o", "x.c", "-p", "m=2")
+    assert done.code == 2
+    assert "a run has its parameters" in done.err
+    done = ocp("export", str(runs["continue"]), "-o", "x.c")
+    assert done.code == 2
+    assert "continue study" in done.err
