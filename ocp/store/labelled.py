@@ -36,7 +36,7 @@ def label(
     import xarray as xr
 
     problem = nlp.problem
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     nodes = ("scenario", "node", "state")
     along = ("scenario", "interval")
     # Collected and built at once: each variable that is set in a Dataset aligns all the others.
