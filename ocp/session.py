@@ -78,7 +78,7 @@ class Session:
         self.helpers: dict[str, Session] = {}
         table = self.problem.parameters + self.step.p
         self.values = table.defaults | {"penalty": 0.0, "relaxation": 0.0}
-        self.problem.check_step_size()
+        self.problem.check_physics()
         self.build_s = time.perf_counter() - began
 
     @property
