@@ -144,16 +144,13 @@ class SweepRun:
                 seed = np.random.SeedSequence(self.sampling.seed, spawn_key=(i,))
                 keep = None if saved is None else (saved, f"{i:05d}")
                 found = carry_out(sampling, objective, seed, note, keep)
-                rows = plain([self._row(i, estimate.row()) for estimate in found.values()])
+                at = {"point": i, "value": None if self.sweep is None else self.sweep.values[i]}
+                rows = plain([at | estimate.row() for estimate in found.values()])
                 if saved is not None:
                     saved.save_rows(i, rows)
             else:
                 self.resumed += 1
             self.rows.append(rows)
-
-    def _row(self, point: int, row: dict[str, Any]) -> dict[str, Any]:
-        value = None if self.sweep is None else self.sweep.values[point]
-        return {"point": point, "value": value, **row}
 
 
 def _tasks(

@@ -104,7 +104,7 @@ def test_no_room_is_crowded() -> None:
 def test_a_file_is_checked_by_its_own_tests() -> None:
     nearest = {
         "ocp/store/atomic.py": "tests/unit/test_store.py",
-        "ocp/store/checkpoint.py": "tests/unit/gradients/test_estimators.py",
+        "ocp/judges/audit.py": "tests/unit/ocp/test_audit.py",
         "dynamics/systems/parameters.py": "tests/unit/test_parameters.py",
         "tests/unit/test_words.py": "tests/unit/test_words.py",
     }
