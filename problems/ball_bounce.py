@@ -14,7 +14,6 @@ from problems.spec import Citation, Golden
 name = "ball-bounce"
 title = "A ball with thrust over a floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 1a, with thrust")
-axes = ("x [m]", "y [m]")
 equations = """
 m (v^+ - v) = h (u - (0, m g)) + (0, lambda), quad q^+ = q + h v^+, quad 0 <= lambda perp y^+ >= 0
 min sum_(k=0)^(N-1) w_u h norm(u_k)^2 + w_"end" norm(q_N - q_"goal")^2 + w_v norm(v_N)^2

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
-import numpy as np
 
-from dynamics.systems import Parameter, ParameterTable, Signal
-from ocp.gradients.objective import StaticObjective
+from dynamics.systems import ParameterTable
 from problems.parameters import Parameters, quantity, structure
 from problems.spec import Citation
 
@@ -25,7 +21,7 @@ f = m v_N \/ (N h F): "the impulse on the block as a share of the largest, from 
 class Params(Parameters):
     """Parameters of ``belt-block``; all our choice, the paper shows a drawing alone."""
 
-    theta: float = quantity(0.0, "m/s", "decision, velocity of the belt")
+    theta: float = quantity(0.0, "m/s", "velocity of the belt")
     nu: float = quantity(0.01, "m/s", "slip tolerance", above=0)
     m: float = quantity(100.0, "kg", "mass of the block", above=0)
     friction_force: float = quantity(5.0, "N", "largest friction force", above=0)
@@ -34,28 +30,18 @@ class Params(Parameters):
     sigma: float = quantity(0.1, "m/s", "standard deviation of the noise on theta", above=0)
 
 
-def build(params: Params, **engine: Any) -> StaticObjective:
+def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
     """Implicit in the sliding velocity, so that every nu is stable.
 
     Inside the tolerance ``v+ = (v + c b)/(1 + c)`` with ``c = 2 h F/(m nu)``; outside the friction
     is at its limit. A block that is carried along slides no more: over N steps the impulse is
     ``clip(m b, +-N h F)`` for nu = 0, whose slope is bounded by the mass.
     """
-    fields = {"nu": "m/s", "m": "kg", "friction_force": "N", "h": "s"}
-    table = ParameterTable(Parameter(k, getattr(params, k), unit) for k, unit in fields.items())
-    belt, v = ca.SX.sym("theta"), ca.SX(0)
-    kick = table["h"] * table["friction_force"] / table["m"]
-    c = 2 * kick / table["nu"]
+    v = ca.SX(0)
+    kick = p["h"] * p["friction_force"] / p["m"]
+    c = 2 * kick / p["nu"]
     for _ in range(params.N):
-        slip = belt - v
-        sticks = ca.fabs(slip) <= (1 + c) * table["nu"] / 2
+        slip = theta - v
+        sticks = ca.fabs(slip) <= (1 + c) * p["nu"] / 2
         v = ca.if_else(sticks, v + slip * c / (1 + c), v + kick * ca.sign(slip))
-    return StaticObjective(
-        name,
-        (Signal("theta", "m/s", "velocity of the belt"),),
-        belt,
-        v / (params.N * kick),
-        np.array([params.theta]),
-        table,
-        **engine,
-    )
+    return v / (params.N * kick)

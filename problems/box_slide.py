@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import dry_friction, signals
+from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
 from problems.parameters import Parameters, quantity, structure, table
@@ -14,7 +14,6 @@ from problems.spec import Citation, Golden
 name = "box-slide"
 title = "A box pushed over a rough floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 6b, as a task")
-axes = ("x [m]", "y [m]")
 equations = """
 m (v^+ - v) = h u + f, quad x^+ = x + h v^+, quad abs(f) <= b = "friction" h m g
 h v^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0
@@ -54,15 +53,15 @@ def build(params: Params) -> Problem:
     friction m g moves the box, and the exact law has no gradient there.
     """
     p = table(params)
-    system = dry_friction(
+    system = time_stepping(
         name,
         states=signals("x [m]; v [m/s]"),
         inputs=signals("u [N] push"),
-        contact="floor",
+        contacts=signals("floor [N s] friction impulse"),
         h=p["h"],
         mass=p["m"] * ca.SX.eye(1),
         impulse=lambda q, v, u: p["h"] * u,
-        slide=ca.SX.ones(1),
+        sliding=lambda q: ca.SX.ones(1),
         load=p["m"] * p["g"],
         friction=p["friction"],
         parameters=p,

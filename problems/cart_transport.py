@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from dynamics.systems import dry_friction, signals
+from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
 from problems.parameters import Parameters, quantity, structure, table
@@ -15,7 +15,6 @@ from problems.spec import Citation, Golden
 name = "cart-transport"
 title = "A cart that carries a box by friction"
 citation = Citation("li2026impact", "IMPACT, cart transporter: the model; masses and task are ours")
-axes = ("x [m]", "y [m]")
 equations = """
 (m_c + m_b) (v_c^+ - v_c) + m_b (v_r^+ - v_r) = h u, quad m_b (v_c^+ - v_c + v_r^+ - v_r) = f
 q^+ = q + h v^+, quad abs(f) <= b = "friction" h m_b g, quad abs(r) <= r_"reach"
@@ -75,15 +74,15 @@ def build(params: Params) -> Problem:
     """
     p = table(params)
     mc, mb, h = p["mc"], p["mb"], p["h"]
-    system = dry_friction(
+    system = time_stepping(
         name,
         states=signals("c [m] cart; r [m] box on the cart; vc [m/s]; vr [m/s]"),
         inputs=signals("u [N] force on the cart"),
-        contact="cart",
+        contacts=signals("cart [N s] friction impulse"),
         h=h,
         mass=ca.vertcat(ca.horzcat(mc + mb, mb), ca.horzcat(mb, mb)),
         impulse=lambda q, v, u: ca.vertcat(h * u, 0),
-        slide=ca.SX([[0, 1]]),
+        sliding=lambda q: ca.SX([[0, 1]]),
         load=mb * p["g"],
         friction=p["friction"],
         parameters=p,

@@ -14,7 +14,6 @@ from problems.spec import Citation, Golden
 name = "cart-walls"
 title = "A pole on a cart between soft walls"
 citation = Citation("zhang2023adaptive", "A linear complementarity system as in eq. 2.1-2.2")
-axes = ("x [m]", "y [m]")
 equations = """
 x = (p, theta, dot(p), dot(theta)), quad x^+ = x + h (A x^+ + B u + C lambda)
 A_13 = A_24 = 1, quad A_32 = g m_p / m_c, quad A_42 = g (m_c + m_p) / (l m_c)

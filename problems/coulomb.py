@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import Parameter, ParameterTable, Signal
-from ocp.gradients.objective import ClosedForm, StaticObjective
+from dynamics.systems import ParameterTable
+from ocp.gradients.objective import ClosedForm
 from problems.parameters import Parameters, quantity
 from problems.spec import Citation
 
@@ -26,28 +24,15 @@ _NODES, _REACH = np.polynomial.legendre.leggauss(96), 12.0
 class Params(Parameters):
     """Parameters of ``coulomb``: theta is a sliding velocity, f friction over normal force."""
 
-    theta: float = quantity(0.0, "m/s", "decision, a sliding velocity")
+    theta: float = quantity(0.0, "m/s", "sliding velocity")
     nu: float = quantity(0.01, "m/s", "slip tolerance, the width within which f is linear", above=0)
     sigma: float = quantity(0.1, "m/s", "standard deviation of the noise on theta", above=0)
 
 
-def build(params: Params, **engine: Any) -> StaticObjective:
+def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
     """The objective of pathologies, ex. III.5; the relaxation is one of the sign, 2 H - 1."""
-    nu = Parameter("nu", params.nu, "m/s", "slip tolerance")
-    table = ParameterTable([nu])
-    theta = ca.SX.sym("theta")
-    inside = ca.fabs(theta) <= table["nu"] / 2
-    cost = ca.if_else(inside, 2 * theta / table["nu"], ca.sign(theta))
-    return StaticObjective(
-        name,
-        (Signal("theta", "m/s", "sliding velocity"),),
-        theta,
-        cost,
-        np.array([params.theta]),
-        table,
-        closed_form,
-        **engine,
-    )
+    inside = ca.fabs(theta) <= p["nu"] / 2
+    return ca.if_else(inside, 2 * theta / p["nu"], ca.sign(theta))
 
 
 def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:

@@ -11,14 +11,7 @@ from ocp.problem import Constraint, FreeStart, Problem, Reference
 from problems.drawing import ContactFrame, Shape
 from problems.machines.half_cheetah import half_cheetah as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
-from problems.parameters import (
-    Parameters,
-    choice,
-    quantity,
-    rough_or_smooth,
-    structure,
-    table,
-)
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "half-cheetah"
@@ -94,7 +87,7 @@ class Params(Parameters):
 
 def build(params: Params) -> Problem:
     """Build the half-cheetah on the ground z = 0; state (q, v, h), impulses lam [N s]."""
-    p, friction = rough_or_smooth(table(params))
+    p, friction = friction_of(table(params))
     step = ca.SX.sym("h")
     machine = machine_of(
         base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits)

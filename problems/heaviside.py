@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import ParameterTable, Signal
-from ocp.gradients.objective import ClosedForm, StaticObjective
+from dynamics.systems import ParameterTable
+from ocp.gradients.objective import ClosedForm
 from problems.parameters import Parameters, quantity
 from problems.spec import Citation
 
@@ -29,19 +26,9 @@ class Params(Parameters):
     sigma: float = quantity(0.2, "1", "standard deviation of the noise on theta", above=0)
 
 
-def build(params: Params, **engine: Any) -> StaticObjective:
+def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
     """The objective of pathologies, ex. III.2."""
-    theta = ca.SX.sym("theta")
-    return StaticObjective(
-        name,
-        (Signal("theta", "1", "decision"),),
-        theta,
-        theta >= 0,
-        np.array([params.theta]),
-        ParameterTable(()),
-        closed_form,
-        **engine,
-    )
+    return theta >= 0
 
 
 def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
@@ -54,14 +41,11 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
     """
     from scipy.stats import norm
 
-    t = values["theta"] / sigma
-    density = float(norm.pdf(t))
-    A = float(norm.cdf(t)) - t * density
-    zero = np.zeros(1)
+    theta, zero = values["theta"], np.zeros(1)
     return ClosedForm(
-        objective=float(norm.cdf(t)),
-        gradient=np.array([density / sigma]),
-        zobg_variance=np.array([(A - density**2) / sigma**2]),
+        objective=float(norm.cdf(theta / sigma)),
+        gradient=np.array([float(norm.pdf(theta / sigma)) / sigma]),
+        zobg_variance=np.array([zobg_variance(theta, sigma, 0.0)]),
         fobg_mean=zero,
         fobg_variance=zero,
     )
@@ -75,6 +59,6 @@ def zobg_variance(theta: float, sigma: float, baseline: float) -> float:
     from scipy.stats import norm
 
     t = theta / sigma
-    density = math.exp(-t * t / 2) / math.sqrt(2 * math.pi)
+    density = float(norm.pdf(t))
     A = float(norm.cdf(t)) - t * density
     return ((1 - 2 * baseline) * A + baseline**2 - density**2) / sigma**2

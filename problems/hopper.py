@@ -12,14 +12,7 @@ from problems.drawing import ContactFrame, Point, Shape
 from problems.machines.hopper import hopper as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
 from problems.machines.start import check_start
-from problems.parameters import (
-    Parameters,
-    choice,
-    quantity,
-    rough_or_smooth,
-    structure,
-    table,
-)
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "hopper"
@@ -98,7 +91,7 @@ class Params(Parameters):
 
 def build(params: Params) -> Problem:
     """Build the hopper on the ground z = 0; the state is (q, v), an impulse lam [N s]."""
-    p, friction = rough_or_smooth(table(params))
+    p, friction = friction_of(table(params))
     machine = machine_of(
         base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"],
         limits=bool(params.limits),

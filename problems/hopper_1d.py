@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from dynamics.systems import Mechanism, Touching, frictional_time_stepping, signals
+from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
 from problems.drawing import Box, ContactFrame, Disc, HalfPlane, Segment, Shape
 from problems.parameters import Parameters, quantity, structure, table
@@ -92,21 +92,17 @@ def build(params: Params) -> Problem:
     """
     p = table(params)
     mb, mf, h = p["mb"], p["mf"], p["h"]
-    system = frictional_time_stepping(
+    system = time_stepping(
         name,
         states=signals("zb [m] body; zf [m] foot; vb [m/s]; vf [m/s]"),
         inputs=signals("u [N] force of the leg"),
-        mechanism=Mechanism(
-            mass=lambda q: ca.diag(ca.vertcat(mb, mf)),
-            impulse=lambda q, v, u: h * ca.vertcat(u - mb * p["g"], -u - mf * p["g"]),
-        ),
-        touching=Touching(
-            names=("foot",),
-            distance=lambda q: q[1],
-            limits=lambda q: ca.vertcat(q[0] - q[1] - p["leg_min"], p["leg_max"] - q[0] + q[1]),
-            limit_names=("leg short", "leg long"),
-        ),
+        contacts=signals("foot [N s] normal impulse"),
         h=h,
+        mass=ca.diag(ca.vertcat(mb, mf)),
+        impulse=lambda q, v, u: h * ca.vertcat(u - mb * p["g"], -u - mf * p["g"]),
+        distance=lambda q: q[1],
+        limits=lambda q: ca.vertcat(q[0] - q[1] - p["leg_min"], p["leg_max"] - q[0] + q[1]),
+        limit_names=("leg short", "leg long"),
         parameters=p,
     )
     x = system.x

@@ -8,12 +8,15 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from pydantic import BaseModel
+import casadi as ca
+import numpy as np
 
+from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError, did_you_mean
-from ocp.gradients.objective import SampledObjective
+from ocp.gradients.objective import ClosedForm, StaticObjective
+from problems.parameters import table, unit_of
 from problems.registry import names, spec
-from problems.spec import Citation, ProblemSpec, check_parameters, lines_of
+from problems.spec import ProblemSpec, Spec, lines_of
 
 _MODULES = {
     "heaviside": "problems.heaviside",
@@ -23,31 +26,39 @@ _MODULES = {
 }
 
 
-@dataclass(frozen=True)
-class ObjectiveSpec:
+_DECISION, _NOISE = "theta", "sigma"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectiveSpec(Spec):
     """One named objective, at any parameters; ``Params`` holds the decision and ``sigma`` too.
 
-    ``build(params)`` gives the :class:`~ocp.gradients.objective.SampledObjective`; it also takes
-    ``backend``, ``threads`` and ``block`` of :class:`dynamics.batch.BatchFunction`.
+    ``cost(params, theta, p)`` is the expression of the decision's symbol and of the symbols of all
+    parameters but these two; ``closed_form(values, sigma)`` is what is known of it.
     """
 
-    name: str
-    title: str
-    Params: type[BaseModel]
-    build: Callable[..., SampledObjective]
-    equations: tuple[str, ...]
-    citation: Citation
+    cost: Callable[[Any, ca.SX, ParameterTable], ca.SX]
+    closed_form: Callable[[dict[str, float], float], ClosedForm] | None = None
 
-    def params(self, values: Mapping[str, Any]) -> Any:
-        """Check ``values`` and fill in the defaults.
+    def objective(self, values: Mapping[str, Any] | None = None, **engine: Any) -> StaticObjective:
+        """Build the objective at ``values``; ``engine`` is that of its batched evaluation.
 
-        Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
+        Takes ``backend``, ``threads`` and ``block`` of :class:`dynamics.batch.BatchFunction`;
+        raises as :meth:`params` does.
         """
-        return check_parameters(self.name, self.Params, values)
-
-    def objective(self, values: Mapping[str, Any] | None = None) -> SampledObjective:
-        """Build the objective at ``values``; raises as :meth:`params` does."""
-        return self.build(self.params(values or {}))
+        params = self.params(values or {})
+        p = ParameterTable(q for q in table(params) if q.name not in (_DECISION, _NOISE))
+        field, theta = self.Params.model_fields[_DECISION], ca.SX.sym(_DECISION)
+        return StaticObjective(
+            self.name,
+            (Signal(_DECISION, unit_of(field), field.description or ""),),
+            theta,
+            self.cost(params, theta, p),
+            np.array([getattr(params, _DECISION)]),
+            p,
+            self.closed_form,
+            **engine,
+        )
 
     @property
     def golden(self) -> dict[str, Any]:
@@ -89,6 +100,6 @@ def objective_spec(name: str) -> ObjectiveSpec:
 @cache
 def _registered(name: str) -> ObjectiveSpec:
     module = importlib.import_module(_MODULES[name])
-    keys = ("name", "title", "Params", "build", "citation")
-    values = {key: getattr(module, key) for key in keys}
+    keys = ("name", "title", "Params", "cost", "citation", "closed_form")
+    values = {key: getattr(module, key) for key in keys if hasattr(module, key)}
     return ObjectiveSpec(**values, equations=lines_of(module.equations))

@@ -118,7 +118,7 @@ def natural_units(params: BaseModel) -> Units:
     )
 
 
-def rough_or_smooth(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
+def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
     """Return the parameters and Coulomb's coefficient, or without it and None where it is zero.
 
     A cone that has shrunk to a line has no inside for a central path: without friction there are

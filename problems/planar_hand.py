@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from dynamics.systems import ParameterTable, Signal, quasi_dynamic, signals
-from dynamics.systems.geometry import ContactGeometry, Pose, disc_capsule, disc_disc
+from dynamics.systems import ParameterTable, Signal, contacts, quasi_dynamic, signals
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
-from problems.parameters import (
-    Parameters,
-    choice,
-    quantity,
-    rough_or_smooth,
-    structure,
-    table,
-)
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "planar-hand"
 title = "Two arms turn a ball in the plane, with friction"
 citation = Citation("suh2023noising", "Noising data, sec. V-B, planar hand, and its code")
-axes = ("x [m]", "y [m]")
 equations = """
 "ball" o = (x, y, theta), "joints" a = (l_1, l_2, r_1, r_2) "of both arms, anticlockwise"
 "bases at" (-"base", 0) "and" ("base", 0); "at zero the arms point away from each other"
@@ -126,10 +118,10 @@ class Params(Parameters):
                     f" [{low:.4g}, {high:.4g}]"
                 )
         state = ca.SX([self.ox0, self.oy0, self.angle0, *self.joints])
-        for touch in _touches(state, self):
-            if (off := float(touch.geometry.phi)) < 0:
+        for link, contact in _touches(state, self).items():
+            if (off := float(contact.phi)) < 0:
                 raise ValueError(
-                    f"the ball starts {-off:.3g} m inside link {touch.name}; move ox0, oy0 or"
+                    f"the ball starts {-off:.3g} m inside link {link}; move ox0, oy0 or"
                     f" open the arms"
                 )
         for side, x in (("left", -self.base), ("right", self.base)):
@@ -150,21 +142,11 @@ def _limits() -> tuple[list[float], list[float]]:
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """A link of an arm: its name, its pose at the joint, where it begins and ends."""
+    """A link of an arm: its name, its pose at the joint, and its end in its own frame."""
 
     name: str
-    pose: Pose
-    start: ca.SX
-    end: ca.SX
-
-
-@dataclass(frozen=True, eq=False)
-class _Touch:
-    """The ball near a link, or near one disc of it."""
-
-    name: str
-    link: _Link
-    geometry: ContactGeometry
+    pose: contacts.Pose
+    end: tuple[ca.SX, float]
 
 
 def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
@@ -174,26 +156,28 @@ def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
         start, angle = ca.vertcat(side * _of(p, "base"), 0), ca.SX(0)
         for number, joint in ((1, first), (2, second)):
             angle = angle + joint
-            along = side * ca.vertcat(ca.cos(angle), ca.sin(angle))
-            end = start + _of(p, f"length{number}") * along
-            found.append(_Link(f"{arm}{number}", Pose(start, -angle), start, end))
-            start = end
+            pose = contacts.Pose(start, -angle)
+            found.append(_Link(f"{arm}{number}", pose, (side * _of(p, f"length{number}"), 0.0)))
+            start = pose.place(found[-1].end)
     return found
 
 
-def _touches(q: ca.SX, p: Params | ParameterTable, discs: bool = False) -> list[_Touch]:
-    """Where the ball is near the arms, link by link."""
-    ball, R, r, found = q[:2], _of(p, "R"), _of(p, "r"), []
+def _touches(
+    q: ca.SX, p: Params | ParameterTable, discs: bool = False
+) -> dict[str, contacts.Contact]:
+    """Where the ball is near the arms, link by link, or disc by disc."""
+    ball, R, r, shapes = contacts.Pose(q[:2], -q[2]), _of(p, "R"), _of(p, "r"), []
     for link in _links(q, p):
         if not discs:
-            near = disc_capsule(ball, R, link.start, link.end, r)
-            found.append(_Touch(link.name, link, near))
+            shapes.append((link.name, link.pose, contacts.Capsule((0.0, 0.0), link.end, r)))
             continue
         for number, share in enumerate(_DISCS[int(link.name[1]) - 1]):
-            centre = link.start + share * (link.end - link.start)
-            near = disc_disc(ball, R, centre, r)
-            found.append(_Touch(f"{link.name} disc {number}", link, near))
-    return found
+            disc = contacts.Disc(r, (share * link.end[0], 0.0))
+            shapes.append((f"{link.name} disc {number}", link.pose, disc))
+    return {
+        called: contacts.Contact.between(contacts.Disc(R), ball, shape, pose)
+        for called, pose, shape in shapes
+    }
 
 
 def _of(p: Params | ParameterTable, key: str) -> ca.SX:
@@ -206,17 +190,11 @@ def build(params: Params) -> Problem:
     u are the commanded joint angles [rad], lam the impulses [N s] along the edges of the friction
     cones. Without friction there is one row a contact, and no parameter ``friction`` to turn.
     """
-    p, friction = rough_or_smooth(table(params))
+    p, friction = friction_of(table(params))
     discs = params.links == "discs"
 
-    def distance(q: ca.SX) -> ca.SX:
-        return ca.vertcat(*(touch.geometry.phi for touch in _touches(q, p, discs)))
-
-    def sliding(q: ca.SX) -> ca.SX:
-        ball = Pose(q[:2], -q[2])
-        return ca.vertcat(*(
-            touch.geometry.jacobians(ball, touch.link.pose, q)[1] for touch in _touches(q, p, discs)
-        ))  # fmt: skip
+    def stacked(each: Callable[[contacts.Contact], ca.SX], q: ca.SX) -> ca.SX:
+        return ca.vertcat(*map(each, _touches(q, p, discs).values()))
 
     K = ca.vertcat(p["K1"], p["K2"], p["K1"], p["K2"])
     start = ca.vertcat(p["ox0"], p["oy0"], p["angle0"], p["l1"], p["l2"], p["r1"], p["r2"])
@@ -229,15 +207,15 @@ def build(params: Params) -> Problem:
         inputs=signals("ul1 [rad] commanded; ul2 [rad] commanded; ur1 [rad] commanded;"
                        " ur2 [rad] commanded"),
         contacts=tuple(
-            Signal(touch.name, "N s", "impulse on the ball") for touch in _touches(start, p, discs)
+            Signal(touch, "N s", "impulse on the ball") for touch in _touches(start, p, discs)
         ),
         h=p["h"],
         mass=ca.diag(ca.vertcat(p["m"], p["m"], p["inertia"])),
         stiffness=ca.diag(K),
         load=ca.vertcat(0, -p["m"] * p["g"], 0),
-        distance=distance,
-        sliding=None if friction is None else sliding,
-        friction=0.0 if friction is None else friction,
+        distance=lambda q: stacked(lambda contact: contact.phi, q),
+        sliding=lambda q: stacked(lambda contact: contact.jacobians(q)[1], q),
+        friction=friction,
         linearised=params.gap == "linearised",
         parameters=p,
     )  # fmt: skip
@@ -275,7 +253,8 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     shapes: list[Shape] = [goal, _hand(goal, params.goal_angle), ball, _hand(ball, float(state[2]))]
     for link in _links(ca.SX(ca.DM(state)), params):
         (x1, y1), (x2, y2) = (
-            (float(point[0]), float(point[1])) for point in (link.start, link.end)
+            (float(point[0]), float(point[1]))
+            for point in (link.pose.position, link.pose.place(link.end))
         )
         shapes.append(Capsule(x1, y1, x2, y2, params.r, "actuator"))
     return shapes
@@ -290,9 +269,9 @@ def _hand(ball: Disc, angle: float) -> Segment:
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Every link, or disc of one, pushes the ball where the ball's rim is nearest to it."""
     found = []
-    for touch in _touches(ca.SX(ca.DM(state)), params, params.links == "discs"):
+    for touch in _touches(ca.SX(ca.DM(state)), params, params.links == "discs").values():
         x, y, nx, ny = (
-            float(v) for part in (touch.geometry.point, touch.geometry.normal)
+            float(v) for part in (touch.point, touch.normal)
             for v in ca.vertsplit(part)
         )  # fmt: skip
         found.append(ContactFrame(x, y, nx, ny, params.friction))

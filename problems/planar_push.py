@@ -8,24 +8,15 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from dynamics.systems import quasi_dynamic, signals
-from dynamics.systems.geometry import ContactGeometry, Pose, disc_box
+from dynamics.systems import contacts, quasi_dynamic, signals
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
-from problems.parameters import (
-    Parameters,
-    choice,
-    quantity,
-    rough_or_smooth,
-    structure,
-    table,
-)
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "planar-push"
 title = "Pushing a box in the plane, with friction"
 citation = Citation("suh2023noising", "Noising data, sec. V-B, planar pushing, and its code")
-axes = ("x [m]", "y [m]")
 equations = """
 "box" o = (x, y, theta), "pusher" a, "input" u: "where the pusher is told to be"
 M / h delta q_u = (J_(n u) + nu J_(t u))^top lambda_+ + (J_(n u) - nu J_(t u))^top lambda_-, quad
@@ -102,13 +93,10 @@ class Params(Parameters):
         return float(_touch(state, ca.SX(self.side), ca.SX(self.r)).phi)
 
 
-def _box(q: ca.SX) -> Pose:
-    return Pose(q[:2], -q[2])
-
-
-def _touch(q: ca.SX, side: ca.SX, r: ca.SX) -> ContactGeometry:
-    half = side / 2
-    return disc_box(q[3:], r, _box(q), (half, half))
+def _touch(q: ca.SX, side: ca.SX, r: ca.SX) -> contacts.Contact:
+    pusher, box = contacts.Pose(q[3:], ca.SX(0)), contacts.Pose(q[:2], -q[2])
+    shape = contacts.Box((side / 2, side / 2))
+    return contacts.Contact.between(contacts.Disc(r), pusher, shape, box)
 
 
 def build(params: Params) -> Problem:
@@ -117,10 +105,7 @@ def build(params: Params) -> Problem:
     u is the commanded position of the pusher [m], lam the impulses [N s] along the edges of the
     friction cone. Without friction there is one row, and no parameter ``friction`` to turn.
     """
-    p, friction = rough_or_smooth(table(params))
-
-    def sliding(q: ca.SX) -> ca.SX:
-        return _touch(q, p["side"], p["r"]).jacobians(Pose(q[3:], ca.SX(0)), _box(q), q)[1]
+    p, friction = friction_of(table(params))
 
     system = quasi_dynamic(
         name,
@@ -133,8 +118,8 @@ def build(params: Params) -> Problem:
         mass=ca.diag(ca.vertcat(p["m"], p["m"], p["inertia"])),
         stiffness=p["K"] * ca.SX.eye(2),
         distance=lambda q: _touch(q, p["side"], p["r"]).phi,
-        sliding=None if friction is None else sliding,
-        friction=0.0 if friction is None else friction,
+        sliding=lambda q: _touch(q, p["side"], p["r"]).jacobians(q)[1],
+        friction=friction,
         linearised=params.gap == "linearised",
         parameters=p,
     )

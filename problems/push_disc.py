@@ -15,7 +15,6 @@ from problems.spec import Citation, Golden
 name = "push-disc"
 title = "Pushing a disc in the plane"
 citation = Citation("suh2023noising", "Noising data, eq. 13-14, in the plane and frictionless")
-axes = ("x [m]", "y [m]")
 equations = """
 M / h (o^+ - o) = n lambda, quad h K (a^+ - u) = -n lambda, quad n = (o - a) / norm(o - a)
 0 <= lambda perp norm(o - a) - R - r + n dot ((o^+ - o) - (a^+ - a)) >= 0
@@ -93,6 +92,7 @@ def build(params: Params) -> Problem:
         mass=p["M"] * ca.SX.eye(2),
         stiffness=p["K"] * ca.SX.eye(2),
         distance=distance,
+        linearised=True,
         parameters=p,
     )
     du = ca.SX.sym("du", 2)

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -66,34 +66,40 @@ class Golden:
         return "; ".join(part for part in (how, confirmed, self.note) if part)
 
 
-@dataclass(frozen=True)
-class ProblemSpec:
-    """One named problem, at any parameters.
-
-    ``build(params)`` gives the :class:`~ocp.problem.Problem`; ``draw(params, state)`` the shapes at
-    one state (nx,), ``frames(params, state)`` the place and direction of each contact;
-    ``equations`` are lines of typst's mathematics; ``axes`` label the drawing; ``path`` is the
-    user's file, None for a problem that ships with the workbench.
-    """
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """What has a name, parameters, equations in typst's mathematics, and a source."""
 
     name: str
     title: str
     Params: type[BaseModel]
-    build: Callable[[Any], Problem]
     equations: tuple[str, ...] = ()
-    draw: Callable[[Any, np.ndarray], list[Shape]] | None = None
-    frames: Callable[[Any, np.ndarray], list[ContactFrame]] | None = None
-    axes: tuple[str, str] = ("x [m]", "y [m]")
-    golden: Mapping[str, Golden] = field(default_factory=dict)
     citation: Citation | None = None
-    path: Path | None = None
 
-    def params(self, values: Mapping[str, Any]) -> BaseModel:
+    def params(self, values: Mapping[str, Any]) -> Any:
         """Check ``values`` and fill in the defaults.
 
         Raises :class:`~ocp.errors.InputError` that names the parameter, its unit and its range.
         """
         return check_parameters(self.name, self.Params, values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemSpec(Spec):
+    """One named problem, at any parameters.
+
+    ``build(params)`` gives the :class:`~ocp.problem.Problem`; ``draw(params, state)`` the shapes at
+    one state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes``
+    label the drawing; ``path`` is the user's file, None for a problem that ships with the
+    workbench.
+    """
+
+    build: Callable[[Any], Problem]
+    draw: Callable[[Any, np.ndarray], list[Shape]] | None = None
+    frames: Callable[[Any, np.ndarray], list[ContactFrame]] | None = None
+    axes: tuple[str, str] = ("x [m]", "y [m]")
+    golden: Mapping[str, Golden] = field(default_factory=dict)
+    path: Path | None = None
 
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
         """Build the problem at ``values``, the rest at their defaults.
@@ -161,16 +167,7 @@ def _explain(Params: type[BaseModel], error: ValidationError) -> str:
     return f"parameter {parameter}{meaning} must be {range_of(about)}, got {shown}"
 
 
-class HasParams(Protocol):
-    """Anything with parameters to describe: a problem, an objective."""
-
-    @property
-    def Params(self) -> type[BaseModel]:
-        """The pydantic model of the parameters."""
-        ...
-
-
-def describe(spec: HasParams) -> list[dict[str, Any]]:
+def describe(spec: Spec) -> list[dict[str, Any]]:
     """List the parameters in order, each with name, value, unit, range and description."""
     return [
         {

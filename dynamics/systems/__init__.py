@@ -1,19 +1,8 @@
 """What moves: systems as one implicit step with contact multipliers and gaps."""
 
 from dynamics.systems.chain import Chain
-from dynamics.systems.contact_rows import Touching
-from dynamics.systems.dry_friction import dry_friction
-from dynamics.systems.friction import Mechanism, frictional_time_stepping
-from dynamics.systems.geometry import (
-    ContactGeometry,
-    Pose,
-    disc_box,
-    disc_capsule,
-    disc_disc,
-    disc_half_plane,
-)
 from dynamics.systems.lcs import is_p_matrix, lcs, linearise
-from dynamics.systems.machine import Machine, Sphere
+from dynamics.systems.machine import Machine, Part, Sphere
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
 from dynamics.systems.parameters import Parameter, ParameterTable, Signal, signals
 from dynamics.systems.planar import Link
@@ -25,27 +14,18 @@ from dynamics.systems.timestepping import time_stepping
 __all__ = [
     "Chain",
     "ContactForces",
-    "ContactGeometry",
     "ContactSystem",
     "EnergyBook",
     "Link",
     "Machine",
-    "Mechanism",
     "Pair",
     "Parameter",
     "ParameterTable",
-    "Pose",
+    "Part",
     "ReducedContact",
     "Sharp",
     "Signal",
     "Sphere",
-    "Touching",
-    "disc_box",
-    "disc_capsule",
-    "disc_disc",
-    "disc_half_plane",
-    "dry_friction",
-    "frictional_time_stepping",
     "is_p_matrix",
     "lcs",
     "linearise",

@@ -8,25 +8,16 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynamics.systems.geometry import Pose
+from dynamics.systems.contacts.pose import Pose
 from dynamics.systems.parameters import Signal
 from dynamics.systems.planar import Link, Number, Vector, root_first
 
 
 @dataclass(frozen=True, eq=False)
-class _Frame:
-    """Where a link is: its origin, its step from the parent's origin, its axes and its angle."""
+class _Frame(Pose):
+    """Pose of a link, and the step to its origin from the parent's."""
 
-    origin: ca.SX
     step: ca.SX
-    angle: ca.SX
-    cos: ca.SX
-    sin: ca.SX
-
-    def turn(self, vector: Vector | ca.SX) -> ca.SX:
-        """Turn a vector of the link's frame into the world's, R(angle) vector."""
-        x, z = vector[0], vector[1]
-        return ca.vertcat(x * self.cos + z * self.sin, z * self.cos - x * self.sin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +28,7 @@ class _Motion:
     along: ca.SX
 
 
-_WORLD = _Frame(ca.SX.zeros(2), ca.SX.zeros(2), ca.SX(0), ca.SX(1), ca.SX(0))
+_WORLD = _Frame(ca.SX.zeros(2), ca.SX(0), ca.SX.zeros(2))
 
 
 def _swing(r: ca.SX) -> ca.SX:
@@ -126,13 +117,11 @@ class Chain:
 
     def pose(self, q: ca.SX, link: str) -> Pose:
         """Origin (2, 1) [m] and angle [rad] of a link's frame in the world."""
-        frame = self._frames(q)[link]
-        return Pose(frame.origin, frame.angle)
+        return self._frames(q)[link]
 
     def position(self, q: ca.SX, link: str, point: Vector = (0.0, 0.0)) -> ca.SX:
         """World position (2, 1) [m] of a point given in a link's frame."""
-        frame = self._frames(q)[link]
-        return frame.origin + frame.turn(point)
+        return self._frames(q)[link].place(point)
 
     def mass(self, q: ca.SX) -> ca.SX:
         """Mass matrix M(q) (nq, nq), symmetric positive definite [kg, kg m, kg m²]."""
@@ -239,9 +228,7 @@ class Chain:
                 step += base.turn(link.axis) * q[index]
             else:
                 step, angle = step + q[index : index + 2], angle + q[index + 2]
-            frames[link.name] = _Frame(
-                base.origin + step, step, angle, ca.cos(angle), ca.sin(angle)
-            )
+            frames[link.name] = _Frame(base.position + step, angle, step)
         return frames
 
     def _motions(self, name: str, frames: dict[str, _Frame]) -> list[tuple[int, _Motion]]:

@@ -3,36 +3,56 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import casadi as ca
 
+from dynamics.systems.contacts.cone import ConeForm, Row, Rubbing
+from dynamics.systems.contacts.edge_cone import EDGES
+from dynamics.systems.contacts.linearised_cone import LINEARISED
+from dynamics.systems.contacts.second_order_cone import SECOND_ORDER
 from dynamics.systems.pairs import ContactForces, Pair
 from dynamics.systems.parameters import Signal
-from dynamics.systems.system import check_shape
+from dynamics.systems.sharp import COULOMB, TRUE_GAPS, Sharp
+from dynamics.systems.system import ContactSystem, check_shape
 
-Cone = Literal["linearised", "second-order"]
+Cone = Literal["linearised", "second-order", "edges"]
+FORMS: dict[str, ConeForm] = {
+    "linearised": LINEARISED, "second-order": SECOND_ORDER, "edges": EDGES,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Touching:
     """Contacts of a mechanism, nc of them, and the limits of its joints, nl.
 
-    ``distance(q)`` (nc, 1) [m]; ``sliding(q)`` (nc, nq) the rows J_t with slip velocity J_t v
-    [m/s]; ``friction`` Coulomb's coefficient (a scalar, or (nc, 1)), which may be zero, or None for
-    frictionless; ``limits(q)`` (nl, 1) the way left to every joint limit; ``names`` those of the
-    contacts, ``limit_names`` those of the limits. ``cone`` is how friction's cone is written, see
-    :func:`~dynamics.systems.friction.frictional_time_stepping`.
+    As the arguments of :func:`~dynamics.systems.timestepping.time_stepping` of these names.
     """
 
-    names: tuple[str, ...]
+    contacts: tuple[Signal, ...]
     distance: Callable[[ca.SX], ca.SX]
-    sliding: Callable[[ca.SX], ca.SX] | None = None
-    friction: ca.SX | float | None = None
+    sliding: Callable[[ca.SX], ca.SX] | None
+    friction: ca.SX | float | None
+    cone: Cone
+    linearised: bool
     limits: Callable[[ca.SX], ca.SX] | None = None
     limit_names: tuple[str, ...] = ()
-    cone: Cone = "linearised"
+
+    def distances(self, q: ca.SX) -> ca.SX:
+        """Distances of the contacts and ways to the limits, (nc + nl, 1)."""
+        return ca.vertcat(self.distance(q), *([] if self.limits is None else [self.limits(q)]))
+
+    def sharp(self, q: ca.SX, build: Callable[[Touching], ContactSystem]) -> Sharp:
+        """How the system that ``build`` makes of these contacts leads to its sharpest sibling."""
+        phi, notes = self.distances(q), []
+        if self.linearised and ca.depends_on(ca.jacobian(phi, q), q):
+            notes.append(TRUE_GAPS)
+        true = replace(self, linearised=False)
+        if self.cone == "edges" and self.friction is not None and self.sliding is not None:
+            notes.append(COULOMB)
+            true = replace(true, cone="linearised")
+        return Sharp(", ".join(notes), lambda: build(true)) if notes else Sharp()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,104 +70,60 @@ class ContactRows:
     forces: ContactForces | None
 
 
-@dataclass(eq=False)
-class _Rows:
-    """Pairs of one step as they are collected: gaps, the impulse's directions, their names."""
-
-    gaps: list[ca.SX] = field(default_factory=list)
-    directions: list[ca.SX] = field(default_factory=list)
-    signals: list[Signal] = field(default_factory=list)
-    pairs: list[Pair] = field(default_factory=list)
-
-    def add(self, kind: str, gap: ca.SX, J: ca.SX, names: list[str], unit: str,
-            about: str, first: int = 0) -> None:  # fmt: skip
-        self.gaps.append(gap)
-        self.directions.append(J)
-        self.signals += [Signal(name, unit, about) for name in names]
-        self.pairs += [Pair(kind, first + i) for i in range(len(names))]  # pyright: ignore
-
-    def closed(self, lam: ca.SX, nq: int, forces: ContactForces | None) -> ContactRows:
-        push = ca.vertcat(ca.SX(0, nq), *self.directions).T @ lam
-        gap = ca.vertcat(ca.SX(0, 1), *self.gaps)
-        return ContactRows(lam, gap, push, tuple(self.signals), tuple(self.pairs), forces)
-
-
 def contact_rows(
     name: str,
     touching: Touching,
     q: ca.SX,
     q_next: ca.SX,
-    v_next: ca.SX,
+    way: Callable[[ca.SX], ca.SX],
     h: ca.SX | float,
-    linearised: bool = False,
 ) -> ContactRows:
-    """Write the pairs of ``touching`` for a step of h from q to q_next at the velocity v_next.
+    """Write the pairs of ``touching`` for a step of h from q to q_next.
 
-    They are those of :func:`~dynamics.systems.friction.frictional_time_stepping`, in its order;
-    with ``linearised`` the gaps are expanded at q. A contact whose friction is zero, now or as long
-    as a parameter is zero, has its pairs too, but they neither see its slip nor push.
+    ``way(J)`` is how far a step goes along the rows J. The pairs are the normal ones, those of the
+    limits, and what else friction's cone needs, in this order. A contact whose friction is zero,
+    now or as long as a parameter is zero, has its pairs too, but they neither see its slip nor
+    push.
 
     Raises ``ValueError`` where a dimension does not fit.
     """
-    nq, nc, nl = q.numel(), len(touching.names), len(touching.limit_names)
+    nq, nc, nl = q.numel(), len(touching.contacts), len(touching.limit_names)
     phi = touching.distance(q)
     check_shape(name, "distance(q)", phi, (nc, 1))
-    J = ca.jacobian(phi, q)
 
-    def ahead(distance: Callable[[ca.SX], ca.SX], there: ca.SX) -> ca.SX:
+    def ahead(distance: Callable[[ca.SX], ca.SX]) -> ca.SX:
         here = distance(q)
-        return here + ca.jacobian(here, q) @ (there - q) if linearised else distance(there)
+        slope = ca.jacobian(here, q)
+        return here + slope @ (q_next - q) if touching.linearised else distance(q_next)
 
-    rows = _Rows()
-    gap, names = ahead(touching.distance, q_next), list(touching.names)
-    J_t, f, rough = ca.SX(nc, nq), ca.SX.zeros(nc), False
-    if touching.friction is not None and touching.sliding is not None:
-        J_t, f, rough = touching.sliding(q), ca.SX.ones(nc) * touching.friction, True
-    check_shape(name, "sliding(q)", J_t, (nc, nq))
-    second_order = rough and touching.cone == "second-order"
-    direction = J - ca.diag(f) @ J_t if second_order else J
-    rows.add("normal", gap, direction, names, "N s", "normal impulse")
+    limits = []
     if touching.limits is not None:
-        way = touching.limits(q)
-        check_shape(name, "limits(q)", way, (nl, 1))
-        rows.add("limit", ahead(touching.limits, q_next), ca.jacobian(way, q),
-                 list(touching.limit_names), "N m s", "impulse of a joint limit", nc)  # fmt: skip
-    if not rough:
-        return rows.closed(ca.SX.sym("lam", nc + nl), nq, None)
-    lam = ca.SX.sym("lam", nc + nl + (2 if second_order else 3) * nc)
-    gamma, cone = lam[:nc], ca.vertsplit(lam[nc + nl :], nc)
-    # Without friction the cone has no inside for the path to run in: there the pairs are those of
-    # a contact with the coefficient 1 which does not slide.
-    rubs = ca.if_else(f == 0, 0, 1)
-    wide = ca.if_else(f == 0, 1, f) * gamma
-    add_cone = _second_order_cone if second_order else _linearised_cone
-    slid = rubs * (h * (J_t @ v_next))
-    along = rubs * add_cone(rows, touching.names, ca.diag(rubs) @ J_t, slid, wide, cone)
-    forces = ContactForces(touching.names, gamma, along, J_t @ v_next, f)
-    return rows.closed(lam, nq, forces)
-
-
-def _linearised_cone(rows: _Rows, names: tuple[str, ...], J_t: ca.SX, slid: ca.SX, bound: ca.SX,
-                     cone: list[ca.SX]) -> ca.SX:  # fmt: skip
-    """Add beta±, psi to the rows; returns the impulse along the tangents."""
-    plus, minus, psi = cone
-    for sign, row, gap in (("+", J_t, psi + slid), ("-", -J_t, psi - slid)):
-        called = [f"{contact} friction{sign}" for contact in names]
-        rows.add("friction", gap, row, called, "N s", "friction impulse")
-    slip = [f"{contact} slip" for contact in names]
-    rows.add("slip", bound - plus - minus, ca.SX(*J_t.shape), slip, "m", "way slid in a step")
-    return plus - minus
-
-
-def _second_order_cone(rows: _Rows, names: tuple[str, ...], J_t: ca.SX, slid: ca.SX, bound: ca.SX,
-                       cone: list[ca.SX]) -> ca.SX:  # fmt: skip
-    """Add the eigenvalues ``f gamma ± beta`` of the cone; returns the impulse along the tangents.
-
-    The lower one stands as the gap of the dual's, so that no equation but the pairs is needed.
-    """
-    upper, dual = cone
-    edge = [f"{contact} cone" for contact in names]
-    rows.add("friction", dual + 2 * slid, J_t, edge, "N s", "friction impulse above its least")
-    slip = [f"{contact} slip" for contact in names]
-    rows.add("slip", 2 * bound - upper, ca.SX(*J_t.shape), slip, "m", "twice the way slid back")
-    return upper - bound
+        left = touching.limits(q)
+        check_shape(name, "limits(q)", left, (nl, 1))
+        stops = [Signal(n, "N m s", "impulse of a joint limit") for n in touching.limit_names]
+        limits = [Row("limit", ahead(touching.limits), ca.jacobian(left, q), stops)]
+    J, gap, forces = ca.jacobian(phi, q), ahead(touching.distance), None
+    rows, lam = [Row("normal", gap, J, list(touching.contacts))], ca.SX.sym("lam", nc + nl)
+    if touching.friction is not None and touching.sliding is not None:
+        form, J_t = FORMS[touching.cone], touching.sliding(q)
+        check_shape(name, "sliding(q)", J_t, (nc, nq))
+        f, slid = ca.SX.ones(nc) * touching.friction, way(J_t)
+        lam = ca.SX.sym("lam", nl + (1 + form.more) * nc)
+        own = [lam[:nc], *ca.vertsplit(lam[nc + nl :], nc)]
+        rubbing = Rubbing(touching.contacts, gap, J, J_t, f, slid, own)
+        rows, normal, along = form.pairs(rubbing)
+        names = tuple(contact.name for contact in touching.contacts)
+        forces = ContactForces(names, normal, along, slid / h, f)
+    rows[1:1] = limits
+    return ContactRows(
+        lam,
+        ca.vertcat(ca.SX(0, 1), *(row.gap for row in rows)),
+        ca.vertcat(ca.SX(0, nq), *(row.direction for row in rows)).T @ lam,
+        tuple(signal for row in rows for signal in row.signals),
+        tuple(
+            Pair(row.kind, i + (nc if row.kind == "limit" else 0))
+            for row in rows
+            for i in range(len(row.signals))
+        ),
+        forces,
+    )

@@ -26,7 +26,6 @@ def lcs(
     contacts: tuple[Signal, ...] | None = None,
     h: float = 1.0,
     parameters: ParameterTable | None = None,
-    citation: str = "",
 ) -> ContactSystem:
     """Linear complementarity system (adaptive barrier smoothing, eq. 2.1-2.2).
 
@@ -65,7 +64,6 @@ def lcs(
         h=h,
         parameters=parameters or ParameterTable(),
         gap_unit="1",
-        citation=citation,
     )
 
 
@@ -122,5 +120,4 @@ def linearise(
         c=a.ravel() - A @ point - B @ action,
         d=z.ravel() - D @ point - E @ action,
         states=system.states, inputs=system.inputs, contacts=system.contacts, h=float(h.item()),
-        citation=system.citation,
     )  # fmt: skip

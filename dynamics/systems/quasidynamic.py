@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import casadi as ca
 
-from dynamics.systems.contact_rows import Touching, contact_rows
-from dynamics.systems.pairs import ContactForces, Pair
+from dynamics.systems.contact_rows import Cone, Touching, contact_rows
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.sharp import COULOMB, TRUE_GAPS, Sharp, is_affine
 from dynamics.systems.system import ContactSystem, check_shape
 
 
@@ -26,27 +23,27 @@ def quasi_dynamic(
     distance: Callable[[ca.SX], ca.SX],
     parameters: ParameterTable,
     sliding: Callable[[ca.SX], ca.SX] | None = None,
-    friction: ca.SX | float = 0.0,
-    linearised: bool = True,
+    friction: ca.SX | float | None = None,
+    cone: Cone = "edges",
+    linearised: bool = False,
     load: ca.SX | None = None,
-    citation: str = "",
 ) -> ContactSystem:
     """Quasi-dynamic model of noising, eq. 13, with the transposes it lacks put in.
 
-    ``(1/h) M dq_u = J_u' lam + h load``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q) + J dq``,
-    with ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the
-    commanded ``q_a`` [m], ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an
-    impulse [N s], ``load`` (n_u, 1) [N] a constant force such as weight, none by default.
-    Non-penetration is linearised at the current q; ``distance`` maps q to phi [m].
+    ``(1/h) M dq_u = J_u' lam + h load``, ``h K (q_a+ - u) = J_a' lam``, ``gap = phi(q+)``, with
+    ``q = (q_u, q_a)`` the unactuated and actuated coordinates, ``dq = q+ - q``, u the commanded
+    ``q_a`` [m], ``mass`` M (n_u, n_u) [kg], ``stiffness`` K (n_a, n_a) [N/m], ``lam`` an impulse
+    [N s], ``load`` (n_u, 1) [N] a constant force such as weight, none by default.
+    ``distance`` maps q to phi [m]. With ``linearised``, as the paper has it, ``gap = phi(q) + J
+    dq``: the step is a convex QP, and bodies that turn may cut a corner.
 
-    With ``sliding``, which maps q to the rows J_t (nc, nq), each contact has the two rows
-    ``gap = phi(q) + (J ± friction J_t) dq``, edges of its friction cone, and the impulse
-    ``sum (J ± friction J_t)' lam±``: the step stays a convex QP, at the price that a sliding
-    contact opens at the rate ``friction |J_t dq|``. ``contacts`` name the contacts; the pairs are
-    then ``<name>+`` of all contacts and ``<name>-`` of all. Without ``linearised`` phi is taken at
-    q+, which is no QP any more, and bodies that turn cannot cut a corner. The sharpest contact has
-    phi at q+ and Coulomb friction with maximum dissipation, as
-    :func:`~dynamics.systems.friction.frictional_time_stepping` writes it.
+    ``friction`` are Coulomb's coefficients, and ``sliding`` maps q to the rows J_t (nc, nq). With
+    the ``cone`` written by its edges each contact has the two rows ``gap ± friction J_t dq``,
+    edges of its friction cone, and the impulse ``sum (J ± friction J_t)' lam±``: convex where the
+    gap is, at the price that a sliding contact opens at the rate ``friction |J_t dq|``. The pairs
+    are then ``<name>+`` of all contacts and ``<name>-`` of all. The sharpest contact has phi at q+
+    and Coulomb friction with maximum dissipation, as
+    :func:`~dynamics.systems.timestepping.time_stepping` writes it.
 
     As the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, the log-barrier weight converts as
     ``mu = 1 / kappa``.
@@ -54,75 +51,36 @@ def quasi_dynamic(
     Raises ``ValueError`` where a dimension does not fit.
     """
     nq, nu = len(states), len(inputs)
-    x, x_next = ca.SX.sym("x", nq), ca.SX.sym("x_next", nq)
-    u, lam = ca.SX.sym("u", nu), ca.SX.sym("lam", len(contacts))
-    dq = x_next - x
-    n_free, nc = nq - nu, len(contacts)
-    phi = distance(x)
+    x, x_next, u = ca.SX.sym("x", nq), ca.SX.sym("x_next", nq), ca.SX.sym("u", nu)
+    dq, n_free = x_next - x, nq - nu
+    weight = ca.SX(n_free, 1) if load is None else load
     check_shape(name, "mass", mass, (n_free, n_free))
     check_shape(name, "stiffness", stiffness, (nu, nu))
-    check_shape(name, "distance(q)", phi, (nc, 1))
-    J = ca.jacobian(phi, x)
-    ahead = phi + J @ dq if linearised else distance(x_next)
-    directions, gaps, forces = [J], [ahead], None
-    if sliding is not None:
-        J_t, f = sliding(x), ca.SX.ones(nc) * friction
-        check_shape(name, "sliding(q)", J_t, (nc, nq))
-        slid = f * J_t
-        directions, gaps = [J + slid, J - slid], [ahead + slid @ dq, ahead - slid @ dq]
-        lam = ca.SX.sym("lam", 2 * nc)
-        plus, minus = lam[:nc], lam[nc:]
-        names = tuple(contact.name for contact in contacts)
-        forces = ContactForces(names, plus + minus, f * (plus - minus), J_t @ dq / h, f)
-    weight = ca.SX(n_free, 1) if load is None else load
     check_shape(name, "load", weight, (n_free, 1))
 
-    def residual(impulse: ca.SX) -> ca.SX:
-        return ca.vertcat(
-            mass @ dq[:n_free] / h - impulse[:n_free] - h * weight,
-            h * stiffness @ (x_next[n_free:] - u) - impulse[n_free:],
+    def built(touching: Touching) -> ContactSystem:
+        rows = contact_rows(name, touching, x, x_next, lambda J: J @ dq, h)
+        return ContactSystem(
+            name=name,
+            x=x,
+            u=u,
+            x_next=x_next,
+            lam=rows.lam,
+            residual=ca.vertcat(
+                mass @ dq[:n_free] / h - rows.push[:n_free] - h * weight,
+                h * stiffness @ (x_next[n_free:] - u) - rows.push[n_free:],
+            ),
+            gap=rows.gap,
+            states=states,
+            inputs=inputs,
+            contacts=rows.signals,
+            h=h,
+            parameters=parameters,
+            phi=touching.distance(x),
+            mu_per_kappa=1.0,
+            pairs=rows.pairs,
+            forces=rows.forces,
+            sharp=touching.sharp(x, built),
         )
 
-    def sharpest() -> ContactSystem:
-        names = tuple(contact.name for contact in contacts)
-        touching = Touching(names, distance, sliding, None if sliding is None else friction)
-        rows = contact_rows(name, touching, x, x_next, dq / h, h)
-        return replace(
-            system, lam=rows.lam, residual=residual(rows.push), gap=rows.gap, pairs=rows.pairs,
-            contacts=contacts if sliding is None else rows.signals, forces=rows.forces,
-            sharp=Sharp(),
-        )  # fmt: skip
-
-    truer = [TRUE_GAPS] if linearised and not is_affine(phi, x) else []
-    rubs = [COULOMB] if sliding is not None else []
-    system = ContactSystem(
-        name=name,
-        x=x,
-        u=u,
-        x_next=x_next,
-        lam=lam,
-        residual=residual(ca.vertcat(ca.SX(0, nq), *directions).T @ lam),
-        gap=ca.vertcat(ca.SX(0, 1), *gaps),
-        states=states,
-        inputs=inputs,
-        contacts=contacts if sliding is None else _edges(contacts),
-        h=h,
-        parameters=parameters,
-        phi=phi,
-        mu_per_kappa=1.0,
-        citation=citation,
-        pairs=tuple(Pair("normal", i) for _ in directions for i in range(nc)),
-        forces=forces,
-        redundant=sliding is not None or nc > nq,
-        sharp=Sharp(", ".join(truer + rubs), sharpest) if truer or rubs else Sharp(),
-    )
-    return system
-
-
-def _edges(contacts: tuple[Signal, ...]) -> tuple[Signal, ...]:
-    """Name the two edges of every contact's friction cone."""
-    return tuple(
-        Signal(f"{contact.name}{sign}", contact.unit, contact.description)
-        for sign in ("+", "-")
-        for contact in contacts
-    )
+    return built(Touching(contacts, distance, sliding, friction, cone, linearised))

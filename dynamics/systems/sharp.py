@@ -31,16 +31,6 @@ class Sharp:
     build: Callable[[], ContactSystem] | None = None
 
 
-def with_gap(system: ContactSystem, gap: ca.SX, redundant: bool) -> ContactSystem:
-    """Return the same system with another gap, the sharpest it can have."""
-    return replace(system, gap=gap, redundant=redundant, sharp=Sharp())
-
-
-def is_affine(distance: ca.SX, q: ca.SX) -> bool:
-    """Whether a distance equals its own expansion, wherever that is taken."""
-    return not ca.depends_on(ca.jacobian(distance, q), q)
-
-
 def by_true_distance(system: ContactSystem) -> Sharp | None:
     """Sharpen a system written by hand, whose builder has said nothing; None without geometry.
 
@@ -58,13 +48,13 @@ def by_true_distance(system: ContactSystem) -> Sharp | None:
         and ca.depends_on(system.gap, system.x_next)
         and not ca.depends_on(system.gap, system.lam)
     )
-    if not plain or is_affine(phi, system.x) or not _is_distance_at_rest(system, phi):
+    affine = not ca.depends_on(ca.jacobian(phi, system.x), system.x)
+    if not plain or affine or not _is_distance_at_rest(system, phi):
         return Sharp()
     there = ca.substitute(phi, system.x, system.x_next)
     if ca.is_equal(there, system.gap, 100):
         return Sharp()
-    redundant = system.redundant or system.nlam > system.nx // 2
-    return Sharp(TRUE_GAPS, lambda: with_gap(system, there, redundant))
+    return Sharp(TRUE_GAPS, lambda: replace(system, gap=there, sharp=Sharp()))
 
 
 def _is_distance_at_rest(system: ContactSystem, phi: ca.SX) -> bool:

@@ -10,7 +10,8 @@ import casadi as ca
 from dynamics.systems.elimination import solve_without_pivoting
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, deciding_pairs
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.sharp import Sharp, by_true_distance
+from dynamics.systems.sharp import TRUE_GAPS, Sharp, by_true_distance
+from dynamics.systems.uniqueness import has_open_multipliers
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +49,7 @@ class ContactSystem:
     of its own; ``forces`` add them up where there is friction, ``book`` has energy and momentum.
 
     Where the Jacobian of ``residual`` by ``x_next`` depends on the state, as where a mass matrix
-    does, it must have positive leading minors, as a mass matrix has. ``redundant`` says that
-    contacts may leave single multipliers open (friction, more contacts than freedoms): the matrix F
-    is then no P-matrix.
+    does, it must have positive leading minors, as a mass matrix has.
 
     ``sharp`` leads to the sharpest contact that is known for the system, see :attr:`sharpest`.
     ``refinable`` says that h only discretises: ``h / 4`` is the same system, looked at more often.
@@ -73,11 +72,9 @@ class ContactSystem:
     phi: ca.SX | None = None
     mu_per_kappa: ca.SX | float | None = None
     gap_unit: str = "m"
-    citation: str = ""
     pairs: tuple[Pair, ...] = ()
     forces: ContactForces | None = None
     book: EnergyBook | None = None
-    redundant: bool = False
     sharp: Sharp | None = None
     refinable: bool = False
 
@@ -147,6 +144,13 @@ class ContactSystem:
         """What :attr:`sharpest` has that the model has not; None for a system without geometry."""
         return None if self._sharp is None else self._sharp.note
 
+    @property
+    def gaps(self) -> str | None:
+        """``"true"`` or ``"linearised"``, what the model's own gaps are; None without geometry."""
+        if self.phi is None or self._sharp is None:
+            return None
+        return "linearised" if TRUE_GAPS in self._sharp.note else "true"
+
     @cached_property
     def distance_names(self) -> tuple[str, ...]:
         """Names of the entries of ``phi``: those of the contacts, then those of joint limits."""
@@ -176,7 +180,12 @@ class ContactSystem:
     @cached_property
     def linear(self) -> bool:
         """Whether contact is a linear complementarity problem with a P-matrix of small graphs."""
-        return self.reduced.affine and not (self.configured or self.redundant)
+        affine = self.reduced.affine and not self.configured
+        if not affine:
+            return False
+        given = [self.x, self.u, self.parameters.vector]
+        contact = ca.Function("contact", given, [self.reduced.F, self.reduced.z])
+        return not has_open_multipliers(self.pairs, contact, self.parameters.values)
 
     @cached_property
     def reduced(self) -> ReducedContact:

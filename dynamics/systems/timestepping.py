@@ -1,4 +1,4 @@
-"""Velocity-level time stepping of a mechanical system with unilateral contact."""
+"""Velocity-level time stepping of a mechanical system with contact."""
 
 from __future__ import annotations
 
@@ -6,9 +6,16 @@ from collections.abc import Callable
 
 import casadi as ca
 
+from dynamics.systems.contact_rows import Cone, ContactRows, Touching, contact_rows
+from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.sharp import TRUE_GAPS, Sharp, is_affine, with_gap
+from dynamics.systems.pressed_rows import pressed_rows
+from dynamics.systems.sharp import Sharp
 from dynamics.systems.system import ContactSystem, check_shape
+
+Number = ca.SX | float
+OfPose = Callable[[ca.SX], ca.SX]
+Book = Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], EnergyBook]
 
 
 def time_stepping(
@@ -17,63 +24,122 @@ def time_stepping(
     states: tuple[Signal, ...],
     inputs: tuple[Signal, ...],
     contacts: tuple[Signal, ...],
-    h: ca.SX | float,
-    mass: ca.SX,
+    h: Number,
+    mass: OfPose | Number,
     impulse: Callable[[ca.SX, ca.SX, ca.SX], ca.SX],
-    distance: Callable[[ca.SX], ca.SX],
     parameters: ParameterTable,
-    citation: str = "",
+    distance: OfPose | None = None,
+    load: Number | None = None,
+    sliding: OfPose | None = None,
+    friction: Number | None = None,
+    cone: Cone = "linearised",
+    limits: OfPose | None = None,
+    limit_names: tuple[str, ...] = (),
+    damping: ca.SX | None = None,
+    stiffness: ca.SX | None = None,
+    linearised: bool = False,
+    book: Book | None = None,
 ) -> ContactSystem:
-    """Implicit time stepping of Stewart and Trinkle, plastic impacts.
+    """Implicit time stepping of Stewart and Trinkle, plastic impacts, Coulomb friction.
 
-    ``M (v+ - v) = impulse(q, v, u) + J' lam``, ``q+ = q + h v+``,
-    ``gap = phi(q) + J (q+ - q)`` with ``J = d phi / d q`` at the current q, which equals
-    ``phi(q+)`` where phi is affine. The state is ``(q, v)``, each (nq, 1); ``lam`` is an impulse
-    [N s], ``impulse`` the smooth impulse over one step [N s], ``distance`` maps q to phi [m].
+    ``M(q) (v+ - v) = impulse(q, v, u) - h (D v+ + K q+) + J_n' gamma + J_t' (beta+ - beta-)
+    + J_l' nu`` and ``q+ = q + h v+``, with gamma, beta±, nu impulses [N s] and the pairs
 
-    With gap = phi(q+) [m] the log-barrier weight converts as ``mu = h / kappa``
-    (pathologies, eq. 2-5). Its sharpest contact has ``gap = phi(q+)``.
+    - normal ``0 <= gamma ⟂ phi(q+) >= 0``: no penetration at the next position,
+    - limit ``0 <= nu ⟂ limits(q+) >= 0``,
+    - friction ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and slip ``0 <= psi ⟂ f gamma - beta+ - beta- >=
+      0``: maximum dissipation over the linearised cone, psi [m] the way slid in a step.
 
+    ``lam`` holds gamma, nu, beta+, beta-, psi in this order; all products are in N s m, so one mu
+    suits all, and with phi in place the log-barrier weight converts as ``mu = h / kappa``
+    (pathologies, eq. 2-5). The state is ``(q, v)``, each (nq, 1); where the step size is to be
+    chosen, one state more: h, a symbol that never changes.
+
+    ``mass`` is M (nq, nq), a function of q or none; ``impulse`` maps (q, v, u) to the smooth
+    impulse over one step (nq, 1) [N s], but for ``damping`` D and ``stiffness`` K (nq, nq), which
+    act implicitly: stiff joints stay stable. Of the ``contacts``, nc of them, ``distance`` maps q
+    to phi (nc, 1) [m], ``sliding`` to the rows J_t (nc, nq) with slip velocity J_t v [m/s];
+    ``friction`` is Coulomb's f, a scalar or (nc, 1), which may be zero, or None for none.
+    ``limits`` maps q to the way left to every joint limit. ``book`` makes the energy book of
+    (q, v, u, v+, gamma, beta+ - beta-).
+
+    With ``cone="second-order"`` friction is that of the second-order cone ``|beta| <= f gamma``,
+    whose barrier ``log((f gamma)² - beta²)`` pairs eigenvalues of the cone and of its dual,
+    ``(f gamma ± beta) (psi ± h J_t v+) = mu``; in the plane with psi eliminated the two pairs are
+    ``upper ⟂ dual + 2 h J_t v+`` and ``dual ⟂ 2 f gamma - upper``, upper = f gamma + beta, dual =
+    psi - h J_t v+. At mu = 0 both cones are the same law; their central paths differ.
+
+    With ``cone="edges"`` a step is convex where its gaps are, at the price that a sliding contact
+    opens, see :func:`~dynamics.systems.quasidynamic.quasi_dynamic`; its sharpest contact has
+    maximum dissipation.
+
+    With ``linearised`` the gaps are expanded at the current q, whose true distance rotating bodies
+    may violate; the sharpest contact is that without. With ``load`` [N] in place of ``distance``
+    the contacts never open, see :func:`~dynamics.systems.pressed_rows.pressed_rows`.
+
+    Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I.
     Raises ``ValueError`` where a dimension does not fit.
     """
-    if len(states) % 2:
-        raise ValueError(
-            f"system {name!r}: {len(states)} states; expected positions and as many velocities"
-        )
-    nq = len(states) // 2
+    nq, free_step = divmod(len(states), 2)
     x, x_next = ca.SX.sym("x", 2 * nq), ca.SX.sym("x_next", 2 * nq)
-    u, lam = ca.SX.sym("u", len(inputs)), ca.SX.sym("lam", len(contacts))
-    q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
-    phi, smooth = distance(q), impulse(q, v, u)
-    check_shape(name, "mass", mass, (nq, nq))
+    if free_step:
+        if not (isinstance(h, ca.SX) and h.is_valid_input()):
+            raise ValueError(
+                f"system {name!r}: {len(states)} states; expected positions and as many velocities,"
+                f" and the step size where h is a symbol, got h = {h}"
+            )
+        x, x_next = ca.vertcat(x, h), ca.vertcat(x_next, ca.SX.sym("h_next"))
+    u = ca.SX.sym("u", len(inputs))
+    q, v, q_next, v_next = x[:nq], x[nq : 2 * nq], x_next[:nq], x_next[nq : 2 * nq]
+    M, smooth = ca.SX(mass(q) if callable(mass) else mass), impulse(q, v, u)
+    check_shape(name, "mass", M, (nq, nq))
     check_shape(name, "impulse(q, v, u)", smooth, (nq, 1))
-    check_shape(name, "distance(q)", phi, (len(contacts), 1))
-    J = ca.jacobian(phi, q)
-    residual = ca.vertcat(
-        q_next - q - h * v_next,
-        mass @ (v_next - v) - smooth - J.T @ lam,
-    )
+    nothing, nc = ca.SX(nq, nq), len(contacts)
+    D, K = (nothing if part is None else part for part in (damping, stiffness))
 
-    def with_true_gaps() -> ContactSystem:
-        return with_gap(system, distance(q_next), redundant=len(contacts) > nq)
+    def built(rows: ContactRows, phi: ca.SX | None, sharp: Sharp) -> ContactSystem:
+        normal = rows.lam[:nc] if rows.forces is None else rows.forces.normal
+        along = ca.SX.zeros(nc) if rows.forces is None else rows.forces.tangential
+        return ContactSystem(
+            name=name,
+            x=x,
+            u=u,
+            x_next=x_next,
+            lam=rows.lam,
+            residual=ca.vertcat(
+                q_next - q - h * v_next,
+                M @ (v_next - v) - smooth + h * (D @ v_next + K @ (q + h * v_next)) - rows.push,
+                x_next[2 * nq :] - x[2 * nq :],
+            ),
+            gap=rows.gap,
+            states=states,
+            inputs=inputs,
+            contacts=rows.signals,
+            h=h,
+            parameters=parameters,
+            phi=phi,
+            mu_per_kappa=None if phi is None else h,
+            gap_unit="N s" if phi is None else "m",
+            pairs=rows.pairs,
+            forces=rows.forces,
+            book=None if book is None else book(q, v, u, v_next, normal, along),
+            sharp=sharp,
+            refinable=True,
+        )
 
-    system = ContactSystem(
-        name=name,
-        x=x,
-        u=u,
-        x_next=x_next,
-        lam=lam,
-        residual=residual,
-        gap=phi + J @ (q_next - q),
-        states=states,
-        inputs=inputs,
-        contacts=contacts,
-        h=h,
-        parameters=parameters,
-        phi=phi,
-        mu_per_kappa=h,
-        citation=citation,
-        sharp=Sharp() if is_affine(phi, q) else Sharp(TRUE_GAPS, with_true_gaps),
-        refinable=True,
-    )
-    return system
+    def touched(touching: Touching) -> ContactSystem:
+        rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
+        return built(rows, touching.distances(q), touching.sharp(q, touched))
+
+    if distance is not None and load is None:
+        return touched(Touching(contacts, distance, sliding, friction, cone, linearised, limits,
+                                limit_names))  # fmt: skip
+    if distance is not None or load is None or sliding is None or friction is None:
+        raise ValueError(
+            f"system {name!r}: give its contacts a distance, or, where they never open, a load with"
+            " sliding and friction"
+        )
+    inertia = M + h * D + h**2 * K
+    free = ca.solve(inertia, M @ v + smooth - h * K @ q)
+    rows = pressed_rows(name, contacts, sliding(q), friction, load, inertia, free, v_next, h)
+    return built(rows, None, Sharp())

@@ -63,8 +63,8 @@ def findings(found: Solution) -> list[str]:
         lines = [_sentence(f"the contacts never act; {explained}")]
     if found.certificate.reason != UNJUDGED:
         lines.append(_sentence(found.certificate.sentence))
-    lines += [_sentence(line) for line in (_referee(found), _replay(found), _parting(found))
-              if line]  # fmt: skip
+    said = (_gaps(found), _referee(found), _replay(found), _parting(found))
+    lines += [_sentence(line) for line in said if line]
     if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):
         lines.append("A second way of solving took too long beside the first and was given up.")
     if not found.record.get("resumed", True):
@@ -77,6 +77,11 @@ def findings(found: Solution) -> list[str]:
 
 UNJUDGED = "the point is not feasible"
 """The certificate's reason where there was nothing to certify."""
+
+
+def _gaps(found: Solution) -> str:
+    gaps = found.problem.system.gaps
+    return "" if gaps is None else f"the model's gaps are {gaps}"
 
 
 def _referee(found: Solution) -> str:

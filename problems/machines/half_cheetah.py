@@ -1,14 +1,14 @@
-"""The half-cheetah: a torso on a hind and a fore leg of three links each."""
+"""The half-cheetah: a torso on a hind and a fore leg of three links each.
+
+From the table of Dojo's halfcheetah.urdf and its environment (Howell et al., Dojo, 2022), decoded
+in the plane.
+"""
 
 from __future__ import annotations
 
 from dynamics.systems import Link, Sphere
 from dynamics.systems.planar import Number
 from problems.machines.machine import PublishedMachine
-
-CITATION = (
-    "Dojo halfcheetah.urdf and its environment (Howell et al., Dojo, 2022), as decoded in the plane"
-)
 
 _RADIUS = 0.046
 

@@ -1,4 +1,8 @@
-"""The planar hopper: torso, thigh, leg and foot, standing upright at q = 0."""
+"""The planar hopper: torso, thigh, leg and foot, standing upright at q = 0.
+
+From the table of Dojo's hopper_good.urdf and its environment (Howell et al., Dojo, 2022), decoded
+in the plane.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,6 @@ from math import pi
 from dynamics.systems import Link, Sphere
 from dynamics.systems.planar import Number
 from problems.machines.machine import PublishedMachine
-
-CITATION = (
-    "Dojo hopper_good.urdf and its environment (Howell et al., Dojo, 2022), as decoded in the plane"
-)
 
 
 def hopper(

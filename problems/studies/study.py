@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -125,6 +125,11 @@ def quantity_of(
 def largest(values: ArrayLike) -> float:
     """Return the largest of ``values``; NaN, under which no claim holds, where there are none."""
     return float(np.max(values)) if np.size(values) else float("nan")
+
+
+def listed(values: Iterable[float], form: str) -> str:
+    """Write all of ``values`` in the format ``form``: ``0.10, 0.25``."""
+    return ", ".join(format(value, form) for value in values)
 
 
 def over(settings: Sequence[object], held: ArrayLike) -> str:

@@ -177,7 +177,7 @@ def build(
             " drop it"
         )
     values = params.model_dump()
-    return spec.build(params, **engine), values, float(values["sigma"])
+    return spec.objective(given, **engine), values, float(values["sigma"])
 
 
 def _rollouts(

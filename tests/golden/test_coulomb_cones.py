@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import (
     ContactSystem,
-    Mechanism,
+    EnergyBook,
     ParameterTable,
-    Touching,
-    frictional_time_stepping,
     quasi_dynamic,
     signals,
+    time_stepping,
 )
 from dynamics.systems.contact_rows import Cone
 
@@ -29,16 +28,12 @@ CONES: tuple[Cone, ...] = ("linearised", "second-order")
 @functools.cache
 def block(cone: Cone) -> ContactSystem:
     """A unit mass on a floor, q = (x, z), pushed along it."""
-    return frictional_time_stepping(
+    return time_stepping(
         "block", states=signals("x [m]; z [m]; vx [m/s]; vz [m/s]"), inputs=signals("f [N]"),
-        mechanism=Mechanism(
-            mass=lambda q: ca.SX.eye(2), impulse=lambda q, v, u: H * ca.vertcat(u, -G)
-        ),
-        touching=Touching(
-            names=("floor",), distance=lambda q: q[1], sliding=lambda q: ca.SX([[1.0, 0.0]]),
-            friction=FRICTION, cone=cone,
-        ),
-        h=H, parameters=ParameterTable(),
+        contacts=signals("floor [N s]"), mass=ca.SX.eye(2),
+        impulse=lambda q, v, u: H * ca.vertcat(u, -G), distance=lambda q: q[1],
+        sliding=lambda q: ca.SX([[1.0, 0.0]]), friction=FRICTION, cone=cone, h=H,
+        parameters=ParameterTable(),
     )  # fmt: skip
 
 
@@ -50,23 +45,18 @@ def rod(cone: Cone) -> ContactSystem:
         arm = 0.4 * ca.vertcat(ca.sin(q[2]), -ca.cos(q[2]))
         return [q[:2] + arm, q[:2] - arm]
 
-    return frictional_time_stepping(
+    return time_stepping(
         "rod", states=signals("x [m]; z [m]; a [rad]; vx [m/s]; vz [m/s]; va [rad/s]"),
         inputs=signals("f [N]"),
-        mechanism=Mechanism(
-            mass=lambda q: ca.diag(ca.SX([1.0, 1.0, 0.1])),
-            impulse=lambda q, v, u: H * ca.vertcat(u, -G, 0),
-            energy=lambda q, v: 0.5 * (v[0] ** 2 + v[1] ** 2 + 0.1 * v[2] ** 2) + G * q[1],
-            work=lambda u, v_next: H * u * v_next[0],
-            momentum=lambda q, v: v[:2],
-            external=lambda v_next, n, t: ca.vertcat(ca.sum1(t), ca.sum1(n) - H * G),
-        ),
-        touching=Touching(
-            names=("one", "other"), distance=lambda q: ca.vertcat(*(end[1] for end in ends(q))),
-            sliding=lambda q: ca.vertcat(*(ca.jacobian(end[0], q) for end in ends(q))),
-            friction=FRICTION, cone=cone,
-        ),
-        h=H, parameters=ParameterTable(),
+        contacts=signals("one [N s]; other [N s]"), mass=ca.diag(ca.SX([1.0, 1.0, 0.1])),
+        impulse=lambda q, v, u: H * ca.vertcat(u, -G, 0),
+        distance=lambda q: ca.vertcat(*(end[1] for end in ends(q))),
+        sliding=lambda q: ca.vertcat(*(ca.jacobian(end[0], q) for end in ends(q))),
+        friction=FRICTION, cone=cone, h=H,
+        book=lambda q, v, u, v_next, n, t: EnergyBook(
+            0.5 * (v[0] ** 2 + v[1] ** 2 + 0.1 * v[2] ** 2) + G * q[1], H * u * v_next[0], v[:2],
+            ca.vertcat(ca.sum1(t), ca.sum1(n) - H * G),
+        ), parameters=ParameterTable(),
     )  # fmt: skip
 
 
@@ -193,3 +183,21 @@ def test_a_dragged_disc_follows_coulomb_in_the_plane():
         assert at_bound != sticks
         # Newton: the impulses are what moved the object.
         np.testing.assert_allclose((x_next - x)[:2] / 0.1, [normal[0], tangential[0]], rtol=1e-7)
+
+
+@pytest.mark.parametrize("force", [2.0, 12.0, -12.0])
+def test_edges_of_the_cone_are_the_convex_program_and_are_refereed_by_coulomb(force: float) -> None:
+    """The block on its edges: the free velocity is projected onto ``vz >= f |vx|``, a wedge."""
+    system, free = block("edges"), H * np.array([force, -G])
+    x_next, lam, _ = step(system, Exact(), np.zeros(4), np.array([force]))
+    edge = np.array([np.sign(force), FRICTION]) / np.hypot(1, FRICTION)
+    wanted = edge * max(0.0, edge @ free)
+    np.testing.assert_allclose(x_next[2:], wanted, atol=1e-9)
+    normals = np.array([[FRICTION, 1.0], [-FRICTION, 1.0]])
+    np.testing.assert_allclose(normals.T @ lam, wanted - free, atol=1e-9)
+    assert lam.min() >= -1e-12
+    assert system.referee_note == "Coulomb friction with maximum dissipation"
+    np.testing.assert_allclose(
+        step(system.sharpest, Exact(), np.zeros(4), np.array([force]))[0],
+        step(block("linearised"), Exact(), np.zeros(4), np.array([force]))[0], atol=1e-9,
+    )  # fmt: skip

@@ -14,11 +14,8 @@ import problems
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import (
     ContactSystem,
-    Mechanism,
     Parameter,
     ParameterTable,
-    Touching,
-    frictional_time_stepping,
     quasi_dynamic,
     signals,
     time_stepping,
@@ -164,7 +161,7 @@ def thrown_in_a_ring() -> ContactSystem:
         "ring", states=signals("x [m]; y [m]; vx [m/s]; vy [m/s]"),
         inputs=signals("fx [N]; fy [N]"), contacts=signals("ring [N s]"), h=H, mass=ca.SX.eye(2),
         impulse=lambda q, v, u: H * u, distance=lambda q: 1.0 - ca.norm_2(q),
-        parameters=ParameterTable(),
+        parameters=ParameterTable(), linearised=True,
     )  # fmt: skip
 
 
@@ -250,20 +247,15 @@ def test_every_named_problem_says_who_referees_it() -> None:
 
 def two_blocks(friction: ca.SX, cone, table: ParameterTable) -> ContactSystem:
     """Two unit masses on a floor, q = (x1, z1, x2, z2), pushed along by one force each."""
-    return frictional_time_stepping(
+    return time_stepping(
         "blocks",
         states=signals("x1 [m]; z1 [m]; x2 [m]; z2 [m]; vx1 [m/s]; vz1 [m/s]; vx2 [m/s];"
                        " vz2 [m/s]"),
         inputs=signals("f1 [N]; f2 [N]"),
-        mechanism=Mechanism(
-            mass=lambda q: ca.SX.eye(4),
-            impulse=lambda q, v, u: H * ca.vertcat(u[0], -10, u[1], -10),
-        ),
-        touching=Touching(
-            names=("one", "two"), distance=lambda q: q[[1, 3]], friction=friction, cone=cone,
-            sliding=lambda q: ca.SX([[1.0, 0, 0, 0], [0, 0, 1.0, 0]]),
-        ),
-        h=H, parameters=table,
+        contacts=signals("one [N s]; two [N s]"), mass=ca.SX.eye(4),
+        impulse=lambda q, v, u: H * ca.vertcat(u[0], -10, u[1], -10),
+        distance=lambda q: q[[1, 3]], friction=friction, cone=cone,
+        sliding=lambda q: ca.SX([[1.0, 0, 0, 0], [0, 0, 1.0, 0]]), h=H, parameters=table,
     )  # fmt: skip
 
 
@@ -316,7 +308,7 @@ def test_convex_rows_take_a_zero_friction_too() -> None:
         "smooth", states=base.states, inputs=base.inputs, contacts=signals("push [N s]"), h=H,
         mass=ca.SX(ca.DM(MASS[:3, :3])), stiffness=50.0 * ca.SX.eye(2), parameters=table,
         distance=lambda q: ca.norm_2(q[:2] - q[3:]) - REACH, friction=table["f"],
-        sliding=lambda q: ca.SX([[0, 1.0, R, 0, -1.0]]),
+        sliding=lambda q: ca.SX([[0, 1.0, R, 0, -1.0]]), linearised=True,
     )  # fmt: skip
     x, u = np.array([REACH, 0, 0, 0, 0.0]), np.array([0.2, 0.1])
     for system in (smooth, smooth.sharpest):

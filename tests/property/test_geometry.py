@@ -11,14 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from dynamics.systems.geometry import (
-    ContactGeometry,
-    Pose,
-    disc_box,
-    disc_capsule,
-    disc_disc,
-    disc_half_plane,
-)
+from dynamics.systems.contacts import Box, Capsule, Contact, Disc, HalfPlane, Pose, Shape
 
 RADIUS = 0.1
 HALF = np.array([0.5, 0.3])
@@ -29,7 +22,7 @@ END = np.array([0.3, -0.2])
 class Case:
     """A body with the pose q[2:5] against a disc with centre q[:2] and angle q[5]."""
 
-    contact: Callable[[ca.SX, Pose], ContactGeometry]
+    shape: Shape
     surface: Callable[[], np.ndarray]
     """Points of the body's surface in its frame, (n, 2), at most 1e-3 apart."""
     inside: Callable[[np.ndarray], bool]
@@ -67,7 +60,7 @@ def box_case(corner: float) -> Case:
         return bool(same_side and abs(p[np.argmax(d)]) > 1e-2)
 
     return Case(
-        lambda c, body: disc_box(c, RADIUS, body, tuple(HALF), corner),
+        Box(tuple(HALF), corner),
         lambda: box_surface(corner),
         inside,
         smooth,
@@ -99,21 +92,19 @@ def outer(points: np.ndarray) -> np.ndarray:
 
 CASES = {
     "half-plane": Case(
-        lambda c, body: disc_half_plane(c, RADIUS, body.position, body.turn((0.0, 1.0))),
+        HalfPlane(),
         lambda: np.column_stack((np.linspace(-2.5, 2.5, 8000), np.zeros(8000))),
         lambda p: bool(p[1] < 0),
         lambda p: True,
     ),
     "disc": Case(
-        lambda c, body: disc_disc(c, RADIUS, body.position, 0.4),
+        Disc(0.4),
         lambda: circle(np.zeros(2), 0.4, 0, 2 * np.pi),
         lambda p: bool(np.hypot(*p) < 0.4),
         lambda p: bool(np.hypot(*p) > 1e-2),
     ),
     "capsule": Case(
-        lambda c, body: disc_capsule(
-            c, RADIUS, body.position, body.position + body.turn(tuple(END)), 0.15
-        ),
+        Capsule((0.0, 0.0), tuple(END), 0.15),
         lambda: outer(capsule_surface()),
         lambda p: to_segment(p) < 0.15,
         lambda p: to_segment(p) > 1e-2,
@@ -127,8 +118,8 @@ SURFACES = {name: case.surface() for name, case in CASES.items()}
 def functions(case: Case) -> dict[str, ca.Function]:
     q = ca.SX.sym("q", 6)
     disc, body = Pose(q[:2], q[5]), Pose(q[2:4], q[4])
-    contact = case.contact(q[:2], body)
-    J_n, J_t = contact.jacobians(disc, body, q)
+    contact = Contact.between(Disc(RADIUS), disc, case.shape, body)
+    J_n, J_t = contact.jacobians(q)
     outputs = {
         "phi": contact.phi,
         "normal": contact.normal,
@@ -254,7 +245,7 @@ def test_sharp_box_by_hand(
 def test_disc_rolls_on_a_floor_without_slip() -> None:
     """A wheel that turns forward about +y moves forward by its radius times its angle."""
     q = ca.SX.sym("q", 3)
-    contact = disc_half_plane(q[:2], RADIUS, (0.0, 0.0), (0.0, 1.0))
-    _, J_t = contact.jacobians(Pose(q[:2], q[2]), Pose.fixed(), q)
+    wheel = Pose(q[:2], q[2])
+    _, J_t = Contact.between(Disc(RADIUS), wheel, HalfPlane(), Pose.fixed()).jacobians(q)
     slip = ca.Function("slip", [q], [J_t @ ca.DM([RADIUS * 2.0, 0.0, 2.0])])
     assert float(slip([0.0, RADIUS, 0.3])) == pytest.approx(0, abs=1e-15)

@@ -11,7 +11,7 @@ import typst
 
 import problems
 from dynamics.contact import Adaptive, Barrier, Exact
-from dynamics.systems import dry_friction, signals
+from dynamics.systems import signals, time_stepping
 from dynamics.systems.pairs import Pair, deciding_pairs
 from dynamics.systems.parameters import ParameterTable
 from ocp.errors import InputError
@@ -237,9 +237,36 @@ def test_pairs_without_a_normal_pair_decide_for_themselves() -> None:
 
 
 def test_dry_friction_says_what_does_not_fit() -> None:
-    with pytest.raises(ValueError, match=r"slide has shape \(1, 2\), expected \(1, 1\)"):
-        dry_friction(
-            "bad", states=signals("x [m]; v [m/s]"), inputs=signals("u [N]"), contact="floor",
-            h=0.1, mass=ca.SX.eye(1), impulse=lambda q, v, u: u, slide=ca.SX.ones(1, 2),
-            load=1.0, friction=0.5, parameters=ParameterTable(),
+    with pytest.raises(ValueError, match=r"sliding\(q\) has shape \(1, 2\), expected \(1, 1\)"):
+        time_stepping(
+            "bad", states=signals("x [m]; v [m/s]"), inputs=signals("u [N]"),
+            contacts=signals("floor [N s]"), h=0.1, mass=1.0, impulse=lambda q, v, u: u,
+            sliding=lambda q: ca.SX.ones(1, 2), load=1.0, friction=0.5, parameters=ParameterTable(),
         )  # fmt: skip
+
+
+def test_two_bodies_pressed_down_slide_as_each_would_alone() -> None:
+    """Contacts under a load, several in one system, with a damper that acts implicitly."""
+
+    def sliding(masses: list[float], friction: list[float], damping: float) -> np.ndarray:
+        n = len(masses)
+        system = time_stepping(
+            "pressed",
+            states=signals("; ".join([f"q{i} [m]" for i in range(n)] +
+                                     [f"v{i} [m/s]" for i in range(n)])),
+            inputs=signals("u [N]"), contacts=signals("; ".join(f"c{i} [N s]" for i in range(n))),
+            h=0.1, mass=ca.diag(ca.SX(masses)), impulse=lambda q, v, u: 0.1 * u * ca.SX.ones(n),
+            sliding=lambda q: ca.SX.eye(n), load=5.0, friction=ca.SX(friction),
+            damping=damping * ca.SX.eye(n), parameters=ParameterTable(),
+        )  # fmt: skip
+        step = Exact().close(system)
+        start = np.concatenate([np.zeros(n), np.full(n, 0.2)])
+        return np.array(step.solve(start, 4.0, [])[0]).reshape(2, n)
+
+    both = sliding([1.0, 2.0], [0.3, 0.9], 0.5)
+    # (m + h d) v+ = m v + h (u - f load), or rest where friction holds.
+    wanted = [(0.2 + 0.1 * (4.0 - 1.5)) / 1.05, (0.4 + 0.1 * (4.0 - 4.5)) / 2.05]
+    np.testing.assert_allclose(both[1], wanted, atol=1e-12)
+    np.testing.assert_allclose(both[0], 0.1 * both[1], atol=1e-12)
+    for i, (m, f) in enumerate([(1.0, 0.3), (2.0, 0.9)]):
+        np.testing.assert_allclose(sliding([m], [f], 0.5)[:, 0], both[:, i], atol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 import tomllib
@@ -14,6 +15,7 @@ import grimp
 import pytest
 
 ROOT = Path(__file__).parents[2]
+IMPORTERS = ("import_module", "__import__")
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 
 
@@ -40,18 +42,31 @@ def test_no_module_needs_one_that_needs_it() -> None:
     ("floor", "above"), [(name, PACKAGES[i + 1 :]) for i, name in enumerate(PACKAGES[:-1])]
 )
 def test_a_floor_loads_nothing_from_above(floor: str, above: tuple[str, ...]) -> None:
-    """Import every module of a floor in a fresh interpreter and look at what came along."""
+    """Import every module of a floor in a fresh interpreter and look at what came along.
+
+    Nor anything that draws: pictures are for the topmost floor.
+    """
     modules = [
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
         for path in sorted((ROOT / floor).rglob("*.py"))
     ]
     code = (
         f"import sys\nfor name in {modules!r}: __import__(name)\n"
-        f"print([m for m in sys.modules if m.split('.')[0] in {above!r}])"
+        f"print([m for m in sys.modules if m.split('.')[0] in {(*above, 'matplotlib')!r}])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "[]"
+
+
+def test_no_module_is_named_by_a_text_put_together() -> None:
+    """A computed name hides who needs whom: from readers, from grimp, and from a rename."""
+    for path in (file for package in PACKAGES for file in (ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            called = node.func if isinstance(node, ast.Call) else None
+            if getattr(called, "attr", getattr(called, "id", "")) in IMPORTERS:
+                assert isinstance(node, ast.Call)
+                assert not isinstance(node.args[0], ast.JoinedStr | ast.BinOp), path
 
 
 HEAVY = "scipy pandas xarray matplotlib netCDF4 typst rich multiprocessing jax"

@@ -52,6 +52,15 @@ def matrices(**changes):
         (lambda: stepping(mass=ca.SX.eye(2)), r"mass has shape \(2, 2\), expected \(1, 1\)"),
         (lambda: stepping(impulse=lambda q, v, u: ca.SX(2, 1)), r"impulse\(q, v, u\) has shape"),
         (lambda: stepping(distance=lambda q: ca.vertcat(q, q)), r"distance\(q\) has shape"),
+        (
+            lambda: stepping(distance=None),
+            "give its contacts a distance, or, where they never open",
+        ),
+        (lambda: stepping(load=1.0), "give its contacts a distance, or, where they never open"),
+        (
+            lambda: stepping(distance=None, load=1.0, friction=0.5),
+            "a load with sliding and friction",
+        ),
         (lambda: stepping(mass=ca.SX.sym("m")), "uses m, which is no state, input, contact or"),
         (lambda: pushing(stiffness=ca.SX.eye(2)), r"stiffness has shape \(2, 2\)"),
         (lambda: pushing(mass=ca.SX.eye(2)), r"mass has shape \(2, 2\), expected \(1, 1\)"),

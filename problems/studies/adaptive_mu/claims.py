@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim, over
+from problems.studies.study import Claim, listed, over
 
 _FAR = 3.0
 """Gap over sigma from which a contact is far."""
@@ -26,12 +26,11 @@ def _tradeoff(data: xr.Dataset) -> list[Claim]:
     adaptive, constant = data["gap_error"].values
     better = np.all(adaptive < constant, axis=0)[1:]
     reach = f"sigma = {width[0]:g} to {width[-1]:g} sqrt(F mu)"
-    shares = ", ".join(f"{s:.2g}" for s in share[1:])
+    shares = listed(share[1:], ".2g")
     return [
         Claim("mu(z) is contact-aware: large only near z = 0", "ABS, fig. 1c",
               f"falls from sigma²/(2 pi F) = {peak:.4g}, below 1 % from {_FAR:g} sigma on",
-              f"{mu[0]:.4g} at contact, {shares} of it at "
-              + ", ".join(f"{g:g}" for g in gap[1:]) + " sigma",
+              f"{mu[0]:.4g} at contact, {shares} of it at " + listed(gap[1:], "g") + " sigma",
               bool(np.isclose(mu[0], peak) and np.all(np.diff(mu) < 0)
                    and np.all(share[far] < 0.01))),
         Claim("mu(z) gives smoother dynamics than mu <= 0.1 around z = 0", "ABS, fig. 1d",
@@ -49,8 +48,8 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
     apart = np.abs(data["density_constant"].values / data["student"].values - 1).max()
     mass, slope = data["printed_mass"].values, data["quartic_slope"].values
     whole, monotone = np.abs(mass - 1) < 1e-2, slope <= 0
-    reach = ", ".join(f"{r:g}" for r in data["reach"].values)
-    grown = ", ".join(f"{v:.2f}" for v in variance)
+    reach = listed(data["reach"].values, "g")
+    grown = listed(variance, ".2f")
     return [
         Claim("Constant mu is randomized smoothing by some noise", "ABS, prop. 5.2",
               "E S_0(z + w) = S_mu(z)", f"within {mismatch[:-1].max():.1e} of its size; density"
@@ -58,8 +57,7 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
               bool(mismatch[:-1].max() < 1e-9 and apart < 1e-6)),
         Claim("The noise has density rho = S_mu''(w)", "ABS, prop. 5.2",
               "integral 1", f"{over(compliance, whole)} m/(N s): integrals "
-              + ", ".join(f"{m:.3f}" for m in mass) + ", times F "
-              + ", ".join(f"{m:.3f}" for m in mass * compliance),
+              + listed(mass, ".3f") + ", times F " + listed(mass * compliance, ".3f"),
               bool(np.all(whole))),
         Claim("The noise of constant mu has a variance", "our check",
               "finite variance", f"{grown} times its scale squared within {reach} scales",
@@ -67,7 +65,7 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
         Claim("BS is RS for any mu(z)", "ABS, prop. 5.2",
               "dlam/dz <= 0 for eq. C.2, no negative density",
               f"{over(compliance, monotone)} m/(N s): slopes up to "
-              + ", ".join(f"{s:+.3f}" for s in slope) + " N s/m", bool(np.all(monotone))),
+              + listed(slope, "+.3f") + " N s/m", bool(np.all(monotone))),
         Claim("The adaptive mu is Gaussian smoothing", "eq. 5.1 corrected",
               "E S_0(z + w) = S_mu(z)", f"within {mismatch[-1]:.1e} of its size",
               bool(mismatch[-1] < 1e-9)),

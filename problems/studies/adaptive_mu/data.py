@@ -18,7 +18,7 @@ from problems.studies.shared.noise import (
     student,
 )
 from problems.studies.shared.scalar_contact import barrier_contact, gaussian_contact, scalar_contact
-from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
+from problems.studies.study import StudyParams, quantity_of, setting
 
 MUS = (0.01, 0.1, 1.0)
 NAMED = 0.1
@@ -38,10 +38,10 @@ _REACH = np.array([10.0, 100.0, 1000.0, 10000.0])
 class Params(StudyParams):
     """Parameters of A1; of the values, the paper's caption implies mu = 0.1 alone."""
 
-    F: float = setting(1.0, "m/(N s)", "compliance of the contact", CHOICE, above=0)
-    sigma: float = setting(1.0, "m", "standard deviation matched by mu(z)", CHOICE, above=0)
-    z_max: float = setting(4.0, "m", "largest gap drawn", CHOICE, above=0)
-    points: int = setting(400, "1", "gaps drawn, an even number", CHOICE, least=6)
+    F: float = setting(1.0, "m/(N s)", "compliance of the contact", above=0)
+    sigma: float = setting(1.0, "m", "standard deviation matched by mu(z)", above=0)
+    z_max: float = setting(4.0, "m", "largest gap drawn", above=0)
+    points: int = setting(400, "1", "gaps drawn, an even number", least=6)
 
 
 def run(params: Params) -> xr.Dataset:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim, over
+from problems.studies.study import Claim, listed, over
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -113,8 +113,8 @@ def _bias(data: xr.Dataset) -> list[Claim]:
         Claim("The bias of the adaptive slope is within its bound", "ABS, thm. 5.4",
               "always, with mu of prop. 5.3 as printed, at constants (c1, c2)",
               f"constants {over(constants, everywhere == 1)}: holds in "
-              + ", ".join(f"{share:.0%}" for share in everywhere) + " of cases; above it in "
-              + ", ".join(f"{share:.0%}" for share in above) + ", in the rest mu is negative and"
+              + listed(everywhere, ".0%") + " of cases; above it in "
+              + listed(above, ".0%") + ", in the rest mu is negative and"
               " there is no softened model",
               bool(np.all(good))),
         Claim("With the corrected mu that bias is tail(|z|/sigma)/F", "corrected",
@@ -152,17 +152,14 @@ def _growth(data: xr.Dataset) -> list[Claim]:
     printed = 4 * np.log(np.maximum(gains, 1) * float(data["policy_lipschitz"]))
     right = printed + 4 * np.log(np.sqrt(2))
 
-    def listed(values: np.ndarray) -> str:
-        return ", ".join(f"{value:.2f}" for value in values)
-
-    measured = f"{listed(rate)} a step; of the variance itself {listed(raw)}"
+    measured = f"{listed(rate, '.2f')} a step; of the variance itself {listed(raw, '.2f')}"
     return [
         Claim("The variance is O(H^4 (L_f L_pi)^4H)", "ABS, thm. 4.4",
-              f"over H^4 rates at most {listed(printed)}",
+              f"over H^4 rates at most {listed(printed, '.2f')}",
               f"L_f {over(list(gains), rate <= printed + 0.02)}: {measured}",
               bool(np.all(rate <= printed + 0.02))),
         Claim("It is O(H^4 (sqrt(2) L_f L_pi)^4H)", "thm. 4.4 corrected",
-              f"over H^4 rates at most {listed(right)}",
+              f"over H^4 rates at most {listed(right, '.2f')}",
               f"L_f {over(list(gains), rate <= right + 0.02)}: {measured}",
               bool(np.all(rate <= right + 0.02))),
     ]  # fmt: skip

@@ -7,7 +7,7 @@ import xarray as xr
 
 from problems.studies.audited_theory import random_lcs as rl
 from problems.studies.audited_theory import scalar_theory as theory
-from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
+from problems.studies.study import StudyParams, quantity_of, setting
 
 SIZES = tuple(range(1, 9))
 MUS = 10.0 ** np.arange(-8, 1)
@@ -22,11 +22,10 @@ BOUNDS = ("4.5 as printed", "4.5, sign corrected", "4.5, l at the point", "1/lam
 class Params(StudyParams):
     """Parameters of T1; the papers test none of this."""
 
-    draws: int = setting(200, "1", "random systems for each size and kind", CHOICE, least=10)
-    sweep: int = setting(20, "1", "systems of four contacts followed over mu", CHOICE, least=2)
-    pairs: int = setting(60, "1", "random single contacts for prop. 5.2 to thm. 5.4", CHOICE,
-                         least=5)  # fmt: skip
-    n_samples: int = setting(20000, "1", "samples behind each variance", CHOICE, least=100)
+    draws: int = setting(200, "1", "random systems for each size and kind", least=10)
+    sweep: int = setting(20, "1", "systems of four contacts followed over mu", least=2)
+    pairs: int = setting(60, "1", "random single contacts for prop. 5.2 to thm. 5.4", least=5)
+    n_samples: int = setting(20000, "1", "samples behind each variance", least=100)
 
 
 def _audit(params: Params, rng: np.random.Generator) -> dict:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim
+from problems.studies.study import Claim, listed
 
 _PLACE = "Pathologies, "
 
@@ -40,8 +40,8 @@ def claims(data: xr.Dataset) -> list[Claim]:
               f"off by {relu:.1e} m/(N s)", bool(relu < 1e-12)),
         Claim("As kappa grows, the solution of (4) converges to that of (3)",
               _PLACE + "ex. IV.2", "0 at kappa = inf",
-              ", ".join(f"{value:.1e}" for value in largest) + " m at kappa = "
-              + ", ".join(f"{value:g}" for value in kappas[:, 0]) + " per J, as kappa to the power"
+              listed(largest, ".1e") + " m at kappa = "
+              + listed(kappas[:, 0], "g") + " per J, as kappa to the power"
               f" {power:.2f}", bool(np.all(np.diff(largest) < 0) and -1.1 < power < -0.4)),
         Claim("That convergence is slow at the kink only: x+ = h/sqrt(m kappa) there",
               "closed form of eq. 5", "x+ sqrt(m kappa)/h = 1",

@@ -9,7 +9,7 @@ import xarray as xr
 from dynamics.contact import Barrier, Exact
 from problems.registry import get
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
+from problems.studies.study import StudyParams, quantity_of, setting
 
 KAPPAS = (10.0, 50.0, 100.0, 500.0, 1000.0)
 
@@ -17,10 +17,10 @@ KAPPAS = (10.0, 50.0, 100.0, 500.0, 1000.0)
 class Params(StudyParams):
     """Parameters of P6; the paper draws the curves without any values."""
 
-    m: float = setting(1.0, "kg", "mass", CHOICE, above=0)
-    h: float = setting(0.1, "s", "step size", CHOICE, above=0)
-    u_max: float = setting(1.0, "N s", "largest input impulse drawn", CHOICE, above=0)
-    points: int = setting(201, "1", "inputs drawn, an odd number", CHOICE, least=3)
+    m: float = setting(1.0, "kg", "mass", above=0)
+    h: float = setting(0.1, "s", "step size", above=0)
+    u_max: float = setting(1.0, "N s", "largest input impulse drawn", above=0)
+    points: int = setting(201, "1", "inputs drawn, an odd number", least=3)
 
 
 def eq5(

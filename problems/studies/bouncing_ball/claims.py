@@ -6,10 +6,7 @@ import numpy as np
 import xarray as xr
 
 from problems.studies.bouncing_ball.data import FINE, MUS, REBOUND_MU
-from problems.studies.study import (
-    Claim,
-    largest,
-)
+from problems.studies.study import Claim, largest, listed
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -30,10 +27,9 @@ def claims(data: xr.Dataset) -> list[Claim]:
               f"dv_y/dt = {-g:g}, then a jump", f"{fall.mean():.4f} m/s², jump {jump:.3f} m/s over"
               " two steps", bool(np.allclose(fall, -g) and jump > 0.9 * g * free)),
         Claim("Larger mu makes the dynamics less stiff", "ABS, sec. 7.1", "lower peak of dv/dq",
-              ", ".join(f"{p:.3g}" for p in peak) + " 1/s", bool(np.all(np.diff(peak) < 0))),
+              listed(peak, ".3g") + " 1/s", bool(np.all(np.diff(peak) < 0))),
         Claim("The same by time stepping", "ABS, sec. 7.1", "lower peak of dv/dq",
-              ", ".join(f"{p:.3g}" for p in peak_step) + " 1/s",
-              bool(np.all(np.diff(peak_step) < 0))),
+              listed(peak_step, ".3g") + " 1/s", bool(np.all(np.diff(peak_step) < 0))),
         Claim("(C.1) is the softened ball", "ABS, C.1", "y'' = mu/y - g",
               f"{float(data['printed_error']):.1e} m/s apart at mu = {MUS[-1]:g}",
               float(data["printed_error"]) < 1e-6),
@@ -43,7 +39,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         Claim("Least height is -(mu/g) W0(-(g/mu) exp(-E/mu))", "closed form", "equal",
               f"within {least:.1e} relative", bool(least < 1e-6)),
         Claim("Time stepping at fixed mu tends to that elastic ball as h falls",
-              "our check of C.1", f"{q0:g} m", ", ".join(f"{r:.2f}" for r in rebound)
+              "our check of C.1", f"{q0:g} m", listed(rebound, ".2f")
               + f" m at h = {FINE[0]:g} to {FINE[-1]:g} s, mu = {REBOUND_MU:g}",
               bool(np.all(np.diff(rebound) > 0) and rebound[-1] > 0.9 * q0)),
     ]  # fmt: skip

@@ -14,13 +14,7 @@ from problems.studies.bouncing_ball.ball_ode import (
     turning_points,
 )
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import (
-    CHOICE,
-    PAPER,
-    StudyParams,
-    quantity_of,
-    setting,
-)
+from problems.studies.study import PAPER, StudyParams, quantity_of, setting
 
 MUS = (1.0, 2.0, 3.0, 5.0)
 FINE = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
@@ -30,13 +24,12 @@ REBOUND_MU = 3.0
 class Params(StudyParams):
     """Parameters of A2; mass and horizontal velocity are the paper's, so q_x is the time."""
 
-    g: float = setting(9.81, "m/s^2", "gravity", CHOICE, above=0)
-    q0: float = setting(1.0, "m", "height of the throw", CHOICE, above=0)
+    g: float = setting(9.81, "m/s^2", "gravity", above=0)
+    q0: float = setting(1.0, "m", "height of the throw", above=0)
     m: float = setting(1.0, "kg", "mass", PAPER, above=0)
     v0: float = setting(1.0, "m/s", "horizontal velocity", PAPER, above=0)
-    h: float = setting(0.01, "s", "step of time stepping; the paper's 1 s is unusable", CHOICE,
-                       above=0)  # fmt: skip
-    duration: float = setting(1.0, "s", "time drawn", CHOICE, above=0)
+    h: float = setting(0.01, "s", "step of time stepping; the paper's 1 s is unusable", above=0)
+    duration: float = setting(1.0, "s", "time drawn", above=0)
 
 
 def stepped(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.ndarray]:

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import (
-    Claim,
-    largest,
-)
+from problems.studies.study import Claim, largest
 
 _PLACE = "Pathologies, "
 _RARE, _OFTEN = 0.3, 20.0

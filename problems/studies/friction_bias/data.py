@@ -9,13 +9,7 @@ from dynamics.batch import Gaussian
 from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.estimators import SAMPLED
 from problems.objectives import objective_spec
-from problems.studies.study import (
-    CHOICE,
-    CODE,
-    StudyParams,
-    quantity_of,
-    setting,
-)
+from problems.studies.study import CODE, StudyParams, quantity_of, setting
 
 ORDERS = ("zobg", "fobg")
 BATCHES = (1, 3, 10, 30, 100, 300, 1000)
@@ -30,8 +24,8 @@ class Params(StudyParams):
     theta: float = setting(0.1, "m/s", "decision of the panel over samples", CODE)
     nu: float = setting(0.005, "m/s", "slip tolerance of the panel over samples", CODE, above=0)
     n_samples: int = setting(1000, "1", "samples", CODE, least=2)
-    tolerances: int = setting(81, "1", "slip tolerances from 1e-4 to 1 sigma", CHOICE, least=20)
-    many: int = setting(400_000, "1", "samples of the expected variance", CHOICE, least=1000)
+    tolerances: int = setting(81, "1", "slip tolerances from 1e-4 to 1 sigma", least=20)
+    many: int = setting(400_000, "1", "samples of the expected variance", least=1000)
 
 
 def run(params: Params) -> xr.Dataset:

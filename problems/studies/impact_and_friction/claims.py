@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim, over
+from problems.studies.study import Claim, listed, over
 
 _NOISY = 0.02
 """Standard error over h/m from which an average is noisy."""
@@ -30,7 +30,7 @@ def _impact(data: xr.Dataset) -> list[Claim]:
     laws = [str(law) for law in data["law"].values]
     close = np.abs(area / jump - 1) < 0.05
     peak = float(data["impact_soft"].values[-1].max())
-    areas = ", ".join(f"{a:.2f}" for a in area[:-1])
+    areas = listed(area[:-1], ".2f")
     return [
         Claim("The RS gradient of an impact is constant, with a large bias", "ABS, fig. 6a",
               f"no impulse, not up to {float(data['impact_limit'].max()):.1f} 1/s, at the step of"
@@ -58,10 +58,7 @@ def _friction(data: xr.Dataset) -> list[Claim]:
     rough = np.abs(np.diff(data["push_rs"].values, 2, axis=1)).max(axis=1)
     needed, single = data["cost_needed"].values, data["cost_single"].values
     bias, sigma = data["cost_bias"].values / slope, data["cost_sigma"].values
-    mus = ", ".join(f"{mu:.1e}" for mu in data["box_mu"].values)
-
-    def listed(values: np.ndarray, form: str) -> str:
-        return ", ".join(format(value, form) for value in values)
+    mus = listed(data["box_mu"].values, ".1e")
 
     return [
         Claim("RS gradients of friction are noisy", "ABS, fig. 6b",
@@ -85,7 +82,7 @@ def _closed_forms(data: xr.Dataset) -> list[Claim]:
     off = np.abs(data["push_soft"].values - data["push_exact"].values)
     stepped = float(np.abs(data["push_exact"] - data["push_step"]).max())
     mid, at_step = len(data["u"]) // 2, data["at_step"].values
-    mus = " at mu = " + ", ".join(f"{mu:.1e}" for mu in data["box_mu"].values)
+    mus = " at mu = " + listed(data["box_mu"].values, ".1e")
     return [
         Claim("The exact slope is a step: 0 in stick, h/m in slip", "closed form",
               "0, and h/m for |u| > friction m g", f"off by {stepped:.1e} m/(N s)",
@@ -95,9 +92,9 @@ def _closed_forms(data: xr.Dataset) -> list[Claim]:
         Claim("Its slope is (h/m) c/(1 + c), c = (2 m mu/h) (b² + f²)/(b² - f²)²", "closed form",
               "0 m/(N s)", f"{slope:.1e} m/(N s)", slope < 1e-8),
         Claim("BS of friction tends to the exact slope in stick", "closed form",
-              "0 m/(N s) at u = 0", ", ".join(f"{o:.1e}" for o in off[:, mid]) + " m/(N s)" + mus,
+              "0 m/(N s) at u = 0", listed(off[:, mid], ".1e") + " m/(N s)" + mus,
               bool(np.all(off[:-1, mid] < off[1:, mid] / 5))),
         Claim("Where the exact slope steps, BS tends to half of the step", "our check",
-              "0.5 h/m at u = friction m g", ", ".join(f"{s:.3f}" for s in at_step) + " h/m" + mus,
+              "0.5 h/m at u = friction m g", listed(at_step, ".3f") + " h/m" + mus,
               bool(np.all(np.diff(np.abs(at_step - 0.5)) > 0) and abs(at_step[0] - 0.5) < 0.05)),
     ]  # fmt: skip

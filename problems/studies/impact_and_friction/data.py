@@ -14,7 +14,7 @@ from problems.studies.impact_and_friction.box_push import (
     softened_box,
 )
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
+from problems.studies.study import StudyParams, quantity_of, setting
 
 COUNTS = (10, 100, 1000)
 BALL_MUS = (1e-4, 1e-3, 1e-2)
@@ -29,14 +29,13 @@ FINER = (1, 10, 100)
 class Params(StudyParams):
     """Parameters of A6; the paper gives no numbers and, for the box, no equations."""
 
-    g: float = setting(9.81, "m/s^2", "gravity", CHOICE, above=0)
-    q0: float = setting(1.0, "m", "height of the throw", CHOICE, above=0)
-    h: float = setting(0.01, "s", "step of the ball, of the exact one the largest", CHOICE, above=0)
-    sigma: float = setting(0.05, "m", "noise on q_x, and sigma of the adaptive law", CHOICE,
-                           above=0)  # fmt: skip
-    friction: float = setting(0.5, "1", "Coulomb's coefficient of the box", CHOICE, above=0)
-    h_box: float = setting(0.05, "s", "step of the box", CHOICE, above=0)
-    sigma_box: float = setting(0.5, "N", "noise on the push", CHOICE, above=0)
+    g: float = setting(9.81, "m/s^2", "gravity", above=0)
+    q0: float = setting(1.0, "m", "height of the throw", above=0)
+    h: float = setting(0.01, "s", "step of the ball, of the exact one the largest", above=0)
+    sigma: float = setting(0.05, "m", "noise on q_x, and sigma of the adaptive law", above=0)
+    friction: float = setting(0.5, "1", "Coulomb's coefficient of the box", above=0)
+    h_box: float = setting(0.05, "s", "step of the box", above=0)
+    sigma_box: float = setting(0.5, "N", "noise on the push", above=0)
 
 
 def _velocity(params: Params, law: ContactLaw, h: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.interpolation import ConfidenceTest, FixedWeight
 from ocp.gradients.known_gradient import known_gradient
 from problems.objectives import objective_spec
-from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
+from problems.studies.study import StudyParams, quantity_of, setting
 
 ESTIMATORS = ("zobg-mean", "fobg", "alpha-fixed", "alpha-variance", "alpha")
 CASES = ("heaviside", "coulomb", "ball-wall")
@@ -18,13 +18,13 @@ CASES = ("heaviside", "coulomb", "ball-wall")
 class Params(StudyParams):
     """Parameters of P7, all our choice: the text has no figure of its own for it."""
 
-    n_samples: int = setting(2000, "1", "samples of each order", CHOICE, least=2)
-    points: int = setting(21, "1", "decisions", CHOICE, least=3)
-    repeats: int = setting(20, "1", "runs at each decision", CHOICE, least=2)
-    alpha: float = setting(0.5, "1", "constant weight of the first order", CHOICE, least=0, most=1)
-    gamma: float = setting(0.2, "1", "allowed error over the largest gradient", CHOICE, above=0)
-    delta: float = setting(0.05, "1", "probability that the test fails", CHOICE, above=0, most=1)
-    nu: float = setting(1e-4, "m/s", "slip tolerance", CHOICE, above=0)
+    n_samples: int = setting(2000, "1", "samples of each order", least=2)
+    points: int = setting(21, "1", "decisions", least=3)
+    repeats: int = setting(20, "1", "runs at each decision", least=2)
+    alpha: float = setting(0.5, "1", "constant weight of the first order", least=0, most=1)
+    gamma: float = setting(0.2, "1", "allowed error over the largest gradient", above=0)
+    delta: float = setting(0.05, "1", "probability that the test fails", above=0, most=1)
+    nu: float = setting(1e-4, "m/s", "slip tolerance", above=0)
 
 
 def _grids(params: Params) -> dict[str, tuple[SampledObjective, np.ndarray, float]]:

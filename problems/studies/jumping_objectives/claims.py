@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from scipy.stats import norm
 
-from problems.studies.study import Claim
+from problems.studies.study import Claim, listed
 
 NAMES = ("drop", "throw", "pivot")
 
@@ -65,31 +65,27 @@ def claims(data: xr.Dataset) -> list[Claim]:
     smooth = [_steps(data, name) for name in NAMES]
     angle = float(data["fine_throw"][best])
 
-    def listed(values: list[float], form: str = ".2f") -> str:
-        return ", ".join(format(value, form) for value in values)
-
     return [
         Claim("The objectives of all three systems jump", "Pathologies, sec. I, fig. 1",
-              "a jump of 10 % or more", f"{listed(raw)} of the range within one fine step",
+              "a jump of 10 % or more", f"{listed(raw, '.2f')} of the range within one fine step",
               min(raw) > 0.1),
         Claim("Randomized smoothing makes them continuous", "our check",
               "steps no larger than range(f) spacing/(sqrt(2 pi) sigma)",
-              f"{listed(smooth)} of it at most", max(smooth) < 1.05),
+              f"{listed(smooth, '.2f')} of it at most", max(smooth) < 1.05),
         Claim("The dropped ball has no gradient almost everywhere", "our check",
               "FoBG = 0", f"largest |FoBG| {flat:g} m/m", flat == 0),
         Claim("FoBG is biased where the objective jumps", "Pathologies, sec. III-A",
-              "error beyond its interval", f"error {listed(found)} of the largest slope",
+              "error beyond its interval", f"error {listed(found, '.2f')} of the largest slope",
               min(found) > 0.2),
         Claim("ZoBG is unbiased", "Pathologies, sec. III-A",
-              "errors of 1 standard error, mean 0", f"{listed(list(scatter))} rms, mean"
-              f" {listed(list(offset))} of its own standard error",
-              bool(usual)),
+              "errors of 1 standard error, mean 0", f"{listed(scatter, '.2f')} rms, mean"
+              f" {listed(offset, '.2f')} of its own standard error", bool(usual)),
         Claim("The throw's best angle is pi/4, away from the wall's jumps", "closed form",
               f"{np.pi / 4:.4f} rad, {-(reach**2):.5f} m²",
               f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at"
-              f" {listed(list(throw), '.3f')} rad", bool(abs(angle - np.pi / 4) < 2e-3
+              f" {listed(throw, '.3f')} rad", bool(abs(angle - np.pi / 4) < 2e-3
                    and np.all(np.abs(throw - angle) > 0.01))),
         Claim("Momentum transfer ends where the ball clears the tip", "closed form",
-              f"+-{expected:.4f} rad", f"{listed(list(tip), '+.4f')} rad",
+              f"+-{expected:.4f} rad", f"{listed(tip, '+.4f')} rad",
               bool(len(tip) == 2 and np.allclose(np.abs(tip), expected, atol=1e-3))),
     ]  # fmt: skip

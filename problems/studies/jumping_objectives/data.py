@@ -7,7 +7,7 @@ import xarray as xr
 
 from problems.studies.jumping_objectives.systems import drop, pivot, throw_wall
 from problems.studies.shared.along_decision import along
-from problems.studies.study import CHOICE, CODE, StudyParams, quantity_of, setting
+from problems.studies.study import CODE, StudyParams, quantity_of, setting
 
 
 class Params(StudyParams):
@@ -15,7 +15,7 @@ class Params(StudyParams):
 
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
     step_height: float = setting(1.0, "m", "height of the step", CODE, above=0)
-    start: float = setting(2.0, "m", "height of the drop", CHOICE, above=0)
+    start: float = setting(2.0, "m", "height of the drop", above=0)
     sigma_drop: float = setting(0.3, "m", "noise on the drop", CODE, above=0)
     v0_throw: float = setting(1.0, "m/s", "speed of the throw", CODE, above=0)
     wall: float = setting(0.06, "m", "distance of the wall", CODE, above=0)
@@ -27,7 +27,7 @@ class Params(StudyParams):
     inertia: float = setting(1.0, "kg m^2", "inertia of the bar", CODE, above=0)
     mass: float = setting(1.0, "kg", "mass of the ball", CODE, above=0)
     sigma_pivot: float = setting(0.05, "rad", "noise on the angle", CODE, above=0)
-    points: int = setting(121, "1", "decisions", CHOICE, least=20)
+    points: int = setting(121, "1", "decisions", least=20)
     n_samples: int = setting(1000, "1", "samples of each estimate", CODE, least=10)
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 from dynamics.batch import Gaussian, RolloutFunction, open_loop
 from dynamics.contact import Barrier
 from problems.registry import get
-from problems.studies.study import CHOICE, StudyParams, quantity_of, setting
+from problems.studies.study import StudyParams, quantity_of, setting
 
 MUS = 10.0 ** np.arange(-6, 1)
 STEPS = (0.02, 0.01, 0.005, 0.0025)
@@ -18,13 +18,13 @@ STEPS = (0.02, 0.01, 0.005, 0.0025)
 class Params(StudyParams):
     """Parameters of A2v, all our choice: the paper gives none."""
 
-    g: float = setting(9.81, "m/s^2", "gravity", CHOICE, above=0)
-    q0: float = setting(1.0, "m", "height of the throw", CHOICE, above=0)
-    v0: float = setting(1.0, "m/s", "horizontal velocity", CHOICE)
-    sigma: float = setting(0.1, "m/s", "noise on each component of the throw", CHOICE, above=0)
-    n_samples: int = setting(1000, "1", "samples", CHOICE, least=10)
-    first: float = setting(0.36, "s", "earliest end of the rollout", CHOICE, above=0)
-    last: float = setting(1.0, "s", "latest end of the rollout", CHOICE, above=0)
+    g: float = setting(9.81, "m/s^2", "gravity", above=0)
+    q0: float = setting(1.0, "m", "height of the throw", above=0)
+    v0: float = setting(1.0, "m/s", "horizontal velocity")
+    sigma: float = setting(0.1, "m/s", "noise on each component of the throw", above=0)
+    n_samples: int = setting(1000, "1", "samples", least=10)
+    first: float = setting(0.36, "s", "earliest end of the rollout", above=0)
+    last: float = setting(1.0, "s", "latest end of the rollout", above=0)
 
 
 def run(params: Params) -> xr.Dataset:

@@ -8,10 +8,7 @@ import xarray as xr
 from ocp import Status
 from ocp.judges.referee import COST_SHARE
 from problems.studies.start_without_contact.data import LAWS, PROBLEMS
-from problems.studies.study import (
-    Claim,
-    over,
-)
+from problems.studies.study import Claim, listed, over
 
 _PROGRESS = 0.8
 """Part of the object's cost at rest that a plan saves, to have made progress."""
@@ -46,6 +43,5 @@ def _claims(name: str, data: xr.Dataset) -> list[Claim]:
               bool(all(moved))),
         Claim(f"{name}: the plan keeps its cost under the exact law", "our check",
               f"its replay costs at most {COST_SHARE:.0%} more, of all of the cost",
-              f"{over(smooth, kept)}: " + ", ".join(f"{part:+.1%}" for part in dearer),
-              bool(np.all(kept))),
+              f"{over(smooth, kept)}: " + listed(dearer, "+.1%"), bool(np.all(kept))),
     ]  # fmt: skip

@@ -9,13 +9,7 @@ from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from ocp import SingleShooting, Solution, solve
 from ocp.problem import Problem
 from problems.registry import get
-from problems.studies.study import (
-    CHOICE,
-    CODE,
-    StudyParams,
-    quantity_of,
-    setting,
-)
+from problems.studies.study import CODE, StudyParams, quantity_of, setting
 
 PROBLEMS = ("planar-push", "planar-hand")
 LAWS = ("exact", "barrier", "adaptive", "randomized")
@@ -27,9 +21,9 @@ class Params(StudyParams):
     """Parameters of N2; those of the problems are the problems' own defaults."""
 
     mu: float = setting(1e-3, "N s m", "central-path parameter of the barrier law", CODE, above=0)
-    spread: float = setting(0.02, "m", "width of the adaptive law", CHOICE, above=0)
-    sigma: float = setting(0.1, "m or rad", "noise on the input, randomized law", CHOICE, above=0)
-    samples: int = setting(8, "1", "samples of the randomized law, even", CHOICE, least=2)
+    spread: float = setting(0.02, "m", "width of the adaptive law", above=0)
+    sigma: float = setting(0.1, "m or rad", "noise on the input, randomized law", above=0)
+    samples: int = setting(8, "1", "samples of the randomized law, even", least=2)
 
 
 def law_of(name: str, params: Params) -> ContactLaw:

@@ -6,11 +6,7 @@ import numpy as np
 import xarray as xr
 
 from problems.studies.stiff_pushing.data import MUS
-from problems.studies.study import (
-    Claim,
-    largest,
-    over,
-)
+from problems.studies.study import Claim, largest, listed, over
 
 _LIGHT = 0.99
 """From here on the bodies keep their velocity over the spring's own time."""
@@ -49,17 +45,15 @@ def _spring(data: xr.Dataset) -> list[Claim]:
     return [
         Claim("ZoBG has lower variance than FoBG as stiffness increases",
               "Pathologies, ex. III.7", f"the curves cross below the limit, for c >= {_LIGHT:g}",
-              f"c {over(factors, crosses)}: at k = "
-              + ", ".join(f"{p:.3g}" for p in passes[crosses]) + " N/m",
+              f"c {over(factors, crosses)}: at k = " + listed(passes[crosses], ".3g") + " N/m",
               bool(np.all(crosses[light]))),
         Claim("At low stiffness it is the other way round", "our check", "FoBG far below ZoBG",
               f"c {over(factors, below)}: {largest(first[:, 0] / zeroth[:, 0]):.1e} of it at most"
               f" at {share[0]:g} of the limit", bool(np.all(below))),
         Claim("FoBG's variance grows with k, ZoBG's does not", "our check",
               f"1000 times and less than twice up to {share[-1]:g} of the limit, c >= {_LIGHT:g}",
-              f"c {over(factors, grows)}: FoBG up " + ", ".join(f"{g:.1e}" for g in growth)
-              + " times, ZoBG within a factor " + ", ".join(f"{f:.2f}" for f in flat),
-              bool(np.all(grows[light]))),
+              f"c {over(factors, grows)}: FoBG up " + listed(growth, ".1e")
+              + " times, ZoBG within a factor " + listed(flat, ".2f"), bool(np.all(grows[light]))),
         Claim("Then semi-implicit integration becomes unstable", "Pathologies, ex. III.7",
               f"k = m (1 + c)/h² = {bound:.0f} N/m", f"spectral radius passes one at {seen:.0f}"
               " N/m", bool(abs(seen / bound - 1) < 2e-3)),
@@ -68,14 +62,14 @@ def _spring(data: xr.Dataset) -> list[Claim]:
 
 def _implicit(data: xr.Dataset) -> list[Claim]:
     first, zeroth = data["implicit_first"].values, data["implicit_zeroth"].values
-    mus = ", ".join(f"{mu:g}" for mu in MUS)
+    mus = listed(MUS, "g")
     return [
         Claim("Implicit time stepping avoids it, however rigid", "Pathologies, sec. IV-A",
               "FoBG far below ZoBG", f"FoBG {first[0]:.2g}, ZoBG {zeroth[0]:.2g} m⁴/N² (exact law)",
               bool(first[0] < 0.01 * zeroth[0])),
         Claim("Its smoothing keeps the variance low", "Pathologies, sec. IV-B",
               "FoBG far below ZoBG",
-              ", ".join(f"{v:.2g}" for v in first[1:]) + " against "
-              + ", ".join(f"{v:.2g}" for v in zeroth[1:]) + f" m⁴/N² at mu = {mus}",
+              listed(first[1:], ".2g") + " against "
+              + listed(zeroth[1:], ".2g") + f" m⁴/N² at mu = {mus}",
               bool(np.all(first[1:] < 0.01 * zeroth[1:]))),
     ]  # fmt: skip

@@ -10,13 +10,7 @@ from dynamics.batch import Gaussian, RolloutFunction, open_loop
 from dynamics.contact import Barrier, Exact, Step
 from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.stiff_pushing.pushing import pushing_system
-from problems.studies.study import (
-    CHOICE,
-    CODE,
-    StudyParams,
-    quantity_of,
-    setting,
-)
+from problems.studies.study import CODE, StudyParams, quantity_of, setting
 
 _LENGTH = 1.0
 MUS = (1e-6, 1e-4, 1e-2)
@@ -34,10 +28,10 @@ class Params(StudyParams):
     u0: float = setting(0.1, "N", "push in every step", CODE)
     sigma: float = setting(0.1, "N", "noise on the push", CODE, above=0)
     goal: float = setting(2.0, "m", "goal of body 2", CODE)
-    n_samples: int = setting(1000, "1", "samples", CHOICE, least=10)
+    n_samples: int = setting(1000, "1", "samples", least=10)
     k_least: float = setting(10.0, "N/m", "least stiffness", CODE, above=0)
-    k_most: float = setting(2e4, "N/m", "largest stiffness", CHOICE, above=0)
-    points: int = setting(24, "1", "stiffnesses", CHOICE, least=4)
+    k_most: float = setting(2e4, "N/m", "largest stiffness", above=0)
+    points: int = setting(24, "1", "stiffnesses", least=4)
 
 
 class _Pushing:

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import (
-    Claim,
-    over,
-)
+from problems.studies.study import Claim, listed, over
 
 
 def _chance(n: int) -> float:
@@ -52,7 +49,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
               dome < _chance(near.sum())),
         Claim("The stiffness still results in high variance", "our check",
               "twice ZoBG's or more", f"domes {over(list(width), high)} m wide: "
-              + ", ".join(f"{part:.2g}" for part in first / rough) + " times", bool(np.all(high))),
+              + listed(first / rough, ".2g") + " times", bool(np.all(high))),
         Claim("It grows as the dome shrinks towards the corner, ZoBG's does not", "our check",
               "as 1/width", f"width to the power {power:.2f}; ZoBG {rough.min():.1f} to"
               f" {rough.max():.1f} m²/rad²",
@@ -60,8 +57,8 @@ def claims(data: xr.Dataset) -> list[Claim]:
         Claim("The dome results in high empirical bias", place,
               "off by |F'|/2 or more where the dome is missed, in nine of ten cases",
               f"domes {over(list(width), biased)} m wide: met with probability "
-              + ", ".join(f"{b:.2f}" for b in beta) + ", off by "
-              + ", ".join(f"{d:.2f}" for d in Delta / scale) + " of |F'|", bool(np.all(biased))),
+              + listed(beta, ".2f") + ", off by "
+              + listed(Delta / scale, ".2f") + " of |F'|", bool(np.all(biased))),
         Claim("It does as the dome shrinks", "our check", "the same at the narrowest",
               f"met with probability {beta[-1]:.3f}, off by {Delta[-1] / scale[-1]:.2f} of |F'| at"
               f" {width[-1]:g} m", bool(biased[-1])),

@@ -9,13 +9,7 @@ from dynamics.batch import Gaussian
 from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.sampling import run_estimator
 from problems.studies.shared.along_decision import along
-from problems.studies.study import (
-    CHOICE,
-    CODE,
-    StudyParams,
-    quantity_of,
-    setting,
-)
+from problems.studies.study import CODE, StudyParams, quantity_of, setting
 from problems.studies.wall_corner.thrown_ball import ThrownBall, Wall
 
 SHAPES = ("rectangle", "dome")
@@ -34,11 +28,11 @@ class Params(StudyParams):
     place: float = setting(1.5, "m", "middle of the wall", CODE, above=0)
     width: float = setting(0.05, "m", "width of the wall, diameter of the dome", CODE, above=0)
     height: float = setting(0.5, "m", "height of the wall", CODE, above=0)
-    sigma: float = setting(0.02, "rad", "noise on the angle", CHOICE, above=0)
-    least: float = setting(0.6, "rad", "least angle of the estimates", CHOICE)
-    most: float = setting(0.8, "rad", "largest angle of the estimates", CHOICE)
-    points: int = setting(61, "1", "angles of the estimates", CHOICE, least=5)
-    n_samples: int = setting(1000, "1", "samples of each estimate", CHOICE, least=10)
+    sigma: float = setting(0.02, "rad", "noise on the angle", above=0)
+    least: float = setting(0.6, "rad", "least angle of the estimates")
+    most: float = setting(0.8, "rad", "largest angle of the estimates")
+    points: int = setting(61, "1", "angles of the estimates", least=5)
+    n_samples: int = setting(1000, "1", "samples of each estimate", least=10)
 
 
 def thrown(params: Params, dome: bool, width: float | None = None) -> ThrownBall:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from reports.figures.studies.panels import light_to_dark
 from reports.style import INK, VERMILLION, WIDTH
 
 caption = (
@@ -21,7 +21,7 @@ def draw(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(WIDTH, 5.0))
     (top, impulse), (error, density) = figure.subplots(2, 2)
     z, mus = data["z"].values, data["mu"].values
-    shades = mpl.colormaps["viridis"](np.linspace(0.8, 0.1, len(mus)))
+    shades = light_to_dark(len(mus), 0.8, 0.1)
     exact = data["lam_exact"].values
     top.plot(z, data["mu_adaptive"], color=VERMILLION)
     impulse.plot(z, exact, "--", color=INK, label="exact")

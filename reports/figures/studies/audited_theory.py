@@ -47,20 +47,17 @@ def draw(data: xr.Dataset) -> Figure:
     often.invert_yaxis()
     often.set_xlim(0, 1.02)
     often.set_xlabel("share of systems in which it holds")
-    scaling.set_xlabel("$\\mu$")
-    scaling.set_ylabel("largest over systems")
+    scaling.set(xlabel="$\\mu$", ylabel="largest over systems")
     loose.set_yscale("log")
     loose.axhline(1, color=GREY, linewidth=0.8)
-    loose.set_xlabel("number of contacts")
-    loose.set_ylabel("slope / bound of thm. 5.1")
+    loose.set(xlabel="number of contacts", ylabel="slope / bound of thm. 5.1")
     horizon = data["horizon"].values
     for index, (gain, color) in enumerate(zip(data["gain"].values, CYCLE, strict=False)):
         row = data["growth"].values[index]
         growth.semilogy(horizon, row, "o-", color=color, label=f"$L_f$ = {gain:g}")
         growth.semilogy(horizon, row[0] * max(gain, 1) ** (4.0 * (horizon - horizon[0])), ":",
                         color=color)  # fmt: skip
-    growth.set_xlabel("horizon $H$ [steps]")
-    growth.set_ylabel("variance of the gradient")
+    growth.set(xlabel="horizon $H$ [steps]", ylabel="variance of the gradient")
     scaling.legend()
     loose.legend()
     growth.legend()

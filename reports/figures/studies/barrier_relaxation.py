@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from reports.figures.studies.panels import light_to_dark
 from reports.style import INK, WIDTH
 
 caption = (
@@ -19,9 +19,7 @@ def draw(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(WIDTH, 3.0))
     left, right = figure.subplots(1, 2)
     u, kappas = data["u"].values, data["kappa"].values
-    shades = mpl.colormaps["viridis"](
-        [0.85 - 0.8 * i / (len(kappas) - 1) for i in range(len(kappas))]
-    )
+    shades = light_to_dark(len(kappas))
     for index, (kappa, shade) in enumerate(zip(kappas, shades, strict=True)):
         left.plot(
             u, data["x_barrier"][index], color=shade, label=f"$\\kappa$ = {kappa:g} J$^{{-1}}$"

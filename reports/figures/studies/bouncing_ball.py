@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
-import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from reports.figures.studies.panels import impulse_arrow, light_to_dark
 from reports.style import INK, WIDTH
 
 caption = (
@@ -22,7 +21,7 @@ def draw(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(WIDTH, 4.6))
     axes = figure.subplots(2, 3, sharex=True)
     mus = data["mu"].values
-    shades = mpl.colormaps["viridis"](np.linspace(0.85, 0.05, len(mus)))
+    shades = light_to_dark(len(mus))
     rows = (
         (axes[0], ("y", "v", "rate"), ("q_x", "q_x", "q_x")),
         (axes[1], ("y_step", "v_step", "rate_step"), ("q_step", "q_step", "q_mid")),
@@ -37,8 +36,7 @@ def draw(data: xr.Dataset) -> Figure:
         axis.plot(data[place], data[name], "--", color=INK, linewidth=1.0)
     spike = data["rate_exact"].values
     where = float(data["q_mid"][int(spike.argmax())])
-    axes[1, 2].annotate("", (where, spike.max() * 4), (where, spike.max()),
-                        arrowprops={"arrowstyle": "->", "color": INK})  # fmt: skip
+    impulse_arrow(axes[1, 2], where, spike.max(), spike.max() * 4)
     for row in axes:
         for axis, text in zip(row, ("$y$ [m]", "$v_y$ [m/s]", "$dv_y/dq_x$ [1/s]"), strict=True):
             axis.set_ylabel(text)

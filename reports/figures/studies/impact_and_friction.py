@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
-import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from reports.figures.studies.panels import impulse_arrow, light_to_dark
 from reports.style import GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 
 caption = (
@@ -23,7 +22,7 @@ def draw(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(WIDTH, 4.2))
     impact, push = figure.subplots(1, 2)
     laws = [str(name) for name in data["law"].values]
-    shades = [*mpl.colormaps["viridis"](np.linspace(0.05, 0.6, len(laws) - 1)), VERMILLION]
+    shades = [*light_to_dark(len(laws) - 1, 0.05, 0.6), VERMILLION]
     for index, (name, shade) in enumerate(zip(laws, shades, strict=True)):
         text = name if name == "adaptive" else name.replace("mu", "BS $\\mu$")
         impact.plot(data["q_mid"], data["impact_soft"][index], color=shade, label=text)
@@ -41,13 +40,10 @@ def draw(data: xr.Dataset) -> Figure:
     impact.set_yscale("symlog", linthresh=10)
     top = impact.get_ylim()[1] * 3
     impact.set_ylim(-30, top)
-    impact.annotate("", (float(data["place"]), top), (float(data["place"]), 0),
-                    arrowprops={"arrowstyle": "->", "color": INK})  # fmt: skip
+    impulse_arrow(impact, float(data["place"]), 0, top)
     impact.set_xlim(float(data["q_x"][0]), float(data["q_x"][-1]))
-    impact.set_xlabel("$q_x$ [m]")
-    impact.set_ylabel("$dv_y/dq_x$ [1/s]")
-    push.set_xlabel("push $u$ [N]")
-    push.set_ylabel("$\\partial v^+/\\partial u$ [m/(N s)]")
+    impact.set(xlabel="$q_x$ [m]", ylabel="$dv_y/dq_x$ [1/s]")
+    push.set(xlabel="push $u$ [N]", ylabel="$\\partial v^+/\\partial u$ [m/(N s)]")
     for axis in (impact, push):
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
     return figure

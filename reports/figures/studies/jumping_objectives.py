@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from reports.style import BLUE, GREY, INK, VERMILLION, WIDTH
+from reports.figures.studies.panels import gradient_panel, unbroken
+from reports.style import INK, VERMILLION, WIDTH
 
 caption = (
     "Top: the objective (black) and its smoothing over the decision. Bottom: the gradient of the "
@@ -28,18 +29,14 @@ def draw(data: xr.Dataset) -> Figure:
     for column, (name, title, decision, objective, unit) in enumerate(_PANELS):
         top, bottom = axes[:, column]
         theta = data[f"theta_{name}"].values
-        fine, f = data[f"fine_{name}"].values, data[f"f_{name}"].values.copy()
-        # A jump is no line.
-        f[:-1][np.abs(np.diff(f)) > 0.05 * np.ptp(f)] = np.nan
-        top.plot(fine, f, color=INK, label="$f$")
+        f = data[f"f_{name}"].values
+        top.plot(data[f"fine_{name}"], unbroken(f, 0.05 * np.ptp(f)), color=INK, label="$f$")
         top.plot(theta, data[f"F_{name}"], color=VERMILLION, label="$F$")
-        bottom.plot(theta, data[f"slope_{name}"], color=GREY, linewidth=2.5, label="$\\nabla F$")
-        bottom.plot(theta, data[f"first_{name}"][:, 0], ".", color=BLUE, label="FoBG")
-        bottom.plot(theta, data[f"zeroth_{name}"][:, 0], ".", color=VERMILLION, label="ZoBG")
+        estimates = (data[f"{order}_{name}"][:, 0] for order in ("first", "zeroth"))
+        gradient_panel(bottom, theta, data[f"slope_{name}"], *estimates)
         top.set_title(title)
         top.set_ylabel(objective)
-        bottom.set_ylabel(f"gradient {unit}")
-        bottom.set_xlabel(decision)
+        bottom.set(xlabel=decision, ylabel=f"gradient {unit}")
     axes[0, 0].legend()
     axes[1, 1].legend(loc="lower right")
     return figure

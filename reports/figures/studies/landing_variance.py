@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
-import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from reports.figures.studies.panels import light_to_dark
 from reports.style import WIDTH
 
 caption = (
@@ -20,7 +19,7 @@ def draw(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(WIDTH, 3.0))
     left, right = figure.subplots(1, 2, sharey=True)
     h = data["h"].values
-    shades = mpl.colormaps["viridis"](np.linspace(0.85, 0.05, len(h)))
+    shades = light_to_dark(len(h))
     for index, shade in enumerate(shades):
         left.loglog(data["mu"], data["first_order"][index], "o-", color=shade)
         right.loglog(data["mu"], data["likelihood_ratio"][index], "s-", color=shade,

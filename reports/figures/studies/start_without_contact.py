@@ -52,8 +52,7 @@ def _scene(axis: Axes, name: str, data: xr.Dataset) -> None:
     for law, color, mark in zip(data["law"].values, _COLORS, _MARKS, strict=True):
         x, y, _ = data["path"].sel(law=law, motion="exact replay").values.T
         axis.plot(x, y, color=color, marker=mark, markersize=2.5, linewidth=0.8, label=str(law))
-    axis.set_xlabel(found.axes[0])
-    axis.set_ylabel(found.axes[1])
+    axis.set(xlabel=found.axes[0], ylabel=found.axes[1])
 
 
 def _costs(axis: Axes, data: xr.Dataset) -> None:

@@ -31,7 +31,6 @@ def draw(data: xr.Dataset) -> Figure:
     axis.text(limit * 0.93, 1e12, "$m (1 + c)/h^2$", rotation=90, ha="right", va="center")
     finite = np.concatenate((data["first_order"].values, implicit))
     axis.set_ylim(np.nanmin(finite) / 3, 1e20)
-    axis.set_xlabel("stiffness $k$ [N/m]")
-    axis.set_ylabel("variance [m$^4$/N$^2$]")
+    axis.set(xlabel="stiffness $k$ [N/m]", ylabel="variance [m$^4$/N$^2$]")
     axis.legend(loc="upper left")
     return figure

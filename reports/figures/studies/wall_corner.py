@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Rectangle
 from matplotlib.ticker import NullFormatter
 
+from reports.figures.studies.panels import gradient_panel, unbroken
 from reports.style import BLUE, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
 
 caption = (
@@ -34,29 +34,22 @@ def draw(data: xr.Dataset) -> Figure:
             axis.plot(path[:, 0], path[:, 1], color=color, linewidth=0.8)
         axis.set_xlim(1.35, 1.6)
         axis.set_ylim(0.45, 0.55)
-        axis.set_xlabel("$x$ [m]")
-        axis.set_ylabel("$y$ [m]")
+        axis.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
         axis.set_title(str(name))
-        f = data["f"].values[index].copy()
-        # A jump is no line.
-        f[:-1][np.abs(np.diff(f)) > 0.05] = np.nan
+        f = unbroken(data["f"].values[index], 0.05)
         objective.plot(fine, f, color=color, linewidth=2.6 - 1.6 * index, label=str(name))
         gradient, theta = gradients[index], data["theta"].values
-        gradient.plot(theta, data["slope"][index], color=GREY, linewidth=2.5, label="$\\nabla F$")
-        gradient.plot(theta, data["first"][index, :, 0], ".", color=BLUE, label="FoBG")
-        gradient.plot(theta, data["zeroth"][index, :, 0], ".", color=VERMILLION, label="ZoBG")
-        gradient.set_xlabel("angle $\\theta$ [rad]")
-        gradient.set_ylabel("gradient [m/rad]")
+        estimates = (data[order][index, :, 0] for order in ("first", "zeroth"))
+        gradient_panel(gradient, theta, data["slope"][index], *estimates)
+        gradient.set(xlabel="angle $\\theta$ [rad]", ylabel="gradient [m/rad]")
     wide = data["width"].values
     variance.loglog(wide, data["narrow_variance_first"], "o-", color=BLUE, label="FoBG")
     variance.loglog(wide, data["narrow_variance_zeroth"], "s-", color=VERMILLION, label="ZoBG")
     variance.set_xticks(wide[::2], [f"{value:.3g}" for value in wide[::2]])
     for scale in (variance.xaxis, variance.yaxis):
         scale.set_minor_formatter(NullFormatter())
-    variance.set_xlabel("diameter of the dome [m]")
-    variance.set_ylabel("variance [m$^2$/rad$^2$]")
-    objective.set_xlabel("angle $\\theta$ [rad]")
-    objective.set_ylabel("minus distance [m]")
+    variance.set(xlabel="diameter of the dome [m]", ylabel="variance [m$^2$/rad$^2$]")
+    objective.set(xlabel="angle $\\theta$ [rad]", ylabel="minus distance [m]")
     for axis in (objective, variance, gradients[0]):
         axis.legend()
     return figure

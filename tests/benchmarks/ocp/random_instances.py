@@ -141,12 +141,19 @@ def _answer(found: Solution, seconds: float, wall: float) -> Answer:
 
 
 def _misplaced(found: Solution) -> float:
-    """How far an audited throw is off its bounds, or below where a bounce puts a node at most."""
-    physical = np.array([found.values[name] for name in found.problem.parameters.names])
+    """How far an audited throw is off its bounds, or below where a bounce puts a node at most.
+
+    A node is at ``-R(s)`` where the free one would be lower. At speed V that needs a node before
+    at ``c <= h V (1 - e) / (1 + e)`` and, one earlier, ``s = c + h V <= 2 h V / (1 + e)``, so that
+    ``R(s) <= 2 e h V / (1 + e) + 2 g h^2 / (1 + e)``, and what gravity adds in two steps.
+    """
+    problem, values = found.problem, found.values
     x, u = found.data["x"].values, found.data["u"].values
-    broken = broken_constraints(found.problem, x, u, physical)
-    e, g, h = (found.values[name] for name in ("restitution", "g", "h"))
-    deep = e * h * np.sqrt(x[..., 5].max()) + (1 + e) * g * h**2 / 2
+    physical = np.array([values[name] for name in problem.parameters.names])
+    broken = broken_constraints(problem, x, u, physical)
+    e, g, h = (values[name] for name in ("restitution", "g", "h"))
+    fastest = np.sqrt(x[..., 5].max())
+    deep = 2 * (e * h * fastest + g * h**2) / (1 + e) + 3 * g * h**2
     below = max(0.0, -float(x[..., 1].min()) - deep)
     return max([below, *(one.violation.amount for one in broken)])
 

@@ -51,7 +51,7 @@ def test_a_ball_passes_above_the_corner_and_turns_back_below():
 
 def test_names_are_known_and_unknown_ones_list_the_choices():
     assert named("wall-1d").name == "wall-1d"
-    assert named("coulomb").build is coulomb.build
+    assert named("coulomb").cost is coulomb.cost
     with pytest.raises(InputError, match="did you mean 'coulomb'"):
         named("colomb")
     with pytest.raises(InputError, match="there are heaviside"):

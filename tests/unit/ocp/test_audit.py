@@ -151,6 +151,7 @@ def ring(N: int = 5) -> Problem:
         mass=ca.SX.eye(2),
         impulse=lambda q, v, u: u,
         distance=lambda q: p["R"] - ca.norm_2(q),
+        linearised=True,
         parameters=p,
     )
     effort = ca.sumsqr(system.u)

@@ -6,11 +6,8 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import (
-    Mechanism,
     Parameter,
     ParameterTable,
-    Touching,
-    frictional_time_stepping,
     quasi_dynamic,
     signals,
     time_stepping,
@@ -72,21 +69,17 @@ def rough_slope(N: int = 10) -> Problem:
     ])  # fmt: skip
     h, weight = p["h"], 9.81
     along, across = weight * ca.sin(p["slope"]), weight * ca.cos(p["slope"])
-    system = frictional_time_stepping(
+    system = time_stepping(
         "rough slope",
         states=signals("cart [m]; block [m] along; height [m] over the slope; v_cart [m/s];"
                        " v_block [m/s]; v_height [m/s]"),
         inputs=signals("u [N] force on the cart"),
-        mechanism=Mechanism(
-            mass=lambda q: ca.SX.eye(3),
-            impulse=lambda q, v, u: h * ca.vertcat(u - along, -along, -across),
-        ),
-        touching=Touching(
-            names=("slope", "face"),
-            distance=lambda q: ca.vertcat(q[2], q[1] - q[0]),
-            sliding=lambda q: ca.SX([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-            friction=ca.vertcat(p["friction"], p["face"]),
-        ),
+        contacts=signals("slope [N s]; face [N s]"),
+        mass=ca.SX.eye(3),
+        impulse=lambda q, v, u: h * ca.vertcat(u - along, -along, -across),
+        distance=lambda q: ca.vertcat(q[2], q[1] - q[0]),
+        sliding=lambda q: ca.SX([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        friction=ca.vertcat(p["friction"], p["face"]),
         h=h, parameters=p,
     )  # fmt: skip
     x = system.x
@@ -135,7 +128,7 @@ def ring(h: float, speed: float, N: int = 20) -> Problem:
         inputs=signals("fx [N]; fy [N]"),
         contacts=signals("ring [N s]"),
         h=p["h"], mass=ca.SX.eye(2), impulse=lambda q, v, u: p["h"] * u,
-        distance=lambda q: 1.0 - ca.norm_2(q), parameters=p,
+        distance=lambda q: 1.0 - ca.norm_2(q), parameters=p, linearised=True,
     )  # fmt: skip
     effort = ca.sumsqr(system.u)
     return Problem("ring", system, N, effort, ca.SX(0), ca.SX([0.9, 0, 0, speed]), p)

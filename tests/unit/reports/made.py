@@ -58,7 +58,8 @@ def sliding_box(
         },
     )
     meta = {"kind": "solve", "problem": "box", "record": {"contact": "barrier"}}
-    spec = ProblemSpec("box", "A box that slides", Parameters, _unbuilt, draw=draw, frames=frames)
+    spec = ProblemSpec(name="box", title="A box that slides", Params=Parameters, build=_unbuilt,
+                       draw=draw, frames=frames)  # fmt: skip
     return RunView(StoredRun(Path("runs/box"), data, meta), spec, None, None)
 
 
