@@ -243,12 +243,23 @@ class Problem:
         return Sizes(reference.impulse * units.of("N s"), reference.gap * units.of("m"),
                      reference.x * states, reference.u * inputs)  # fmt: skip
 
-    def check_step_size(self) -> None:
-        """Raise :class:`~ocp.errors.InputError` unless h is positive, at the defaults and x0."""
+    def check_physics(self) -> None:
+        """Check the step size and the mass matrix, where one is known, at the defaults and x0.
+
+        Raises :class:`~ocp.errors.InputError` unless h > 0 and M is positive definite.
+        """
         p, given = self.parameters.values, [self.system.x, self.parameters.vector]
-        h = float(ca.Function("h", given, [ca.SX(self.system.h)])(self.limits(p)[0], p))
+        mass = ca.SX() if self.system.mass is None else self.system.mass
+        told = ca.Function("told", given, [ca.SX(self.system.h), ca.densify(mass)])
+        h, M = (np.array(value) for value in told(self.limits(p)[0], p))
         if not h > 0:
-            raise InputError(f"{self.name}: the step size must be positive, got {h:g} s")
+            raise InputError(f"{self.name}: the step size must be positive, got {h.item():g} s")
+        least = np.linalg.eigvalsh(M).min(initial=np.inf)
+        if not least > 0:
+            raise InputError(
+                f"{self.name}: the mass matrix must be positive definite, and its least eigenvalue"
+                f" is {least:g}; raise the masses and inertias above zero"
+            )
 
     def initial_states(self, p: np.ndarray) -> np.ndarray:
         """Initial states of all scenarios at parameter values p, shape (scenarios, nx)."""

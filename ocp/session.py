@@ -79,7 +79,7 @@ class Session:
         table = self.problem.parameters + self.step.p
         self.values = {parameter.name: float(parameter.value) for parameter in table}
         self.values |= {"penalty": 0.0, "relaxation": 0.0}
-        self.problem.check_step_size()
+        self.problem.check_physics()
         self.build_s = time.perf_counter() - began
 
     @property

@@ -53,6 +53,7 @@ class ContactSystem:
 
     ``sharp`` leads to the sharpest contact that is known for the system, see :attr:`sharpest`.
     ``refinable`` says that h only discretises: ``h / 4`` is the same system, looked at more often.
+    ``mass`` is M (nq, nq) where the system has one, an expression in x and the parameters.
 
     Raises ``ValueError`` when a dimension does not fit or a symbol is not declared.
     """
@@ -77,6 +78,7 @@ class ContactSystem:
     book: EnergyBook | None = None
     sharp: Sharp | None = None
     refinable: bool = False
+    mass: ca.SX | None = None
 
     def __post_init__(self) -> None:
         if not self.pairs:

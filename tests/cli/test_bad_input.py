@@ -191,6 +191,9 @@ def build(params):
         ("stage_cost=ca.sumsqr(system.u)", 'stage_cost=ca.SX.sym("w")', ["uses w"]),
         ("    return Problem", "    Problem", ["returned", "expected"]),
         ("h=0.1", 'h=p["hh"]', ["hh"]),
+        ("h=0.1", "h=0", ["step size must be positive, got 0 s"]),
+        ('1.0, "kg", "mass", above=0', '-1.0, "kg", "mass"', ["positive definite", "is -1;"]),
+        ('1.0, "kg", "mass", above=0', '0.0, "kg", "mass"', ["positive definite", "is 0;"]),
     ],
 )
 def test_a_users_file_that_does_not_work(
