@@ -18,16 +18,6 @@ class AffineStep(Step):
     """
 
     @cached_property
-    def states(self) -> ca.SX:
-        """None."""
-        return ca.SX(0, 1)
-
-    @cached_property
-    def motion(self) -> ca.SX:
-        """Nothing."""
-        return ca.SX(0, 1)
-
-    @cached_property
     def a(self) -> ca.SX:
         """x_next at lam = 0, (nx, 1)."""
         a = ca.SX.zeros(self.system.nx)
@@ -61,15 +51,6 @@ class AffineStep(Step):
     def slack(self) -> ca.SX:
         """``z + F lam``."""
         return ca.densify(self.z + self.F @ self.lam)
-
-    @cached_property
-    def landings(self) -> ca.SX:
-        """``a + B lam`` of every branch."""
-        reduced, landings = self.system.reduced, [ca.SX(0, 1)]
-        for node, rows in zip(self.nodes, self.rows, strict=True):
-            a, B = self.at(node, [reduced.a, reduced.B])
-            landings.append(ca.densify(a + B @ self.lam[rows]))
-        return ca.vertcat(*landings)
 
     @cached_property
     def data(self) -> ca.Function:

@@ -46,9 +46,19 @@ class Step(ABC):
         return ca.SX.sym("lam", self.branches * self.system.nlam)
 
     @cached_property
-    @abstractmethod
     def states(self) -> ca.SX:
         """Symbols of the branches' next states in ``inner``, none where lam alone is unknown."""
+        return ca.SX(0, 1)
+
+    @cached_property
+    def motion(self) -> ca.SX:
+        """What is zero at the right ``states``, as many entries."""
+        return ca.SX(0, 1)
+
+    @cached_property
+    def landings(self) -> ca.SX:
+        """``states`` in (x, u, lam, p)."""
+        return ca.SX(0, 1)
 
     @cached_property
     @abstractmethod
@@ -59,16 +69,6 @@ class Step(ABC):
     @abstractmethod
     def slack(self) -> ca.SX:
         """The gaps (n, 1) in (x, u, inner, p)."""
-
-    @cached_property
-    @abstractmethod
-    def motion(self) -> ca.SX:
-        """What is zero at the right ``states``, as many entries."""
-
-    @cached_property
-    @abstractmethod
-    def landings(self) -> ca.SX:
-        """The branches' next states (B nx, 1) in (x, u, lam, p), one after the other."""
 
     @abstractmethod
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
@@ -85,9 +85,7 @@ class Step(ABC):
         return self.landed(self.following)
 
     def landed(self, expression: ca.SX) -> ca.SX:
-        """Put the branches' landings in place of ``states``."""
-        if not self.states.numel():
-            return expression
+        """Put ``landings`` in place of ``states``."""
         return ca.substitute(expression, self.states, self.landings)
 
     @cached_property
@@ -186,13 +184,6 @@ class Step(ABC):
         """Rows of ``lam`` of every branch."""
         block = self.system.nlam
         return [slice(k * block, (k + 1) * block) for k in range(self.branches)]
-
-    @cached_property
-    def active_set(self) -> ca.Function:
-        """Map ``(x, u, p)`` to 1 for every contact that acts (lam > gap) and 0 for the others."""
-        x, u, p = self._symbols()
-        _, lam, gap, _ = self.solve(x, u, p)
-        return ca.Function("active_set", [x, u, p], [lam > gap], ["x", "u", "p"], ["active"])
 
     @cached_property
     def map(self) -> ca.Function:

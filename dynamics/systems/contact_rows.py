@@ -39,15 +39,9 @@ class Touching:
     limits: Callable[[ca.SX], ca.SX] | None = None
     limit_names: tuple[str, ...] = ()
 
-    def distances(self, q: ca.SX) -> ca.SX:
-        """Distances of the contacts and ways to the limits, (nc + nl, 1)."""
-        return ca.vertcat(self.distance(q), *([] if self.limits is None else [self.limits(q)]))
-
-    def sharp(self, q: ca.SX, build: Callable[[Touching], ContactSystem]) -> Sharp:
+    def sharp(self, curved: bool, build: Callable[[Touching], ContactSystem]) -> Sharp:
         """How the system that ``build`` makes of these contacts leads to its sharpest sibling."""
-        phi, notes = self.distances(q), []
-        if self.linearised and ca.depends_on(ca.jacobian(phi, q), q):
-            notes.append(TRUE_GAPS)
+        notes = [TRUE_GAPS] if self.linearised and curved else []
         true = replace(self, linearised=False)
         if self.cone == "edges" and self.friction is not None and self.sliding is not None:
             notes.append(COULOMB)
@@ -59,7 +53,8 @@ class Touching:
 class ContactRows:
     """The pairs of one step: ``lam`` (nlam, 1), ``gap`` (nlam, 1), and ``push`` (nq, 1) their
     generalised impulse [N s]; ``signals`` and ``pairs`` say what each is, ``forces`` what they add
-    up to, None where there is no friction.
+    up to, None where there is no friction. ``phi`` are the distances at q of contacts and limits,
+    ``curved`` says that any of these is not affine in q.
     """
 
     lam: ca.SX
@@ -68,6 +63,8 @@ class ContactRows:
     signals: tuple[Signal, ...]
     pairs: tuple[Pair, ...]
     forces: ContactForces | None
+    phi: ca.SX | None = None
+    curved: bool = False
 
 
 def contact_rows(
@@ -88,21 +85,23 @@ def contact_rows(
     Raises ``ValueError`` where a dimension does not fit.
     """
     nq, nc, nl = q.numel(), len(touching.contacts), len(touching.limit_names)
-    phi = touching.distance(q)
-    check_shape(name, "distance(q)", phi, (nc, 1))
 
-    def ahead(distance: Callable[[ca.SX], ca.SX]) -> ca.SX:
+    def approached(
+        what: str, distance: Callable[[ca.SX], ca.SX], count: int
+    ) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Distance at q, its slope there, and the gap."""
         here = distance(q)
+        check_shape(name, what, here, (count, 1))
         slope = ca.jacobian(here, q)
-        return here + slope @ (q_next - q) if touching.linearised else distance(q_next)
+        gap = here + slope @ (q_next - q) if touching.linearised else distance(q_next)
+        return here, slope, gap
 
-    limits = []
+    limits, left, forces = [], ca.SX(0, 1), None
     if touching.limits is not None:
-        left = touching.limits(q)
-        check_shape(name, "limits(q)", left, (nl, 1))
+        left, slope, gap = approached("limits(q)", touching.limits, nl)
         stops = [Signal(n, "N m s", "impulse of a joint limit") for n in touching.limit_names]
-        limits = [Row("limit", ahead(touching.limits), ca.jacobian(left, q), stops)]
-    J, gap, forces = ca.jacobian(phi, q), ahead(touching.distance), None
+        limits = [Row("limit", gap, slope, stops)]
+    phi, J, gap = approached("distance(q)", touching.distance, nc)
     rows, lam = [Row("normal", gap, J, list(touching.contacts))], ca.SX.sym("lam", nc + nl)
     if touching.friction is not None and touching.sliding is not None:
         form, J_t = FORMS[touching.cone], touching.sliding(q)
@@ -126,4 +125,6 @@ def contact_rows(
             for i in range(len(row.signals))
         ),
         forces,
+        ca.vertcat(phi, left),
+        ca.depends_on(ca.vertcat(J, *(limit.direction for limit in limits)), q),
     )

@@ -76,11 +76,11 @@ def quasi_dynamic(
             contacts=rows.signals,
             h=h,
             parameters=parameters,
-            phi=touching.distance(x),
+            phi=rows.phi,
             mu_per_kappa=1.0,
             pairs=rows.pairs,
             forces=rows.forces,
-            sharp=touching.sharp(x, built),
+            sharp=touching.sharp(rows.curved, built),
         )
 
     return built(Touching(contacts, distance, sliding, friction, cone, linearised))

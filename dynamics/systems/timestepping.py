@@ -97,7 +97,7 @@ def time_stepping(
     nothing, nc = ca.SX(nq, nq), len(contacts)
     D, K = (nothing if part is None else part for part in (damping, stiffness))
 
-    def built(rows: ContactRows, phi: ca.SX | None, sharp: Sharp) -> ContactSystem:
+    def built(rows: ContactRows, sharp: Sharp) -> ContactSystem:
         normal = rows.lam[:nc] if rows.forces is None else rows.forces.normal
         along = ca.SX.zeros(nc) if rows.forces is None else rows.forces.tangential
         return ContactSystem(
@@ -117,9 +117,9 @@ def time_stepping(
             contacts=rows.signals,
             h=h,
             parameters=parameters,
-            phi=phi,
-            mu_per_kappa=None if phi is None else h,
-            gap_unit="N s" if phi is None else "m",
+            phi=rows.phi,
+            mu_per_kappa=None if rows.phi is None else h,
+            gap_unit="N s" if rows.phi is None else "m",
             pairs=rows.pairs,
             forces=rows.forces,
             book=None if book is None else book(q, v, u, v_next, normal, along),
@@ -130,7 +130,7 @@ def time_stepping(
 
     def touched(touching: Touching) -> ContactSystem:
         rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
-        return built(rows, touching.distances(q), touching.sharp(q, touched))
+        return built(rows, touching.sharp(rows.curved, touched))
 
     if distance is not None and load is None:
         return touched(Touching(contacts, distance, sliding, friction, cone, linearised, limits,
@@ -143,4 +143,4 @@ def time_stepping(
     inertia = M + h * D + h**2 * K
     free = ca.solve(inertia, M @ v + smooth - h * K @ q)
     rows = pressed_rows(name, contacts, sliding(q), friction, load, inertia, free, v_next, h)
-    return built(rows, None, Sharp())
+    return built(rows, Sharp())
