@@ -24,6 +24,7 @@ from reports.console import (
 from reports.curve_tables import event_rows
 from reports.figures import comparison, contacts, run
 from reports.figures import continuation as curve_figures
+from reports.stages import left_out, shown
 from reports.strobe import strobe
 from reports.view import RunView
 
@@ -46,8 +47,9 @@ def solve_page(view: RunView) -> Page:
                 number(stage.cost, 7), small(stage.complementarity), small(stage.residual),
                 str(stage.iterations), "" if stage.accepted else "stepped back",
             ]
-            for index, stage in enumerate(stored.stages, start=1)
+            for index, stage in shown(stored.stages)
         ],
+        "left_out": left_out(stored.stages),
         "worst": [
             [v.name, v.component, str(v.scenario), str(v.step), small(v.amount)]
             for v in ([] if solved else stored.audit.worst)

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-BACKENDS = ("auto", "c", "numpy", "casadi")
-"""What evaluates many samples at once; auto takes the first that can be built."""
-
 
 def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
     """Read ``["a=1", "b=x"]``; raises InputError for anything else and for a name given twice."""

@@ -2,24 +2,63 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
-from reports.cli.estimate_request import EstimateOptions, EstimateRequest
-from reports.cli.options import Command
+import typer
+
+from reports.cli.options import Command, ProblemOptions
 
 if TYPE_CHECKING:
     from ocp.gradients.sweep import SweepRun
     from ocp.store.checkpoint import Checkpoint
+    from reports.cli.estimate_request import EstimateRequest
+
+BACKENDS = ("auto", "c", "numpy", "casadi")
+"""What evaluates many samples at once; auto takes the first that can be built."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions(ProblemOptions):
+    """Estimators, samples, noise, the sweep, and what computes."""
+
+    estimators: Annotated[
+        str, typer.Option("--estimators", help="Names with commas; ocp list shows them.")
+    ] = "zobg,fobg,alpha"
+    samples: Annotated[str, typer.Option("--samples", "-n", help="Of each estimator.")] = "1e5"
+    sweep: Annotated[
+        str | None, typer.Option("--sweep", metavar="NAME=A:B:n[:log]", help="Go along NAME.")
+    ] = None
+    sigma: Annotated[float | None, typer.Option("--sigma", help="Size of the noise.")] = None
+    reference: Annotated[
+        str,
+        typer.Option("--reference", help="auto, closed-form, quadrature, zobg or none."),
+    ] = "auto"
+    reference_samples: Annotated[
+        str | None, typer.Option("--reference-samples", help="Of a sampled reference.")
+    ] = None
+    at: Annotated[
+        str | None, typer.Option("--at", help="A stored run whose inputs are the decision.")
+    ] = None
+    backend: Annotated[
+        str, typer.Option("--backend", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}.")
+    ] = "auto"
+    threads: Annotated[
+        int | None, typer.Option("--threads", min=1, max=1024, help="CPUs to use.")
+    ] = None
 
 
 def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoint]:
     """Build the objective at every point, and see that all of them would end within a year."""
     from ocp.effort import check_time
+    from ocp.errors import choose
     from ocp.gradients.sweep import SweepRun
     from ocp.store.checkpoint import Checkpoint
     from ocp.store.provenance import versions
+    from reports.cli.estimate_request import EstimateRequest
     from reports.cli.places import check_places
 
+    choose("backend", options.backend, dict.fromkeys(BACKENDS))
     asked = EstimateRequest.read(options)
     check_places(options.out, options.pdf)
     identity = {**asked.record, "backend": options.backend, "by": versions()}

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from ocp.errors import InputError, choose, did_you_mean
 from reports.cli.choices import (
-    BACKENDS,
     assignments,
     closing_law,
     contact_law,
     policy,
     split_policy_settings,
 )
-from reports.cli.options import ProblemOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,40 +23,11 @@ if TYPE_CHECKING:
     from ocp.gradients.sweep import Sweep
     from problems.objectives import ObjectiveSpec
     from problems.spec import ProblemSpec
+    from reports.cli.estimate_command import EstimateOptions
 
 SIGMA_SHARE = 0.1
 """Noise on a problem's inputs where none is asked for, as a share of their characteristic size."""
 _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "at": "--at"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimateOptions(ProblemOptions):
-    """Estimators, samples, noise, the sweep, and what computes."""
-
-    estimators: Annotated[
-        str, typer.Option("--estimators", help="Names with commas; ocp list shows them.")
-    ] = "zobg,fobg,alpha"
-    samples: Annotated[str, typer.Option("--samples", "-n", help="Of each estimator.")] = "1e5"
-    sweep: Annotated[
-        str | None, typer.Option("--sweep", metavar="NAME=A:B:n[:log]", help="Go along NAME.")
-    ] = None
-    sigma: Annotated[float | None, typer.Option("--sigma", help="Size of the noise.")] = None
-    reference: Annotated[
-        str,
-        typer.Option("--reference", help="auto, closed-form, quadrature, zobg or none."),
-    ] = "auto"
-    reference_samples: Annotated[
-        str | None, typer.Option("--reference-samples", help="Of a sampled reference.")
-    ] = None
-    at: Annotated[
-        str | None, typer.Option("--at", help="A stored run whose inputs are the decision.")
-    ] = None
-    backend: Annotated[
-        str, typer.Option("--backend", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}.")
-    ] = "auto"
-    threads: Annotated[
-        int | None, typer.Option("--threads", min=1, max=1024, help="CPUs to use.")
-    ] = None
 
 
 @dataclass(frozen=True)
@@ -83,7 +50,6 @@ class EstimateRequest:
         from ocp.gradients.sweep import Sweep
         from problems.objectives import named
 
-        choose("backend", options.backend, dict.fromkeys(BACKENDS))
         spec = named(options.problem)
         given = assignments("-p", options.params)
         if "sigma" in given and options.sigma is not None:

@@ -81,6 +81,12 @@ from reports.cli.app import main
 with redirect_stdout(StringIO()): assert main(["list"]) == 0"""
 
 
+def test_help_loads_nothing_of_ours() -> None:
+    code = "import sys, reports.cli.app; print([p for p in ('ocp', 'casadi') if p in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize("code", ["import ocp", LIST], ids=["import ocp", "ocp list"])
 def test_asking_what_there_is_loads_no_heavy_library(code: str) -> None:
     told = f"print('loaded', [name for name in {HEAVY.split()!r} if name in sys.modules])"
