@@ -46,9 +46,10 @@ class Randomized(ContactLaw):
         if isinstance(base, Randomized):
             raise ValueError("randomized: the base law must not be randomized itself")
         self.sigma = positive("randomized", "sigma", sigma)
-        default = 5 if scheme == "gauss-hermite" else 16
+        if samples is None:
+            samples = 5 if scheme == "gauss-hermite" else 16
         high = 64 if scheme == "gauss-hermite" else 4096
-        self.samples = whole("randomized", "samples", samples or default, 2, high)
+        self.samples = whole("randomized", "samples", samples, 2, high)
         if scheme != "gauss-hermite" and self.samples % 2:
             raise ValueError(f"randomized: samples must be even, got {self.samples}")
         self.seed = whole("randomized", "seed", seed, 0, 2**31 - 1)

@@ -15,8 +15,8 @@ _ITERATIONS = 40
 """Of one neighbour at most: those worth having are near, others often infeasible."""
 _SHORT = 2
 """Steps of a contact that may be left out at once."""
-_NEIGHBOURS = 100
-"""Solved at most in one search."""
+_ALL = 800
+"""Iterations after which a search ends."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ def rescheduled(branches: Branches, best: Result) -> Result:
     steps of a trust region. Hence runs of active pairs are moved by a step and solved again; what
     helped once is tried once more first.
     """
-    program = branches.program
+    program, trace = branches.program, branches.follower.trace
+    until = trace.iterations + _ALL
     active = program.active_sets(best.point.x)[-1]
     tried, last = {active.tobytes()}, None
     while True:
@@ -48,7 +49,7 @@ def rescheduled(branches: Branches, best: Result) -> Result:
                 continue
             if not wish[changed != active].max(initial=0.0) > WISH:
                 continue
-            if len(tried) > _NEIGHBOURS:
+            if trace.iterations > until:
                 return best
             tried.add(changed.tobytes())
             start = Point(best.point.x, best.point.lam_x, best.point.lam_g)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions(StoreOptions):
-    """What to write, under which law, and where."""
+    """What to export, where to, and the law if it is not the run's own."""
 
     what: Annotated[
         str,
@@ -65,15 +65,10 @@ class Asked:
             return None
         return "open-loop" if self.solution.gains is None else "feedback"
 
-    @property
+    @cached_property
     def step(self) -> Step:
-        """The closed step; raises InputError where the law cannot take the system."""
-        from ocp.errors import InputError
-
-        try:
-            return self.law.close(self.problem.system)
-        except ValueError as error:
-            raise InputError(str(error)) from error
+        """The closed step."""
+        return self.law.close(self.problem.system)
 
     @property
     def values(self) -> np.ndarray:
@@ -107,92 +102,75 @@ class Asked:
         return [f"{self.name}: {self.title}", law, *policy, wrote]
 
 
-def read(
-    what: str,
-    params: Iterable[str] | None,
-    contact: str | None,
-    law_settings: Iterable[str] | None,
-    root: Path,
-) -> Asked:
-    """Find the problem or the run that ``what`` names, and the law.
-
-    Raises InputError for what is neither, and for parameters given to a run, which has its own.
-    """
+def check(options: ExportOptions) -> Asked:
+    """Find the problem or the run, and make the law; a run has its own parameters."""
     from ocp.errors import InputError
     from problems import names, spec
-    from reports.cli.choices import assignments, contact_law
+    from reports.cli.choices import assignments, closing_law
+    from reports.cli.places import check_place
 
-    if what in names() or (what.endswith(".py") and not Path(what).is_dir()):
+    check_place(options.file, "C file")
+    what = options.what
+    if what in names() or what.endswith(".py"):
+        if "out" in options.given:
+            raise InputError(f"--out says where runs are, but {what} is a problem; drop it")
         found = spec(what)
-        problem = found.problem(assignments("-p", params))
-        law = contact_law(contact or "barrier", law_settings)
+        problem = found.problem(assignments("-p", options.params))
+        law = closing_law(options.contact or "barrier", options.law_settings, problem.system)
         return Asked(found.name, found.title, problem, law)
-    asked = _run(what, root)
-    if params:
+    asked = _read_run(what, options.out)
+    if options.params:
         raise InputError(f"-p: a run has its parameters; to choose them export {asked.name}")
-    if contact is None and not law_settings:
+    if options.contact is None and not options.law_settings:
         return asked
-    law = contact_law(contact or asked.law.name, law_settings)
-    return Asked(asked.name, asked.title, asked.problem, law, asked.solution, asked.run)
+    name, system = options.contact or asked.law.name, asked.problem.system
+    return replace(asked, law=closing_law(name, options.law_settings, system))
 
 
-def _run(what: str, root: Path) -> Asked:
+def _read_run(what: str, root: Path) -> Asked:
     """Read a run; raises InputError where nothing has that name, saying what has."""
-    from ocp import store
     from ocp.errors import InputError, did_you_mean
     from problems import names
     from problems.objectives import objective_names
-    from reports.cli.choices import contact_law
-    from reports.cli.runs_command import find
+    from reports.cli.choices import closing_law
+    from reports.cli.runs_command import stored
     from reports.view import problem_of
 
     if what in objective_names():
         raise InputError(f"{what} is an objective without dynamics: there is no step to export")
-    hint = did_you_mean(what, names())
     try:
-        stored = store.load(find(what, root))
+        run = stored(what, root)
     except InputError as error:
-        raise InputError(f"{error}; nor is there a problem {what!r}{hint}") from error
-    found, _, problem = problem_of(stored)
-    solution = stored.solution(problem)
-    settings: dict[str, Any] = stored.record["contact_settings"]
-    law = contact_law(stored.record["contact"], [f"{k}={v}" for k, v in settings.items()])
-    return Asked(found.name, found.title, problem, law, solution, stored.path.name)
+        hint = did_you_mean(what, names())
+        raise InputError(f"{error}; nor is it a problem's name{hint}") from error
+    found, _, problem = problem_of(run)
+    solution = run.solution(problem)
+    settings = [f"{key}={value}" for key, value in run.record["contact_settings"].items()]
+    law = closing_law(run.record["contact"], settings, problem.system)
+    return Asked(found.name, found.title, problem, law, solution, run.path.name)
 
 
-def check(options: ExportOptions) -> Asked:
-    """Find the run or the problem, and the law that closes it."""
-    from reports.cli.places import check_place
-
-    check_place(options.file, "C file")
-    asked = read(options.what, options.params, options.contact, options.law_settings, options.out)
-    assert asked.step is not None
-    return asked
-
-
-def run(options: ExportOptions, found: Asked) -> int:
+def run(options: ExportOptions, asked: Asked) -> int:
     """Write one step of a problem, its derivatives and a run's policy as one C11 file."""
     from dynamics.batch import exported, identifier
     from ocp.store import atomic
 
-    file = options.file
-    text = exported(found.step, found.values, found.name, found.about, found.policy)
+    text = exported(asked.step, asked.values, asked.name, asked.about, asked.policy)
     content = text.encode()
-    atomic.write(file, content, "the C file")
-    name = identifier(found.name)
+    atomic.write(options.file, content, "the C file")
+    name = identifier(asked.name)
     functions = [f"{name}_step", f"{name}_derivatives"]
-    if found.policy is not None:
+    if asked.policy is not None:
         functions.append(f"{name}_policy")
-    output = options.output
-    output.say(f"C file: {file} ({', '.join(functions)})")
-    output.document(
+    options.output.say(f"C file: {options.file} ({', '.join(functions)})")
+    options.output.document(
         {
-            "file": str(file),
-            "problem": found.name,
-            "contact": found.law.name,
-            "contact_settings": found.law.settings(),
-            "run": found.run,
-            "policy": found.acts,
+            "file": str(options.file),
+            "problem": asked.name,
+            "contact": asked.law.name,
+            "contact_settings": asked.law.settings(),
+            "run": asked.run,
+            "policy": asked.acts,
             "functions": functions,
             "bytes": len(content),
         }

@@ -128,6 +128,12 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
         ),
         {**STORE, "--fps": number("5", "25"), "--speed": number("1", "4")},
     ),
+    "export": (
+        st.tuples(
+            among(*PROBLEMS, "@solve", "@continue", "heaviside"), among("a.c", "new/b.c")
+        ).map(lambda t: [t[0], "-o", t[1]]),
+        {**STORE, **LAW, "-p": PROBLEM["-p"]},
+    ),
     "figure": (
         among("P6", "p1", "N2", "T1").map(lambda name: [name]) | st.just([]),
         {

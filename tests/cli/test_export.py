@@ -86,16 +86,28 @@ def test_a_problem_at_other_parameters_has_no_policy(ocp) -> None:
         (["push-disk", "-o", "x.c"], ["no run 'push-disk'", "did you mean 'push-disc'?"]),
         (["heaviside", "-o", "x.c"], ["objective without dynamics"]),
         (["push-disc"], ["--output"]),
+        (["push-disc", "-o", "x.c", "--out", "runs"], ["--out", "is a problem"]),
         (["push-disc", "-o", "."], ["is a directory", "rollout.c"]),
         (["push-disc", "-o", "x.c", "-p", "mass=1"], ["mass", "M"]),
         (["push-disc", "-o", "x.c", "--contact", "hard"], ["'hard'", "exact, barrier"]),
         (["push-disc", "-o", "x.c", "-c", "sigma=1"], ["sigma", "barrier"]),
         (["push-1d/", "-o", "x.c"], ["names", "give more of it"]),
     ],
-    ids=["name", "objective", "no file", "directory", "parameter", "law", "setting", "two"],
+    ids=[
+        "name",
+        "objective",
+        "no file",
+        "store",
+        "directory",
+        "parameter",
+        "law",
+        "setting",
+        "two",
+    ],
 )
 def test_what_it_cannot_do_is_said(ocp, store_of_runs: Path, arguments, said) -> None:
-    done = ocp("export", *arguments, "--out", str(store_of_runs))
+    where = ["--out", str(store_of_runs)] if "/" in arguments[0] else []
+    done = ocp("export", *arguments, *where)
     assert done.code == 2
     assert "Traceback" not in done.err
     assert done.out == ""

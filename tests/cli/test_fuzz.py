@@ -128,7 +128,7 @@ def test_ten_thousand_command_lines(line: list[str], judged, monkeypatch) -> Non
 
 @pytest.mark.slow
 @settings(max_examples=50, **QUIETLY)
-@given(line=lines(("solve", "estimate", "replay", "report", "show", "runs")))
+@given(line=lines(("solve", "estimate", "replay", "report", "show", "runs", "export")))
 def test_fifty_command_lines_that_are_carried_out(line: list[str], judged) -> None:
     if line[0] in ("solve", "estimate"):
         line = [line[0], "wall-1d", *line[2:]]

@@ -17,6 +17,7 @@ from ocp.errors import InputError
 from ocp.problem import Reference
 from ocp.programs.status import Status
 from ocp.rollout import roll_out
+from ocp.solve import new_session, solve_session
 from ocp.transcription import Method
 from problems import get, names
 from tests.unit.ocp.user_problems import (
@@ -302,11 +303,14 @@ def test_the_smoothed_gait_is_not_periodic_in_the_replay() -> None:
 
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
 def test_a_solver_told_to_be_content_solves_nothing(law) -> None:
-    loose = {"tol": 1e10, "dual_inf_tol": 1e10, "compl_inf_tol": 1e10}
-    found = solve(get("push-disc"), law, settings=loose)
-    assert found.status in (Status.NOT_OPTIMAL, Status.NO_PROGRESS)
-    assert found.grade == "failed" and found.certificate.stationarity == "not"
-    assert not found.verdict.startswith("Solved")
+    session = new_session(get("push-disc"), law)
+    # Behind the door, which refuses such tolerances.
+    session.solver.options |= {"tol": 1e10, "dual_inf_tol": 1e10, "compl_inf_tol": 1e10}
+    found = solve_session(session)
+    assert found.grade == "failed" and not found.verdict.startswith("Solved")
+    # What a route that tries contact schedules leaves may be the honest dead end without contact.
+    dead_end = found.status is Status.NO_PROGRESS and found.certificate.stationarity == "B"
+    assert dead_end or found.certificate.stationarity == "not"
 
 
 def test_without_geometry_there_is_no_referee_and_that_is_said() -> None:

@@ -15,6 +15,8 @@ from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, chosen
 
 # gcc's time grows faster than a function's length; past this many operations a tape is cut.
 PART = 1500
+# Operations beyond which a call costs nothing that shows, and its caller compiles sooner for it.
+INLINED = 150
 # Values and masks in a statement.
 _NAMES = re.compile(r"\b([vm])(\d+)\b")
 _CALLS = {
@@ -88,7 +90,8 @@ class _Emitter:
     def text(self) -> str:
         cut, registers = self.cut, self.layout.abreast
         if len(cut.parts) == 1:
-            return self._function("INLINE", self.name, self._body(0))
+            kind = "INLINE" if len(cut.parts[0]) <= INLINED else "static NOINLINE"
+            return self._function(kind, self.name, self._body(0))
         names = [f"{self.name}_part{p}" for p in range(len(cut.parts))]
         parts = [
             self._function("static NOINLINE", name, self._body(p), ", V *w")

@@ -1,0 +1,68 @@
+"""What a task would take: told before it is begun, and near to what it does take."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from dynamics.contact import Barrier
+from ocp import effort, solve
+from ocp.errors import InputError
+from ocp.gradients.estimation import Plan
+from ocp.gradients.sweep import SweepRun
+from problems import get
+from problems.objectives import objective_spec
+
+PEAK = """
+import resource, sys
+from dynamics.contact import Barrier
+from ocp import solve
+from problems import get
+solve(get(sys.argv[1], N=int(sys.argv[2])), Barrier(mu=1e-2), settings={"max_iter": 3})
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+"""
+
+
+def test_memory_grows_with_steps_and_scenarios_alike() -> None:
+    one = effort.solve_memory(get("push-disc", N=10, scenarios=1))
+    assert effort.solve_memory(get("push-disc", N=70, scenarios=3)) == pytest.approx(21 * one)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "few", "many"), [("wall-1d", 1000, 4000), ("push-disc", 400, 1600)]
+)
+def test_memory_is_what_a_solve_takes(name: str, few: int, many: int) -> None:
+    """Growth of the peak between two horizons, within a factor 2.5 of what is said beforehand."""
+    peaks = [
+        float(subprocess.run([sys.executable, "-c", PEAK, name, str(N)], capture_output=True,
+                             text=True, check=True).stdout)
+        for N in (few, many)
+    ]  # fmt: skip
+    told = effort.solve_memory(get(name, N=many)) - effort.solve_memory(get(name, N=few))
+    assert told / 2.5 < peaks[1] - peaks[0] < 2.5 * told
+
+
+def test_what_does_not_fit_is_refused_before_it_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(effort, "machine_memory", lambda: 1e5)
+    with pytest.raises(InputError, match=r"wall-1d with N = 30 would take about .* GB of memory"):
+        solve(get("wall-1d"), Barrier(mu=1e-2))
+
+
+def test_a_year_is_the_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    effort.check_time("this", 0.99 * effort.YEAR)
+    with pytest.raises(InputError, match="this would take about 2 years; take fewer"):
+        effort.check_time("this", 2 * effort.YEAR)
+
+
+def test_the_time_of_a_study_is_proportional_to_its_samples() -> None:
+    objective = objective_spec("heaviside").objective()
+    plan = Plan(("zobg",), 10**13, reference="none")
+    study, longer = (SweepRun(objective, p) for p in (plan, replace(plan, samples=10**16)))
+    assert (study.samples, longer.samples) == (10**13, 10**16)
+    # Each is timed by itself on a machine that does other things too.
+    assert 100 < longer.seconds() / study.seconds() < 10_000
+    assert SweepRun(objective, replace(plan, samples=10**5)).seconds() == 0

@@ -1,0 +1,102 @@
+"""Contact schedules exchanged for neighbours, other starts, and second ways given up in time."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynamics.contact import Exact
+from ocp.programs.solver import Point, Result
+from ocp.programs.status import Status
+from ocp.routes.branches import Branches
+from ocp.routes.complementarity import Route, by_strategy
+from ocp.routes.legs import Homotopy
+from ocp.routes.relaxations import CentralPath
+from ocp.routes.schedules import Move, moved, moves, rescheduled, runs
+from ocp.solve import new_session, solve
+from problems import get
+from tests.benchmarks.ocp.random_draws import drawn
+
+WALLS = {"mc": 2.2205, "mp": 0.0932, "l": 0.4108, "wall": 0.3335, "k": 106.0, "h": 0.033,
+         "w_end": 90.53, "u_max": 2.3294}  # fmt: skip
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=12))
+def test_runs_tile_what_is_held(held: list[bool]) -> None:
+    found = runs(np.array(held))
+    covered = np.zeros(len(held), dtype=bool)
+    for begin, end in found:
+        assert begin < end and not covered[begin:end].any()
+        covered[begin:end] = True
+    np.testing.assert_array_equal(covered, held)
+    assert all(later[0] > earlier[1] for earlier, later in itertools.pairwise(found))
+
+
+@given(st.lists(st.booleans(), min_size=3, max_size=9))
+def test_moves_change_one_chain_and_are_undone_by_their_opposite(held: list[bool]) -> None:
+    chains = np.arange(2 * len(held)).reshape(2, -1)
+    active = np.array(held + [False] * len(held))
+    for move in moves(active, chains):
+        changed = moved(active, chains, move)
+        assert changed is not None and not changed[chains[1]].any()
+        assert abs(int(changed.sum()) - int(active.sum())) <= 2
+        alone = len(runs(active)) == len(runs(changed)) == 1
+        inside = runs(changed) and runs(changed)[0][0] > 0 and runs(changed)[-1][1] < len(held)
+        if alone and inside and runs(active)[0][0] > 0:
+            back = Move(move.chain, move.run, -move.begins, -move.ends)
+            np.testing.assert_array_equal(moved(changed, chains, back), active)
+
+
+def every_branch(name: str, steps: int) -> tuple[Branches, dict[bytes, Result]]:
+    """Solve all 2^pairs branches of a short problem from its guess."""
+    session = new_session(get(name, N=steps), Exact())
+    branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
+    start = Point(session.first_point(branches.program).x)
+    found = {}
+    for bits in itertools.product([False, True], repeat=branches.program.pairs.shape[1]):
+        active = np.array(bits)
+        result = branches.solve(start, active, 1e-2)
+        if result.ok:
+            found[active.tobytes()] = result
+    return branches, found
+
+
+@pytest.mark.parametrize("name", ["wall-1d", "ball-bounce", "push-1d"])
+def test_any_schedule_with_a_contact_is_led_to_the_best_of_all(name: str) -> None:
+    branches, found = every_branch(name, 5)
+    lowest = min(result.f for result in found.values())
+    highest = max(result.f for key, result in found.items() if any(key))
+    assert highest > 1.005 * lowest
+    for key, result in found.items():
+        if any(key):
+            assert rescheduled(branches, result).f <= lowest + 2e-5 * abs(lowest)
+
+
+def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
+    *_, instance = drawn("cart-transport", 6, 0)
+    session = new_session(get(instance.problem, **instance.params), Exact())
+    follower = Homotopy(session.nlp_of, session.solver, session.values)
+    route = Route(CentralPath(), session.problem.reference, session.first_point)
+    alone = by_strategy(follower, route, route.strategy)[0].f
+    found = solve(get(instance.problem, **instance.params))
+    assert found.success and found.cost < 0.9 * alone
+
+
+def test_several_starts_take_other_relaxations_and_reach_other_minima() -> None:
+    found = solve(get("cart-walls", **WALLS), starts=2)
+    assert found.success and found.cost == pytest.approx(289.151, rel=1e-5)
+
+
+def test_runs_past_a_deadline_are_given_up_and_the_limit_ends_with_its_block() -> None:
+    session = new_session(get("wall-1d"), Exact())
+    with session.solver.within(0.0):
+        late = session.solve()
+    assert late.result.status is Status.TIME_LIMIT and not late.finished
+    assert late.trace.iterations == 0
+    with session.solver.within(0.0), session.solver.within(None):
+        pass
+    assert session.solver.deadline is None and session.solve().finished

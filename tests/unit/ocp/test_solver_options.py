@@ -1,0 +1,88 @@
+"""Solver options: what is said of them here is what the solvers themselves say."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+import pytest
+
+from ocp.errors import InputError
+from ocp.programs.options import LOOSEST, Option, _ipopt, check_options, has_option
+
+IPOPT = _ipopt()
+NUMBERS = [name for name, option in IPOPT.items() if option.kind != "string"]
+
+
+def ipopt_takes(name: str, value: Any) -> bool:
+    """Whether IPOPT can be made with an option at this value."""
+    x = ca.MX.sym("x")
+    options = {"print_time": False, "ipopt": {name: value}}
+    try:
+        ca.nlpsol("probe", "ipopt", {"x": x, "f": x**2}, options)
+    except RuntimeError:
+        return False
+    return True
+
+
+def values(option: Option) -> list[float]:
+    """Numbers at, on both sides of, and far from the ends of a range."""
+    ends = [end for end in (option.low, option.high) if math.isfinite(end)]
+    step = 1 if option.kind == "integer" else 0.25
+    found = [end + shift for end in ends for shift in (-step, 0, step)] or [0, 7]
+    return [int(value) if option.kind == "integer" else float(value) for value in found]
+
+
+def test_every_option_of_ipopt_is_known_with_its_type() -> None:
+    kinds = [option.kind for option in IPOPT.values()]
+    assert len(kinds) > 250
+    assert {kind: kinds.count(kind) > 40 for kind in set(kinds)} == {
+        "integer": True, "real": True, "string": True,
+    }  # fmt: skip
+    assert sum(math.isfinite(IPOPT[name].low) for name in NUMBERS) > 0.85 * len(NUMBERS)
+    assert IPOPT["max_iter"].kind == "integer" and IPOPT["linear_solver"].words[7] == "mumps"
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_ipopt_takes_the_numbers_that_are_said_to_be_taken(name: str, capfd) -> None:
+    option = IPOPT[name]
+    for value in values(option):
+        assert option.takes(value) == ipopt_takes(name, value), value
+
+
+@pytest.mark.parametrize(
+    ("solver", "option", "sentence"),
+    [
+        ("ipopt", {"max_iter": 1.5}, "max_iter must be a whole number >= 0, got 1.5"),
+        ("ipopt", {"max_iter": 2**31}, "max_iter must be a whole number"),
+        ("ipopt", {"max_iter": True}, "max_iter must be a whole number"),
+        ("ipopt", {"tol": math.inf}, "tol must be a finite number > 0"),
+        ("ipopt", {"tol": 1e-3}, "tol must be at most 0.0001"),
+        ("ipopt", {"linear_solver": "mump"}, "one of ma27, .*mumps"),
+        ("ipopt", {"max_itr": 3}, "did you mean 'max_iter'"),
+        ("fatrop", {"max_iter": 1.5}, "max_iter must be a whole number"),
+        ("fatrop", {"max_itr": 3}, "max_itr"),
+        ("uno", {"max_iter": 3}, "did you mean 'max_iterations'"),
+        ("uno", {"primal_tolerance": math.nan}, "must be a finite number"),
+        ("sleqp", {"feas_tol": "x"}, "feas_tol must be a finite number"),
+        ("sleqp", {"max_newton_iterations": 1.5}, "must be a whole number"),
+    ],
+)
+def test_what_a_solver_cannot_take_is_refused(
+    solver: str, option: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(InputError, match=f"{solver} refused its options: .*{sentence}"):
+        check_options(solver, option)
+
+
+def test_what_a_solver_takes_is_passed_on() -> None:
+    assert check_options("ipopt", {"max_iter": 7.0, "print_user_options": False}) == {
+        "max_iter": 7, "print_user_options": "no",
+    }  # fmt: skip
+    assert check_options("fatrop", {"tol": 1e-6}) == {"tol": 1e-6}
+    assert check_options("ipopt", LOOSEST_OF_IPOPT) == LOOSEST_OF_IPOPT
+    assert has_option("ipopt", "mu_strategy") and not has_option("uno", "mu_strategy")
+
+
+LOOSEST_OF_IPOPT = {name: most for name, most in LOOSEST.items() if name in IPOPT}
