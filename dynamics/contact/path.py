@@ -147,7 +147,7 @@ class Path:
         error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(z + F @ new_lam - new_s) / (1 + s))
         # Diverged: not a number, which would pass for small in a comparison.
         error = ca.if_else(error < ca.inf, error, ca.inf)
-        outputs = [ca.densify(value) for value in (new_lam * c * D, new_s * c / D, error)]
+        outputs = [ca.densify(value) for value in (c * D * new_lam, new_s * c / D, error)]
         return ca.Function("ending", [pair, self.data], outputs)
 
 
