@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test test-slow bench bench-solve bench-mpcc bench-random lint gallery claims
+.PHONY: setup demo check test test-slow bench bench-solve bench-mpcc bench-random lint gallery claims
 
 setup: $(READY)
 
@@ -15,6 +15,10 @@ $(READY): pyproject.toml constraints.txt
 
 demo: setup
 	$(BIN)/ocp solve push-disc --contact exact --pdf runs/demo.pdf
+
+# What belongs to one file, in seconds: make check FILE=ocp/solve.py
+check: setup
+	$(BIN)/python -m tests.check $(FILE)
 
 lint: setup
 	$(BIN)/ruff check .

@@ -22,7 +22,7 @@ def guesses(
 
     These are moved by noise of 0.3 characteristic units, each from its own stream of the seed.
     """
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     X, U = first if first is not None else problem.initial_guess(physical)
     found, sizes = [(X, U)], problem.sizes
     for stream in np.random.SeedSequence(seed).spawn(count - 1):

@@ -54,7 +54,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
     plan = trajectories(nlp, result, p)
     found, replay, book = audit(nlp, result, plan, values, p, bounds)
     # Not the solver's f, which may hold a penalty on gains or on products of contact.
-    physical = np.array([values[name] for name in session.problem.parameters.names])
+    physical = session.problem.parameters.pack(values)
     kept = feasible(nlp, found)
     costs = trajectory_costs(session.problem, plan.x, plan.u, physical)
     rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, costs)
@@ -76,7 +76,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
         audit=found,
         certificate=certificate,
-        referee=refereed(heard, session.problem.sizes),
+        referee=refereed(heard, rolled, session.problem.sizes),
         idle_cost=idle,
         stages=outcome.trace.records,
         iterations=outcome.trace.iterations,
@@ -131,7 +131,7 @@ def idle_cost(session: Session, plan: Rollout) -> float:
 
 def _held_cost(session: Session, plan: Rollout) -> float:
     problem, values = session.problem, session.values
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     held = np.tile(np.array(problem.limits(physical)[1]).ravel(), (1, problem.N, 1))
     idle, unsolved = roll_on(problem, held, values, session.step, plan.x[:, 0])
     if unsolved is not None or broken_constraints(problem, idle.x, idle.u, physical):
@@ -141,7 +141,7 @@ def _held_cost(session: Session, plan: Rollout) -> float:
 
 def _still_cost(session: Session, plan: Rollout) -> float:
     problem, values, N = session.problem, session.values, session.problem.N
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     before = np.array(problem.limits(physical)[1]).ravel()
     x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(before, (len(plan.x), N, 1))
     limit, S = _STILL * problem.sizes.x / N, len(x)
@@ -165,23 +165,23 @@ def _state_slope(problem: Problem, x: np.ndarray, physical: np.ndarray) -> float
 
 def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: np.ndarray) -> bool:
     """Whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit`` (nx,)."""
-    p = np.array([session.values[name] for name in session.step.p.names])
+    p = session.step.p.pack(session.values)
     start = np.repeat(x[:, None], len(inputs), axis=1)
     after = np.array(session.step.solve.map(len(inputs))(start, inputs.T, p)[0])
     return bool(np.any(np.all(np.abs(after - start) <= limit[:, None], axis=0)))
 
 
-def refereed(heard: Hearing, sizes: Sizes) -> Refereed:
+def refereed(heard: Hearing, plan: Rollout, sizes: Sizes) -> Refereed:
     """What a run keeps of the referee's hearing; without geometry there is no referee."""
-    referee, survival, broken = heard.referee, heard.survival, list(heard.broken)
+    referee = heard.referee
     parting = _undetermined(heard.parting, sizes)
     if referee.note is None:
         return Refereed(note="no geometry", parting=parting)
     return Refereed(
         cost=referee.cost,
-        gap=survival.state_gap,
-        survives=survival.survives,
-        reasons=list(survival.reasons),
+        gap=float(np.abs(referee.replay.x - plan.x).max()),
+        survives=not heard.reasons,
+        reasons=list(heard.reasons),
         note=referee.note,
         refined_cost=referee.refined_cost,
         refined_note=referee.refined_note,
@@ -190,7 +190,7 @@ def refereed(heard: Hearing, sizes: Sizes) -> Refereed:
         force_distance=heard.planned.force_distance,
         replay_penetration=heard.replayed.penetration,
         replay_between=heard.replayed.between,
-        broken=[one.violation for one in broken],
+        broken=[one.violation for one in heard.broken],
         parting=parting,
     )
 

@@ -117,7 +117,7 @@ def roll_on(
     else:
         step = law if isinstance(law, Step) else law.close(problem.system)
     p = step_values(problem, step, values, own=step is law)
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     start = problem.initial_states(physical) if x0 is None else np.atleast_2d(x0)
     lower, upper = (np.array(v).ravel() for v in problem.limits(physical)[2:4])
     S, N = len(start), problem.N
@@ -149,11 +149,8 @@ def step_values(
 
     Without ``own`` the law's knobs are taken as the law was given them, whatever ``values`` says.
     """
-    known = problem.parameters + step.p if own else problem.parameters
-    return np.array([
-        values.get(parameter.name, parameter.value) if parameter.name in known else parameter.value
-        for parameter in step.p
-    ])  # fmt: skip
+    known = values if own else {k: v for k, v in values.items() if k in problem.parameters}
+    return step.p.pack(known)
 
 
 def _ahead(

@@ -77,8 +77,7 @@ class Session:
         self.nlps: dict[str, NLP] = {}
         self.helpers: dict[str, Session] = {}
         table = self.problem.parameters + self.step.p
-        self.values = {parameter.name: float(parameter.value) for parameter in table}
-        self.values |= {"penalty": 0.0, "relaxation": 0.0}
+        self.values = table.defaults | {"penalty": 0.0, "relaxation": 0.0}
         self.problem.check_physics()
         self.build_s = time.perf_counter() - began
 
@@ -290,7 +289,7 @@ class Session:
         Multipliers and gaps start on the central path of the homotopy's first mu, each gap at its
         contact-free value where that is open.
         """
-        physical = np.array([self.values[name] for name in self.problem.parameters.names])
+        physical = self.problem.parameters.pack(self.values)
         X, U = guess if guess is not None else self.problem.initial_guess(physical)
         blocks: dict[str, np.ndarray] = {"x0": X[None, :1], "x": X[None, 1:], "u": U[None]}
         if isinstance(self.policy, Feedback):
@@ -305,7 +304,7 @@ class Session:
 
     def _free_gaps(self, X: np.ndarray, U: np.ndarray) -> np.ndarray:
         step = self.step
-        values = np.array([self.values[name] for name in step.p.names])
+        values = step.p.pack(self.values)
         zeros = np.zeros((step.n, len(U)))
         _, gap, _ = step.relation.map(len(U))(X[:-1].T, U.T, X[1:].T, zeros, values)
         return np.array(gap).T

@@ -197,7 +197,7 @@ class _Carrier:
     def __init__(self, solution: Solution, problem: Problem, values: dict[str, float]) -> None:
         self.solution, self.data = solution, solution.data
         self.values, self.problem = values, problem
-        self.physical = np.array([values[name] for name in problem.parameters.names])
+        self.physical = problem.parameters.pack(values)
         old = np.asarray(self.data["time"].values)
         self.mesh = _Mesh(old[1:], self._times(old)[1:])
 
@@ -264,7 +264,7 @@ class _Carrier:
 
     def _contacts(self, x: np.ndarray, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
         """Multipliers and gaps of all intervals (S, N, n)."""
-        p = np.array([self.values[name] for name in step.p.names])
+        p = step.p.pack(self.values)
         ahead, (S, N, _) = np.concatenate([self.first_states(len(x)), x[:, :-1]], axis=1), x.shape
 
         def columns(array: np.ndarray) -> np.ndarray:

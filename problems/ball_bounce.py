@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
-from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
+from problems.drawing import ContactFrame, Disc, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -85,7 +85,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     radius = 0.05
     return [
         HalfPlane(0, 0, 0, 1),
-        Point(params.goal_x, params.goal_y + radius, "goal"),
+        Mark(params.goal_x, params.goal_y + radius, "goal"),
         Disc(float(state[0]), float(state[1]) + radius, radius),
     ]
 

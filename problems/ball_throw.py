@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
 from ocp.problem import Problem, Reference
-from problems.drawing import ContactFrame, Disc, HalfPlane, Point, Shape
+from problems.drawing import ContactFrame, Disc, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -160,7 +160,7 @@ def _guess(params: Params):
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         inputs = np.zeros((params.N, 2))
         inputs[0] = params.theta_start, params.speed_start
-        values = dict(zip(problem.parameters.names, p, strict=True))
+        values = problem.parameters.unpack(p)
         now = params.model_copy(update=values)
         return roll(now, params.theta_start, params.speed_start), inputs
 
@@ -172,8 +172,8 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     radius = 0.05
     return [
         HalfPlane(0, 0, 0, 1),
-        Point(params.x0, params.z0 + radius, "environment"),
-        Point(params.goal_x, params.goal_z + radius, "goal"),
+        Mark(params.x0, params.z0 + radius, "environment"),
+        Mark(params.goal_x, params.goal_z + radius, "goal"),
         Disc(float(state[0]), float(state[1]) + radius, radius),
     ]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
-from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
+from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -86,7 +86,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     side = 0.2
     return [
         HalfPlane(0, 0, 0, 1),
-        Point(params.goal, side / 2, "goal"),
+        Mark(params.goal, side / 2, "goal"),
         Box(float(state[0]), side / 2, side, side),
     ]
 

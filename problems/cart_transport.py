@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
-from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
+from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -113,8 +113,8 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     cart, offset = float(state[0]), float(state[1])
     return [
         HalfPlane(0, 0, 0, 1),
-        Point(params.goal, _HEIGHT / 2, "goal"),
-        Point(params.goal + params.goal_offset, _HEIGHT + _BOX / 2, "goal"),
+        Mark(params.goal, _HEIGHT / 2, "goal"),
+        Mark(params.goal + params.goal_offset, _HEIGHT + _BOX / 2, "goal"),
         Box(cart, _HEIGHT / 2, 2 * params.reach + _BOX, _HEIGHT, role="actuator"),
         Box(cart + offset, _HEIGHT + _BOX / 2, _BOX, _BOX),
     ]

@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
 from ocp.problem import Problem, Reference
-from problems.drawing import Box, ContactFrame, Point, Segment, Shape, Spring
+from problems.drawing import Box, ContactFrame, Mark, Segment, Shape, Spring
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -131,7 +131,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     return [
         Box(position, -0.05, 0.2, 0.1, role="actuator"),
         Segment(position, 0, tip, height),
-        Point(tip, height),
+        Mark(tip, height),
         Spring(params.wall + 0.15, height, right, height),
         Spring(-params.wall - 0.15, height, left, height),
     ]

@@ -72,7 +72,7 @@ class Spring:
 
 
 @dataclass(frozen=True)
-class Point:
+class Mark:
     """A mark at (x, y)."""
 
     x: float
@@ -94,7 +94,7 @@ class HalfPlane:
     role: str = "environment"
 
 
-Shape = Disc | Box | Capsule | Segment | Spring | Point | HalfPlane
+Shape = Disc | Box | Capsule | Segment | Spring | Mark | HalfPlane
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
 from ocp.problem import Problem, Reference
-from problems.drawing import ContactFrame, Point, Shape
+from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.hopper import hopper as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
 from problems.machines.start import check_start
@@ -123,7 +123,7 @@ def build(params: Params) -> Problem:
 
 def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Slide upright from start to goal on a low arc."""
-    position = dict(zip(problem.parameters.names, p, strict=True))
+    position = problem.parameters.unpack(p)
     N, nx, nu = problem.N, problem.system.nx, problem.system.nu
     nq = nx // 2
     s = np.linspace(0, 1, N + 1)
@@ -137,7 +137,7 @@ def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Links, spheres, the ground, and the goal."""
-    return [*machine_shapes(_PICTURED, state), Point(params.goal, 0.0, "goal")]
+    return [*machine_shapes(_PICTURED, state), Mark(params.goal, 0.0, "goal")]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:

@@ -124,7 +124,7 @@ def build(params: Params) -> Problem:
 
 def _standing(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Stand still, the leg carrying the body: a force of zero would let the body fall."""
-    values = dict(zip(problem.parameters.names, p, strict=True))
+    values = problem.parameters.unpack(p)
     states = np.tile([values["leg0"], 0, 0, 0], (problem.N + 1, 1))
     return states, np.full((problem.N, 1), values["mb"] * values["g"])
 

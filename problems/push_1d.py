@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem import Problem, Reference
-from problems.drawing import Box, ContactFrame, Point, Shape
+from problems.drawing import Box, ContactFrame, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -102,7 +102,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Object and pusher as boxes that touch at distance ``width``, and the goal."""
     side = params.width or 0.05
     return [
-        Point(params.goal_x, 0, "goal"),
+        Mark(params.goal_x, 0, "goal"),
         Box(float(state[0]), 0, side, side),
         Box(float(state[1]), 0, side, side, role="actuator"),
     ]

@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem import Problem, Reference, Scenarios
-from problems.drawing import ContactFrame, Disc, Point, Shape
+from problems.drawing import ContactFrame, Disc, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -119,7 +119,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Object, pusher and goal."""
     ox, oy, ax, ay = (float(value) for value in state)
     return [
-        Point(params.goal_x, params.goal_y, "goal"),
+        Mark(params.goal_x, params.goal_y, "goal"),
         Disc(ox, oy, params.R),
         Disc(ax, ay, params.r, "actuator"),
     ]

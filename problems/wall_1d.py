@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem import Problem, Reference
-from problems.drawing import Box, ContactFrame, HalfPlane, Point, Shape
+from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -88,7 +88,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """The wall, the goal behind it, and the mass in front of it."""
     return [
         HalfPlane(0, 0, 1, 0),
-        Point(params.goal_x, 0, "goal"),
+        Mark(params.goal_x, 0, "goal"),
         Box(float(state[0]) + 0.05, 0, 0.1, 0.1),
     ]
 

@@ -55,13 +55,15 @@ def knob_title(knob: str) -> str:
 
 def stage_table(stages: Sequence[StageRecord]) -> Table:
     """Homotopy table: where on the path, cost, residuals, iterations, seconds; failures named."""
+    from reports.stages import shown
+
     knobs = {stage.knob for stage in stages}
     head = knob_title(knobs.pop()) if len(knobs) == 1 else "knob"
     table = table_of(
         *((name, "right") for name in ("stage", head, "cost", "lam·gap", "residual", "iter", "s")),
         ("", "left"),
     )
-    for index, stage in enumerate(stages, start=1):
+    for index, stage in shown(stages):
         place = small(stage.value) if stage.value else ""
         if head == "knob":
             place = f"{knob_title(stage.knob)} {place}".rstrip()
@@ -91,7 +93,13 @@ def progress(quiet: bool, first: str) -> Iterator[Callable[[StageRecord], None]]
         return
     console = Console(stderr=True, highlight=False)
     if not console.is_terminal:
-        yield lambda stage: print(stage_line(stage), file=sys.stderr, flush=True)
+        from ocp.routes.branches import NEIGHBOUR
+
+        def plain(stage: StageRecord) -> None:
+            if stage.knob != NEIGHBOUR:
+                print(stage_line(stage), file=sys.stderr, flush=True)
+
+        yield plain
         return
     with Live(Text(first), console=console, transient=True, auto_refresh=False) as live:
         yield lambda stage: live.update(Text(stage_line(stage)), refresh=True)

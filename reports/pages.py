@@ -21,9 +21,10 @@ from reports.console import (
     number,
     small,
 )
+from reports.curve_tables import event_rows
 from reports.figures import comparison, contacts, run
-from reports.figures import continuation as path_figures
-from reports.path_tables import event_rows
+from reports.figures import continuation as curve_figures
+from reports.stages import left_out, shown
 from reports.strobe import strobe
 from reports.view import RunView
 
@@ -46,8 +47,9 @@ def solve_page(view: RunView) -> Page:
                 number(stage.cost, 7), small(stage.complementarity), small(stage.residual),
                 str(stage.iterations), "" if stage.accepted else "stepped back",
             ]
-            for index, stage in enumerate(stored.stages, start=1)
+            for index, stage in shown(stored.stages)
         ],
+        "left_out": left_out(stored.stages),
         "worst": [
             [v.name, v.component, str(v.scenario), str(v.step), small(v.amount)]
             for v in ([] if solved else stored.audit.worst)
@@ -105,18 +107,18 @@ def continuation_page(view: RunView) -> Page:
         "settings": [row for row in head["settings"] if row[0] != meta["over"]],
         "over": meta["over"],
         "verdict": meta["verdict"],
-        "grade": path_grade(meta["points"]) if meta["success"] else "failed",
+        "grade": curve_grade(meta["points"]) if meta["success"] else "failed",
         "points": rows,
         "events": [list(row) for row in event_rows(meta["events"])],
         "law": _law(view),
         "key": [["iterations in all", str(meta["iterations"])], ["NLPs built",
                 str(meta["nlp_builds"])]],
     }  # fmt: skip
-    figures = {"path": path_figures.path(view), "states": path_figures.states(view)}
+    figures = {"path": curve_figures.curve(view), "states": curve_figures.states(view)}
     return content, {name: figure for name, figure in figures.items() if figure is not None}
 
 
-def path_grade(points: list[dict[str, Any]]) -> str:
+def curve_grade(points: list[dict[str, Any]]) -> str:
     """Colour of a path that was followed to its end: whether every plan on it survives."""
     return "survives" if all(point["survives"] for point in points) else "certified"
 

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 from matplotlib.transforms import Affine2D
 
-from problems.drawing import Box, Capsule, Disc, HalfPlane, Point, Segment, Shape, Spring
+from problems.drawing import Box, Capsule, Disc, HalfPlane, Mark, Segment, Shape, Spring
 from reports.style import BLUE, FAINT, GREEN, GREY, ORANGE
 
 _COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN}
@@ -46,7 +46,7 @@ def _corners(shape: Shape) -> list[tuple[float, float]]:
             return [low, (max(x1, x2) + r, max(y1, y2) + r)]
         case Segment(x1, y1, x2, y2) | Spring(x1, y1, x2, y2):
             return [(x1, y1), (x2, y2)]
-        case Point(x, y) | HalfPlane(x, y):
+        case Mark(x, y) | HalfPlane(x, y):
             return [(x, y)]
 
 
@@ -125,7 +125,7 @@ def _(shape: Spring, axis: Axes, strength: float) -> Artist:
 
 
 @draw.register
-def _(shape: Point, axis: Axes, strength: float) -> Artist:
+def _(shape: Mark, axis: Axes, strength: float) -> Artist:
     mark = _line(axis, [(shape.x, shape.y)], shape.role, strength, 0)
     mark.set(marker="o", markersize=4.5, markeredgewidth=0, linestyle="none")
     if shape.role == "goal":

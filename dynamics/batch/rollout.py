@@ -22,8 +22,8 @@ from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.numpy_kernel import NumpyKernel
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.engines.rollout_engines import (
+    Call,
     ChunkEngine,
-    Request,
     RolloutEngine,
     c_rollout_engine,
 )
@@ -187,7 +187,7 @@ class RolloutFunction:
             warnings.warn(f"rollout: {nonfinite}; left out", BatchWarning, stacklevel=2)
         return self._named(total, q, nonfinite)
 
-    def _stride(self, q: Request) -> tuple[Moments, np.ndarray]:
+    def _stride(self, q: Call) -> tuple[Moments, np.ndarray]:
         chunk = self._engine.chunk
         table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
         bad = self._engine.moments(q, table)
@@ -195,7 +195,7 @@ class RolloutFunction:
         split = 1 + q.n_values
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
 
-    def _find_bad(self, q: Request, counts: np.ndarray, chunk: int) -> np.ndarray:
+    def _find_bad(self, q: Call, counts: np.ndarray, chunk: int) -> np.ndarray:
         """Roll the chunks that lost samples out again, to say which samples they were."""
         found = []
         for i, count in enumerate(counts):
@@ -209,7 +209,7 @@ class RolloutFunction:
                 found.append(begin + rows.indices)
         return np.concatenate(found)
 
-    def _named(self, total: Moments, q: Request, nonfinite: NonFinite) -> RolloutMoments:
+    def _named(self, total: Moments, q: Call, nonfinite: NonFinite) -> RolloutMoments:
         shape, size = self.policy.shape(self.horizon), q.theta.shape[1]
 
         def block(begin: int, end: int, to: tuple[int, ...]) -> Moments:
@@ -234,7 +234,7 @@ class RolloutFunction:
         u_before: Any | None,
         gradient: bool,
         score: bool,
-    ) -> Request:
+    ) -> Call:
         what, tapes = "the rollout", self.tapes
         start = self._start(x0, u_before)
         thetas = self._theta_rows(theta)
@@ -250,7 +250,7 @@ class RolloutFunction:
         elif noise is not None:
             w = self._noise_rows(noise)
         n = _sample_count({"x0": start, "theta": thetas, "p": parameters, "noise": w}, n_samples)
-        return Request(
+        return Call(
             n=n,
             horizon=self.horizon,
             parts=self.horizon if self.policy.per_step else 1,

@@ -12,17 +12,17 @@ from dynamics.contact.affine_step import AffineStep
 from dynamics.contact.closure import Closure, Schedule
 from dynamics.contact.implicit_step import ImplicitStep
 from dynamics.contact.step import Step
-from dynamics.systems import ContactSystem, Parameter, ParameterTable
+from dynamics.systems import KNOB, ContactSystem, Parameter, ParameterTable
 
 
 def by_mu(knob: str, impulse: float, gap: float) -> Schedule:
     """Follow a central-path parameter from where impulse and gap have their own sizes."""
-    return Schedule(f"contact.{knob}", impulse * gap, 0.2, knob == "mu")
+    return Schedule(KNOB + knob, impulse * gap, 0.2, knob == "mu")
 
 
 def by_sigma(gap: float) -> Schedule:
     """Follow a width of noise, gently: its tail is Gaussian, so narrow noise sees nothing far."""
-    return Schedule("contact.sigma", 3 * gap, 0.55)
+    return Schedule(KNOB + "sigma", 3 * gap, 0.55)
 
 
 class ContactLaw(Closure):
@@ -58,7 +58,7 @@ def knob(name: str, value: float, unit: str, description: str) -> Parameter:
 
     Raises ``ValueError`` unless ``value`` is positive and finite.
     """
-    return Parameter(f"contact.{name}", positive("contact", name, value), unit, description)
+    return Parameter(KNOB + name, positive("contact", name, value), unit, description)
 
 
 def positive(law: str, name: str, value: float, hint: str = "") -> float:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
+
+KNOB = "contact."
+"""What the name of a parameter of a contact law begins with, unlike those of a problem."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,21 @@ class Parameter:
             object.__setattr__(self, "symbol", ca.SX.sym(self.name))
 
 
+def entries(name: str, values: ArrayLike, unit: str = "1") -> list[Parameter]:
+    """Make the parameters ``name[i,j]`` of the entries of a matrix (or ``name[i]`` of a vector)."""
+    return [
+        Parameter(f"{name}[{','.join(map(str, index))}]", float(value), unit)
+        for index, value in np.ndenumerate(np.asarray(values))
+    ]
+
+
 class ParameterTable:
-    """An ordered set of parameters, read by name, as one symbolic vector or as its values."""
+    """An ordered set of parameters, read by name, as one symbolic vector or as its values.
+
+    Values travel by name as mappings, which :meth:`pack` makes the vector's and :meth:`unpack`
+    reads back from it. Knobs of a contact law are called ``contact.<name>``; the entries of a
+    matrix, ``F[i,j]``, are also read and given together as ``F``.
+    """
 
     def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
         self._by_name = {parameter.name: parameter for parameter in parameters}
@@ -49,10 +66,18 @@ class ParameterTable:
         return name in self._by_name
 
     def __getitem__(self, name: str) -> ca.SX:
-        """Return the symbol called ``name``."""
-        symbol = self._by_name[name].symbol
-        assert symbol is not None
-        return symbol
+        """Return the symbol called ``name``, or the matrix of those called ``name[i,j]``."""
+        if name in self._by_name:
+            symbol = self._by_name[name].symbol
+            assert symbol is not None
+            return symbol
+        found = {_entry(n)[1]: self[n] for n in self._by_name if _entry(n)[0] == name}
+        if not found:
+            raise KeyError(name)
+        whole = ca.SX(*(1 + np.max(list(found), axis=0)))
+        for index, symbol in found.items():
+            whole[index] = symbol
+        return whole
 
     def __add__(self, other: ParameterTable) -> ParameterTable:
         clash = set(self._by_name) & set(other._by_name)
@@ -76,13 +101,54 @@ class ParameterTable:
         """Default values, shape (n,)."""
         return np.array([parameter.value for parameter in self], dtype=float)
 
-    def index(self, name: str) -> int:
-        """Return the position of ``name`` in :attr:`vector`."""
-        return self.names.index(name)
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of every parameter, by name."""
+        return {parameter.name: parameter.unit for parameter in self}
+
+    @property
+    def defaults(self) -> dict[str, float]:
+        """Default values, by name."""
+        return self.unpack(self.values)
+
+    def pack(self, values: Mapping[str, ArrayLike] | None = None, **knobs: ArrayLike) -> np.ndarray:
+        """Values by name in the order of :attr:`vector`, (n,); who has none keeps its default.
+
+        ``knobs`` of a contact law go without their prefix. Values may be arrays over samples, (k,)
+        for a number or (k, rows, columns) for a matrix; then the result is (k, n). Names of other
+        tables' parameters are passed over, unknown knobs raise ``KeyError``.
+        """
+        for name in knobs:
+            if KNOB + name not in self:
+                raise KeyError(f"there is no knob {name!r}; parameters are {', '.join(self.names)}")
+        given = {**(values or {}), **{KNOB + name: value for name, value in knobs.items()}}
+        found = [self._given(parameter, given) for parameter in self]
+        try:
+            return np.array(found, dtype=float).T
+        except ValueError:
+            # Numbers beside arrays over samples.
+            return np.array(np.broadcast_arrays(*found), dtype=float).T
+
+    def unpack(self, vector: ArrayLike) -> dict[str, float]:
+        """Values by name of a vector (n,)."""
+        return dict(zip(self._by_name, np.asarray(vector, float).ravel().tolist(), strict=True))
+
+    @staticmethod
+    def _given(parameter: Parameter, values: Mapping[str, ArrayLike]) -> ArrayLike:
+        if parameter.name in values:
+            return values[parameter.name]
+        whole, index = _entry(parameter.name)
+        return np.asarray(values[whole])[..., *index] if whole in values else parameter.value
 
     def get(self, name: str) -> Parameter:
         """Return the parameter called ``name``."""
         return self._by_name[name]
+
+
+def _entry(name: str) -> tuple[str, tuple[int, ...]]:
+    """Name of the matrix and the index that ``name`` is an entry by; no index where it is none."""
+    whole, bracket, rest = name.partition("[")
+    return whole, tuple(int(part) for part in rest.rstrip("]").split(",")) if bracket else ()
 
 
 def signals(text: str) -> tuple[Signal, ...]:

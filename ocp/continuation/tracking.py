@@ -91,7 +91,10 @@ class Tracker:
         for _ in range(_CHANGES):
             found = curve.at(v, target)
             below = self._violated(curve, found)
-            if found is None or below is None or self._bent(curve, found, below):
+            # A minimum that has become a saddle: a singular point was passed.
+            if found is None or below is None or (
+                not below.any() and curve.curvature(found) > self.down
+            ):  # fmt: skip
                 target = v[-1] * np.sqrt(target / v[-1]) if self.log else (v[-1] + target) / 2
                 if self._far(v[-1], target) < least:
                     break
@@ -131,10 +134,6 @@ class Tracker:
             return None
         below = self._kept(curve.margins(v)) < -_OFF
         return None if not curve.own.size and below[curve.program.pairs].any() else below
-
-    def _bent(self, curve: Curve, v: np.ndarray, below: np.ndarray) -> bool:
-        """Whether a singular point was passed: a minimum has become a saddle."""
-        return not below.any() and curve.curvature(v) > self.down
 
     def _changed(self, curve: Curve, v: np.ndarray, end: int) -> Curve | None:
         """The curve beyond an event; None where a pair at (0, 0) would gain by leaving it."""

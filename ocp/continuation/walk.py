@@ -20,13 +20,13 @@ from ocp.session import Session
 from ocp.solution import Solution
 
 SMALLEST = 1e-3
-"""The step along the path is never smaller than this fraction of the asked one."""
+"""The step along the curve is never smaller than this fraction of the asked one."""
 _EASY = 15
 _SMALL = 1 / 16
 
 
 @dataclass(frozen=True)
-class PathPoint:
+class CurvePoint:
     """One solved point: the parameter's value and the judged solution there."""
 
     value: float
@@ -51,10 +51,10 @@ class PathPoint:
 
 @dataclass
 class Continuation:
-    """A followed path: points, events, the iterations in all, and where and why it broke, if so."""
+    """A followed curve: points, events, all iterations, and where and why it broke, if so."""
 
     parameter: str
-    points: list[PathPoint] = field(default_factory=list)
+    points: list[CurvePoint] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     iterations: int = 0
     nlp_builds: int = 0
@@ -78,19 +78,19 @@ def continue_over(
     end: float,
     steps: int = 20,
     scale: str = "linear",
-    progress: Callable[[PathPoint], None] | None = None,
+    progress: Callable[[CurvePoint], None] | None = None,
     seed: int = 0,
 ) -> Continuation:
     """Follow the solution from ``start`` to ``end`` in ``steps`` steps, equal on ``scale``.
 
     The first point is solved as any problem is. From a point whose active set is decided the next
     is predicted by its sensitivity and corrected by Newton's method on that set; where the set
-    changes on the way the place is located to 1e-6 of the range, and the path goes on with the
+    changes on the way the place is located to 1e-6 of the range, and the curve goes on with the
     changed set. Where the curve cannot be followed folds are stepped round by pseudo-arclength;
     where there is none, or the curve does not come round, the solver starts at the last answer
     with its multipliers, and a step that fails is halved, down to a thousandth of the asked one.
     Where that finds another curve, or a linear program with complementarity constraints leads to a
-    cheaper point, the path goes on there: a switch. Where nothing succeeds the path is said to
+    cheaper point, the curve goes on there: a switch. Where nothing succeeds the curve is said to
     break, with the reason, and the points so far are kept.
 
     Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
@@ -109,30 +109,30 @@ class _Walk:
 
     session: Session
     tracker: Tracker
-    path: Continuation
+    followed: Continuation
     scales: tuple[Callable[[float], float], Callable[[float], float]]
     asked: tuple[float, float, int]
     seed: int
-    progress: Callable[[PathPoint], None] | None
+    progress: Callable[[CurvePoint], None] | None
 
     def all(self) -> Continuation:
-        """Walk to the end, or to where the path breaks."""
-        session, path, (start, end, steps) = self.session, self.path, self.asked
+        """Walk to the end, or to where the curve breaks."""
+        session, followed, (start, end, steps) = self.session, self.followed, self.asked
         first = self._solve(start)
         if self._add(first, start):
             self.tracker.begin(first)
             self._walk(1.0 / steps)
         else:
-            verdict = path.points[-1].solution.verdict
-            path.broke = f"at the first point, {path.parameter} = {start:g}: {verdict}"
-        path.nlp_builds = session.nlp_builds
-        path.iterations += self.tracker.wasted
-        path.events = joined(path.events, None if self.tracker.log else abs(end - start))
-        return path
+            verdict = followed.points[-1].solution.verdict
+            followed.broke = f"at the first point, {followed.parameter} = {start:g}: {verdict}"
+        followed.nlp_builds = session.nlp_builds
+        followed.iterations += self.tracker.wasted
+        followed.events = joined(followed.events, None if self.tracker.log else abs(end - start))
+        return followed
 
     def _walk(self, asked: float) -> None:
         step = asked
-        while self.at < 1 - 1e-12 and self.path.broke is None:
+        while self.at < 1 - 1e-12 and self.followed.broke is None:
             whole = math.floor(self.at / asked + 1e-9) + 1
             value = self._value(whole * asked if step == asked else self.at + step)
             if self._tracked(value) or self._past_end():
@@ -154,21 +154,21 @@ class _Walk:
         return to_value(to_scale(start) + share * (to_scale(end) - to_scale(start)))
 
     def _solve(self, value: float, point: Point | None = None) -> Outcome:
-        self.session.values[self.path.parameter] = value
+        self.session.values[self.followed.parameter] = value
         nlp = None if point is None else self.outcome.nlp
         return self.session.solve(start=point, warm_from=nlp)
 
     def _add(self, outcome: Outcome, value: float) -> bool:
         """Judge an outcome; take it as the next point where it is good, or the first."""
-        self.session.values[self.path.parameter] = value
+        self.session.values[self.followed.parameter] = value
         solution = judged(self.session, outcome, self.seed)
-        point = PathPoint(value, solution)
+        point = CurvePoint(value, solution)
         good = outcome.finished and solution.status in (Status.SOLVED, Status.NO_PROGRESS)
-        if not good and self.path.points:
+        if not good and self.followed.points:
             self.failed = solution
             return False
-        self.path.iterations += solution.iterations
-        self.path.points.append(point)
+        self.followed.iterations += solution.iterations
+        self.followed.points.append(point)
         if good:
             first, at, last = (self.scales[1](v) for v in (self.asked[0], value, self.asked[1]))
             self.outcome, self.at = outcome, (at - first) / (last - first)
@@ -181,20 +181,20 @@ class _Walk:
         tracker = self.tracker
         if tracker.curve is None:
             return False
-        self.session.values[self.path.parameter] = value
+        self.session.values[self.followed.parameter] = value
         outcome = tracker.to(value)
         if outcome is None:
             return False
         if not math.isclose(tracker.value, value, rel_tol=1e-9, abs_tol=1e-12):
-            value = self.session.values[self.path.parameter] = tracker.value
+            value = self.session.values[self.followed.parameter] = tracker.value
         better, events = tracker.cheaper(outcome), tracker.events
         if better is not None:
-            events = [*events, tracker.crossing(better, self.path.points[-1].value)]
+            events = [*events, tracker.crossing(better, self.followed.points[-1].value)]
         if not self._add(better or outcome, value):
             tracker.wasted += (better or outcome).trace.iterations
             self._restart()
             return False
-        self.path.events += events
+        self.followed.events += events
         if better is not None:
             tracker.begin(better)
         return True
@@ -219,23 +219,23 @@ class _Walk:
             tracker.wasted += tried.trace.iterations
             self._restart()
             return False
-        self.path.events += tracker.events
+        self.followed.events += tracker.events
         if jumped or ended:
-            self.path.events.append(Event("switch", value, tried.result.f, "the curve ends"))
+            self.followed.events.append(Event("switch", value, tried.result.f, "the curve ends"))
         known = jumped or ended or any(e.kind == "contact" for e in tracker.events)
         tracker.begin(tried)
         if curve is not None and not known:
-            self.path.events += tracker.changed(curve, tried)
+            self.followed.events += tracker.changed(curve, tried)
         return True
 
     def _restart(self) -> None:
         """Put the tracker back to the last accepted point."""
-        self.session.values[self.path.parameter] = self.path.points[-1].value
+        self.session.values[self.followed.parameter] = self.followed.points[-1].value
         self.tracker.begin(self.outcome)
 
     def _turned(self, value: float) -> bool:
         """Step round folds; every stop on the way is a point."""
-        tracker, path, (start, end, _) = self.tracker, self.path, self.asked
+        tracker, followed, (start, end, _) = self.tracker, self.followed, self.asked
         if tracker.curve is None or tracker.kinked:
             return False
         before = tracker.events
@@ -245,14 +245,14 @@ class _Walk:
             tracker.wasted += sum(stop.outcome.trace.iterations for stop in way)
             self._restart()
             return False
-        path.events += [*before, *folds]
+        followed.events += [*before, *folds]
         if not tracker.around:
             tracker.wasted += sum(stop.outcome.trace.iterations for stop in way)
             self._restart()
             return self._solved(self._beyond(folds[0].value), ended=True)
         for stop in way:
             if not self._add(stop.outcome, stop.value):
-                path.broke = f"on the way round a fold: {self.failed.verdict}"
+                followed.broke = f"on the way round a fold: {self.failed.verdict}"
                 break
         return True
 
@@ -264,9 +264,9 @@ class _Walk:
         return end if (beyond - end) * (end - start) > 0 else beyond
 
     def _break(self, value: float) -> None:
-        last, failed = self.path.points[-1].value, self.failed
-        self.path.broke = (
-            f"after {self.path.parameter} = {last:g}, on the way to {value:g}:"
+        last, failed = self.followed.points[-1].value, self.failed
+        self.followed.broke = (
+            f"after {self.followed.parameter} = {last:g}, on the way to {value:g}:"
             f" {failed.verdict}{_worst(failed)}"
         )
 
@@ -295,15 +295,15 @@ def check_range(
     raise InputError(f"--scale must be log or linear, got {scale!r}")
 
 
-def path_dataset(path: Continuation) -> Any:
+def curve_dataset(curve: Continuation) -> Any:
     """Points as one dataset over dimension ``point``, with every trajectory."""
     import xarray as xr
 
     keep = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")
     parts = [point.solution.data[[n for n in keep if n in point.solution.data]]
-             for point in path.points]  # fmt: skip
+             for point in curve.points]  # fmt: skip
     data = xr.concat(parts, dim="point", join="override", combine_attrs="override")
-    data = data.assign_coords(value=("point", np.array([point.value for point in path.points])))
+    data = data.assign_coords(value=("point", np.array([point.value for point in curve.points])))
     for key in ("cost", "exact_cost", "iterations", "complementarity"):
-        data[key] = ("point", np.array([point.row()[key] for point in path.points], dtype=float))
+        data[key] = ("point", np.array([point.row()[key] for point in curve.points], dtype=float))
     return data

@@ -107,7 +107,7 @@ _SMALLEST = 1e-150
 
 
 @dataclass(frozen=True)
-class Plan:
+class Sampling:
     """What to estimate: estimators by name, samples of each, the noise and the seed.
 
     ``rules`` replaces the settings of alpha estimators by name; ``reference`` is one of
@@ -183,24 +183,24 @@ def estimate_gradient(
 
     Returns an :class:`Estimate` for each name: ``zobg``, ``zobg-zero-noise``, ``zobg-mean``,
     ``zobg-antithetic``, ``fobg``, ``es``, ``alpha``, ``alpha-variance``, ``alpha-fixed``. Sample i
-    is the same in every larger run of the same seed. ``settings`` are those of :class:`Plan`.
+    is the same in every larger run of the same seed. ``settings`` are those of :class:`Sampling`.
 
-    Raises :class:`~ocp.errors.InputError` for what a :class:`Plan` refuses, and where too few
+    Raises :class:`~ocp.errors.InputError` for what a :class:`Sampling` refuses, and where too few
     samples were finite.
     """
     sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-    plan = Plan(tuple(estimators), samples, sigma, **settings)
-    return carry_out(plan, objective, sequence, progress)
+    sampling = Sampling(tuple(estimators), samples, sigma, **settings)
+    return carry_out(sampling, objective, sequence, progress)
 
 
 def carry_out(
-    plan: Plan,
+    sampling: Sampling,
     objective: SampledObjective,
     seed: np.random.SeedSequence,
     progress: Progress | None = None,
     keep: tuple[Checkpoint, str] | None = None,
 ) -> dict[str, Estimate]:
-    """Estimate one objective by ``plan``, with the random streams of ``seed``.
+    """Estimate one objective by ``sampling``, with the random streams of ``seed``.
 
     ``keep`` is where sums under way are saved, and the beginning of their keys.
     """
@@ -208,20 +208,22 @@ def carry_out(
     def kept(name: str) -> tuple[Checkpoint, str] | None:
         return None if keep is None else (keep[0], f"{keep[1]}-{name}")
 
-    check_kind(objective, plan.sigma, plan.reference)
+    check_kind(objective, sampling.sigma, sampling.reference)
     found: dict[str, Sampled] = {}
-    for name in plan.sampled:
+    for name in sampling.sampled:
         estimator = SAMPLED[name]
-        noise = Gaussian(plan.sigma, stream(seed, estimator.stream))
-        found[name] = run_estimator(objective, estimator, noise, plan.samples, progress, kept(name))
+        noise = Gaussian(sampling.sigma, stream(seed, estimator.stream))
+        found[name] = run_estimator(
+            objective, estimator, noise, sampling.samples, progress, kept(name)
+        )
         _check_finite(objective, name, found[name])
     known = known_gradient(
-        objective, plan.sigma, seed, plan.most_reference_samples, plan.reference, progress,
-        kept("reference"),
+        objective, sampling.sigma, seed, sampling.most_reference_samples, sampling.reference,
+        progress, kept("reference"),
     )  # fmt: skip
-    judged = _Judge(objective, plan, seed, known)
+    judged = _Judge(objective, sampling, seed, known)
     answers = {}
-    for name in plan.estimators:
+    for name in sampling.estimators:
         if name in SAMPLED:
             answers[name] = judged.sampled(name, found[name])
         else:
@@ -233,9 +235,11 @@ def carry_out(
 class _Judge:
     """Turns what was sampled into estimates with verdicts."""
 
-    def __init__(self, objective: SampledObjective, plan: Plan, seed: np.random.SeedSequence,
-                 known: KnownGradient | None) -> None:  # fmt: skip
-        self._objective, self._plan, self._seed, self._known = objective, plan, seed, known
+    def __init__(
+        self, objective: SampledObjective, sampling: Sampling, seed: np.random.SeedSequence,
+        known: KnownGradient | None,
+    ) -> None:  # fmt: skip
+        self._objective, self._sampling, self._seed, self._known = objective, sampling, seed, known
         self._jump: Jump | None = None
 
     def sampled(self, name: str, found: Sampled) -> Estimate:
@@ -243,15 +247,15 @@ class _Judge:
         mean = None if self._known is None or not pathwise else self._known.gradient
         bias = empirical_bias(found.kept, mean)
         verdict = self._verdict(name, found.moments, bias if pathwise else None)
-        cost = SAMPLED[name].evaluations * self._plan.samples
+        cost = SAMPLED[name].evaluations * self._sampling.samples
         return Estimate(name, found.moments, cost, self._known_for(name), verdict, bias, None,
                         found.nonfinite)  # fmt: skip
 
     def interpolated(self, name: str, zeroth: Sampled, first: Sampled) -> Estimate:
         evidence = evidence_of(zeroth, first)
-        choice = self._plan.rule(name).choose(evidence)
+        choice = self._sampling.rule(name).choose(evidence)
         moments = interpolate(choice.alpha, zeroth.moments, first.moments)
-        cost = sum(SAMPLED[part].evaluations for part in ALPHA_PARTS) * self._plan.samples
+        cost = sum(SAMPLED[part].evaluations for part in ALPHA_PARTS) * self._sampling.samples
         bad = np.union1d(zeroth.nonfinite, first.nonfinite)
         verdict = self._verdict(name, moments, None)
         return Estimate(name, moments, cost, self._known, verdict, None, choice, bad)
@@ -267,7 +271,7 @@ class _Judge:
         if verdict.word != "biased":
             return verdict
         if self._jump is None:
-            noise = Gaussian(self._plan.sigma, stream(self._seed, JUMP_STREAM))
+            noise = Gaussian(self._sampling.sigma, stream(self._seed, JUMP_STREAM))
             self._jump = sharpest_change(self._objective, noise)
         return judge(moments, known, self._jump, bias)
 
@@ -310,7 +314,7 @@ def _check_finite(objective: SampledObjective, name: str, found: Sampled) -> Non
 __all__ = [
     "ConfidenceTest",
     "Estimate",
-    "Plan",
+    "Sampling",
     "estimate_gradient",
     "evidence_of",
     "interpolate",

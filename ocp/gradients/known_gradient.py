@@ -49,7 +49,7 @@ def known_gradient(
     check_kind(objective, sigma, kind)
     if kind == "none":
         return None
-    closed = objective.reference(sigma) if kind in ("auto", "closed-form") else None
+    closed = objective.closed_form(sigma) if kind in ("auto", "closed-form") else None
     if closed is not None:
         return KnownGradient(closed.gradient, np.zeros_like(closed.gradient), "closed form")
     if kind == "quadrature" or (kind == "auto" and _on_a_line(objective)):
@@ -62,7 +62,7 @@ def known_gradient(
 
 def check_kind(objective: SampledObjective, sigma: float, kind: str) -> None:
     """Raise :class:`~ocp.errors.InputError` where the objective has no such reference."""
-    if kind == "closed-form" and objective.reference(sigma) is None:
+    if kind == "closed-form" and objective.closed_form(sigma) is None:
         raise InputError(f"{objective.name} has no closed form; say --reference zobg")
     if kind == "quadrature" and not _on_a_line(objective):
         raise InputError(
@@ -73,7 +73,7 @@ def check_kind(objective: SampledObjective, sigma: float, kind: str) -> None:
 
 def is_sampled(objective: SampledObjective, sigma: float, kind: str) -> bool:
     """Whether the gradient of this ``kind`` comes from samples."""
-    free = objective.reference(sigma) is not None or _on_a_line(objective)
+    free = objective.closed_form(sigma) is not None or _on_a_line(objective)
     return kind == "zobg" or (kind == "auto" and not free)
 
 

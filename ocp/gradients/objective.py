@@ -103,7 +103,7 @@ class SampledObjective(ABC):
         """Cost without noise."""
         return float(self.costs(np.zeros((1, self.n_noise)))[0])
 
-    def reference(self, sigma: float) -> ClosedForm | None:
+    def closed_form(self, sigma: float) -> ClosedForm | None:
         """What is known in closed form, None where nothing is."""
         return None
 
@@ -147,7 +147,7 @@ class StaticObjective(SampledObjective):
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the cost's parameters."""
-        return {parameter.name: float(parameter.value) for parameter in self._table}
+        return self._table.defaults
 
     def at(self, values: Mapping[str, float]) -> StaticObjective:
         """Return the same graph at other values; nothing is built again."""
@@ -180,7 +180,7 @@ class StaticObjective(SampledObjective):
         """Equal to a score, because the noise is added to the decision."""
         return self.scored(noise, n)
 
-    def reference(self, sigma: float) -> ClosedForm | None:
+    def closed_form(self, sigma: float) -> ClosedForm | None:
         """The closed form, where the objective was given one."""
         if self._closed_form is None:
             return None

@@ -50,7 +50,7 @@ class RolloutObjective(SampledObjective):
         # Shared by all copies that differ in values alone, so that nothing is compiled twice.
         self._compiled: list[RolloutFunction] = []
         self._options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
-        self._values = {parameter.name: float(parameter.value) for parameter in self.step.p}
+        self._values = self.step.p.defaults
         self._start()
         shape = self._policy.shape(problem.N)
         self.theta = (
@@ -125,7 +125,7 @@ class RolloutObjective(SampledObjective):
 
     def _start(self) -> None:
         """Initial states and the input before, at the present parameters."""
-        physical = np.array([self._values[name] for name in self.problem.parameters.names])
+        physical = self.problem.parameters.pack(self._values)
         self._x0 = self.problem.initial_states(physical)
         self._before = np.array(self.problem.limits(physical)[1]).ravel()
         self._p = np.array(list(self._values.values()))
@@ -142,7 +142,7 @@ class RolloutObjective(SampledObjective):
         return call
 
     def _guess(self, shape: tuple[int, ...]) -> np.ndarray:
-        physical = np.array([self._values[name] for name in self.problem.parameters.names])
+        physical = self.problem.parameters.pack(self._values)
         inputs = self.problem.initial_guess(physical)[1]
         if isinstance(self.policy, OpenLoop):
             return inputs

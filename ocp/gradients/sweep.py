@@ -12,7 +12,7 @@ import numpy as np
 
 from dynamics.batch import Gaussian
 from ocp.errors import InputError
-from ocp.gradients.estimation import Plan, carry_out, check_samples
+from ocp.gradients.estimation import Sampling, carry_out, check_samples
 from ocp.gradients.known_gradient import is_sampled
 from ocp.gradients.objective import SampledObjective
 from ocp.store.checkpoint import Checkpoint
@@ -94,13 +94,13 @@ class SweepRun:
     def __init__(
         self,
         objective: SampledObjective,
-        plan: Plan,
+        sampling: Sampling,
         sweep: Sweep | None = None,
         checkpoint: Checkpoint | None = None,
         build: Build | None = None,
     ) -> None:
-        self.plan, self.sweep, self._checkpoint = plan, sweep, checkpoint
-        self._tasks = _tasks(objective, plan, sweep, build)
+        self.sampling, self.sweep, self._checkpoint = sampling, sweep, checkpoint
+        self._tasks = _tasks(objective, sampling, sweep, build)
         self.rows: list[list[dict[str, Any]]] = []
         self.resumed = 0
 
@@ -130,7 +130,7 @@ class SweepRun:
         """Estimate at all points that are not finished, in their order."""
         sizes = [_size(*task) for task in self._tasks]
         saved = self._checkpoint
-        for i, (objective, plan) in enumerate(self._tasks):
+        for i, (objective, sampling) in enumerate(self._tasks):
             before = [sum(sizes[:i])]
 
             def note(samples: int, i: int = i, before: list[int] = before) -> None:
@@ -141,40 +141,37 @@ class SweepRun:
 
             rows = saved.rows(i) if saved is not None else None
             if rows is None:
-                seed = np.random.SeedSequence(self.plan.seed, spawn_key=(i,))
+                seed = np.random.SeedSequence(self.sampling.seed, spawn_key=(i,))
                 keep = None if saved is None else (saved, f"{i:05d}")
-                found = carry_out(plan, objective, seed, note, keep)
-                rows = plain([self._row(i, estimate.row()) for estimate in found.values()])
+                found = carry_out(sampling, objective, seed, note, keep)
+                at = {"point": i, "value": None if self.sweep is None else self.sweep.values[i]}
+                rows = plain([at | estimate.row() for estimate in found.values()])
                 if saved is not None:
                     saved.save_rows(i, rows)
             else:
                 self.resumed += 1
             self.rows.append(rows)
 
-    def _row(self, point: int, row: dict[str, Any]) -> dict[str, Any]:
-        value = None if self.sweep is None else self.sweep.values[point]
-        return {"point": point, "value": value, **row}
-
 
 def _tasks(
-    objective: SampledObjective, plan: Plan, sweep: Sweep | None, build: Build | None
-) -> list[tuple[SampledObjective, Plan]]:
-    """Objective and plan of each point; what cannot be is refused before anything is sampled."""
+    objective: SampledObjective, sampling: Sampling, sweep: Sweep | None, build: Build | None
+) -> list[tuple[SampledObjective, Sampling]]:
+    """Objective and sampling at each value; what cannot be is refused beforehand."""
     if sweep is None:
-        return [(objective, plan)]
+        return [(objective, sampling)]
     if sweep.name == "sigma":
-        return [(objective, replace(plan, sigma=value)) for value in sweep.values]
+        return [(objective, replace(sampling, sigma=value)) for value in sweep.values]
     if sweep.name == "samples":
-        return [(objective, replace(plan, samples=int(value))) for value in sweep.values]
+        return [(objective, replace(sampling, samples=int(value))) for value in sweep.values]
     known = [*objective.parameters, *(signal.name for signal in objective.decision)]
     if sweep.name not in known and build is not None:
-        return [(build({sweep.name: value}), plan) for value in sweep.values]
-    return [(objective.at({sweep.name: value}), plan) for value in sweep.values]
+        return [(build({sweep.name: value}), sampling) for value in sweep.values]
+    return [(objective.at({sweep.name: value}), sampling) for value in sweep.values]
 
 
-def _probed(objective: SampledObjective, plan: Plan) -> float:
+def _probed(objective: SampledObjective, sampling: Sampling) -> float:
     """Seconds a sample, of the second of two batches: the first compiles."""
-    noise = Gaussian(plan.sigma, np.random.SeedSequence(plan.seed))
+    noise = Gaussian(sampling.sigma, np.random.SeedSequence(sampling.seed))
     began = 0.0
     for _ in range(2):
         began = time.perf_counter()
@@ -183,9 +180,13 @@ def _probed(objective: SampledObjective, plan: Plan) -> float:
     return (time.perf_counter() - began) / _PROBE
 
 
-def _size(objective: SampledObjective, plan: Plan) -> int:
-    extra = plan.most_reference_samples if is_sampled(objective, plan.sigma, plan.reference) else 0
-    return plan.samples * len(plan.sampled) + extra
+def _size(objective: SampledObjective, sampling: Sampling) -> int:
+    extra = (
+        sampling.most_reference_samples
+        if is_sampled(objective, sampling.sigma, sampling.reference)
+        else 0
+    )
+    return sampling.samples * len(sampling.sampled) + extra
 
 
 def sweep_dataset(

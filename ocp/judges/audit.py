@@ -42,7 +42,7 @@ def audit(
     the plan's contacts.
     """
     problem = nlp.problem
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     inputs = plan.u if plan.gains is None else plan.gains
     replay, unsolved = roll_on(problem, inputs, values, x0=plan.x[:, 0])
     sharp, closed, moved = _natural(nlp, plan)
@@ -140,8 +140,8 @@ def _slopes(
 ) -> tuple[float, float]:
     """Largest derivative by an input of the cost on the masked states, and its slopes' sum."""
     step = problem.exact_step
-    physical = np.array([values[name] for name in problem.parameters.names])
-    p = np.array([values[name] for name in step.p.names])
+    physical = problem.parameters.pack(values)
+    p = step.p.pack(values)
     slopes = problem.state_slopes
     jacobian = step.map.jacobian()
     before = np.array(problem.limits(physical)[1]).ravel()

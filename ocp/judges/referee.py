@@ -97,7 +97,7 @@ def _refined_cost(
     x = rolled.x.copy()
     if chosen is not None:
         x[:, :, chosen] *= REFINEMENT
-    physical = np.array([values[key] for key in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     return float(trajectory_costs(problem, x, rolled.u, physical).mean()), ""
 
 
@@ -109,35 +109,17 @@ def _place(symbol: ca.SX | float, among: ca.SX) -> int | None:
 
 
 @dataclass(frozen=True)
-class Survival:
-    """Whether a plan survives its referee; if not, ``reasons`` says why, each half a sentence.
-
-    It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
-    the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
-    :data:`CONSTRAINT_SHARE` and its bodies apart to :data:`PENETRATION_SHARE` of the problem's
-    characteristic sizes. ``cost_excess`` is what the replay costs more as a share of the plan's
-    cost, ``state_gap`` the largest difference of a state in its unit, ``state_share`` that of the
-    characteristic size; NaN where the replay has none.
-    """
-
-    survives: bool
-    reasons: tuple[str, ...]
-    cost_excess: float
-    state_gap: float
-    state_share: float
-
-
-@dataclass(frozen=True)
 class Hearing:
     """All that is to be said of a plan's physics, see :func:`hear`.
 
-    ``planned`` and ``replayed`` measure plan and replay; ``broken`` are the constraints that the
+    ``reasons`` are those why the plan does not survive, see :func:`survival`. ``planned`` and
+    ``replayed`` measure plan and replay; ``broken`` are the constraints that the
     replay breaks by anything at all, the worst first; ``parting`` the first step of the plan that
     the model does not determine.
     """
 
     referee: Referee
-    survival: Survival
+    reasons: tuple[str, ...]
     planned: Physics
     replayed: Physics
     broken: tuple[Broken, ...]
@@ -155,21 +137,27 @@ def hear(
 
     The plan's inputs are replayed, or the policy where there is one, from the plan's own starts.
     """
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     heard = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
     there = heard.replay
     planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
     replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
     broken = tuple(broken_constraints(problem, there.x, there.u, physical))
     parting = find_parting(problem, plan.x, plan.u, plan.lam, values)
-    verdict = survival(problem, plan, heard, replayed, broken)
-    return Hearing(heard, verdict, planned, replayed, broken, parting)
+    reasons = survival(problem, plan, heard, replayed, broken)
+    return Hearing(heard, reasons, planned, replayed, broken, parting)
 
 
 def survival(
     problem: Problem, plan: Rollout, heard: Referee, physics: Physics, broken: Sequence[Broken]
-) -> Survival:
-    """Judge a refereed plan; ``physics`` and ``broken`` are those of the referee's replay."""
+) -> tuple[str, ...]:
+    """Reasons why a refereed plan does not survive, each half a sentence; none where it does.
+
+    It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
+    the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
+    :data:`CONSTRAINT_SHARE` and its bodies apart to :data:`PENETRATION_SHARE` of the problem's
+    characteristic sizes. ``physics`` and ``broken`` are those of the replay.
+    """
     excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST)
     off = np.abs(heard.replay.x - plan.x)
     shares = off / problem.sizes.x
@@ -194,7 +182,7 @@ def survival(
                 f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}"
             )
             break
-    return Survival(not reasons, tuple(reasons), float(excess), float(off.max()), share)
+    return tuple(reasons)
 
 
 def _what_breaks(broken: Sequence[Broken]) -> list[str]:

@@ -63,7 +63,7 @@ def findings(found: Solution) -> list[str]:
         lines = [_sentence(f"the contacts never act; {explained}")]
     if found.certificate.reason != UNJUDGED:
         lines.append(_sentence(found.certificate.sentence))
-    said = (_gaps(found), _referee(found), _replay(found), _parting(found))
+    said = (_gaps(found), _referee(found), _replay(found), found.referee.parting)
     lines += [_sentence(line) for line in said if line]
     if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):
         lines.append("A second way of solving took too long beside the first and was given up.")
@@ -129,10 +129,6 @@ def _replay(found: Solution) -> str:
         f"the plan leans on the smoothing: under the exact law it costs {audit.exact_cost:.6g}"
         f" instead of {found.cost:.6g}"
     )
-
-
-def _parting(found: Solution) -> str:
-    return found.referee.parting
 
 
 def grade(found: Solution) -> Grade:

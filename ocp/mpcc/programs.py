@@ -7,7 +7,7 @@ import numpy as np
 
 from ocp.mpcc.statement import MPCC
 from ocp.programs.layout import Layout
-from ocp.programs.program import PairName, Program, closure_rows
+from ocp.programs.program import Functions, PairName, Program, closure_rows
 
 
 class Lifted:
@@ -101,14 +101,9 @@ class MPCCProgram(Program):
         closing = base.lam_f * penalised + ca.dot(more, closure)
         hessian = base.hessian + ca.triu(ca.hessian(closing, x)[0])
         lam_g = ca.vertcat(base.lam_g, more)
-        given, names = [x, p], ["x", "p"]
-        self.f_g = ca.Function("f_g", given, [f, g], names, ["f", "g"])
-        self.gradient = ca.Function("grad_f", given, [f, gradient], names, ["f", "grad_f_x"])
-        self.jacobian = ca.Function("jac_g", given, [g, jacobian], names, ["g", "jac_g_x"])
-        self.hessian = ca.Function(
-            "hess_lag", [*given, base.lam_f, lam_g], [hessian],
-            [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
-        )  # fmt: skip
+        self.f_g, self.gradient, self.jacobian, self.hessian = Functions.of(
+            (x, p, base.lam_f, lam_g), (f, g), (f, gradient), (g, jacobian), hessian
+        )
 
     @property
     def title(self) -> str:

@@ -52,7 +52,7 @@ def find_parting(
     step = problem.exact_step
     if lam.shape[2] != step.n:
         return None
-    p = np.array([values[name] for name in step.p.names])
+    p = step.p.pack(values)
     S, N = u.shape[:2]
     columns = [part.reshape(S * N, -1).T for part in (x[:, :-1], u)]
     found = step.solve.map(S * N)(*columns, p)
@@ -76,7 +76,7 @@ def _obeys(
 ) -> np.ndarray:
     """Whether the plan's own steps obey the exact relation, (S, N)."""
     system, reference = problem.system, problem.sizes
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     residual, gap = Along(problem, system, x, u, lam, physical)(system.residual, system.gap)
     product = reference.impulse * reference.gap
     off = np.stack([-lam / reference.impulse, -gap / reference.gap, lam * gap / product])

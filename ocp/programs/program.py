@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -114,6 +114,27 @@ class Program(ABC):
         return first * second
 
 
+class Functions(NamedTuple):
+    """The functions of a :class:`Program`, by its names."""
+
+    f_g: ca.Function
+    gradient: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
+
+    @classmethod
+    def of(cls, given: Sequence[Any], f_g: Sequence[Any], gradient: Sequence[Any],
+           jacobian: Sequence[Any], hessian: Any) -> Functions:  # fmt: skip
+        """From ``given`` symbols (x, p, lam_f, lam_g), the outputs of three, and the triangle."""
+        names, both = ["x", "p", "lam:f", "lam:g"], [*given[:2]]
+        return cls(
+            ca.Function("nlp", both, [*f_g], names[:2], ["f", "g"]),
+            ca.Function("grad_f", both, [*gradient], names[:2], ["f", "grad:f:x"]),
+            ca.Function("jac_g", both, [*jacobian], names[:2], ["g", "jac:g:x"]),
+            ca.Function("hess_lag", [*given], [hessian], names, ["triu:hess:gamma:x:x"]),
+        )
+
+
 def closure_rows(
     form: str, first: ca.SX, second: ca.SX, mu: ca.SX | float, t: ca.SX
 ) -> list[tuple[str, ca.SX]]:
@@ -130,7 +151,5 @@ def closure_rows(
     return []
 
 
-ProgramOf = Callable[[str], Program]
-"""Gives the program of a form, built once."""
 Values = dict[str, float]
 Bounds = dict[str, Any]

@@ -16,7 +16,6 @@ import numpy as np
 if TYPE_CHECKING:
     import scipy.sparse as sp
 
-BASE = ("kg", "m", "s")
 _KNOWN = {
     "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": (1, 2, -2),
     "rad": (0, 0, 0), "1": (0, 0, 0),

@@ -17,6 +17,8 @@ from ocp.routes.legs import WARM, Homotopy, translate
 from ocp.stationarity.certificate import RADII, linear_model, tolerance_of
 from ocp.stationarity.lpec import LinearModel
 
+NEIGHBOUR = "neighbour"
+"""What a stage is called that tries a neighbouring contact schedule."""
 _ROUNDS = 8
 _EXCHANGES = 12
 _NEAR = 1e-6
@@ -44,7 +46,7 @@ class Branches:
     ) -> Result:
         """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains.
 
-        In ``most`` iterations, where given.
+        A neighbouring schedule is given up after ``most`` iterations.
         """
         first, second = self.program.pairs
         bounds = {key: value.copy() for key, value in self.limits.items()}
@@ -56,7 +58,8 @@ class Branches:
             options = {**warm, "mu_init": mu_init} | ({"max_iter": most} if most else {})
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
         found = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
-        self.follower.record("active set", float(active.sum()), self.program, found, self.p, bounds)
+        knob = NEIGHBOUR if most else "active set"
+        self.follower.record(knob, float(active.sum()), self.program, found, self.p, bounds)
         return found
 
     def settle(self, start: Point) -> Result | None:

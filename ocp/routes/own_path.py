@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.contact.law import Schedule
+from dynamics.systems import KNOB
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.legs import Homotopy, Path, Plan, geometric
@@ -22,7 +23,7 @@ def own_path(
 ) -> Path:
     """The law's knob from its schedule's wide start (or ``start``) down to ``target``."""
     values = geometric(start or schedule.wide, target, factor or schedule.factor)
-    label = schedule.knob.removeprefix("contact.")
+    label = schedule.knob.removeprefix(KNOB)
 
     def plan(value: float) -> Plan:
         options: dict[str, Any] = {}

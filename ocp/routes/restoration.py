@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.programs.layout import Layout
-from ocp.programs.program import PairName, Program
+from ocp.programs.program import Functions, PairName, Program
 from ocp.programs.solver import Point
 from ocp.routes.branches import Branches
 from ocp.routes.legs import Homotopy
@@ -35,15 +35,10 @@ class Elastic(Program):
         moved, one = g - above + below, ca.MX.eye(m)
         slope = ca.vertcat(ca.MX.zeros(n), ca.MX.ones(2 * m))
         hessian = ca.diagcat(base.hessian(x, p, 0.0, lam_g), ca.MX(2 * m, 2 * m))
-        given, names = [z, p], ["x", "p"]
-        self.f_g = ca.Function("f_g", given, [f, moved], names, ["f", "g"])
-        self.gradient = ca.Function("grad_f", given, [f, slope], names, ["f", "grad_f_x"])
         wide = ca.horzcat(jacobian, -one, one)
-        self.jacobian = ca.Function("jac_g", given, [moved, wide], names, ["g", "jac_g_x"])
-        self.hessian = ca.Function(
-            "hess_lag", [*given, lam_f, lam_g], [hessian],
-            [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
-        )  # fmt: skip
+        self.f_g, self.gradient, self.jacobian, self.hessian = Functions.of(
+            (z, p, lam_f, lam_g), (f, moved), (f, slope), (moved, wide), hessian
+        )
 
     @property
     def title(self) -> str:

@@ -36,27 +36,33 @@ def label(
     import xarray as xr
 
     problem = nlp.problem
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     nodes = ("scenario", "node", "state")
     along = ("scenario", "interval")
+    entries, system = _entry_units(problem, plan.lam.shape[-1]), problem.system
+    of = {dimension: _common(dimension, found) for dimension, found in entries.items()}
+    gap_unit = {"units": system.gap_unit}
+    mu_unit = {"units": f"{system.contacts[0].unit if system.contacts else 1} {system.gap_unit}"}
     # Collected and built at once: each variable that is set in a Dataset aligns all the others.
     data: Variables = {
-        "x": (nodes, plan.x),
-        "u": ((*along, "control"), plan.u),
-        **{name: ((*along, "contact"), getattr(plan, name)) for name in ("lam", "gap", "mu")},
-        "x_replay": (nodes, replay.x),
-        "u_replay": ((*along, "control"), replay.u),
-        "x_referee": (nodes, refereed.x),
-        "u_referee": ((*along, "control"), refereed.u),
-        "lam_replay": ((*along, "contact_exact"), replay.lam),
-        "gap_replay": ((*along, "contact_exact"), replay.gap),
+        "x": (nodes, plan.x, of["state"]),
+        "u": ((*along, "control"), plan.u, of["control"]),
+        "lam": ((*along, "contact"), plan.lam, of["contact"]),
+        "gap": ((*along, "contact"), plan.gap, gap_unit),
+        "mu": ((*along, "contact"), plan.mu, mu_unit),
+        "lam_replay": ((*along, "contact_exact"), replay.lam, of["contact_exact"]),
+        "gap_replay": ((*along, "contact_exact"), replay.gap, gap_unit),
     }
+    for name, rolled in (("replay", replay), ("referee", refereed)):
+        data[f"x_{name}"] = (nodes, rolled.x, of["state"])
+        data[f"u_{name}"] = ((*along, "control"), rolled.u, of["control"])
     for name, x in (("phi", plan.x), ("phi_replay", replay.x)):
         phi = signed_distances(problem, x, physical)
         if phi is not None:
-            data[name] = (("scenario", "node", "distance"), phi)
+            data[name] = (("scenario", "node", "distance"), phi, {"units": "m"})
     if problem.system.forces is not None:
-        data |= _forces(book, _exact_book(problem, replay, physical))
+        replayed = (replay.x, replay.u, replay.lam, replay.gap, physical)
+        data |= _forces(book, contact_book(problem, problem.exact_step, *replayed))
     if plan.gains is not None:
         N = problem.N
         K = np.broadcast_to(plan.gains.K, (N, *plan.gains.K.shape[1:]))
@@ -64,16 +70,11 @@ def label(
         data["K"] = (("interval", "control", "state"), K)
         data["k"] = (("interval", "control"), k)
     data |= multipliers(nlp, outcome.result.point) | _stages(nlp, outcome, len(plan.x))
-    data |= _entry_units(problem, plan.lam.shape[-1])
+    data |= {f"{dimension}_unit": (dimension, found) for dimension, found in entries.items()}
     labelled = xr.Dataset(data, coords=_coordinates(nlp, physical, plan.x[0, 0], book))
-    _add_units(labelled, problem)
+    for variable in labelled.data_vars.values():
+        variable.attrs.setdefault("units", "1")
     return labelled
-
-
-def _exact_book(problem: Problem, replay: Rollout, physical: np.ndarray) -> ContactBook:
-    """Keep the books of a replay under the exact law."""
-    step = problem.exact_step
-    return contact_book(problem, step, replay.x, replay.u, replay.lam, replay.gap, physical)
 
 
 def _forces(planned: ContactBook, exact: ContactBook) -> Variables:
@@ -119,7 +120,8 @@ def _stages(nlp: NLP, outcome: Outcome, scenarios: int) -> Variables:
         "stage_status": ("stage", [record.status for record in records]),
     }
     for name in ("value", "cost", "complementarity", "residual", "iterations", "seconds"):
-        found[f"stage_{name}"] = ("stage", [getattr(record, name) for record in records])
+        unit = {"units": "s" if name == "seconds" else "1"}
+        found[f"stage_{name}"] = ("stage", [getattr(record, name) for record in records], unit)
     kept = [nlp.variables.unpack(x) for _, x in outcome.trace.points if x.size == nlp.n]
     for block in ("x", "u"):
         if kept and block in nlp.variables:
@@ -130,38 +132,18 @@ def _stages(nlp: NLP, outcome: Outcome, scenarios: int) -> Variables:
     return found
 
 
-def _entry_units(problem: Problem, contacts: int) -> Variables:
+def _entry_units(problem: Problem, contacts: int) -> dict[str, list[str]]:
     """Units of every state, input and contact; a law that averages has each contact often."""
     system = problem.system
     exact = [signal.unit for signal in system.contacts]
-    units = {
+    return {
         "state": [signal.unit for signal in system.states],
         "control": [signal.unit for signal in system.inputs],
         "contact_exact": exact,
         "contact": exact * (contacts // max(1, system.nlam)),
     }
-    return {f"{dimension}_unit": (dimension, values) for dimension, values in units.items()}
 
 
-def _add_units(data: xr.Dataset, problem: Problem) -> None:
-    system = problem.system
-    per_entry = {
-        "x": "state_unit", "x_replay": "state_unit", "x_referee": "state_unit",
-        "u": "control_unit", "u_referee": "control_unit",
-        "u_replay": "control_unit", "lam": "contact_unit", "lam_replay": "contact_exact_unit",
-    }  # fmt: skip
-    contact_unit = system.contacts[0].unit if system.contacts else "1"
-    simple = {"gap": system.gap_unit, "gap_replay": system.gap_unit, "phi": "m",
-              "phi_replay": "m", "mu": f"{contact_unit} {system.gap_unit}"}  # fmt: skip
-    for name, variable in data.data_vars.items():
-        key = str(name)
-        if key in per_entry:
-            dimension = per_entry[key]
-            found = sorted(set(data[dimension].values.tolist()))
-            variable.attrs["units"] = found[0] if len(found) == 1 else f"see {dimension}"
-        elif key in simple:
-            variable.attrs["units"] = simple[key]
-        elif key == "stage_seconds":
-            variable.attrs["units"] = "s"
-        else:
-            variable.attrs.setdefault("units", "1")
+def _common(dimension: str, units: list[str]) -> dict[str, str]:
+    """The unit of arrays with one entry for each of ``units``."""
+    return {"units": units[0] if len(set(units)) == 1 else f"see {dimension}_unit"}

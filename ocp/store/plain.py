@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import is_dataclass
+from enum import Enum
+from types import UnionType
+from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -59,12 +61,21 @@ def _without_circumstances(value: Any) -> Any:
     return [_without_circumstances(item) for item in value] if isinstance(value, list) else value
 
 
-def number(value: float | None) -> float:
-    """Read a number back: null stands for one that was not finite."""
-    return float("nan") if value is None else float(value)
+def read(kind: Any, value: Any) -> Any:
+    """Build what the type ``kind`` says, records in records; null is a float that was not finite.
 
-
-def read(kind: type, values: dict[str, Any]) -> Any:
-    """Build a record, where JSON's null stands for a float that was not finite."""
-    floats = {field.name for field in fields(kind) if field.type == "float"}
-    return kind(**{k: number(v) if k in floats else v for k, v in values.items()})
+    Raises ``KeyError`` or ``TypeError`` for records that are not whole.
+    """
+    if value is None:
+        return float("nan") if kind is float else None
+    if isinstance(kind, type) and is_dataclass(kind):
+        types = get_type_hints(kind)
+        return kind(**{name: read(types[name], item) for name, item in value.items()})
+    inner = [part for part in get_args(kind) if part is not type(None)]
+    if get_origin(kind) is list:
+        return [read(inner[0], item) for item in value]
+    if isinstance(kind, UnionType):
+        return read(inner[0], value)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind[str(value).replace("-", "_").upper()]
+    return float(value) if kind is float else value

@@ -42,26 +42,18 @@ class RunEntry:
 def save(solution: Solution, root: Path | str, argv: Sequence[str]) -> Path:
     """Store a solution and return its run directory; see :func:`write` for what it raises."""
     record = dict(solution.record)
+    told = ("idle_cost", "grade", "cost", "verdict", "iterations", "build_s", "solve_s",
+            "evaluation_s", "solver_s", "others")  # fmt: skip
+    judged = ("audit", "certificate", "referee")
     meta = {
         "kind": "solve",
         "argv": list(argv),
         "seed": record.get("seed"),
         "record": record,
-        "audit": asdict(solution.audit),
-        "certificate": asdict(solution.certificate),
-        "referee": asdict(solution.referee),
-        "idle_cost": solution.idle_cost,
-        "grade": solution.grade,
-        "cost": solution.cost,
         "status": solution.status.label,
-        "verdict": solution.verdict,
         "stages": [asdict(stage) for stage in solution.stages],
-        "iterations": solution.iterations,
-        "build_s": solution.build_s,
-        "solve_s": solution.solve_s,
-        "evaluation_s": solution.evaluation_s,
-        "solver_s": solution.solver_s,
-        "others": solution.others,
+        **{name: asdict(getattr(solution, name)) for name in judged},
+        **{name: getattr(solution, name) for name in told},
     }
     return write(root, str(record.get("problem", "problem")), solution.data, meta)
 

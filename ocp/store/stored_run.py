@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ocp.errors import DamagedRun, InputError
 from ocp.judges.findings import Audit, Refereed
-from ocp.physics.contact_book import ContactSummary
-from ocp.physics.measures import Violation, Worst
 from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.rollout import Gains
 from ocp.solution import Solution, StageRecord
-from ocp.stationarity.certificate import Certificate, Move
-from ocp.store.plain import number, read
+from ocp.stationarity.certificate import Certificate
+from ocp.store.plain import read
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,8 +48,7 @@ class StoredRun:
     @cached_property
     def status(self) -> Status:
         """Outcome of the solve; raises as :attr:`audit` does."""
-        with self._described():
-            return next(s for s in Status if s.label == self.meta["status"])
+        return self._described(Status, "status")
 
     @cached_property
     def audit(self) -> Audit:
@@ -61,38 +56,22 @@ class StoredRun:
 
         Raises :class:`~ocp.errors.DamagedRun` where ``meta.json`` lacks a part of it.
         """
-        with self._described():
-            found = self.meta["audit"]
-            worst = [Violation(**item) for item in found["worst"]]
-            contacts = [read(ContactSummary, item) for item in found["contacts"]]
-            lists = {"worst": worst, "contacts": contacts}
-            return read(Audit, {**found, **lists})
+        return self._described(Audit, "audit")
 
     @cached_property
     def certificate(self) -> Certificate:
         """Certificate of the solve; raises as :attr:`audit` does."""
-        with self._described():
-            found = self.meta["certificate"]
-            return read(Certificate, {**found, "moves": [Move(**item) for item in found["moves"]]})
+        return self._described(Certificate, "certificate")
 
     @cached_property
     def referee(self) -> Refereed:
         """What the referee found; raises as :attr:`audit` does."""
-        with self._described():
-            found = self.meta["referee"]
-            lengths = {
-                field.name: Worst(**found[field.name]) if found[field.name] else None
-                for field in fields(Refereed)
-                if "Worst" in str(field.type)
-            }
-            broken = [Violation(**item) for item in found["broken"]]
-            return read(Refereed, {**found, **lengths, "broken": broken})
+        return self._described(Refereed, "referee")
 
     @cached_property
     def stages(self) -> list[StageRecord]:
         """Homotopy table of the solve; raises as :attr:`audit` does."""
-        with self._described():
-            return [read(StageRecord, stage) for stage in self.meta["stages"]]
+        return self._described(list[StageRecord], "stages")
 
     def solution(self, problem: Problem) -> Solution:
         """Return the solution as it was solved, of ``problem`` built again at its parameters.
@@ -104,33 +83,27 @@ class StoredRun:
         """
         if self.kind != "solve":
             raise InputError(f"{self.path} holds a {self.kind} study, expected a run of ocp solve")
-        meta, data = self.meta, self.data
-        with self._described():
-            return Solution(
-                data=data,
-                cost=number(meta["cost"]),
-                status=self.status,
-                audit=self.audit,
-                certificate=self.certificate,
-                referee=self.referee,
-                idle_cost=number(meta["idle_cost"]),
-                stages=self.stages,
-                iterations=meta["iterations"],
-                build_s=number(meta["build_s"]),
-                solve_s=number(meta["solve_s"]),
-                record=self.record,
-                problem=problem,
-                values={parameter.name: parameter.value for parameter in problem.parameters},
-                gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
-                others=meta["others"],
-                evaluation_s=number(meta.get("evaluation_s")),
-            )  # fmt: skip
+        data, numbers = self.data, ("cost", "idle_cost", "build_s", "solve_s", "evaluation_s")
+        return Solution(
+            data=data,
+            status=self.status,
+            audit=self.audit,
+            certificate=self.certificate,
+            referee=self.referee,
+            stages=self.stages,
+            iterations=self._described(int, "iterations"),
+            record=self.record,
+            problem=problem,
+            values=problem.parameters.defaults,
+            gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
+            others=self._described(list, "others"),
+            **{name: self._described(float, name) for name in numbers},
+        )
 
-    @contextmanager
-    def _described(self) -> Iterator[None]:
+    def _described(self, kind: Any, key: str) -> Any:
         try:
-            yield
-        except (KeyError, TypeError, StopIteration) as error:
+            return read(kind, self.meta[key])
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise DamagedRun(
                 f"{self.path / META_FILE}: the solution's description is incomplete ({error!r})"
             ) from error

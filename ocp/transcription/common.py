@@ -104,6 +104,16 @@ class Graph:
         both = np.concatenate([K, variables["k"].index], axis=1)
         return np.broadcast_to(both, (self.problem.N, both.shape[1]))
 
+    def picked(self, w: ca.SX, u: ca.SX) -> ca.Function:
+        """Map a stage's locals ``w`` and all parameters to x, the input ``u`` and the step's p."""
+        return ca.Function("pick", [w, self.p], [self.problem.system.x, u, self.step.p.vector])
+
+    def contact_solve(self, w: ca.SX, u: ca.SX) -> ca.Function:
+        """Map the same to the step's solved inner unknowns."""
+        local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", self.p.numel())
+        solved = self.step.solve_inner(*self.picked(w, u)(local, p))
+        return ca.Function("contact_solve", [local, p], [solved], ["w", "p"], ["inner"])
+
     def component_names(self, kind: str) -> tuple[str, ...]:
         """Names of the states, inputs or contacts."""
         system = self.problem.system

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -45,30 +45,35 @@ class Direct:
                 " multiple-shooting, or gradient=total"
             )
         graph = Graph(problem, step, policy)
-        variables, constraints = _variables(graph), Layout()
-        stages = [_interval(graph, variables, constraints, form)]
-        stages.append(terminal_stage(graph, variables, constraints))
-        stages += periodicity(graph, variables, constraints)
-        stages += gain_penalty(graph, variables)
-        data = graph.data()
-        parts = assemble(stages, variables.size, data.size, constraints.size, len(graph.names),
-                         compiled)  # fmt: skip
+        variables, constraints = trajectory_variables(graph, pairs=True), Layout()
+        interval = _interval(graph, variables, constraints, form)
         pairs = np.stack([variables["lam"].index.ravel(), variables["gap"].index.ravel()])
-        return NLP(
-            problem, step, policy, self.name, variables, constraints, graph.names, data,
-            parts.f_g, parts.gradient, parts.jacobian, parts.hessian, form, pairs,
-        )  # fmt: skip
+        return whole(self.name, graph, variables, constraints, interval, compiled,
+                     form=form, pairs=pairs)  # fmt: skip
 
 
-def _variables(graph: Graph) -> Layout:
-    layout = Layout()
-    S, N, n = graph.scenarios, graph.problem.N, graph.step.n
+def whole(
+    method: str, graph: Graph, variables: Layout, constraints: Layout, interval: Stage,
+    compiled: Compile | None, **own: Any,
+) -> NLP:  # fmt: skip
+    """The NLP of its intervals, the end, periodicity and the penalty of gains."""
+    end = terminal_stage(graph, variables, constraints)
+    back = periodicity(graph, variables, constraints)
+    stages = [interval, end, *back, *gain_penalty(graph, variables)]
+    data, n_p = graph.data(), len(graph.names)
+    made = assemble(stages, variables.size, data.size, constraints.size, n_p, compiled)
+    return NLP(graph.problem, graph.step, graph.policy, method, variables, constraints,
+               graph.names, data, *made, **own)  # fmt: skip
+
+
+def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
+    """States, inputs, gains where inputs come from them, and with ``pairs`` lam and gap."""
+    layout, (S, N, n) = Layout(), (graph.scenarios, graph.problem.N, graph.step.n)
     graph.add_start(layout)
     layout.add("x", (S, N, graph.nx), graph.component_names("x"))
-    rows = S if graph.feedback else 1
-    layout.add("u", (rows, N, graph.nu), graph.component_names("u"))
-    layout.add("lam", (S, N, n), graph.component_names("lam"))
-    layout.add("gap", (S, N, n), graph.component_names("lam"))
+    layout.add("u", (S if graph.feedback else 1, N, graph.nu), graph.component_names("u"))
+    for name in ("lam", "gap") if pairs else ():
+        layout.add(name, (S, N, n), graph.component_names("lam"))
     graph.add_gains(layout)
     return layout
 

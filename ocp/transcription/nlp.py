@@ -60,11 +60,10 @@ class NLP(Program):
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """Put parameter values, by name, and the initial data they imply into the vector p."""
-        table = self.problem.parameters
-        physical = np.array([values[name] for name in table.names])
+        physical = self.problem.parameters.pack(values)
         x0 = self.problem.initial_states(physical)
         u_before = np.array(self.problem.limits(physical)[1]).ravel()
-        head = np.array([values[name] for name in self.names])
+        head = [values[name] for name in self.names]
         return np.concatenate([head, self.data.pack({"x0": x0, "u_before": u_before})])
 
     def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -77,7 +76,7 @@ class NLP(Program):
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
         """Bounds ``lbx ubx lbg ubg`` at the given parameter values."""
         problem = self.problem
-        physical = np.array([values[name] for name in problem.parameters.names])
+        physical = problem.parameters.pack(values)
         limits = [np.array(v).ravel() for v in problem.limits(physical)]
         u_lower, u_upper, x_lower, x_upper = limits[2:]
         known = {
@@ -133,7 +132,7 @@ class NLP(Program):
         known = {"x": x, "x0": x, "u": u, "k": u, "K": u[:, None] / x, "lam": lam, "gap": 1.0}
         own = np.full(self.m, -1)
         own[self.constraints["gap_definition"].index] = self.variables["gap"].index
-        values = {parameter.name: float(parameter.value) for parameter in table}
+        values = table.defaults
         natural = {p.name: values[p.name] / units.of(p.unit) for p in table}
         given = [
             self.parameter_vector({"penalty": 0.0, "relaxation": 0.0, **part})

@@ -19,6 +19,7 @@ from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.layout import Layout
+from ocp.programs.program import Functions
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Compile, Stage
@@ -55,13 +56,13 @@ class SingleShooting:
         else:
             variables.add("u", (1, problem.N, graph.nu), graph.component_names("u"))
         condensed = _Condensed(graph, variables, constraints, compiled)
-        f_g, gradient, jacobian, hessian, trajectories = condensed.functions()
+        functions, trajectories = condensed.functions()
         inputs = [ca.MX.sym(name, *trajectories.size_in(name)) for name in ("theta", "p")]
         _, _, lam, gap = trajectories(*inputs)
         contacts = ca.Function("contacts", inputs, [lam, gap])
         return NLP(
             problem, step, policy, self.name, variables, constraints, graph.names, graph.data(),
-            f_g, gradient, jacobian, hessian, trajectories=trajectories, contacts=contacts,
+            *functions, trajectories=trajectories, contacts=contacts,
         )  # fmt: skip
 
 
@@ -115,16 +116,10 @@ class _Condensed:
             "shooting", w, graph.p, closed(graph.stage_cost()), outputs,
             np.zeros((self.N * self.S, w.numel()), dtype=int),
             np.zeros((self.N * self.S, outputs.numel()), dtype=int), 1 / self.S,
-            step.inner, relation, closed(step.relation_jacobian), self._solve(w, u), held,
+            step.inner, relation, closed(step.relation_jacobian),
+            self.make(graph.contact_solve(w, u)), held,
         )  # fmt: skip
         self.gap = ca.Function("gap", [w, graph.p, step.inner], [gap, u])
-
-    def _solve(self, w: ca.SX, u: ca.SX) -> ca.Function:
-        graph, step = self.graph, self.graph.step
-        picked = ca.Function("pick", [w, graph.p], [graph.problem.system.x, u, step.p.vector])
-        local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", graph.p.numel())
-        solved = step.solve_inner(*picked(local, p))
-        return self.make(ca.Function("contact_solve", [local, p], [solved]))
 
     def _terminal_expressions(self) -> None:
         graph, problem = self.graph, self.graph.problem
@@ -162,8 +157,8 @@ class _Condensed:
             lams.append(lam_all)
         return ca.horzcat(*states), ca.horzcat(*ws), ca.horzcat(*lams)
 
-    def functions(self) -> tuple[ca.Function, ...]:
-        """``f_g, gradient, jacobian, hessian, trajectories``."""
+    def functions(self) -> tuple[Functions, ca.Function]:
+        """The program's functions, and ``trajectories``."""
         graph, n = self.graph, self.variables.size
         theta, full = ca.MX.sym("x", n), ca.MX.sym("p", graph.p.numel() + graph.data().size)
         p, data = full[: graph.p.numel()], full[graph.p.numel() :]
@@ -174,23 +169,15 @@ class _Condensed:
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.constraints.size)
         hess = self._hessian(theta, p, xi[:, ends], w, lam, lam_f, lam_g, first)
         gap, u = self.gap.map(self.N * self.S)(w, ca.repmat(p, 1, self.N * self.S), lam)
-        given, slope = ["x", "p"], first["gradient"]
         impulses = lam[lam.shape[0] - graph.step.n :, :]
         dense = ca.Sparsity.dense(self.constraints.size, n)
         jac = ca.project(first["jacobian"], dense) if self.constraints.size else ca.MX(0, n)
-        return (
-            ca.Function("nlp", [theta, full], [f, g], given, ["f", "g"]),
-            ca.Function("grad_f", [theta, full], [f, slope], given, ["f", "grad:f:x"]),
-            ca.Function("jac_g", [theta, full], [g, jac], given, ["g", "jac:g:x"]),
-            ca.Function(
-                "hess_lag", [theta, full, lam_f, lam_g], [hess], ["x", "p", "lam:f", "lam:g"],
-                ["triu:hess:gamma:x:x"],
-            ),
-            ca.Function(
-                "trajectories", [theta, full], [xi[: graph.nx, :], u, impulses, gap],
-                ["theta", "p"], ["x", "u", "lam", "gap"],
-            ),
+        trajectories = ca.Function(
+            "trajectories", [theta, full], [xi[: graph.nx, :], u, impulses, gap],
+            ["theta", "p"], ["x", "u", "lam", "gap"],
         )  # fmt: skip
+        given = (theta, full, lam_f, lam_g)
+        return Functions.of(given, (f, g), (f, first["gradient"]), (g, jac), hess), trajectories
 
     def _values(
         self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX

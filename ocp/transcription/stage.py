@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems.elimination import solve_without_pivoting
+from ocp.programs.program import Functions
 
 Compile = Callable[[ca.Function], ca.Function]
 
@@ -153,18 +154,8 @@ def _listed(value: object) -> list[ca.MX]:
     return list(value) if isinstance(value, (list, tuple)) else [value]  # pyright: ignore
 
 
-@dataclass(eq=False)
-class Assembly:
-    """The four functions that a solver needs, see :class:`~ocp.transcription.nlp.NLP`."""
-
-    f_g: ca.Function
-    gradient: ca.Function
-    jacobian: ca.Function
-    hessian: ca.Function
-
-
 def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int,
-             compiled: Compile | None = None) -> Assembly:  # fmt: skip
+             compiled: Compile | None = None) -> Functions:  # fmt: skip
     """Assemble an NLP of n variables and m constraints from stages.
 
     ``n_p`` parameters come first in the parameter vector, ``n_data`` data entries after them.
@@ -177,7 +168,6 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int,
     costs = [_Mapped(stage, make(stage.cost_value()))(source, p) for stage in stages]
     values = [_Mapped(stage, make(stage.constraint_values()))(source, p) for stage in stages]
     f, g = _sum_costs(costs), _collect(stages, [v[0] for v in values], m)
-    f_g = ca.Function("nlp", [x, full], [f, g], ["x", "p"], ["f", "g"])
 
     slope = [_Mapped(stage, make(stage.cost_slope()))(source, p) for stage in stages]
     grad = _scattered_gradient(stages, [v[1] for v in slope], n)
@@ -187,9 +177,6 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int,
     jac = _scattered_jacobian(
         [(stage, pattern) for stage, _, pattern in made], [v[1] for v in first], n, m
     )
-    outputs = [_sum_costs(slope), grad]
-    gradient = ca.Function("grad_f", [x, full], outputs, ["x", "p"], ["f", "grad:f:x"])
-    jacobian = ca.Function("jac_g", [x, full], [g1, jac], ["x", "p"], ["g", "jac:g:x"])
 
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", m)
     patterns, parts = [], []
@@ -200,14 +187,8 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int,
         parts.append(_Mapped(stage, make(function))(source, p, scale, multipliers)[0])
         patterns.append((stage, pattern))
     hess = _scattered_hessian(patterns, parts, n)
-    hessian = ca.Function(
-        "hess_lag",
-        [x, full, lam_f, lam_g],
-        [hess],
-        ["x", "p", "lam:f", "lam:g"],
-        ["triu:hess:gamma:x:x"],
-    )
-    return Assembly(f_g, gradient, jacobian, hessian)
+    given = (x, full, lam_f, lam_g)
+    return Functions.of(given, (f, g), (_sum_costs(slope), grad), (g1, jac), hess)
 
 
 def _sum_costs(values: list[list[ca.MX]]) -> ca.MX:

@@ -48,8 +48,7 @@ def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
 
 
 def _step_values(nlp: NLP, p: np.ndarray) -> np.ndarray:
-    position = {name: i for i, name in enumerate(nlp.names)}
-    return np.array([p[position[name]] for name in nlp.step.p.names])
+    return nlp.step.p.pack(dict(zip(nlp.names, p, strict=False)))
 
 
 def _solved_contacts(nlp: NLP, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:

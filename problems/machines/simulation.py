@@ -65,7 +65,7 @@ def simulate(
             f"{name}: the inputs have shape {plan.shape}, expected ({steps},"
             f" {problem.system.nu}), one row for each step"
         )
-    values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
+    values = problem.parameters.defaults
     try:
         return roll_out(problem, plan[None], values, law, x0[None])
     except NotConverged as lost:
@@ -77,8 +77,7 @@ def _reason(
 ) -> str:
     """Why the rollout of ``plan`` (N, nu) from ``x0`` (nx,) was ``lost``, as a sentence."""
     step, system = problem.exact_step if law is None else law.close(problem.system), problem.system
-    own = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
-    p = np.array([own.get(parameter.name, parameter.value) for parameter in step.p])
+    p = step.p.pack(problem.parameters.defaults)
     x = [x0]
     for u in plan:
         after, _, _, error = (np.array(part).ravel() for part in step.solve(x[-1], u, p))

@@ -56,15 +56,15 @@ def check(options: ContinueOptions) -> Request:
 def run(options: ContinueOptions, asked: Request) -> int:
     """Follow a solution along a parameter of the problem, the law or the start; store the path."""
     from ocp import store
-    from ocp.continuation import path_dataset
-    from reports import path_tables
+    from ocp.continuation import curve_dataset
+    from reports import curve_tables
 
     path, interrupted = _followed(options, asked)
     output, meta = options.output, _meta(options, asked, path)
-    stored = store.write(options.out, asked.session.problem.name, path_dataset(path), meta)
-    output.note(path_tables.path_table(path.parameter, meta["points"]))
+    stored = store.write(options.out, asked.session.problem.name, curve_dataset(path), meta)
+    output.note(curve_tables.curve_table(path.parameter, meta["points"]))
     if path.events:
-        output.note(path_tables.event_table(path.parameter, meta["events"]))
+        output.note(curve_tables.event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])
     output.finish(stored, meta, options.pdf)
     if interrupted:
@@ -76,14 +76,14 @@ def _followed(options: ContinueOptions, asked: Request) -> tuple[Continuation, b
     """The path, and whether Ctrl-C ended it; what was finished by then is the path."""
     from ocp.continuation import Continuation, continue_over, resolve
     from reports.cli import interrupt
-    from reports.path_tables import point_line
+    from reports.curve_tables import curve_line
 
     session, over, finished = asked.session, options.over, []
 
     def note(point: Any) -> None:
         finished.append(point)
         if not options.quiet:
-            print(point_line(over, point.row()), file=sys.stderr, flush=True)
+            print(curve_line(over, point.row()), file=sys.stderr, flush=True)
         interrupt.check()
 
     try:

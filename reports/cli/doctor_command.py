@@ -1,4 +1,4 @@
-"""``ocp doctor``: what this machine has, and whether the house stands on one root."""
+"""``ocp doctor``: what this computer has, and whether the house stands on one root."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def check(options: DoctorOptions) -> dict[str, Any]:
 def run(options: DoctorOptions, place: dict[str, Any]) -> int:
     """Show CasADi's plugins, the compiler, threads, versions, and where the packages lie."""
     cleared = {"cleared": _clear(options.output)} if options.clear_cache else {}
-    found = {**place, **machine(), **cleared}
+    found = {**place, **computer(), **cleared}
     options.output.document(found)
     if not options.as_json:
         for key, value in found.items():
@@ -72,7 +72,7 @@ def common_root(roots: dict[str, str]) -> str:
     return next(iter(roots.values()))
 
 
-def machine() -> dict[str, Any]:
+def computer() -> dict[str, Any]:
     """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
     import casadi as ca
 

@@ -63,7 +63,7 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     check_places(options.out, options.pdf)
     identity = {**asked.record, "backend": options.backend, "by": versions()}
     checkpoint = Checkpoint(options.out, asked.spec.name, identity)
-    study = SweepRun(asked.objective, asked.plan, asked.sweep, checkpoint, asked.rebuilt)
+    study = SweepRun(asked.objective, asked.sampling, asked.sweep, checkpoint, asked.rebuilt)
     check_time(f"{study.samples:.3g} samples of {asked.spec.name}", study.seconds())
     return asked, study, checkpoint
 
@@ -113,7 +113,7 @@ def _meta(asked: EstimateRequest, study: SweepRun) -> dict[str, Any]:
         "kind": "estimate",
         "argv": asked.options.argv,
         "problem": asked.spec.name,
-        "seed": asked.plan.seed,
+        "seed": asked.sampling.seed,
         "record": asked.record,
         "sweep": None if swept is None else {
             "name": swept.name, "values": list(swept.values), "unit": asked.unit(),

@@ -1,4 +1,4 @@
-"""What a person asked to be estimated: the objective, the plan, the sweep, all checked."""
+"""What a person asked to be estimated: the objective, the sampling, the sweep, all checked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from reports.cli.choices import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from ocp.gradients.estimation import Plan
+    from ocp.gradients.estimation import Sampling
     from ocp.gradients.objective import SampledObjective
     from ocp.gradients.sweep import Sweep
     from problems.objectives import ObjectiveSpec
@@ -39,13 +39,13 @@ class EstimateRequest:
     given: dict[str, str]
     objective: SampledObjective
     params: dict[str, Any]
-    plan: Plan
+    sampling: Sampling
     sweep: Sweep | None
 
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
         """Check the words of a command line; raises InputError for the first that does not fit."""
-        from ocp.gradients.estimation import Plan
+        from ocp.gradients.estimation import Sampling
         from ocp.gradients.known_gradient import is_sampled
         from ocp.gradients.sweep import Sweep
         from problems.objectives import named
@@ -59,32 +59,33 @@ class EstimateRequest:
         most = options.reference_samples
         sweep = None if options.sweep is None else Sweep.read(options.sweep)
         objective, params, usual = build(spec, given, options)
-        plan = Plan(
+        sampling = Sampling(
             estimators, whole("--samples", options.samples),
             usual if options.sigma is None else options.sigma, options.seed, rules,
             options.reference, None if most is None else whole("--reference-samples", most),
         )  # fmt: skip
-        if most is not None and not is_sampled(objective, plan.sigma, plan.reference):
+        if most is not None and not is_sampled(objective, sampling.sigma, sampling.reference):
             raise InputError(
                 f"the reference of {spec.name} is not sampled; drop --reference-samples or ask for"
                 " --reference zobg"
             )
         if "sigma" in params:
-            params["sigma"] = plan.sigma
+            params["sigma"] = sampling.sigma
         if sweep is not None:
             _check_sweep(sweep, spec, given, options)
-        return cls(options, spec, given, objective, params, plan, sweep)
+        return cls(options, spec, given, objective, params, sampling, sweep)
 
     @property
     def record(self) -> dict[str, Any]:
         """What determines the answer."""
-        options, plan, swept = self.options, self.plan, self.sweep
+        options, sampling, swept = self.options, self.sampling, self.sweep
         path = getattr(self.spec, "path", None)
         record = {
-            "problem": self.spec.name, "params": self.params, "estimators": list(plan.estimators),
-            "samples": plan.samples, "sigma": plan.sigma, "seed": plan.seed,
-            "reference": plan.reference, "reference_samples": plan.most_reference_samples,
-            "rules": {rule.name: vars(rule) for rule in plan.rules},
+            "problem": self.spec.name, "params": self.params,
+            "estimators": list(sampling.estimators), "samples": sampling.samples,
+            "sigma": sampling.sigma, "seed": sampling.seed,
+            "reference": sampling.reference, "reference_samples": sampling.most_reference_samples,
+            "rules": {rule.name: vars(rule) for rule in sampling.rules},
             "sweep": None if swept is None else {"name": swept.name, "values": swept.values},
             "source": None if path is None else str(path),
         }  # fmt: skip
@@ -120,7 +121,7 @@ class EstimateRequest:
         units = {s.name: s.unit for s in self.objective.decision}
         step = getattr(self.objective, "step", None)
         if step is not None:
-            units |= {parameter.name: parameter.unit for parameter in step.p}
+            units |= step.p.units
         return units.get(self.sweep.name, "1")
 
 

@@ -75,7 +75,7 @@ class Asked:
         """Values of the step's parameters."""
         from ocp.rollout import step_values
 
-        defaults = {parameter.name: parameter.value for parameter in self.problem.parameters}
+        defaults = self.problem.parameters.defaults
         return step_values(self.problem, self.step, defaults, own=False)
 
     @property

@@ -49,11 +49,13 @@ class Request:
 
     def check_value(self, name: str, value: float) -> None:
         """Raise InputError where parameter ``name``, the law's or the problem's, cannot be so."""
-        if not name.startswith("contact."):
+        from dynamics.systems import KNOB
+
+        if not name.startswith(KNOB):
             self.spec.params({**self.params, name.removeprefix("problem."): value})
             return
         try:
-            self.session.law.at(**{name.removeprefix("contact."): value})
+            self.session.law.at(**{name.removeprefix(KNOB): value})
         except ValueError as error:
             raise InputError(str(error)) from error
 

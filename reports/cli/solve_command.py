@@ -122,9 +122,12 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
 def show(output: Output, solution: Solution) -> None:
     """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
     from reports import console
+    from reports.stages import left_out
 
     if solution.stages:
         output.note(console.stage_table(solution.stages))
+        if unseen := left_out(solution.stages):
+            output.note(unseen)
     output.note(console.result_table(solution))
     if solution.audit.contacts:
         output.note(console.contact_table(solution.audit))

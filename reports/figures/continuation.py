@@ -1,4 +1,4 @@
-"""Figures of a path over a parameter."""
+"""Figures of a curve over a parameter."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOST_STATES = 6
 _COLOURS = {"contact": GREEN, "fold": PURPLE, "switch": ORANGE}
 
 
-def path(view: RunView) -> Figure:
+def curve(view: RunView) -> Figure:
     """Cost and exact cost, complementarity, and iterations over the parameter, events marked."""
     points = view.run.meta["points"]
     value = _column(points, "value")
@@ -47,7 +47,7 @@ def path(view: RunView) -> Figure:
 
 
 def states(view: RunView) -> Figure | None:
-    """States of scenario 0 at a few points of the path, the first faint, the last dark."""
+    """States of scenario 0 at a few points of the curve, the first faint, the last dark."""
     x = view.array("x")
     if x is None or not len(x):
         return None

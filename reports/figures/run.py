@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from reports.console import knob_title
+from reports.stages import shown
 from reports.style import CYCLE, GREY, INK, PLANNED, REPLAYED, WIDTH
 from reports.view import RunView
 
@@ -176,10 +177,10 @@ def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
 
 def homotopy(view: RunView) -> Figure:
     """Cost, complementarity and residual after each stage."""
-    stages = view.run.stages
+    numbers, stages = zip(*shown(view.run.stages), strict=True)
     figure = Figure(figsize=(WIDTH, 2.0))
     left, right = figure.subplots(1, 2)
-    number = np.arange(1, len(stages) + 1)
+    number = np.array(numbers)
     kept = np.array([stage.accepted for stage in stages])
     cost = np.array([stage.cost for stage in stages], dtype=float)
     left.plot(number[kept], cost[kept], "o-")

@@ -14,6 +14,8 @@ from pathlib import Path
 import grimp
 import pytest
 
+from tests import check
+
 ROOT = Path(__file__).parents[2]
 IMPORTERS = ("import_module", "__import__")
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
@@ -93,3 +95,26 @@ def test_asking_what_there_is_loads_no_heavy_library(code: str) -> None:
         capture_output=True, text=True, cwd=ROOT, check=True,
     )  # fmt: skip
     assert done.stdout.splitlines()[-1] == "loaded []"
+
+
+def test_no_room_is_crowded() -> None:
+    """At most 22 files a folder; ``problems`` itself has one for each problem."""
+    rooms = {file.parent for name in PACKAGES for file in (ROOT / name).rglob("*.py")}
+    crowded = {
+        str(room.relative_to(ROOT)): n for room in rooms if (n := len([*room.glob("*.py")])) > 22
+    }
+    crowded.pop("problems", None)
+    assert crowded == {}
+
+
+def test_a_file_is_checked_by_its_own_tests() -> None:
+    nearest = {
+        "ocp/store/atomic.py": "tests/unit/test_store.py",
+        "ocp/judges/audit.py": "tests/unit/ocp/test_audit.py",
+        "dynamics/systems/parameters.py": "tests/unit/test_parameters.py",
+        "tests/unit/test_words.py": "tests/unit/test_words.py",
+    }
+    for file, test in nearest.items():
+        assert ROOT / test in check.tests_of(ROOT / file)[: check.MOST], file
+    commands = check.commands(ROOT / "problems/hopper_1d.py")
+    assert ["-k", "hopper-1d"] in [command[-2:] for command in commands]

@@ -18,9 +18,9 @@ CHUNK = 1024
 # Registers that a kernel works on at once: a graph unrolled over time is one chain of operations
 # that wait for each other, and compilers take their time over long graphs.
 ABREAST, ABREAST_LONG = 4, 2
-LONG = 4000
+LONG = 2500
 # Shorter functions than elsewhere: with registers abreast each is so many times as long.
-PART = 250
+PART = 500
 
 _DRIVER = """\
 static i64 evaluate(i64 begin, i64 end, const double *const *a, const i64 *shared,

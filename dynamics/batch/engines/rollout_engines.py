@@ -21,7 +21,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Request:
+class Call:
     """One evaluation of n rollouts; arrays have n rows, or one row shared by all.
 
     `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is given noise,
@@ -46,7 +46,7 @@ class Request:
         """Entries of a sample's vector in moments: cost, gradient, score times cost."""
         return 1 + self.theta.shape[1] * (self.gradient + self.score)
 
-    def part(self, begin: int, end: int) -> Request:
+    def part(self, begin: int, end: int) -> Call:
         """The same request for samples `begin <= i < end` alone."""
         rows = {
             name: value[begin:end] if value is not None and len(value) > 1 else value
@@ -59,7 +59,7 @@ class Request:
             for f in fields(self)
             if f.name not in (*rows, "n", "w", "gaussian")
         }
-        return Request(n=end - begin, w=w, gaussian=gaussian, **rows, **same)
+        return Call(n=end - begin, w=w, gaussian=gaussian, **rows, **same)
 
 
 class RolloutEngine(Protocol):
@@ -67,11 +67,11 @@ class RolloutEngine(Protocol):
 
     chunk: int
 
-    def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
+    def samples(self, q: Call, cost: Array, gradient: Array | None, score: Array | None) -> int:
         """Fill `cost` (n, 1), and `gradient` and `score` (n, parts * n_theta) where asked."""
         ...
 
-    def moments(self, q: Request, table: Array) -> int:
+    def moments(self, q: Call, table: Array) -> int:
         """Fill a row `(count, means, second moments)` of `table` for each chunk of samples."""
         ...
 
@@ -111,16 +111,16 @@ class CompiledRolloutEngine:
         self._nu, self._threads, self._make = nu, threads, make
         self._runs = {False: make(False)}
 
-    def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
+    def samples(self, q: Call, cost: Array, gradient: Array | None, score: Array | None) -> int:
         """Fill the arrays sample by sample."""
         want = (gradient is not None) + 2 * (score is not None)
         return self._all(q, want, cost=cost, gradient=gradient, score=score)
 
-    def moments(self, q: Request, table: Array) -> int:
+    def moments(self, q: Call, table: Array) -> int:
         """Fill the table chunk by chunk; nothing is kept of single samples."""
         return self._all(q, q.gradient + 2 * q.score + 4, moments=table)
 
-    def _all(self, q: Request, want: int, **results: Array | None) -> int:
+    def _all(self, q: Call, want: int, **results: Array | None) -> int:
         job, _alive = self._job(q, want, results)
         own_p = len(q.p) > 1
         if own_p not in self._runs:
@@ -130,7 +130,7 @@ class CompiledRolloutEngine:
         run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
         return run_chunks(run, q.n, self.chunk, self._threads, ctypes.addressof(job))
 
-    def _job(self, q: Request, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
+    def _job(self, q: Call, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
         """The structure to pass, and the arrays that must live as long as it is in use."""
         noise, key, sigma = 0, (0, 0), np.ones(self._nu)
         if q.w is not None:
@@ -190,7 +190,7 @@ class ChunkEngine:
         self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
         self._rollout = ChunkRollout(tapes, horizon, per_step, make)
 
-    def samples(self, q: Request, cost: Array, gradient: Array | None, score: Array | None) -> int:
+    def samples(self, q: Call, cost: Array, gradient: Array | None, score: Array | None) -> int:
         """Fill the arrays sample by sample."""
         bad: list[int] = []
 
@@ -207,7 +207,7 @@ class ChunkEngine:
         over_chunks(q.n, self.chunk, self._threads, work)
         return sum(bad)
 
-    def moments(self, q: Request, table: Array) -> int:
+    def moments(self, q: Call, table: Array) -> int:
         """Fill the table chunk by chunk; nothing is kept of single samples."""
         bad: list[int] = []
 
@@ -224,7 +224,7 @@ class ChunkEngine:
         over_chunks(q.n, self.chunk, self._threads, work)
         return sum(bad)
 
-    def _chunk(self, q: Request) -> tuple[Array, Array, Array]:
+    def _chunk(self, q: Call) -> tuple[Array, Array, Array]:
         """Cost (m,), gradient and score (parts * n_theta or 0, m) of one chunk, until the next."""
         tapes, m = self._tapes, q.n
         scratch = self._rollout.scratch
@@ -244,7 +244,7 @@ class ChunkEngine:
             self._rollout.scores(x, theta, w * precision[:, None], score)
         return cost, gradient.reshape(-1, m), score.reshape(-1, m)
 
-    def _noise(self, q: Request) -> Array:
+    def _noise(self, q: Call) -> Array:
         if q.w is not None:
             return q.w
         if q.gaussian is not None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-import casadi as ca
 import numpy as np
 
 from dynamics.contact import Barrier
-from dynamics.systems import Parameter, ParameterTable, lcs
+from dynamics.systems import ParameterTable, entries, lcs
 from dynamics.systems.lcs import is_p_matrix
 from problems.studies.shared.sampled_step import SampledStep
 
@@ -45,21 +44,17 @@ class Softened:
 def solve(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> Softened:
     """Solve ``lam (z + F lam) = mu`` for z (k, n), F (k, n, n), mu (k,) by the barrier law."""
     n = z.shape[1]
-    entries = {f"F_{i}_{j}": F[:, i, j] for i in range(n) for j in range(n)}
-    found = _solver(n)(z, np.zeros((1, 1)), contact__mu=mu, **entries)
+    found = _solver(n)(z, np.zeros((1, 1)), {"F": F}, mu=mu)
     return Softened(found.lam, found.gap, found.lam_by_x)
 
 
 @cache
 def _solver(n: int) -> SampledStep:
     """Return the step ``x+ = lam`` of the system whose state is z; F is made of parameters."""
-    table = ParameterTable(
-        Parameter(f"F_{i}_{j}", float(i == j)) for i in range(n) for j in range(n)
-    )
-    F = ca.vertcat(*(ca.horzcat(*(table[f"F_{i}_{j}"] for j in range(n))) for i in range(n)))
     none, one = np.zeros((n, n)), np.eye(n)
-    system = lcs("random", A=none, B=np.zeros((n, 1)), C=one, D=one, E=np.zeros((n, 1)), F=F,
-                 parameters=table)  # fmt: skip
+    table = ParameterTable(entries("F", one))
+    system = lcs("random", A=none, B=np.zeros((n, 1)), C=one, D=one, E=np.zeros((n, 1)),
+                 F=table["F"], parameters=table)  # fmt: skip
     return SampledStep(Barrier(mu=1.0).close(system))
 
 

@@ -39,14 +39,14 @@ def run(params: Params) -> xr.Dataset:
     running = np.stack([_running_mean(here, name, params) for name in ORDERS])
     at = [coulomb.at({"nu": nu}) for nu in nus]
     few = [_variances(o, i, params.n_samples, params) for i, o in enumerate(at)]
-    forms = [objective.reference(params.sigma) for objective in at]
+    forms = [objective.closed_form(params.sigma) for objective in at]
     wide, behind = (
         [_variances(o.at({"nu": nu}), 1000 + i, params.many, params) for i, nu in enumerate(grid)]
         for o, grid in ((coulomb, coarse), (block, widths))
     )
     slip = np.linspace(-1, 1, 401)
     half, silent = _at_half(coulomb, params), _silent(here, params)
-    known = here.reference(params.sigma)
+    known = here.closed_form(params.sigma)
     assert known is not None
     unit = "s/m"
     return xr.Dataset(
@@ -103,7 +103,7 @@ def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
     rows = []
     for index, nu in enumerate(params.sigma * _RATIOS):
         here = coulomb.at({"theta": nu / 2, "nu": nu})
-        known = here.reference(params.sigma)
+        known = here.closed_form(params.sigma)
         assert known is not None
         seed = np.random.SeedSequence(params.seed, spawn_key=(2000 + index,))
         noise = Gaussian(params.sigma, seed)

@@ -43,7 +43,7 @@ def run(params: Params) -> xr.Dataset:
             mean[j, i], variance[j, i] = estimate.mean[0], estimate.variance[0]
             error[j, i] = estimate.standard_error[0]
         sampled[i] = mean_cost(objective, Gaussian(params.sigma, seed), params.n_samples)
-        forms.append(objective.reference(params.sigma))
+        forms.append(objective.closed_form(params.sigma))
     boxes = params.sigma * np.array(_BOXES)
     edges = boxes[:, None] / 2
     # Half of the box on each side of w = -theta; differences of the nearer tail do not cancel.

@@ -105,7 +105,7 @@ def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
     exact, barrier = SampledStep(Exact().close(system)), SampledStep(Barrier(mu=1.0).close(system))
     truth = exact(rest, u[:, None])
     mus = _box_mus(params)
-    soft = [barrier(rest, u[:, None], contact__mu=mu) for mu in mus]
+    soft = [barrier(rest, u[:, None], mu=mu) for mu in mus]
     averaged, spread = [], []
     for count in COUNTS:
         # Off the two kinks the exact derivative is one of two constants, so a look-up is exact.
@@ -115,7 +115,7 @@ def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
         spread.append(slopes.std(axis=1, ddof=1).max() / np.sqrt(count))
     bound = params.friction * params.g
     limit, _ = smoothed_box(u, params.sigma_box, **arguments)
-    at_step = barrier(rest, np.array([[bound]]), contact__mu=mus).x_by_u[:, 1, 0]
+    at_step = barrier(rest, np.array([[bound]]), mu=mus).x_by_u[:, 1, 0]
     fine = np.linspace(0, 4 * bound, 2001)
     costs = [cost_of_averaging(fine, mu, **arguments) for mu in mus]
     closed, slope = zip(*(softened_box(u, mu, **arguments) for mu in mus), strict=True)

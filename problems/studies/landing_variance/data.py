@@ -77,8 +77,7 @@ def _variances(params: Params, h: float, steps: int) -> np.ndarray:
     start = np.array([0.0, params.q0, 0.0, 0.0])
     found = []
     for mu in MUS:
-        values = step.p.values
-        values[step.p.index("contact.mu")] = mu
+        values = step.p.pack(mu=mu)
         up = rollout(start, theta, values, noise)
         down = rollout(start, theta, values, -noise, gradient=False)
         assert up.gradient is not None

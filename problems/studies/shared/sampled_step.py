@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -54,14 +55,17 @@ class SampledStep:
         dense = [ca.densify(output) for output in outputs]
         self._derive = BatchFunction(ca.Function("step_derivatives", [x, u, p, lam], dense))
 
-    def __call__(self, x: ArrayLike, u: ArrayLike, **parameters: ArrayLike) -> StepValues:
+    def __call__(
+        self, x: ArrayLike, u: ArrayLike, values: Mapping[str, ArrayLike] | None = None,
+        **knobs: ArrayLike,
+    ) -> StepValues:  # fmt: skip
         """Evaluate at ``x`` (n, nx) and ``u`` (n, nu), either shared by all points as one row.
 
-        ``parameters`` replace those of the step; names with a dot are written with ``__``
-        (``contact__mu``), and each is a number or (n,).
+        ``values`` of parameters and ``knobs`` of the law replace those of the step, each a number,
+        or one for each point, see :meth:`dynamics.systems.ParameterTable.pack`.
         """
         system = self._step.system
-        states, inputs, p = self._rows(x, u, parameters)
+        states, inputs, p = self._rows(x, u, self._step.p.pack(values, **knobs))
         n = len(states)
         x_next, lam, gap, _ = self._solve(states, inputs, p)
         mu, by_x, by_u, lam_by_x = self._derive(states, inputs, p, lam)
@@ -76,14 +80,12 @@ class SampledStep:
             matrices(lam_by_x, self._step.n, system.nx),
         )  # fmt: skip
 
-    def roll_out(
-        self, x: ArrayLike, u: ArrayLike, steps: int, **parameters: ArrayLike
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def roll_out(self, x: ArrayLike, u: ArrayLike, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Repeat the step under a constant input: states (n, steps + 1, nx), lam (n, steps, nlam).
 
-        Arguments as for a call.
+        ``x`` and ``u`` as for a call.
         """
-        states, inputs, p = self._rows(x, u, parameters)
+        states, inputs, p = self._rows(x, u, self._step.p.values)
         n = len(states)
         path = np.empty((n, steps + 1, self._step.system.nx))
         impulses = np.empty((n, steps, self._step.n))
@@ -92,14 +94,8 @@ class SampledStep:
             path[:, k + 1], impulses[:, k], _, _ = self._solve(path[:, k], inputs, p)
         return path, impulses
 
-    def _rows(
-        self, x: ArrayLike, u: ArrayLike, parameters: dict[str, ArrayLike]
-    ) -> list[np.ndarray]:
-        states = np.atleast_2d(np.asarray(x, dtype=float))
-        inputs = np.atleast_2d(np.asarray(u, dtype=float))
-        given = {name.replace("__", "."): np.asarray(v) for name, v in parameters.items()}
-        n = max(len(states), len(inputs), *(value.size for value in given.values()), 1)
-        p = np.tile(self._step.p.values, (n, 1))
-        for name, value in given.items():
-            p[:, self._step.p.index(name)] = value
-        return [np.broadcast_to(a, (n, a.shape[1])) for a in (states, inputs, p)]
+    @staticmethod
+    def _rows(*arrays: ArrayLike) -> list[np.ndarray]:
+        rows = [np.atleast_2d(np.asarray(array, dtype=float)) for array in arrays]
+        n = max(len(array) for array in rows)
+        return [np.broadcast_to(array, (n, array.shape[1])) for array in rows]

@@ -48,9 +48,7 @@ def scalar_contact(
     """
     solve, derive, p = _built(law)
     points, none = np.reshape(np.asarray(z, dtype=float), (-1, 1)), np.zeros(1)
-    values = np.tile(p.values, (len(points), 1))
-    for name, given in {"F": F, **{f"contact.{k}": v for k, v in knobs.items()}}.items():
-        values[:, p.index(name)] = given
+    values = np.broadcast_to(p.pack({"F": F}, **knobs), (len(points), len(p)))
     _, impulse, _, _ = solve(points, none, values)
     found = derive(points, none, values, impulse)
     return ScalarContact(*(array[:, 0] for array in (impulse, *found)))

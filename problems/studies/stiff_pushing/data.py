@@ -81,7 +81,7 @@ def _unstable(params: Params) -> float:
     # In touch by 1 mm: the spring acts, and the Jacobian is that of the closed contact.
     fine = limit(params) * np.linspace(0.5, 1.5, 2001)
     touch = np.array([[0.001, _LENGTH, 0.0, 0.0]])
-    jacobians = SampledStep(spring)(touch, np.zeros((1, 1)), k=fine).x_by_x
+    jacobians = SampledStep(spring)(touch, np.zeros((1, 1)), {"k": fine}).x_by_x
     radius = np.abs(np.linalg.eigvals(jacobians)).max(axis=1)
     beyond = radius > 1 + 1e-6
     return float(fine[int(np.argmax(beyond))]) if beyond.any() else float("nan")

@@ -205,9 +205,11 @@ def test_fused_noise_and_moments():
     )
     cap = len(drawn) / seconds["drawing"].wall / case.horizon
     rate = n / seconds["fused"].wall
+    own = seconds["drawing"].processor / len(drawn) * case.horizon
     rows = [
         Row("rollouts with noise, gradient and moments", rate / 1e6, " M/s"),
         Row("the same / what NumPy's generator would cap", rate / cap, "x", least=4.0),
+        Row("by processor time, one core each", own * n / seconds["fused"].processor, "x"),
     ]
     tell("wall-1d, 40 steps, nothing stored", rows)
 

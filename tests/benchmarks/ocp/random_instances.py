@@ -149,7 +149,7 @@ def _misplaced(found: Solution) -> float:
     """
     problem, values = found.problem, found.values
     x, u = found.data["x"].values, found.data["u"].values
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     broken = broken_constraints(problem, x, u, physical)
     e, g, h = (values[name] for name in ("restitution", "g", "h"))
     fastest = np.sqrt(x[..., 5].max())

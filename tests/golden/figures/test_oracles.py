@@ -230,7 +230,9 @@ def test_the_spring_is_the_semi_implicit_one_and_fails_at_its_limit() -> None:
     assert step(x, u).x_next == pytest.approx(expected, abs=1e-12)
     assert limit(PushParams()) == pytest.approx(7992)
     for factor, grows in ((0.99, False), (1.01, True)):
-        closed = step(np.array([[0.01, 1.0, 0, 0]]), np.zeros((1, 1)), k=7992 * factor).x_by_x[0]
+        closed = step(np.array([[0.01, 1.0, 0, 0]]), np.zeros((1, 1)), {"k": 7992 * factor}).x_by_x[
+            0
+        ]
         assert (np.abs(np.linalg.eigvals(closed)).max() > 1 + 1e-9) is np.bool_(grows)
 
 

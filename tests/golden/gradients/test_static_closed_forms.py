@@ -75,7 +75,7 @@ def test_estimators_have_their_means_and_variances(name, nu, theta, sigma):
     """Within 5 standard errors at 1e6 samples; the error of a variance from the fourth moment."""
     values = {"theta": theta} | ({} if nu is None else {"nu": nu})
     objective = objective_spec(name).objective(values)
-    known = objective.reference(sigma)
+    known = objective.closed_form(sigma)
     found = estimate_gradient(objective, ("zobg", "fobg"), 1_000_000, sigma, seed=4)
     wanted = {
         "zobg": (known.gradient, known.zobg_variance, _zobg_fourth(name, values, sigma)),
@@ -111,7 +111,7 @@ def _fobg_fourth(name, values, sigma):
 
 def test_error_falls_with_the_root_of_the_number_of_samples():
     objective = objective_spec("heaviside").objective({"theta": 0.3})
-    true = float(objective.reference(0.5).gradient[0])
+    true = float(objective.closed_form(0.5).gradient[0])
     sizes = np.array([100, 1000, 10_000, 50_000])
     errors = []
     for n, runs in zip(sizes, (1000, 800, 500, 300), strict=True):
@@ -130,7 +130,7 @@ def test_error_falls_with_the_root_of_the_number_of_samples():
 @pytest.mark.parametrize(("name", "theta"), [("heaviside", 0.1), ("coulomb", 0.05)])
 def test_quadrature_agrees_with_the_closed_form(name, theta):
     objective = objective_spec(name).objective({"theta": theta})
-    found, known = quadrature(objective, 0.3), objective.reference(0.3)
+    found, known = quadrature(objective, 0.3), objective.closed_form(0.3)
     np.testing.assert_allclose(found.gradient, known.gradient, rtol=1e-4)
     assert abs(found.gradient - known.gradient)[0] <= 3 * found.standard_error[0] + 1e-9
 

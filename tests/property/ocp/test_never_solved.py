@@ -42,7 +42,7 @@ def without_constraints(name: str) -> Problem:
 def shaken(session: Session, seed: int) -> Rollout:
     """Random inputs about the guess, rolled out under the session's law."""
     problem, values = session.problem, session.values
-    physical = np.array([values[name] for name in problem.parameters.names])
+    physical = problem.parameters.pack(values)
     _, U = problem.initial_guess(physical)
     lower, upper = (np.array(v).ravel() for v in problem.limits(physical)[2:4])
     noise = np.random.default_rng(seed).standard_normal(U.shape)

@@ -226,7 +226,7 @@ def test_the_confidence_test_holds_back_a_biased_first_order():
         objective, ["alpha", "alpha-variance", "alpha-fixed"], 50_000, 0.2,
         rules=(ConfidenceTest(gamma=0.1), FixedWeight(alpha=0.25)),
     )  # fmt: skip
-    true = float(objective.reference(0.2).gradient[0])
+    true = float(objective.closed_form(0.2).gradient[0])
     assert found["alpha-variance"].choice.alpha == 1.0
     assert found["alpha-variance"].mean == 0.0
     assert abs(found["alpha"].mean[0] - true) <= 0.1

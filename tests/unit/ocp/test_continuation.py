@@ -9,7 +9,7 @@ import pytest
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Constraint, Direct, InputError, MultipleShooting, SingleShooting, solve
-from ocp.continuation import Continuation, PathPoint, continue_over, path_dataset, resolve
+from ocp.continuation import Continuation, CurvePoint, continue_over, curve_dataset, resolve
 from ocp.continuation.tracking import Tracker
 from ocp.session import Session
 from ocp.solve import new_session
@@ -166,14 +166,14 @@ def test_a_first_point_that_fails_is_told() -> None:
 
 
 def test_progress_is_told_point_by_point() -> None:
-    seen: list[PathPoint] = []
+    seen: list[CurvePoint] = []
     path = continue_over(barrier_session(), "M", 1.0, 1.2, 2, progress=seen.append)
     assert [point.value for point in seen] == [point.value for point in path.points]
 
 
 def test_all_trajectories_end_in_one_dataset() -> None:
     path = continue_over(barrier_session(), "M", 1.0, 2.0, 2)
-    data = path_dataset(path)
+    data = curve_dataset(path)
     np.testing.assert_allclose(data["value"], [1.0, 1.5, 2.0])
     np.testing.assert_allclose(data["cost"], costs(path))
     for i, point in enumerate(path.points):

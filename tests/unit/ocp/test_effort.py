@@ -11,7 +11,7 @@ import pytest
 from dynamics.contact import Barrier
 from ocp import effort, solve
 from ocp.errors import InputError
-from ocp.gradients.estimation import Plan
+from ocp.gradients.estimation import Sampling
 from ocp.gradients.sweep import SweepRun
 from problems import get
 from problems.objectives import objective_spec
@@ -60,9 +60,9 @@ def test_a_year_is_the_most(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_time_of_a_study_is_proportional_to_its_samples() -> None:
     objective = objective_spec("heaviside").objective()
-    plan = Plan(("zobg",), 10**13, reference="none")
-    study, longer = (SweepRun(objective, p) for p in (plan, replace(plan, samples=10**16)))
+    sampling = Sampling(("zobg",), 10**13, reference="none")
+    study, longer = (SweepRun(objective, p) for p in (sampling, replace(sampling, samples=10**16)))
     assert (study.samples, longer.samples) == (10**13, 10**16)
     # Each is timed by itself on a machine that does other things too.
     assert 100 < longer.seconds() / study.seconds() < 10_000
-    assert SweepRun(objective, replace(plan, samples=10**5)).seconds() == 0
+    assert SweepRun(objective, replace(sampling, samples=10**5)).seconds() == 0

@@ -20,8 +20,11 @@ def stopping_after(polishes: int):
 
 
 def test_the_best_finished_start_is_kept() -> None:
+    of_one: list[StageRecord] = []
+    solve(get("push-1d"), Exact(), progress=of_one.append)
+    polishes = [stage.knob for stage in of_one].count("active set")
     with pytest.raises(Interrupted) as stop:
-        solve(get("push-1d"), Exact(), starts=5, progress=stopping_after(2))
+        solve(get("push-1d"), Exact(), starts=5, progress=stopping_after(polishes))
     kept = stop.value.solution
     assert kept.success
     assert 1 <= len(kept.others) < 5

@@ -101,7 +101,7 @@ def test_beyond_the_end_the_last_state_is_held_with_its_own_contact(pushed: Solu
     x, u = pushed.data["x"].values[0], pushed.data["u"].values[0]
     np.testing.assert_allclose(blocks["x"][0, :20], x[1:], rtol=1e-14)
     np.testing.assert_allclose(blocks["x"][0, 20:], np.tile(x[-1], (5, 1)), rtol=1e-14)
-    p = np.array([session.values[name] for name in session.step.p.names])
+    p = session.step.p.pack(session.values)
     lam = float(session.step.solve(x[-1], u[-1], p)[1])
     np.testing.assert_allclose(blocks["lam"][0, 20:, 0], lam, rtol=1e-6)
 

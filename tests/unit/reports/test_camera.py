@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from problems.drawing import Disc, HalfPlane, Point, Shape
+from problems.drawing import Disc, HalfPlane, Mark, Shape
 from reports.camera import Camera, film
 
 R = 0.1
@@ -40,7 +40,7 @@ def test_a_motion_that_stays_is_seen_whole_and_still() -> None:
 
 def test_a_goal_in_the_picture_keeps_the_view_still() -> None:
     x = np.linspace(0, 5, 30)
-    (camera,) = film([rolling(x, Point(5, 0, "goal"))])
+    (camera,) = film([rolling(x, Mark(5, 0, "goal"))])
     assert holds(camera, x)
     assert np.ptp(windows(camera), axis=0).max() == 0
 
@@ -73,6 +73,6 @@ def test_the_plan_and_its_replay_share_a_still_window_that_holds_both() -> None:
 
 
 def test_a_point_that_stays_is_seen_in_its_surroundings() -> None:
-    (camera,) = film([[[Point(2, 3)]] * 4])
+    (camera,) = film([[[Mark(2, 3)]] * 4])
     np.testing.assert_allclose(windows(camera)[:, 0], [[1.5, 2.5]] * 4)
     np.testing.assert_allclose(windows(camera)[:, 1], [[2.5, 3.5]] * 4)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 
 from problems import names, spec
-from problems.drawing import Box, Capsule, ContactFrame, Disc, HalfPlane, Point, Segment, Spring
+from problems.drawing import Box, Capsule, ContactFrame, Disc, HalfPlane, Mark, Segment, Spring
 from reports import shapes
 
 
@@ -39,7 +39,7 @@ def test_every_problem_is_drawn(name: str) -> None:
     "shape",
     [
         Disc(0, 0, 1), Box(0, 0, 2, 1, 0.3), Box(0, 0, 2, 1, 0.3, rounding=0.2),
-        Capsule(0, 0, 1, 1, 0.1), Segment(0, 0, 1, 1), Spring(0, 0, 1, 0), Point(0, 0),
+        Capsule(0, 0, 1, 1, 0.1), Segment(0, 0, 1, 1), Spring(0, 0, 1, 0), Mark(0, 0),
         HalfPlane(0, 0, 0, 1),
     ],
     ids=lambda shape: type(shape).__name__,

@@ -10,7 +10,7 @@ from rich.table import Table
 from reports.console import knob_title, number, small, table_of
 
 
-def point_line(name: str, row: Mapping[str, Any]) -> str:
+def curve_line(name: str, row: Mapping[str, Any]) -> str:
     """One point of a continuation in one line, at most 80 columns."""
     return (
         f"{knob_title(name)} {row['value']:.4g}  cost {number(row['cost'], 7)}"
@@ -19,7 +19,7 @@ def point_line(name: str, row: Mapping[str, Any]) -> str:
     )
 
 
-def path_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+def curve_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     """The points of a continuation."""
     heads = (knob_title(name), "cost", "exact cost", "lam·gap", "iter")
     table = table_of(*((title, "right") for title in heads), ("", "left"))

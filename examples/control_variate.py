@@ -1,0 +1,38 @@
+"""A gradient estimator: zeroth order, with first order as its control variate."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from dynamics.batch import Gaussian
+from ocp.gradients.estimators import Estimator, Sampler
+from ocp.gradients.objective import SampledObjective
+
+
+@dataclass(frozen=True)
+class ControlVariate(Estimator):
+    """Likelihood ratio of what a linear model of the cost leaves, where noise is on the decision.
+
+    One sample is ``(V(theta + w) - V(theta) - g'w) w/sigma² + g``. Since ``E[g'w w]/sigma² = g`` it
+    is unbiased for every g that does not depend on w, a biased one too; here g is the mean of
+    ``slopes`` gradients at samples of their own. What is left of the variance is the curvature's.
+    """
+
+    slopes: int = 256
+    name: str = "control-variate"
+    summary: str = "zeroth order, less a linear model by first order"
+    stream: ClassVar[int] = 5
+
+    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+        """Find g from samples after the n that are estimated from."""
+        variance = noise.scales(objective.n_noise) ** 2
+        g = objective.differentiated(noise.after(n), self.slopes).direction.mean(axis=0)
+        still = objective.nominal()
+
+        def single(part: Gaussian, m: int) -> np.ndarray:
+            found = objective.scored(part, m)
+            rest = found.cost - still - found.direction * variance @ g
+            return rest[:, None] * found.direction + g
+
+        return Sampler(single)

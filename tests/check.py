@@ -1,0 +1,104 @@
+"""``python -m tests.check FILE``: what belongs to one file, in seconds.
+
+Style and types of the file, and the tests that import its module, those first that import little
+else; ``make test`` runs the rest.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import grimp
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("dynamics", "ocp", "problems", "reports")
+MOST = 3
+"""Test files that are run: modules that everything imports would bring the whole suite."""
+
+
+def module_of(file: Path) -> str:
+    """Dotted name of a file of the house."""
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imported(file: Path) -> set[str]:
+    """Modules of the house that a file imports, those behind a room's public names included."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {_home(node.module, alias.name) for alias in node.names}
+    return {name for name in found if name.partition(".")[0] in PACKAGES}
+
+
+@cache
+def _home(module: str, name: str) -> str:
+    """Where ``name`` of ``module`` is: itself, one in it, or one that it imports from."""
+    folder = ROOT / module.replace(".", "/")
+    if (folder / f"{name}.py").is_file() or (folder / name).is_dir():
+        return f"{module}.{name}"
+    room = folder / "__init__.py"
+    if module.partition(".")[0] in PACKAGES and room.is_file():
+        for node in ast.parse(room.read_text()).body:
+            if isinstance(node, ast.ImportFrom) and any(a.name == name for a in node.names):
+                return _home(str(node.module), name)
+    return module
+
+
+def tests_of(file: Path) -> list[Path]:
+    """Test files that belong to a file, the most particular first.
+
+    They import its module, or else one that imports it, or else one that imports that, ...
+    """
+    if ROOT / "tests" in file.parents:
+        return [file]
+    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
+    every = sorted((ROOT / "tests").rglob("test_*.py"))
+    needs = {test: imported(test) for test in every if "benchmarks" not in test.parts}
+    near, seen = {module_of(file)}, set[str]()
+    while near:
+        mine = [test for test, modules in needs.items() if modules & near]
+        if mine:
+            return sorted(mine, key=lambda test: len(needs[test]))
+        seen |= near
+        near = {m for one in near for m in graph.find_modules_that_directly_import(one)} - seen
+    return []
+
+
+def commands(file: Path) -> list[list[str]]:
+    """What is run for a file, in order."""
+    found = [
+        ["ruff", "check", str(file)],
+        ["ruff", "format", "--check", str(file)],
+        ["basedpyright", str(file)],
+    ]
+    tests = [str(test) for test in tests_of(file)[:MOST]]
+    problem = re.search(r'^name(?:, \w+)* = "([\w-]+)"', file.read_text(), re.MULTILINE)
+    if problem and file.parent == ROOT / "problems":
+        # Problems are found by name, and nobody imports them.
+        found.append(["pytest", str(ROOT / "tests/unit/test_problems.py"), "-k", problem[1]])
+    return [*found, ["pytest", *tests]] if tests else found
+
+
+def main(name: str) -> int:
+    """Run everything, and say what failed."""
+    bin_folder = Path(sys.executable).parent
+    file = Path(name).resolve()
+    failed = [
+        " ".join(command)
+        for command in commands(file)
+        if subprocess.run([bin_folder / command[0], *command[1:]], cwd=ROOT).returncode
+    ]
+    for command in failed:
+        print(f"failed: {command}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))
