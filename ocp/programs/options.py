@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import html
 import math
 import re
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -116,6 +114,9 @@ def _option(solver: str, name: str) -> Option:
 @cache
 def _ipopt() -> dict[str, Option]:
     """IPOPT's options as it documents them itself."""
+    import html
+    import tempfile
+
     x = ca.MX.sym("x")
     with tempfile.TemporaryDirectory(prefix="centralpath-") as folder:
         file = Path(folder) / "options"
@@ -125,7 +126,7 @@ def _ipopt() -> dict[str, Option]:
             "print_advanced_options": "yes",
         }  # fmt: skip
         ca.nlpsol("options", "ipopt", {"x": x, "f": x**2}, {"print_time": False, "ipopt": said})()
-        text = file.read_text()
+        text = html.unescape(file.read_text())
     found = re.findall(r"<strong>(\w+)</strong>.*?<blockquote>\n(.*?)</blockquote>", text, re.S)
     return {name: _described(name, about) for name, about in found}
 
@@ -136,7 +137,6 @@ def _described(name: str, about: str) -> Option:
     if kind[1] == "string":
         words = tuple(re.findall(r"^ - ([^:\n]+)", about, re.M))
         return Option("string", words=() if "*" in words else words)
-    about = html.unescape(about)
     stated = re.search(r"range for this \w+ option is (.*?) and its default", about, re.S)
     assert stated is not None, name
     plain = re.sub(r"10<sup>(.*?)</sup>", r"1e\1", stated[1]).replace("≤", "<=")

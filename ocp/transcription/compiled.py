@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import casadi as ca
 
-from dynamics.batch.engines.compiler import load
-
 
 class StageCompiler:
     """Maps a function to the same one, evaluated by compiled C.
@@ -20,6 +18,8 @@ class StageCompiler:
 
     def __call__(self, function: ca.Function) -> ca.Function:
         """Return the compiled function, or ``function`` itself once compiling has failed."""
+        from dynamics.batch.engines.compiler import load
+
         if self._reason:
             return function
         generator = ca.CodeGenerator(function.name())

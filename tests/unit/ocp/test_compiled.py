@@ -10,7 +10,6 @@ from dynamics.batch.engines import compiler
 from dynamics.contact import Barrier
 from ocp import Direct, MultipleShooting, SingleShooting, solve
 from ocp.solve import new_session
-from ocp.transcription import compiled
 from problems import get
 
 
@@ -84,7 +83,7 @@ def test_without_a_compiler_functions_are_interpreted_and_it_says_so(
         calls.append(source)
         raise compiler.CompilerError("no C compiler was found")
 
-    monkeypatch.setattr(compiled, "load", none)
+    monkeypatch.setattr(compiler, "load", none)
     plain, found = (
         solve(get("push-1d"), Barrier(mu=1e-3), settings={"jit": word}) for word in ("no", "yes")
     )
