@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,10 +19,10 @@ from ocp.programs.solver import Point, Solver
 from ocp.routes.branches import land
 from ocp.routes.complementarity import (
     FEW,
+    OTHERS,
     RELAXATIONS,
     SECOND,
     SECOND_FEW,
-    WIDE,
     Route,
     solve_pairs,
 )
@@ -228,8 +229,9 @@ class Session:
         route = Route(strategy, self.problem.reference,
                       lambda nlp: self.first_point(nlp, guess), second)  # fmt: skip
         if few:
-            moved = guesses(self.problem, self.values, 2, 0, guess)[1]
-            route = replace(route, other=(WIDE, lambda nlp: self.first_point(nlp, moved)),
+            _, *moved = guesses(self.problem, self.values, 1 + len(OTHERS), 0, guess)
+            starts = [partial(self.first_point, guess=one) for one in moved]
+            route = replace(route, others=list(zip(OTHERS, starts, strict=True)),
                             feasible=lambda nlp: self._feasible(nlp, guess))  # fmt: skip
         return Outcome(*solve_pairs(follower, route), follower.trace)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,8 +24,8 @@ class Route:
     """Which strategy relaxes the pairs, from sizes ``reference``, and where it starts.
 
     ``second`` is the strategy for where it lands nowhere. Where its path was hard to follow, the
-    cheapest of several answers counts: ``other`` is then followed from a start of its own, and
-    ``feasible`` gives points of the program in the form "none" that lie on branches, such as
+    cheapest of several answers counts: ``others`` are then followed, each from a start of its own,
+    and ``feasible`` gives points of the program in the form "none" that lie on branches, such as
     rolled-out inputs, which are settled there.
     """
 
@@ -33,7 +33,7 @@ class Route:
     reference: Reference
     start: Callable[[Any], Point]
     second: Strategy | None = None
-    other: tuple[Strategy, Callable[[Any], Point]] | None = None
+    others: Sequence[tuple[Strategy, Callable[[Any], Point]]] = ()
     feasible: Callable[[Program], Iterable[Point]] | None = None
 
 
@@ -43,8 +43,7 @@ def solve_pairs(follower: Homotopy, route: Route) -> End:
     smooth = first[2] and all(record.accepted for record in follower.trace.records)
     branches = Branches(follower)
     landed = [first[0]] if first[2] else []
-    if route.other is not None and not smooth:
-        strategy, start = route.other
+    for strategy, start in () if smooth else route.others:
         again = by_strategy(follower, replace(route, start=start), strategy)
         landed += [again[0]] if again[2] else []
     if route.feasible is not None and not smooth:
@@ -112,6 +111,8 @@ FEW = 128
 _TURNS = 3
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)
 """From where all contacts are felt from afar."""
+OTHERS = (WIDE, CentralPath(), CentralPath(), CentralPath())
+"""Followed from as many perturbed guesses where the path of a small problem was hard to follow."""
 RELAXATIONS = (
     CentralPath(),
     WIDE,
