@@ -40,7 +40,7 @@ def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter
     if is_structural(problems.spec(name).Params.model_fields[parameter]):
         assert problem.settings[parameter] == value
     else:
-        assert problem.parameters.values[problem.parameters.index(parameter)] == value
+        assert problem.parameters.defaults[parameter] == value
         assert ca.depends_on(expressions(problem), problem.parameters[parameter])
 
 

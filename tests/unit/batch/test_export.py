@@ -156,7 +156,7 @@ def test_the_policy_is_in_it(feedback, cc, tmp_path):
 def test_the_header_states_layout_units_law_and_values():
     step, *_ = case("push-disc", "barrier")
     values = step.p.values
-    values[step.p.index("contact.mu")] = 0.125
+    values[step.p.names.index("contact.mu")] = 0.125
     text = exported(step, values, "9 push/disc", ["Pushed */ far /* away ??", "", "barrier law"])
     head = text[: text.index("*/")]
     assert "Pushed * / far / * away ? ?" in head
