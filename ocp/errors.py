@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import TypeVar
 
@@ -25,6 +26,21 @@ class DamagedRun(RuntimeError):
     """A run directory that cannot be read back; the message names the file and the reason."""
 
     exit_code = 4
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Raise the KeyboardInterrupt inside again where compiled code made a SystemError of it.
+
+    NumPy asks CasADi's matrices for their values from C, where an interrupt on the way is a result
+    with an exception set.
+    """
+    try:
+        yield
+    except SystemError as error:
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            raise error.__cause__ from error
+        raise
 
 
 def did_you_mean(name: str, known: Iterable[str], alike: float = 0.5) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw, Exact
 from ocp.effort import check_memory, solve_memory
-from ocp.errors import InputError
+from ocp.errors import InputError, interruptible
 from ocp.guesses import guesses
 from ocp.judgement import judged
 from ocp.policy import OpenLoop, Policy
@@ -165,9 +165,10 @@ def solve_session(
     """
     solutions: list[Solution] = []
     try:
-        for number, guess in enumerate(guesses(session.problem, session.values, starts, seed)):
-            outcome = session.solve(progress=progress, guess=guess, number=number)
-            solutions.append(judged(session, outcome, seed))
+        with interruptible():
+            for number, guess in enumerate(guesses(session.problem, session.values, starts, seed)):
+                outcome = session.solve(progress=progress, guess=guess, number=number)
+                solutions.append(judged(session, outcome, seed))
     except KeyboardInterrupt as stop:
         if not solutions:
             raise

@@ -62,9 +62,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = command.main(args=given, prog_name="ocp", standalone_mode=False)
             interrupt.check()
     except KeyboardInterrupt:
-        print("stopped by the user; what was finished is kept", file=sys.stderr)
-        return interrupt.EXIT_CODE
+        return _stopped()
     except Exception as error:
+        if interrupt.seen():
+            return _stopped()
         if "--debug" in given:
             traceback.print_exc()
         message, code = _explain(error)
@@ -72,6 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"error: {message}", file=sys.stderr)
         return code
     return code if isinstance(code, int) else 0
+
+
+def _stopped() -> int:
+    print("stopped by the user; what was finished is kept", file=sys.stderr)
+    return interrupt.EXIT_CODE
 
 
 def _explain(error: Exception) -> tuple[str, int]:

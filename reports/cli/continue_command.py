@@ -75,6 +75,7 @@ def run(options: ContinueOptions, asked: Request) -> int:
 def _followed(options: ContinueOptions, asked: Request) -> tuple[Continuation, bool]:
     """The path, and whether Ctrl-C ended it; what was finished by then is the path."""
     from ocp.continuation import Continuation, continue_over, resolve
+    from ocp.errors import interruptible
     from reports.cli import interrupt
     from reports.curve_tables import curve_line
 
@@ -87,10 +88,11 @@ def _followed(options: ContinueOptions, asked: Request) -> tuple[Continuation, b
         interrupt.check()
 
     try:
-        return continue_over(
-            session, over, options.start, options.end, options.steps, options.scale, note,
-            options.seed,
-        ), False  # fmt: skip
+        with interruptible():
+            return continue_over(
+                session, over, options.start, options.end, options.steps, options.scale, note,
+                options.seed,
+            ), False  # fmt: skip
     except KeyboardInterrupt:
         if not finished:
             raise

@@ -75,6 +75,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
     decision or on the inputs. What is done is kept: the same command goes on after Ctrl-C.
     """
     from ocp import store
+    from ocp.errors import interruptible
     from ocp.gradients.sweep import sweep_dataset
     from reports import estimates
     from reports.cli import interrupt
@@ -82,7 +83,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
     asked, study, checkpoint = checked
     output, interrupted = options.output, False
     try:
-        with estimates.progress(options.quiet, interrupt.check) as report:
+        with interruptible(), estimates.progress(options.quiet, interrupt.check) as report:
             study.run(report)
     except KeyboardInterrupt:
         if not study.rows:

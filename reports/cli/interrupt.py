@@ -32,9 +32,14 @@ def watched() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
+def seen() -> bool:
+    """Whether Ctrl-C was pressed, whatever compiled code made of it."""
+    return _seen.is_set()
+
+
 def check() -> None:
     """Raise KeyboardInterrupt where Ctrl-C was pressed and did not come through."""
-    if _seen.is_set():
+    if seen():
         raise KeyboardInterrupt
 
 

@@ -122,8 +122,8 @@ def test_feedback_has_its_gains_and_all_scenarios(views) -> None:
     assert len(planned_and_replayed) == 2 * 3
     K = view.run.data["K"].values
     maps = [axis.collections[0] for axis in drawn["gains"].axes[: K.shape[1]]]
-    for control, shown in enumerate(maps):
-        np.testing.assert_allclose(np.asarray(shown.get_array()), K[:, control, :].T)
+    for control, map_ in enumerate(maps):
+        np.testing.assert_allclose(np.asarray(map_.get_array()), K[:, control, :].T)
 
 
 @pytest.mark.parametrize("name", ["solve wall-1d barrier", "solve push-disc barrier"])

@@ -4,6 +4,7 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp import solve
+from ocp.errors import interruptible
 from ocp.solution import Interrupted, StageRecord
 from problems import get
 
@@ -46,3 +47,16 @@ def test_a_replay_under_a_law_takes_that_laws_knob() -> None:
     assert own.cost == pytest.approx(found.cost, rel=1e-6)
     assert abs(soft.lam * soft.gap - 1e-1).max() < 1e-9
     assert soft.cost != pytest.approx(own.cost, rel=1e-2)
+
+
+def test_an_interrupt_inside_a_matrix_conversion_comes_through() -> None:
+    def converted() -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as inside:
+            raise SystemError("returned a result with an exception set") from inside
+
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        converted()
+    with pytest.raises(SystemError, match="other"), interruptible():
+        raise SystemError("other")
