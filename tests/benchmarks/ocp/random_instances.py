@@ -71,7 +71,7 @@ def default(instance: Instance) -> Answer:
 
 
 def alone(instance: Instance) -> Answer:
-    """The baseline of times: the first strategy alone, no second look and no improvement."""
+    """The baseline of times: the first strategy alone, no other start and no improvement."""
 
     def run(session: Session) -> Outcome:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
