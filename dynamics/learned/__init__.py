@@ -1,0 +1,1 @@
+"""Laws from data: transitions, the exponentially weighted average of them, and networks."""
