@@ -32,7 +32,7 @@ _MODULES = {
     "half-cheetah": "problems.half_cheetah",
 }
 _REQUIRED = ("name", "title", "Params", "build")
-_OPTIONAL = ("equations", "draw", "frames", "axes", "golden", "citation")
+_OPTIONAL = ("equations", "draw", "frames", "axes", "golden", "citation", "region")
 
 
 def names() -> list[str]:
@@ -68,7 +68,7 @@ def load(path: str | Path) -> ProblemSpec:
 
     The file defines ``name``, ``title``, ``Params`` (a pydantic model, :mod:`problems.parameters`)
     and ``build(params) -> Problem``, and may define ``equations``, ``draw``, ``frames``, ``axes``,
-    ``golden`` and ``citation``, as the files beside this one do.
+    ``golden``, ``citation`` and ``region``, as the files beside this one do.
 
     Raises :class:`~ocp.errors.InputError` where there is no such file, it raises (with the line),
     a name is missing or of the wrong kind, or the problem's dimensions do not fit.
