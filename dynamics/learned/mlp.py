@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class MlpModel:
     derivative; the second jumps at s = 0 and is there that of the left side.
     ``sigma`` is the width of the noise in training, in normalised units of z; 0 for clean data.
     """
+
+    kind: ClassVar[str] = KIND
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
