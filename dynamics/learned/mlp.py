@@ -10,6 +10,7 @@ import numpy as np
 
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
+from dynamics.systems.parameters import Signal
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,6 +55,21 @@ class MlpModel:
     def n_out(self) -> int:
         """Entries of y."""
         return self.weights[-1].shape[0]
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        """What y is called."""
+        return self.origin.y
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        """What the entries of z are called that are no states."""
+        return self.origin.inputs
+
+    @property
+    def data_hash(self) -> str:
+        """What tells its data from any other."""
+        return self.origin.data_hash
 
     @property
     def hidden(self) -> tuple[int, ...]:
