@@ -11,7 +11,6 @@ from ocp.problem import Problem, Reference
 from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.hopper import hopper as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
-from problems.machines.start import check_start
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -82,11 +81,9 @@ class Params(Parameters):
     @model_validator(mode="after")
     def _start_is_possible(self) -> Params:
         machine = machine_of(limits=bool(self.limits))
-        check_start(machine, [0.0, self.z0, *self._angles()], _SPHERES[self.spheres])
+        angles = [self.pitch0, self.thigh0, self.leg0, self.foot0]
+        machine.check_start([0.0, self.z0, *angles], _SPHERES[self.spheres])
         return self
-
-    def _angles(self) -> list[float]:
-        return [self.pitch0, self.thigh0, self.leg0, self.foot0]
 
 
 def build(params: Params) -> Problem:

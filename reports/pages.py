@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from dynamics.contact import LAWS
+from dynamics.laws import LAWS
 from ocp.programs.status import Status
 from problems import describe
 from reports.bibliography import full_citation

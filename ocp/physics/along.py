@@ -35,7 +35,12 @@ class Along:
 
 
 def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
-    """Multipliers (S, N, nlam), averaged over a law's branches by their weights."""
+    """Multipliers (S, N, nlam), averaged over a law's branches by their weights.
+
+    NaN where the law has none, though the system has contacts: a learned law knows no forces.
+    """
+    if step.n < step.system.nlam:
+        return np.full((*lam.shape[:2], step.system.nlam), np.nan)
     weights = np.array([node.weight for node in step.nodes])
     branches = lam.reshape(*lam.shape[:2], len(weights), step.system.nlam)
     return np.einsum("snbl,b->snl", branches, weights)
