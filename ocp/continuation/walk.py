@@ -22,6 +22,7 @@ from ocp.solution import Solution
 SMALLEST = 1e-3
 """The step along the curve is never smaller than this fraction of the asked one."""
 _EASY = 15
+_SCALES = {"linear": (float, float), "log": (math.exp, math.log)}
 _SMALL = 1 / 16
 
 
@@ -274,13 +275,11 @@ def check_range(
         raise InputError(f"--from and --to must be finite and differ, got {start} and {end}")
     if steps < 1:
         raise InputError(f"--steps must be 1 or more, got {steps}")
-    if scale == "linear":
-        return (lambda s: s), (lambda v: v)
-    if scale == "log":
-        if start * end <= 0 or start < 0:
-            raise InputError(f"a log scale needs positive ends, got {start} and {end}")
-        return math.exp, math.log
-    raise InputError(f"--scale must be log or linear, got {scale!r}")
+    if scale not in _SCALES:
+        raise InputError(f"--scale must be log or linear, got {scale!r}")
+    if scale == "log" and min(start, end) <= 0:
+        raise InputError(f"a log scale needs positive ends, got {start} and {end}")
+    return _SCALES[scale]
 
 
 def curve_dataset(curve: Continuation) -> Any:

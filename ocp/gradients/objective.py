@@ -100,9 +100,12 @@ class SampledObjective(ABC):
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
         """Costs of n samples and their gradients by theta (pathologies, def. II.2)."""
 
-    @abstractmethod
     def perturbed(self, noise: Gaussian, n: int) -> Samples:
-        """Costs at ``theta + w`` without further noise, and ``w / sigma^2``."""
+        """Costs at ``theta + w`` without further noise, and ``w / sigma^2``.
+
+        Where the noise is added to the decision these are costs and scores.
+        """
+        return self.scored(noise, n)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
         """Moments over n samples of cost, of (cost - baseline) score, or of the gradient.
@@ -168,10 +171,6 @@ class StaticObjective(SampledObjective):
         theta = self.theta + noise.draw(n, 1, self.n_noise)[:, 0]
         cost, gradient = quietly(self._both, theta, self.values)
         return Samples(cost[:, 0], gradient)
-
-    def perturbed(self, noise: Gaussian, n: int) -> Samples:
-        """Equal to a score, because the noise is added to the decision."""
-        return self.scored(noise, n)
 
     def closed_form(self, sigma: float) -> ClosedForm | None:
         """The closed form, where the objective was given one."""
