@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
+from dynamics.learned.region import Region
 from dynamics.systems import ParameterTable, Signal, contacts, quasi_dynamic, signals
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
@@ -243,6 +244,20 @@ def build(params: Params) -> Problem:
             params.scenario_seed,
         ),
         reference=Reference(impulse=0.3, gap=0.05, x=0.3, u=0.3),
+    )
+
+
+def region(params: Params) -> Region:
+    """The ball above the bases, the joints within their limits; in the tube they stay around."""
+    joints, reach = ("l1", "l2", "r1", "r2"), (-params.reach, params.reach)
+    limits = dict(zip(joints, zip(*_limits(), strict=True), strict=True))
+    return Region(
+        {"ox": (-0.3, 0.3), "oy": (0.3, 0.5), "theta": (-math.pi, math.pi), **limits},
+        {f"u{joint}": reach for joint in joints},
+        (params.ox0, params.oy0, params.angle0, *params.joints),
+        (params.goal_x, params.goal_y, params.goal_angle, *params.joints),
+        spread=(0.03, 0.03, 0.2, 0.4, 0.4, 0.4, 0.4),
+        around={f"u{joint}": joint for joint in joints},
     )
 
 

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
+from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem import Problem, Reference, Scenarios
 from problems.drawing import ContactFrame, Disc, Mark, Shape
@@ -112,6 +113,23 @@ def build(params: Params) -> Problem:
         u_upper=p["u_max"],
         scenarios=Scenarios(params.scenarios, (std, std, 0.0, 0.0), params.scenario_seed),
         reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+    )
+
+
+def region(params: Params) -> Region:
+    """A square around start and goal of both; in the tube the pusher goes along with the object."""
+    start = np.array([params.ox0, params.oy0, params.ax0, params.ay0])
+    goal = np.array([params.goal_x, params.goal_y])
+    goal = np.concatenate([goal, start[2:] + goal - start[:2]])
+    ends = np.reshape([start, goal], (4, 2))
+    x, y = zip((ends.min(axis=0) - 0.5).tolist(), (ends.max(axis=0) + 0.5).tolist(), strict=True)
+    return Region(
+        {"ox": x, "oy": y, "ax": x, "ay": y},
+        {"ux": (-0.5, 0.5), "uy": (-0.5, 0.5)},
+        start.tolist(),
+        goal.tolist(),
+        spread=(0.2,) * 4,
+        around={"ux": "ax", "uy": "ay"},
     )
 
 

@@ -66,7 +66,7 @@ def load(path: str | Path) -> ProblemSpec:
 
     The file defines ``name``, ``title``, ``Params`` (a pydantic model, :mod:`problems.parameters`)
     and ``build(params) -> Problem``, and may define ``equations``, ``draw``, ``frames``, ``axes``,
-    ``golden`` and ``citation``, as the files beside this one do.
+    ``golden``, ``citation`` and ``region``, as the files beside this one do.
 
     Raises :class:`~ocp.errors.InputError` where there is no such file, it raises (with the line),
     a name is missing or of the wrong kind, or the problem's dimensions do not fit.

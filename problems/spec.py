@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from dynamics.learned.region import Region
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
@@ -93,14 +94,16 @@ class ProblemSpec(Spec):
 
     ``build(params)`` gives the :class:`~ocp.problem.Problem`; ``draw(params, state)`` the shapes at
     one state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes``
-    label the drawing; ``path`` is the user's file, None for a problem that ships with the
-    workbench.
+    label the drawing; ``region(params)`` says where transitions are drawn, else
+    :mod:`problems.regions` does; ``path`` is the user's file, None for a problem that ships with
+    the workbench.
     """
 
     build: Callable[[Any], Problem]
     draw: Callable[[Any, np.ndarray], list[Shape]] | None = None
     frames: Callable[[Any, np.ndarray], list[ContactFrame]] | None = None
     axes: tuple[str, str] = ("x [m]", "y [m]")
+    region: Callable[[Any], Region] | None = None
     golden: Mapping[str, Golden] = field(default_factory=dict)
     path: Path | None = None
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from dynamics.contact import LAWS
+from dynamics.laws import LAWS
 from ocp.errors import InputError
 from ocp.programs.status import Status
 from ocp.store.stored_run import StoredRun

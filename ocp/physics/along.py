@@ -35,20 +35,21 @@ class Along:
 
 
 def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
-    """Multipliers (S, N, nlam), averaged over a law's branches by their weights."""
+    """Multipliers (S, N, nlam), averaged over a law's branches by their weights.
+
+    NaN where the law has none, though the system has contacts: a learned law knows no forces.
+    """
+    if step.n < step.system.nlam:
+        return np.full((*lam.shape[:2], step.system.nlam), np.nan)
     weights = np.array([node.weight for node in step.nodes])
     branches = lam.reshape(*lam.shape[:2], len(weights), step.system.nlam)
     return np.einsum("snbl,b->snl", branches, weights)
 
 
 def distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
-    """True signed distances phi at states x (..., nx), shape (..., n_phi).
-
-    Raises ``ValueError`` for a system without geometry.
-    """
+    """True signed distances phi at states x (..., nx) of a system with geometry, (..., n_phi)."""
     phi = problem.signed_distance
-    if phi is None:
-        raise ValueError(f"system {problem.system.name!r} has no signed distances")
+    assert phi is not None
     states = x.reshape(-1, x.shape[-1])
     found = phi.map(len(states))(states.T, physical)
     return np.array(found).T.reshape(*x.shape[:-1], -1)

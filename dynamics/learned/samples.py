@@ -1,0 +1,48 @@
+"""What a map is learned from."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynamics.learned.origin import Origin
+
+
+@dataclass(frozen=True)
+class Samples:
+    """``z`` (n, nz) and ``y = f(z)`` (n, ny) in physical units, a row a sample.
+
+    Raises ``ValueError`` for shapes that disagree with the names, and for rows that are not finite.
+    """
+
+    z: np.ndarray
+    y: np.ndarray
+    origin: Origin
+
+    def __post_init__(self) -> None:
+        wanted = (len(self.z), len(self.origin.z)), (len(self.z), len(self.origin.y))
+        if (self.z.shape, self.y.shape) != wanted:
+            raise ValueError(
+                f"data: z has shape {self.z.shape} and y {self.y.shape}, expected {wanted[0]} and"
+                f" {wanted[1]} from their names"
+            )
+        for rows, signals in ((self.z, self.origin.z), (self.y, self.origin.y)):
+            broken = ~np.isfinite(rows)
+            if broken.any():
+                row, column = np.argwhere(broken)[0]
+                raise ValueError(
+                    f"data: {int(broken.any(axis=1).sum())} rows are not finite, the first is row"
+                    f" {row} in {signals[column].name}; leave these rows out"
+                )
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 over names, shapes and bytes."""
+        digest = hashlib.sha256()
+        for rows, signals in ((self.z, self.origin.z), (self.y, self.origin.y)):
+            digest.update(repr([signal.name for signal in signals]).encode())
+            digest.update(f"{rows.dtype.str}{rows.shape}".encode())
+            digest.update(np.ascontiguousarray(rows).tobytes())
+        return digest.hexdigest()
