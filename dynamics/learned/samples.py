@@ -46,3 +46,13 @@ class Samples:
             digest.update(f"{rows.dtype.str}{rows.shape}".encode())
             digest.update(np.ascontiguousarray(rows).tobytes())
         return digest.hexdigest()
+
+
+def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row numbers of the rest and of the random ``fraction`` of n rows held out, each rising.
+
+    Whatever holds rows of the same data out at the same seed holds the same ones out.
+    """
+    order = np.random.default_rng([seed, 1]).permutation(n)
+    held = round(fraction * n)
+    return np.sort(order[held:]), np.sort(order[:held])

@@ -20,6 +20,7 @@ from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
 from dynamics.learned.samples import Samples
 from dynamics.learned.training import Recipe, Training, train
+from dynamics.learned.transitions import Transitions
 from dynamics.systems.parameters import Signal
 
 LINE = Origin((Signal("q", "m"),), (Signal("q", "m"),))
@@ -291,6 +292,19 @@ def test_held_out_rows_are_never_trained_on() -> None:
     seen = list(first.epochs()), list(second.epochs())
     assert [epoch.train for epoch in seen[0]] == pytest.approx([e.train for e in seen[1]])
     assert seen[0][-1].clean != pytest.approx(seen[1][-1].clean, rel=1e-2)
+
+
+def test_training_holds_out_what_transitions_do() -> None:
+    """So that a network and an average of the same data are compared on rows neither has seen."""
+    drawn = pushed(100)
+    data = Transitions.checked(drawn.z[:, :2], drawn.z[:, 2:], drawn.y, PUSH.y, PUSH.inputs)
+    training = Training(data.samples(), 0.1, TINY, seed=5)
+    rest, held_out = data.split(TINY.held_out, seed=5)
+    assert np.array_equal(data.z[training.held_out], held_out.z)
+    assert np.array_equal(data.z[training.trained_on], rest.z)
+    assert training.model().data_hash == data.hash
+    with pytest.raises(ValueError, match=r"a fraction -0\.1 of 100 rows"):
+        data.split(-0.1, seed=5)
 
 
 @pytest.mark.parametrize(
