@@ -5,15 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import Signal
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 TABLES = (".csv", ".parquet")
 NEXT = "_next"
@@ -35,41 +32,48 @@ def read_table(
     Raises ``ValueError`` for a file that cannot be read, columns that are missing or hold no
     numbers, other units than those expected, and as :meth:`Transitions.checked` does.
     """
-    frame = _frame(path)
-    heads = _named(path, list(frame.columns), columns or {})
+    table = _table(path)
+    heads = _named(path, list(table), columns or {})
     if signals is None:
         states, inputs = _guessed(path, heads, list(columns or heads))
     else:
         states, inputs = signals
     after = [Signal(f"{signal.name}{NEXT}", signal.unit) for signal in states]
     x, u, x_next = (
-        _values(path, frame, [_column(path, heads, signal) for signal in part])
+        _values(path, table, [_column(path, heads, signal) for signal in part])
         for part in (states, inputs, after)
     )
     told = {"how": f"read from {path.name}", **(provenance or {})}
     return Transitions.checked(x, u, x_next, states, inputs, told)
 
 
-def _frame(path: Path) -> pd.DataFrame:
-    import pandas as pd
+Table = Mapping[str, np.ndarray]
+"""The columns of a table by their heads."""
 
+
+def _table(path: Path) -> Table:
     if path.suffix not in TABLES:
         raise ValueError(f"{path}: expected a table, {' or '.join(TABLES)}")
     if not path.is_file():
         raise ValueError(f"{path}: there is no such file")
+    return _parquet(path) if path.suffix == ".parquet" else _csv(path)
+
+
+def _csv(path: Path) -> Table:
+    import pandas as pd
+
     try:
-        if path.suffix == ".parquet":
-            return _parquet(path)
-        return pd.read_csv(path, skipinitialspace=True)
+        frame = pd.read_csv(path, skipinitialspace=True, float_precision="round_trip")
     except pd.errors.EmptyDataError as error:
         raise ValueError(f"{path} is empty; the first line must name the columns") from error
     except pd.errors.ParserError as error:
         raise ValueError(f"{path} is no CSV table: {str(error).splitlines()[-1]}") from error
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no text in UTF-8, so no CSV table") from error
+    return {str(head): np.asarray(frame[head]) for head in frame.columns}
 
 
-def _parquet(path: Path) -> pd.DataFrame:
+def _parquet(path: Path) -> Table:
     try:
         from pyarrow import ArrowException
         from pyarrow.parquet import read_table as read
@@ -79,9 +83,10 @@ def _parquet(path: Path) -> pd.DataFrame:
             " 'centralpath[learn]'; or write the table as CSV"
         ) from error
     try:
-        return read(path).to_pandas()
+        table = read(path)
     except (ArrowException, OSError) as error:
         raise ValueError(f"{path} is no Parquet file, or cut short") from error
+    return {head: table[head].to_numpy() for head in table.column_names}
 
 
 def _split(head: str) -> tuple[str, str | None]:
@@ -94,8 +99,7 @@ Heads = dict[str, tuple[str, str | None]]
 """By the name of a signal: the column of the table, and its unit where it says one."""
 
 
-def _named(path: Path, given: list[Any], columns: Mapping[str, str]) -> Heads:
-    texts = [str(head) for head in given]
+def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
     heads: Heads = {}
     for text in texts:
         name, unit = _split(text)
@@ -147,19 +151,25 @@ def _column(path: Path, heads: Heads, signal: Signal) -> str:
     return column
 
 
-def _values(path: Path, frame: pd.DataFrame, columns: list[str]) -> np.ndarray:
-    import pandas as pd
+def _values(path: Path, table: Table, columns: list[str]) -> np.ndarray:
+    rows = len(next(iter(table.values())))
+    return np.array([_numbers(path, c, table[c]) for c in columns]).reshape(-1, rows).T
 
-    found = np.empty((len(frame), len(columns)))
-    for i, column in enumerate(columns):
-        entries = frame[column]
-        numbers = pd.to_numeric(entries, errors="coerce")
-        strange = np.flatnonzero(numbers.isna() & entries.notna())
-        if len(strange):
-            row = strange[0]
-            raise ValueError(
-                f"{path}: column {column!r} holds {str(entries.iloc[row])!r} in row {row}, counted"
-                " from 0, which is no number"
-            )
-        found[:, i] = numbers.to_numpy(dtype=float)
-    return found
+
+def _numbers(path: Path, column: str, entries: np.ndarray) -> np.ndarray:
+    try:
+        return entries.astype(float)
+    except (TypeError, ValueError):
+        row = next(row for row, entry in enumerate(entries) if not _is_number(entry))
+        raise ValueError(
+            f"{path}: column {column!r} holds {str(entries[row])!r} in row {row}, counted from 0,"
+            " which is no number"
+        ) from None
+
+
+def _is_number(entry: Any) -> bool:
+    try:
+        float(entry)
+    except (TypeError, ValueError):
+        return False
+    return True

@@ -20,7 +20,8 @@ def save(dataset: xr.Dataset, path: Path) -> None:
     Raises :class:`~ocp.errors.InputError` where the file cannot be written.
     """
     whole = dataset.assign_attrs({files.CHECKSUM: files.checksum(dataset)})
-    atomic.write(path, bytes(whole.to_netcdf(engine="netcdf4")), "the file")
+    with atomic.replacing(path, "the file") as draft:
+        whole.to_netcdf(draft, engine="netcdf4")
 
 
 def load(path: Path) -> xr.Dataset:
