@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
 
 
@@ -36,6 +37,16 @@ class Samples:
                     f"data: {int(broken.any(axis=1).sum())} rows are not finite, the first is row"
                     f" {row} in {signals[column].name}; leave these rows out"
                 )
+
+    @property
+    def scales(self) -> tuple[Normalisation, Normalisation]:
+        """Of z and of y, over all rows; raises ``ValueError`` for a column that never varies."""
+        named = (self.z, "{}", self.origin.z), (self.y, "the next {}", self.origin.y)
+        z, y = (
+            Normalisation.of(rows, [form.format(signal.name) for signal in signals])
+            for rows, form, signals in named
+        )
+        return z, y
 
     @property
     def hash(self) -> str:

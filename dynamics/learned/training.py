@@ -12,7 +12,6 @@ import numpy as np
 
 from dynamics.learned.mlp import MlpModel
 from dynamics.learned.network import Network, Progress, arrays_of
-from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.samples import Samples, split_rows
 
 
@@ -91,8 +90,7 @@ class Training:
                 f"data: {len(data.z)} rows are too few to train on with"
                 f" {100 * self.recipe.held_out:g} % of them held out; collect more"
             )
-        names = [[signal.name for signal in signals] for signals in (data.origin.z, data.origin.y)]
-        self._scales = Normalisation.of(data.z, names[0]), Normalisation.of(data.y, names[1])
+        self._scales = data.scales
         self._network = Network(data.z.shape[1], data.y.shape[1], self.recipe, self.sigma, seed)
         self._now = self._started(state)
 

@@ -339,6 +339,8 @@ def test_data_that_cannot_be_learned_from_are_said() -> None:
     constant[:, 2] = 3.0
     with pytest.raises(ValueError, match="data: u never varies"):
         Training(replace(data, z=constant), 0.1)
+    with pytest.raises(ValueError, match="data: the next q, the next turn never varies"):
+        Training(replace(data, y=np.ones((50, 2))), 0.1)
 
 
 def test_training_that_diverges_is_said() -> None:
