@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.learned.ewda_kernel import CompiledMoments
-from dynamics.learned.ewda_moments import Moments, NumpyMoments, Cloud
+from dynamics.learned.ewda_moments import Cloud, Moments, NumpyMoments
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
 
