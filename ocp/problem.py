@@ -32,7 +32,7 @@ class Constraint:
 class Reference:
     """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
 
-    ``impulse * gap`` is the mu at which homotopies start; ``x`` and ``u`` scale the perturbation
+    ``x`` and ``u`` scale the perturbation
     of guesses in a multi-start and normalise what the audit compares. All are multiples of the
     natural ``units`` of their signals, so that none depends on the units of the parameters;
     :meth:`~Problem.sizes` gives them in SI.
@@ -43,6 +43,11 @@ class Reference:
     x: float = 1.0
     u: float = 1.0
     units: Units = SI
+
+    @property
+    def mu(self) -> float:
+        """``impulse * gap``, at which homotopies start."""
+        return self.impulse * self.gap
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynamics.batch import Gaussian
 from ocp.errors import InputError
-from ocp.gradients.estimators import ZeroOrder
+from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.objective import SampledObjective, StaticObjective
 from ocp.gradients.sampling import Keep, Progress, run_estimator
 
@@ -55,7 +55,7 @@ def known_gradient(
     if kind == "quadrature" or (kind == "auto" and _on_a_line(objective)):
         return quadrature(objective, sigma)
     noise = Gaussian(sigma, stream(seed, REFERENCE_STREAM))
-    pairs = ZeroOrder("antithetic")
+    pairs = SAMPLED["zobg-antithetic"]
     found = run_estimator(objective, pairs, noise, n_samples, progress, keep).moments
     return KnownGradient(found.mean, found.standard_error, "larger zobg run", found.n)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp.errors import InputError
+from ocp.errors import InputError, choose
 from ocp.judges.audit import TOLERANCES
 from ocp.mpcc.programs import MPCCProgram, Programs
 from ocp.mpcc.statement import MPCC, sized
@@ -91,8 +91,7 @@ def solve(
         raise InputError(f"{mpcc.name}: x0[{at}] is {start[at]}, expected a finite number")
     given = sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
     for name in strategies:
-        if name not in STRATEGIES:
-            raise InputError(f"unknown strategy {name!r}; there are {', '.join(STRATEGIES)}")
+        choose("strategy", name, STRATEGIES)
     programs = Programs(mpcc, given)
     values = {"penalty": 0.0, "relaxation": 0.0}
     follower = Homotopy(programs, Solver(solver, dict(options or {})), values)
@@ -100,9 +99,7 @@ def solve(
     reference = Reference(impulse=1.0, gap=1.0)
     best: MPCCSolution | None = None
     for name in strategies:
-        route = Route(
-            STRATEGIES[name](), reference, lambda program: Point(program.extended(inside))
-        )
+        route = Route(STRATEGIES[name], reference, lambda program: Point(program.extended(inside)))
         result, program, _ = solve_pairs(follower, route)
         found = _judged(programs("none"), program, result, inside, name)
         if best is None or _rank(found) < _rank(best):
@@ -124,8 +121,7 @@ def _restored(
     if least is None:
         return end
     x, p = least[0], program.parameter_vector(follower.values)
-    f, g = program.f_g(x, p)
-    there = Result(Point(x), float(f), np.array(g).ravel(), Status.INFEASIBLE, "restored", 0, 0.0)
+    there = Result.at(program, Point(x), p, Status.INFEASIBLE, "restored")
     result, source, _ = land(follower, program, there)
     found = _judged(program, source, result, start, end.strategy)
     return found if _rank(found) < _rank(end) else end

@@ -183,6 +183,24 @@ def test_what_is_resumed_ends_in_the_same_bits(tmp_path: Path) -> None:
         Training(pushed(500, seed=1), 0.2, TINY, state=part.state)
 
 
+def test_an_interrupted_epoch_is_done_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C after the weights of an epoch are there, before it is over."""
+    data = pushed(500)
+    whole, part = Training(data, 0.2, TINY), Training(data, 0.2, TINY)
+    told = list(whole.epochs())
+    list(islice(part.epochs(), 2))
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Network, "errors", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            next(part.epochs())
+    resumed = Training(data, 0.2, TINY, state=part.state)
+    assert list(resumed.epochs()) == told[2:] and same_weights(whole.model(), resumed.model())
+
+
 def test_noise_is_on_the_inputs_alone() -> None:
     """x ~ N(0, s²), y = x: the best map of noised inputs is s² x / (s² + sigma²) [eq. 7].
 
