@@ -19,6 +19,8 @@ KIND = "mlp"
 BLOCK = 256
 """Queries at once, which bounds the memory of the layers' Jacobians."""
 FEW = 64
+QUIETLY = np.errstate(over="ignore", invalid="ignore")
+"""What is not finite is for the caller to count."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,9 @@ class MlpModel:
     whatever they were trained in. ``elu(s) = s`` for s > 0, else ``exp(s) - 1``, has one continuous
     derivative; the second jumps at s = 0 and is there that of the left side.
     ``sigma`` is the width of the noise in training, in normalised units of z; 0 for clean data.
+
+    Far from the data y grows linearly. A query that is not finite has an answer that is not finite,
+    or the limit there; those of the other queries do not know of it.
     """
 
     kind: ClassVar[str] = KIND
@@ -71,6 +76,7 @@ class MlpModel:
         """Units of each hidden layer."""
         return tuple(bias.size for bias in self.biases[:-1])
 
+    @QUIETLY
     def values(self, z: np.ndarray) -> np.ndarray:
         """``y`` (n, n_out) at ``z`` (n, n_in)."""
         y = np.empty((len(z), self.n_out))
@@ -81,6 +87,7 @@ class MlpModel:
             y[rows] = self._physical(a)
         return y
 
+    @QUIETLY
     def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in), carried forward through the layers."""
         y, jacobians = np.empty((len(z), self.n_out)), np.empty((len(z), self.n_out, self.n_in))
@@ -90,6 +97,7 @@ class MlpModel:
             jacobians[rows] = self.y_scales.scale[:, None] * J.swapaxes(1, 2)
         return y, jacobians
 
+    @QUIETLY
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out).
 
