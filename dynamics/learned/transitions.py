@@ -103,9 +103,14 @@ class Transitions:
         return digest.hexdigest()
 
     def split(self, fraction: float, seed: int) -> tuple[Transitions, Transitions]:
-        """The rest, and a random ``fraction`` held out, both in the scales of the whole.
+        """The rest, and the rows held out, as :meth:`divided` says, in the scales of the whole."""
+        kept, held = self.divided(fraction, seed)
+        return self._rows(kept), self._rows(held)
 
-        The rows are those that training on so many samples holds out at the same seed.
+    def divided(self, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """Rows that are kept, and a random ``fraction`` that is held out, both rising.
+
+        These are the rows that the training of a network with this seed holds out too.
 
         Raises ``ValueError`` unless both have rows.
         """
@@ -116,7 +121,7 @@ class Transitions:
                 " take one between 0 and 1"
             )
         order = np.random.default_rng([seed, 1]).permutation(len(self))
-        return self._rows(np.sort(order[n:])), self._rows(np.sort(order[:n]))
+        return np.sort(order[n:]), np.sort(order[:n])
 
     def _rows(self, rows: np.ndarray) -> Transitions:
         return replace(self, x=self.x[rows], u=self.u[rows], x_next=self.x_next[rows])

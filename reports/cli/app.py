@@ -11,12 +11,14 @@ import typer
 
 from reports.cli import (
     animate_command,
+    collect_command,
     continue_command,
     doctor_command,
     estimate_command,
     export_command,
     figure_command,
     interrupt,
+    learn_command,
     list_command,
     replay_command,
     report_command,
@@ -40,6 +42,8 @@ for name, command in {
     "replay": replay_command.COMMAND,
     "continue": continue_command.COMMAND,
     "estimate": estimate_command.COMMAND,
+    "collect": collect_command.COMMAND,
+    "learn": learn_command.COMMAND,
     "figure": figure_command.COMMAND,
     "report": report_command.COMMAND,
     "animate": animate_command.COMMAND,
