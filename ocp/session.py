@@ -159,8 +159,6 @@ class Session:
             helpers = [barrier] if self.homotopy else [*helpers, barrier]
         best: Outcome | None = None
         for helper in helpers:
-            if helper.step.exact:
-                helper.values |= {name: self.values[name] for name in self.step.p.names}
             first = helper is helpers[0]
             with self.solver.within(None if first else self._patience(follower)):
                 plan = self._absorbed(helper, follower, guess)
@@ -187,14 +185,14 @@ class Session:
         return max(_PATIENCE_S, _PATIENCE * follower.trace.seconds)
 
     def _helper(self, law: ContactLaw, method: Method) -> Session:
-        """Return the session of the same problem under another law, at the same values."""
+        """Return the session of the same problem under another law, at the values both have."""
         key = f"{law.name} {method.name}"
         if key not in self.helpers:
             self.helpers[key] = Session(
                 self.problem, law, method, self.policy, self.solver, compiled=self.compiled
             )
         helper = self.helpers[key]
-        helper.values |= {name: self.values[name] for name in self.problem.parameters.names}
+        helper.values |= {name: v for name, v in self.values.items() if name in helper.values}
         return helper
 
     def judging_nlp(self) -> NLP:
@@ -206,7 +204,6 @@ class Session:
         if not self.step.exact:
             return self.nlp_of("product")
         direct = self if isinstance(self.method, Direct) else self._helper(self.law, Direct())
-        direct.values |= {name: self.values[name] for name in self.step.p.names}
         return direct.nlp_of("none")
 
     @property

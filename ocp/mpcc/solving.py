@@ -10,7 +10,7 @@ import numpy as np
 
 from ocp.errors import InputError, choose
 from ocp.judges.audit import TOLERANCES
-from ocp.mpcc.programs import MPCCProgram, Programs
+from ocp.mpcc.programs import MPCCProgram, programs_of
 from ocp.mpcc.statement import MPCC, sized
 from ocp.problem import Reference
 from ocp.programs.program import Program
@@ -92,7 +92,7 @@ def solve(
     given = sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
     for name in strategies:
         choose("strategy", name, STRATEGIES)
-    programs = Programs(mpcc, given)
+    programs = programs_of(mpcc, given)
     values = {"penalty": 0.0, "relaxation": 0.0}
     follower = Homotopy(programs, Solver(solver, dict(options or {})), values)
     inside = np.clip(start, *mpcc.x_bounds)
@@ -148,14 +148,13 @@ def _judged(
     certificate = Certificate("undecided", reason="the point is not feasible")
     status = Status.INEXACT if result.ok else result.status
     if off <= TOLERANCES["constraint_violation"]:
-        own = result.point if source is program else None
-        multipliers = own.lam_g if own is not None else None
+        multipliers = result.point.lam_g if source is program else None
         certificate = certify(program, x, p, bounds, multipliers, _span(program, start, x, p))
         decided = {"not": Status.NOT_OPTIMAL, "undecided": Status.UNDECIDED}
         status = decided.get(certificate.stationarity, Status.SOLVED)
     elif result.status in (Status.SOLVED, Status.INFEASIBLE):
         status = Status.INFEASIBLE
-    f = float(program.f_g(x, p)[0])
+    f, _ = program.values(x, p)
     return MPCCSolution(x[: mpcc.x.numel()], G, H, f, status, certificate, off, worst, name, 0, 0.0)
 
 
@@ -166,8 +165,8 @@ def _span(program: MPCCProgram, start: np.ndarray, x: np.ndarray, p: np.ndarray)
     """
     begin = program.extended(start)
     sizes = program.sizes(begin)
-    f, gradient = program.gradient(begin, p)
     bend = np.abs(program.hessian(begin, p, 1.0, np.zeros(program.m)).sparse())
-    slope = np.abs(np.array(gradient).ravel()) @ sizes
-    spans = np.array([abs(float(f) - float(program.f_g(x, p)[0])), slope, sizes @ (bend @ sizes)])
+    slope = np.abs(program.slopes(begin, p)[0]) @ sizes
+    change = abs(program.values(begin, p)[0] - program.values(x, p)[0])
+    spans = np.array([change, slope, sizes @ (bend @ sizes)])
     return float(np.max(spans[np.isfinite(spans)], initial=0.0))

@@ -82,8 +82,7 @@ class Result:
         seconds: float = 0.0,
     ) -> Result:  # fmt: skip
         """Cost and constraints at a point that no solver moved."""
-        f, g = program.f_g(point.x, p)
-        return cls(point, float(f), np.array(g).ravel(), status, word, 0, seconds)
+        return cls(point, *program.values(point.x, p), status, word, 0, seconds)
 
     @property
     def ok(self) -> bool:
