@@ -144,14 +144,15 @@ def lines(told: Mapping[str, Any]) -> list[str]:
     seen = (
         f"learned from {data['rows'] - data['held_out']} transitions, {data['held_out']} held out"
     )
-    return [head, f"{seen}, seed {told['seed']}", *_drawn(data), known]
+    how = _drawn(data) or [data["how"] or "from elsewhere"]
+    return [head, f"{seen}, seed {told['seed']}", *how, known]
 
 
 def _drawn(told: Mapping[str, Any]) -> list[str]:
     """How collected data were drawn; nothing of data from elsewhere."""
     if told.get("in_tube") is None:
         return []
-    tube = f"{told['in_tube']} in the tube around the task, the others in the region"
+    tube = f"{told['in_tube']} in the tube around the task"
     return [f"drawn with seed {told['seed']}: {tube}; {told['unsolved']} unsolved, left out"]
 
 
@@ -194,7 +195,7 @@ def outside_table(told: Mapping[str, Any]) -> Group:
     return Group(
         table,
         "normalised; displacement: how far the answer is from that at the data's edge,",
-        "which an average stays near and a network leaves; beyond: outside the data's range",
+        "where an average stays and a network leaves; beyond: outside the data's range",
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +21,8 @@ MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noi
 NETWORK = ("hidden", "epochs")
 HELD_OUT = 0.1
 NOISE = 0.2
+_COPIES = 6
+"""Of all weights while they are trained: now and best, slopes, Adam's moments, what is to come."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,8 +96,12 @@ def _training(
     options: LearnOptions, data: Transitions, hidden: tuple[int, ...], checkpoint: Checkpoint
 ) -> Training:
     from dynamics.learned.training import Recipe, Training
+    from ocp.effort import check_memory
     from ocp.errors import InputError
 
+    layers = pairwise((data.z.shape[1], *hidden, data.x.shape[1]))
+    weights = sum(before * after for before, after in layers)
+    check_memory(f"--hidden: a network of {weights:.3g} weights", _COPIES * 4.0 * weights)
     state = checkpoint.state("training")
     try:
         recipe = Recipe(hidden, options.epochs, held_out=HELD_OUT)

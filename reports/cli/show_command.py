@@ -60,7 +60,7 @@ def _file(options: ShowOptions, found: Transitions | Dataset) -> int:
     if options.as_json:
         return 0
     for line in learned.lines(told):
-        print(line)
+        print(fill(line, 80))
     for table in learned.tables(told):
         print()
         print_table(table)
