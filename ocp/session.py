@@ -230,7 +230,7 @@ class Session:
         )
 
     def _feasible(self, nlp: NLP, guess: Guessed | None) -> Iterator[Point]:
-        """Points on branches that cost little: guesses, rolled out."""
+        """Cloud on branches that cost little: guesses, rolled out."""
         if isinstance(self.policy, Feedback):
             return
         rolled = rolled_guesses(self.problem, self.step, self.values, _ROLLED, guess)

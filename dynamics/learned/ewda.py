@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.learned.ewda_kernel import CompiledMoments
-from dynamics.learned.ewda_moments import Moments, NumpyMoments, Points
+from dynamics.learned.ewda_moments import Moments, NumpyMoments, Cloud
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
 
@@ -130,9 +130,9 @@ class EwdaModel:
         return q
 
     @cached_property
-    def _points(self) -> Points:
+    def _points(self) -> Cloud:
         y = np.ascontiguousarray(self.y, dtype=float)
-        return Points(np.ascontiguousarray(self.scales.normalised(self.z)), y, float(self.sigma))
+        return Cloud(np.ascontiguousarray(self.scales.normalised(self.z)), y, float(self.sigma))
 
     @cached_property
     def _engine(self) -> Moments:

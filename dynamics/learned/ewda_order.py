@@ -1,4 +1,4 @@
-"""Points in chunks of near neighbours, with the box around each."""
+"""Cloud in chunks of near neighbours, with the box around each."""
 
 from __future__ import annotations
 

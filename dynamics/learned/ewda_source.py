@@ -22,7 +22,7 @@ from dynamics.batch.engines.c_prelude import prelude
 from dynamics.batch.engines.compiler import Compiler
 
 CHUNK = 128
-"""Points that share a bounding box; with 18 columns they fill half of a first-level cache."""
+"""Cloud that share a bounding box; with 18 columns they fill half of a first-level cache."""
 FAR = 1e200
 """A coordinate whose square is infinite and whose product with a weight of 0 is 0."""
 

@@ -296,7 +296,7 @@ def check_range(
 
 
 def curve_dataset(curve: Continuation) -> Any:
-    """Points as one dataset over dimension ``point``, with every trajectory."""
+    """Cloud as one dataset over dimension ``point``, with every trajectory."""
     import xarray as xr
 
     keep = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")

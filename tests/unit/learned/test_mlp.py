@@ -144,8 +144,8 @@ def test_a_model_comes_back_from_its_file(tmp_path: Path) -> None:
         assert list(file["input"].values) == ["u"] and list(file["input_unit"].values) == ["m"]
     assert same_weights(model, back) and back.origin == model.origin
     assert (back.sigma, back.seed) == (0.2, 7)
-    assert [s.name for s in back.states] == ["q", "turn"] and back.data_hash == "0123"
-    assert [s.name for s in back.inputs] == ["u"]
+    assert [s.name for s in back.origin.y] == ["q", "turn"]
+    assert [s.name for s in back.origin.inputs] == ["u"]
     assert (told["kind"], told["schema"], told["data_hash"]) == ("mlp", 1, "0123")
     z = np.random.default_rng(0).normal(size=(4, 3))
     assert np.array_equal(back.values(z), model.values(z))
