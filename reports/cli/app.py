@@ -11,14 +11,12 @@ import typer
 
 from reports.cli import (
     animate_command,
-    collect_command,
     continue_command,
     doctor_command,
     estimate_command,
     export_command,
     figure_command,
     interrupt,
-    learn_command,
     list_command,
     replay_command,
     report_command,
@@ -26,6 +24,7 @@ from reports.cli import (
     show_command,
     solve_command,
 )
+from reports.cli.learning import collect_command, learn_command
 from reports.cli.options import register
 
 app = typer.Typer(

@@ -57,8 +57,8 @@ def test_what_is_written_is_read_back(file: Path) -> None:
     for one, other in zip(again.jacobians(z), made.jacobians(z), strict=True):
         assert np.array_equal(one, other)
     assert again.kind == file.stem
-    assert (again.states, again.inputs) == (signals("x [m]"), signals("u [N]"))
-    assert again.data_hash == transitions().hash
+    assert (again.origin.y, again.origin.inputs) == (signals("x [m]"), signals("u [N]"))
+    assert again.origin.data_hash == transitions().hash
 
 
 def test_the_same_is_the_same_file_to_the_last_bit(file: Path, tmp_path: Path) -> None:
