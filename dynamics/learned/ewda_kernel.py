@@ -21,7 +21,7 @@ _PHASES = 4
 _COUNTS = ("n_chunks", "n_boxes", "n_parts", "n_queries", "kind")
 _NUMBERS = ("inverse", "cutoff", "reach")
 _ARRAYS = (
-    *("z", "y", "low", "high", "q", "about_z", "about_y", "weights"),
+    *("z", "y", "low", "high", "q", "mean_z", "mean_y", "weights"),
     *("least", "bound", "best", "partial", "sums", "found", "where", "ticket", "done"),
 )
 _VALUES, _SLOPES, _CURVED = range(3)
@@ -78,11 +78,11 @@ class CompiledMoments:
         return self._all(_SLOPES if slopes else _VALUES, size, q, none, none, none)
 
     def second(
-        self, q: np.ndarray, z: np.ndarray, y: np.ndarray, weights: np.ndarray
+        self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As the protocol says."""
         size = (1 + self._nz, 1 + self._nz)
-        _, sums = self._all(_CURVED, size, q, z, y, weights)
+        _, sums = self._all(_CURVED, size, q, mean_z, mean_y, weights)
         below = np.tril(sums[:, 1:, 1:])
         above = np.tril(sums[:, 1:, 1:], -1).transpose(0, 2, 1)
         return sums[:, 0, 0], below + above
@@ -107,7 +107,7 @@ class CompiledMoments:
         counters = np.zeros((2, _PHASES), dtype=np.int64)
         arrays = {
             **self._stored,
-            **dict(zip(("q", "about_z", "about_y", "weights"), given, strict=True)),
+            **dict(zip(("q", "mean_z", "mean_y", "weights"), given, strict=True)),
             "least": _aligned((n, self._n_boxes)),
             "bound": np.empty(n),
             "best": np.empty((n, self._n_parts)),

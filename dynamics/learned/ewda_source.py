@@ -1,4 +1,4 @@
-"""The C of the weighted average: weighted moments of stored points about a centre, per query.
+"""The C of the weighted average: weighted moments of stored points about the nearest, per query.
 
 The points lie in chunks of `C` near neighbours, coordinate by coordinate, in normalised units; the
 last chunk is filled up with points so far that their weight is 0. With D = z'(z - 2q), which is
@@ -6,14 +6,15 @@ last chunk is filled up with points so far that their weight is 0. With D = z'(z
 
 1. `opening`: a lower bound of D over every chunk's bounding box, and the least D in the chunk of
    the least bound;
-2. `nearest`: the least D of every chunk whose bound comes near enough;
-3. `moments`: sum_i w_i a_i b_i' over the chunks whose least D is within the cutoff of the least of
-   all, per part of the chunks;
+2. `nearest`: the point c of the least D, in the chunks whose bound lies below what is known;
+3. `moments`: sum_i w_i a_i b_i' over the chunks that have a point within the cutoff of c, per part
+   of the chunks;
 4. `total`: the parts' sums, in their order.
 
 The parts depend on the number of points alone and every sum has one order, so an answer depends
-neither on the threads nor on the other queries. The exponent of a weight is taken relative to the
-centre c, |q - c|² - |q - z_i|² = -d'(d + 2(c - q)) with d = z_i - c: it does not cancel far away.
+neither on the threads nor on the other queries. The exponent of a weight is taken relative to c,
+|q - c|² - |q - z_i|² = -d'(d + 2(c - q)) with d = z_i - c: it does not cancel far away. Nor do the
+moments about c cancel by more than a factor n, for no point has a greater weight.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ typedef struct {{
   i64 n_chunks, n_boxes, n_parts, n_queries, kind;
   double inverse, cutoff, reach;
   const double *z, *y, *low, *high;
-  const double *q, *about_z, *about_y, *weights;
+  const double *q, *mean_z, *mean_y, *weights;
   double *least, *bound, *best, *partial, *sums;
   i64 *found, *where, *ticket, *done;
 }} Job;
@@ -103,11 +104,11 @@ static i64 place_of(const V *z, const double *q, double least) {
 INLINE const V *chunk_of(const double *data, i64 chunk, i64 size) {
   return (const V *)(data + chunk * size * C);
 }
-/* How far above the least D a point still counts: the cutoff, and what rounding took from D. */
-INLINE double margin(const Job *j, const double *q) {
+/* What rounding may have taken from D or added to it. */
+INLINE double lost(const Job *j, const double *q) {
   double far = 0.0;
   for (int k = 0; k < NZ; k++) far += __builtin_fabs(q[k]);
-  return j->cutoff + (NZ + 4) * 0x1p-51 * j->reach * (j->reach + 2.0 * far);
+  return (NZ + 4) * 0x1p-51 * j->reach * (j->reach + 2.0 * far);
 }
 static void opening(const Job *j, i64 i) {
   const double *q = j->q + i * NZ;
@@ -133,45 +134,58 @@ static void nearest(const Job *j, i64 part) {
   for (i64 i = 0; i < j->n_queries; i++) j->best[i * j->n_parts + part] = INFINITE;
   for (i64 c = begin; c < end; c++)
     for (i64 i = 0; i < j->n_queries; i++) {
-      double *least = j->least + i * j->n_boxes + c, *best = j->best + i * j->n_parts + part;
+      double *best = j->best + i * j->n_parts + part;
       double ahead = *best < j->bound[i] ? *best : j->bound[i];
-      if (*least > ahead + margin(j, j->q + i * NZ)) { *least = INFINITE; continue; }
-      *least = nearest_in(chunk_of(j->z, c, NZ), j->q + i * NZ);
-      if (*least < *best) { *best = *least; j->found[i * j->n_parts + part] = c; }
+      if (j->least[i * j->n_boxes + c] > ahead + lost(j, j->q + i * NZ)) continue;
+      double least = nearest_in(chunk_of(j->z, c, NZ), j->q + i * NZ);
+      if (least < *best) { *best = least; j->found[i * j->n_parts + part] = c; }
     }
 }
 """
 
 _MOMENTS = """\
-INLINE void fill(const Job *j, i64 i, i64 c, const double *cz, const double *cy, V *a, V *b,
-                 const int kind) {
-  const V *z = chunk_of(j->z, c, NZ), *y = chunk_of(j->y, c, NY);
-  const double *q = j->q + i * NZ, *nu = j->weights + i * (NY + 1);
+INLINE int counts(const Job *j, const double *q, const V *z, const double *cz, V *d, V *e,
+                  const int kind) {
+  M near = {0};
   for (int v = 0; v < VC; v++) {
-    V d = {0}, level = {0};
+    V s = {0};
     UNROLL for (int k = 0; k < NZ; k++) {
       V x = z[k * VC + v] - SPLAT(cz[k]);
-      if (kind) b[(1 + k) * VC + v] = x;
-      d = fused(x, x + SPLAT(2.0 * (cz[k] - q[k])), d);
+      if (kind) d[k * VC + v] = x;
+      s = fused(x, x + SPLAT(2.0 * (cz[k] - q[k])), s);
     }
-    V w = weight(d * SPLAT(-j->inverse));
+    e[v] = s;
+    near |= s <= j->cutoff;
+  }
+  return any(near);
+}
+INLINE void fill(const Job *j, i64 i, const V *y, const double *cy, const V *e, V *a, V *b,
+                 const int kind) {
+  const double *mz = j->mean_z + i * NZ, *my = j->mean_y + i * NY;
+  const double *nu = j->weights + i * (NY + 1);
+  for (int v = 0; v < VC; v++) {
+    V w = weight(e[v] * SPLAT(-j->inverse)), level = {0};
     a[v] = w;
     b[v] = SPLAT(1.0);
     UNROLL for (int k = 0; k < NY; k++) {
       V x = y[k * VC + v] - SPLAT(cy[k]);
       if (kind < 2) a[(1 + k) * VC + v] = w * x;
-      else level = fused(SPLAT(nu[k]), x, level);
+      else level = fused(SPLAT(nu[k]), x - SPLAT(my[k]), level);
     }
     if (kind == 2) {
       level = w * (level + SPLAT(nu[NY]));
-      UNROLL for (int k = 0; k < NZ; k++) a[(1 + k) * VC + v] = level * b[(1 + k) * VC + v];
+      UNROLL for (int k = 0; k < NZ; k++) {
+        V x = b[(1 + k) * VC + v] - SPLAT(mz[k]);
+        b[(1 + k) * VC + v] = x;
+        a[(1 + k) * VC + v] = level * x;
+      }
     }
   }
 }
 INLINE void gather(const Job *j, i64 part, const int kind, const int rows, const int cols,
                    void (*product)(const V *, const V *, V *)) {
   i64 begin = part * j->n_chunks / j->n_parts, end = (part + 1) * j->n_chunks / j->n_parts;
-  V a[(1 + (NY > NZ ? NY : NZ)) * VC], b[(1 + NZ) * VC], s[(1 + (NY > NZ ? NY : NZ)) * (1 + NZ)];
+  V e[VC], a[(1 + (NY > NZ ? NY : NZ)) * VC], b[(1 + NZ) * VC], s[rows * cols];
   for (i64 i = 0; i < j->n_queries; i++) {
     const double *best = j->best + i * j->n_parts, *q = j->q + i * NZ;
     double *sums = j->partial + (i * j->n_parts + part) * rows * cols;
@@ -179,18 +193,17 @@ INLINE void gather(const Job *j, i64 part, const int kind, const int rows, const
     for (i64 p = 1; p < j->n_parts; p++) if (best[p] < best[from]) from = p;
     i64 home = j->found[i * j->n_parts + from];
     i64 at = place_of(chunk_of(j->z, home, NZ), q, best[from]);
-    double cz[NZ], cy[NY], limit = best[from] + margin(j, q);
-    for (int k = 0; k < NZ; k++)
-      cz[k] = kind == 2 ? j->about_z[i * NZ + k] : j->z[(home * NZ + k) * C + at];
-    for (int k = 0; k < NY; k++)
-      cy[k] = kind == 2 ? j->about_y[i * NY + k] : j->y[(home * NY + k) * C + at];
+    double cz[NZ], cy[NY], limit = best[from] + j->cutoff + lost(j, q);
+    for (int k = 0; k < NZ; k++) cz[k] = j->z[(home * NZ + k) * C + at];
+    for (int k = 0; k < NY; k++) cy[k] = j->y[(home * NY + k) * C + at];
     if (part == 0) j->where[i] = home * C + at;
     for (int k = 0; k < rows * cols; k++) { s[k] = (V){0}; sums[k] = 0.0; }
-    for (i64 c = begin; c < end; c++)
-      if (j->least[i * j->n_boxes + c] <= limit) {
-        fill(j, i, c, cz, cy, a, b, kind);
-        product(a, b, s);
-      }
+    for (i64 c = begin; c < end; c++) {
+      if (j->least[i * j->n_boxes + c] > limit) continue;
+      if (!counts(j, q, chunk_of(j->z, c, NZ), cz, b + VC, e, kind)) continue;
+      fill(j, i, chunk_of(j->y, c, NY), cy, e, a, b, kind);
+      product(a, b, s);
+    }
     for (int k = 0; k < rows * cols; k++) LANES sums[k] += s[k][l];
   }
 }

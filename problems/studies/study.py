@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from ocp.errors import InputError
-from problems.parameters import Parameters
+from problems.parameters import Limits, Parameters, declared
 from problems.spec import Citation, check_parameters
 
 if TYPE_CHECKING:
@@ -24,18 +23,10 @@ PAPER, CODE, CHOICE = "paper", "authors' code", "our choice"
 
 
 def setting(
-    default: float,
-    unit: str,
-    meaning: str,
-    origin: str = CHOICE,
-    *,
-    above: float | None = None,
-    least: float | None = None,
-    most: float | None = None,
+    default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Limits]
 ) -> Any:
     """Declare a study's parameter in SI ``unit``, with its range and its :data:`origin <PAPER>`."""
-    extra: dict[str, Any] = {"unit": unit, "origin": origin}
-    return Field(default, gt=above, ge=least, le=most, description=meaning, json_schema_extra=extra)
+    return declared(default, unit, meaning, limits, origin=origin)
 
 
 def origin_of(field: FieldInfo) -> str:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
+from reports.cli.declared import argument
 from reports.cli.options import PROBLEM, Command, Options
 
 if TYPE_CHECKING:
@@ -23,12 +22,9 @@ if TYPE_CHECKING:
 class ShowOptions(Options):
     """What to show."""
 
-    problem: Annotated[
-        str,
-        typer.Argument(
-            metavar="PROBLEM|FILE", help=f"{PROBLEM[:-1]}, or a .nc of ocp collect or ocp learn."
-        ),
-    ]
+    problem: str = argument(
+        metavar="PROBLEM|FILE", help=f"{PROBLEM[:-1]}, or a .nc of ocp collect or ocp learn."
+    )
 
 
 def check(options: ShowOptions) -> ProblemSpec | ObjectiveSpec | Transitions | Dataset:

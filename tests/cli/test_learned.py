@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dynamics.learned.ewda import EwdaModel
+from dynamics.learned.samples import split_rows
 from ocp.store import models
 from reports.cli import interrupt
 from tests.cli.conftest import Ocp
@@ -113,7 +114,7 @@ def test_the_fit_is_that_of_rows_that_the_model_has_not_seen(ocp: Ocp) -> None:
     told = ocp("learn", "data.nc", "--model", "ewda", "-o", "model.nc", "--json").json
     data, model = models.load_transitions(Path("data.nc")), models.load_model(Path("model.nc"))
     assert isinstance(model, EwdaModel) and len(model.z) == 540
-    kept, held = data.divided(0.1, 0)
+    kept, held = split_rows(600, 0.1, 0)
     assert np.array_equal(model.z, data.z[kept])
     off = model.values(data.z[held])[:, :2] - data.x_next[held]
     clean = [row["clean"] for row in told["fit"]["states"]]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from reports.cli.declared import argument, option
 from reports.cli.options import PROBLEM, Command, Options
 
 if TYPE_CHECKING:
@@ -19,14 +18,13 @@ if TYPE_CHECKING:
 class CollectOptions(Options):
     """Of what, how much, and where to."""
 
-    problem: Annotated[str, typer.Argument(help=PROBLEM)]
-    file: Annotated[Path, typer.Option("--output", "-o", help="The netCDF file to write.")]
-    params: Annotated[
-        list[str] | None,
-        typer.Option("--param", "-p", metavar="K=V", help="Parameter of the problem."),
-    ] = None
-    samples: Annotated[str, typer.Option("--samples", "-n", help="Transitions.")] = "1e5"
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of what is drawn.")] = 0
+    problem: str = argument(help=PROBLEM)
+    file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
+    params: list[str] | None = option(
+        None, "--param", "-p", metavar="K=V", help="Parameter of the problem."
+    )
+    samples: str = option("1e5", "--samples", "-n", help="Transitions.")
+    seed: int = option(0, "--seed", min=0, help="Seed of what is drawn.")
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from reports.cli.declared import argument, option
 from reports.cli.options import PROBLEM, Command, Options
 
 if TYPE_CHECKING:
@@ -29,26 +28,19 @@ _COPIES = 6
 class LearnOptions(Options):
     """From what, which model, and where to."""
 
-    data: Annotated[Path, typer.Argument(help="What ocp collect wrote, a .csv or a .parquet.")]
-    model: Annotated[str, typer.Option("--model", help="ewda or mlp.")]
-    file: Annotated[Path, typer.Option("--output", "-o", help="The netCDF file to write.")]
-    noise: Annotated[
-        float, typer.Option("--noise", help="sigma, in normalised units; 0: clean data (mlp).")
-    ] = NOISE
-    hidden: Annotated[
-        str, typer.Option("--hidden", help="Units of each hidden layer of the mlp.")
-    ] = "128,128,128,128"
-    epochs: Annotated[
-        int, typer.Option("--epochs", min=1, help="Most passes of training the mlp.")
-    ] = 200
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")] = 0
-    problem: Annotated[
-        str | None, typer.Option("--problem", help=f"Whose data they are. {PROBLEM}")
-    ] = None
-    columns: Annotated[
-        str | None,
-        typer.Option("--columns", metavar="NAME=COLUMN,...", help="Names in a table."),
-    ] = None
+    data: Path = argument(help="What ocp collect wrote, a .csv or a .parquet.")
+    model: str = option(MISSING, "--model", help="ewda or mlp.")
+    file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
+    noise: float = option(NOISE, "--noise", help="sigma, in normalised units; 0: clean data (mlp).")
+    hidden: str = option(
+        "128,128,128,128", "--hidden", help="Units of each hidden layer of the mlp."
+    )
+    epochs: int = option(200, "--epochs", min=1, help="Most passes of training the mlp.")
+    seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
+    problem: str | None = option(None, "--problem", help=f"Whose data they are. {PROBLEM}")
+    columns: str | None = option(
+        None, "--columns", metavar="NAME=COLUMN,...", help="Names in a table."
+    )
 
 
 @dataclass(frozen=True)
@@ -202,8 +194,9 @@ def run(options: LearnOptions, asked: Asked) -> int:
 def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:
     """The average of all rows but those held out, and which those are."""
     from dynamics.learned.ewda import EwdaModel
+    from dynamics.learned.samples import split_rows
 
-    kept, held_out = data.divided(HELD_OUT, options.seed)
+    kept, held_out = split_rows(len(data), HELD_OUT, options.seed)
     z, y = data.z[kept], data.x_next[kept]
     scales, sigma = data.normalisation, options.noise
     return EwdaModel(z, y, scales, sigma, data.origin, options.seed), held_out
