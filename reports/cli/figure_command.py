@@ -1,4 +1,4 @@
-"""``ocp figure ID``: reproduce a paper's figure, with its claims checked."""
+"""``ocp figure ID...``: reproduce figures of the papers, with their claims checked."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ USUAL_S = 60.0
 class FigureOptions(StoreOptions):
     """Which figures, and their parameters."""
 
-    figure: str | None = argument(default=None, help="Figure, such as P6; ocp list.")
+    figures: list[str] | None = argument(default=None, help="Figures, such as P6; ocp list.")
     every: bool = option(False, "--all", help="Every figure there is.")
     params: list[str] | None = option(
         None, "--param", "-p", metavar="K=V", help="Parameter of the study."
@@ -38,15 +38,15 @@ def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
     from reports.cli.choices import assignments
     from reports.cli.places import check_places
 
-    if options.every == (options.figure is not None):
-        raise InputError(f"give one figure or --all; there are {', '.join(studies.ids())}")
+    asked_for = options.figures or []
+    if options.every == bool(asked_for):
+        raise InputError(f"give figures or --all; there are {', '.join(studies.ids())}")
     values: dict[str, Any] = assignments("-p", options.params)
-    if options.every and values:
-        raise InputError("-p belongs to one figure's study; name the figure instead of --all")
+    if values and len(asked_for) != 1:
+        raise InputError("-p belongs to one figure's study; name that figure alone")
     if "seed" in values and "seed" in options.given:
         raise InputError("--seed and -p seed say the same; drop one of them")
-    named = studies.ids() if options.figure is None else [options.figure]
-    chosen = [studies.get(name) for name in named]
+    chosen = [studies.get(name) for name in dict.fromkeys(asked_for) or studies.ids()]
     asked = {"seed": options.seed, **values}
     found = [(study, study.params(asked).model_dump()) for study in chosen]
     for study, params in found:
@@ -60,7 +60,7 @@ def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
 def run(options: FigureOptions, chosen: list[tuple[Study, dict[str, Any]]]) -> int:
     """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
     done = [_reproduce(study, asked, options) for study, asked in chosen]
-    options.output.document({"figures": done} if options.every else done[0])
+    options.output.document(done[0] if len(options.figures or ()) == 1 else {"figures": done})
     return 0
 
 
