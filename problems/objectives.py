@@ -12,11 +12,11 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ParameterTable, Signal
-from ocp.errors import InputError, did_you_mean
+from ocp.errors import InputError, choose, did_you_mean
 from ocp.gradients.objective import ClosedForm, StaticObjective
 from problems.parameters import table, unit_of
 from problems.registry import names, spec
-from problems.spec import ProblemSpec, Spec, lines_of
+from problems.spec import ProblemSpec, Spec, defined
 
 _MODULES = {
     "heaviside": "problems.heaviside",
@@ -24,8 +24,6 @@ _MODULES = {
     "belt-block": "problems.belt_block",
     "ball-wall": "problems.ball_wall",
 }
-
-
 _DECISION, _NOISE = "theta", "sigma"
 
 
@@ -89,17 +87,9 @@ def objective_names() -> list[str]:
 
 def objective_spec(name: str) -> ObjectiveSpec:
     """Return the objective called ``name``; raises :class:`~ocp.errors.InputError` for no name."""
-    if name not in _MODULES:
-        raise InputError(
-            f"unknown objective {name!r}{did_you_mean(name, _MODULES)}; there are"
-            f" {', '.join(_MODULES)}"
-        )
-    return _registered(name)
+    return _registered(choose("objective", name, _MODULES))
 
 
 @cache
-def _registered(name: str) -> ObjectiveSpec:
-    module = importlib.import_module(_MODULES[name])
-    keys = ("name", "title", "Params", "cost", "citation", "closed_form")
-    values = {key: getattr(module, key) for key in keys if hasattr(module, key)}
-    return ObjectiveSpec(**values, equations=lines_of(module.equations))
+def _registered(module: str) -> ObjectiveSpec:
+    return defined(ObjectiveSpec, importlib.import_module(module))

@@ -8,11 +8,12 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
+from dynamics.learned.region import Region
 from dynamics.systems import contacts, quasi_dynamic, signals
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
-from problems.spec import Citation, Golden
+from problems.spec import Citation, Golden, smoothed
 
 name = "planar-push"
 title = "Pushing a box in the plane, with friction"
@@ -32,7 +33,7 @@ delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k - a_k)_infinity <= "
 """
 golden = {
     "exact": Golden(120.918554915, tried=33),
-    "barrier mu=1e-3": Golden(120.603713118, law="barrier", stationarity="KKT", kind="", tried=11),
+    "barrier mu=1e-3": smoothed(120.603713118, tried=11),
 }
 
 
@@ -143,6 +144,22 @@ def build(params: Params) -> Problem:
             params.scenarios, (std, std, params.scenario_angle_std, 0.0, 0.0), params.scenario_seed
         ),
         reference=Reference(impulse=1.0, gap=0.1, x=0.5, u=0.5),
+    )
+
+
+def region(params: Params) -> Region:
+    """The table around box and goal; in the tube the pusher goes along with the box."""
+    start = (params.ox0, params.oy0, params.angle0, params.ax0, params.ay0)
+    goal = (params.goal_x, params.goal_y, params.goal_angle)
+    along = (params.ax0 + goal[0] - params.ox0, params.ay0 + goal[1] - params.oy0)
+    hand, reach = (-1.5, 1.5), (-params.reach, params.reach)
+    return Region(
+        {"ox": (-1, 1), "oy": (-1, 1), "theta": (-math.pi, math.pi), "ax": hand, "ay": hand},
+        {"ux": reach, "uy": reach},
+        start,
+        (*goal, *along),
+        spread=(0.1, 0.1, 0.2, 0.25, 0.25),
+        around={"ux": "ax", "uy": "ay"},
     )
 
 

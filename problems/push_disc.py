@@ -6,11 +6,12 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
+from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem import Problem, Reference, Scenarios
 from problems.drawing import ContactFrame, Disc, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
-from problems.spec import Citation, Golden
+from problems.spec import Citation, Golden, smoothed
 
 name = "push-disc"
 title = "Pushing a disc in the plane"
@@ -28,13 +29,8 @@ golden = {
         tried=33,
         note="a plain Opti script, cold Scholtes homotopy, ends no lower from 36 random guesses",
     ),
-    "barrier mu=1e-3": Golden(
-        0.100609441,
-        law="barrier",
-        stationarity="KKT",
-        kind="",
-        tried=11,
-        note="a plain Opti script ends no lower from 18 random guesses",
+    "barrier mu=1e-3": smoothed(
+        0.100609441, tried=11, note="a plain Opti script ends no lower from 18 random guesses"
     ),
 }
 
@@ -112,6 +108,23 @@ def build(params: Params) -> Problem:
         u_upper=p["u_max"],
         scenarios=Scenarios(params.scenarios, (std, std, 0.0, 0.0), params.scenario_seed),
         reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+    )
+
+
+def region(params: Params) -> Region:
+    """A square around start and goal of both; in the tube the pusher goes along with the object."""
+    start = np.array([params.ox0, params.oy0, params.ax0, params.ay0])
+    goal = np.array([params.goal_x, params.goal_y])
+    goal = np.concatenate([goal, start[2:] + goal - start[:2]])
+    ends = np.reshape([start, goal], (4, 2))
+    x, y = zip((ends.min(axis=0) - 0.5).tolist(), (ends.max(axis=0) + 0.5).tolist(), strict=True)
+    return Region(
+        {"ox": x, "oy": y, "ax": x, "ay": y},
+        {"ux": (-0.5, 0.5), "uy": (-0.5, 0.5)},
+        start.tolist(),
+        goal.tolist(),
+        spread=(0.2,) * 4,
+        around={"ux": "ax", "uy": "ay"},
     )
 
 

@@ -6,7 +6,6 @@ import importlib
 import re
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from pydantic import BaseModel
@@ -14,7 +13,7 @@ from pydantic import BaseModel
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
 from problems.loading import check, import_file
-from problems.spec import ProblemSpec, lines_of
+from problems.spec import ProblemSpec, defined
 
 _MODULES = {
     "wall-1d": "problems.wall_1d",
@@ -32,7 +31,6 @@ _MODULES = {
     "half-cheetah": "problems.half_cheetah",
 }
 _REQUIRED = ("name", "title", "Params", "build")
-_OPTIONAL = ("equations", "draw", "frames", "axes", "golden", "citation")
 
 
 def names() -> list[str]:
@@ -68,36 +66,30 @@ def load(path: str | Path) -> ProblemSpec:
 
     The file defines ``name``, ``title``, ``Params`` (a pydantic model, :mod:`problems.parameters`)
     and ``build(params) -> Problem``, and may define ``equations``, ``draw``, ``frames``, ``axes``,
-    ``golden`` and ``citation``, as the files beside this one do.
+    ``golden``, ``citation`` and ``region``, as the files beside this one do.
 
     Raises :class:`~ocp.errors.InputError` where there is no such file, it raises (with the line),
     a name is missing or of the wrong kind, or the problem's dimensions do not fit.
     """
     file = Path(path).expanduser().resolve()
-    found = _from_module(import_file(file), file)
+    module = import_file(file)
+    missing = [key for key in _REQUIRED if not hasattr(module, key)]
+    if missing:
+        raise InputError(
+            f"{file}: the file must define {', '.join(_REQUIRED)};"
+            f" {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+        )
+    wrong = _wrong_kind(vars(module))
+    if wrong:
+        raise InputError(f"{file}: {wrong}")
+    found = defined(ProblemSpec, module, path=file)
     check(found)
     return found
 
 
 @cache
 def _registered(name: str) -> ProblemSpec:
-    return _from_module(importlib.import_module(_MODULES[name]), None)
-
-
-def _from_module(module: ModuleType, path: Path | None) -> ProblemSpec:
-    values = {key: getattr(module, key) for key in _REQUIRED if hasattr(module, key)}
-    missing = [key for key in _REQUIRED if key not in values]
-    if missing:
-        raise InputError(
-            f"{path}: the file must define {', '.join(_REQUIRED)};"
-            f" {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
-        )
-    values |= {key: getattr(module, key) for key in _OPTIONAL if hasattr(module, key)}
-    wrong = _wrong_kind(values)
-    if wrong:
-        raise InputError(f"{path}: {wrong}")
-    values["equations"] = lines_of(values.get("equations", ""))
-    return ProblemSpec(**values, path=path)
+    return defined(ProblemSpec, importlib.import_module(_MODULES[name]), path=None)
 
 
 def _wrong_kind(values: dict[str, Any]) -> str | None:

@@ -5,17 +5,21 @@ from __future__ import annotations
 import re
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from dynamics.learned.region import Region
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import natural_units, range_of, unit_of
+
+S = TypeVar("S", bound="Spec")
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,11 @@ class Golden:
         return "; ".join(part for part in (how, confirmed, self.note) if part)
 
 
+def smoothed(cost: float, **more: Any) -> Golden:
+    """The best known value under the barrier law, whose certificate is KKT and has no kinds."""
+    return Golden(cost, law="barrier", stationarity="KKT", kind="", **more)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spec:
     """What has a name, parameters, equations in typst's mathematics, and a source."""
@@ -90,14 +99,16 @@ class ProblemSpec(Spec):
 
     ``build(params)`` gives the :class:`~ocp.problem.Problem`; ``draw(params, state)`` the shapes at
     one state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes``
-    label the drawing; ``path`` is the user's file, None for a problem that ships with the
-    workbench.
+    label the drawing; ``region(params)`` says where transitions are drawn, else
+    :mod:`problems.regions` does; ``path`` is the user's file, None for a problem that ships with
+    the workbench.
     """
 
     build: Callable[[Any], Problem]
     draw: Callable[[Any, np.ndarray], list[Shape]] | None = None
     frames: Callable[[Any, np.ndarray], list[ContactFrame]] | None = None
     axes: tuple[str, str] = ("x [m]", "y [m]")
+    region: Callable[[Any], Region] | None = None
     golden: Mapping[str, Golden] = field(default_factory=dict)
     path: Path | None = None
 
@@ -181,9 +192,16 @@ def describe(spec: Spec) -> list[dict[str, Any]]:
     ]
 
 
-def lines_of(equations: str) -> tuple[str, ...]:
-    """One equation a line; a line that begins with a space continues the one before."""
-    return tuple(re.sub(r"\n +", " ", equations.strip()).splitlines())
+def defined(kind: type[S], module: ModuleType, **more: Any) -> S:
+    """Make the spec of what ``module`` defines under the names of its fields.
+
+    Of the equations, a text, each line is one; a line that begins with a space continues the one
+    before.
+    """
+    names = (field.name for field in fields(kind) if field.name not in more)
+    found = {name: getattr(module, name) for name in names if hasattr(module, name)}
+    text = re.sub(r"\n +", " ", found.get("equations", "").strip())
+    return kind(**{**found, **more, "equations": tuple(text.splitlines())})
 
 
 def where(error: BaseException, path: Path) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -40,11 +40,15 @@ def small(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
 
 
-def table_of(*columns: tuple[str, str], title: str | None = None) -> Table:
-    """An empty table of columns with a title each, justified ``left`` or ``right``."""
+def table_of(
+    *columns: tuple[str, str], rows: Iterable[Sequence[str]] = (), title: str | None = None
+) -> Table:
+    """A table of columns with a title each, justified ``left`` or ``right``."""
     table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0))
     for name, justify in columns:
         table.add_column(name, justify="right" if justify == "right" else "left")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
@@ -55,24 +59,26 @@ def knob_title(knob: str) -> str:
 
 def stage_table(stages: Sequence[StageRecord]) -> Table:
     """Homotopy table: where on the path, cost, residuals, iterations, seconds; failures named."""
-    from reports.stages import shown
-
     knobs = {stage.knob for stage in stages}
     head = knob_title(knobs.pop()) if len(knobs) == 1 else "knob"
-    table = table_of(
-        *((name, "right") for name in ("stage", head, "cost", "lam·gap", "residual", "iter", "s")),
-        ("", "left"),
+    rows = (
+        (index, f"{knob_title(knob)} {value}".rstrip() if head == "knob" else value, *cells)
+        for index, knob, value, *cells in stage_rows(stages)
     )
-    for index, stage in shown(stages):
-        place = small(stage.value) if stage.value else ""
-        if head == "knob":
-            place = f"{knob_title(stage.knob)} {place}".rstrip()
-        table.add_row(
-            str(index), place, number(stage.cost, 7), small(stage.complementarity),
-            small(stage.residual), str(stage.iterations), f"{stage.seconds:.2f}",
-            "" if stage.accepted else "stepped back",
-        )  # fmt: skip
-    return table
+    heads = ("stage", head, "cost", "lam·gap", "residual", "iter", "s")
+    return table_of(*((name, "right") for name in heads), ("", "left"), rows=rows)
+
+
+def stage_rows(stages: Sequence[StageRecord]) -> list[tuple[str, ...]]:
+    """Number, knob and its value, cost, lam·gap, residual, iterations, seconds, failures; text."""
+    from reports.stages import shown
+
+    return [
+        (str(index), stage.knob, small(stage.value) if stage.value else "", number(stage.cost, 7),
+         small(stage.complementarity), small(stage.residual), str(stage.iterations),
+         f"{stage.seconds:.2f}", "" if stage.accepted else "stepped back")
+        for index, stage in shown(stages)
+    ]  # fmt: skip
 
 
 def stage_line(stage: StageRecord) -> str:
@@ -108,8 +114,6 @@ def progress(quiet: bool, first: str) -> Iterator[Callable[[StageRecord], None]]
 def result_table(solution: Solution) -> Table:
     """Cost, exact cost, iterations and the audited residuals."""
     audit = solution.audit
-    table = table_of(("", "left"), ("", "right"), ("", "left"))
-    table.show_header = False
     rows = [
         ("cost under the chosen law", number(solution.cost, 8), ""),
         ("cost under the exact law", number(audit.exact_cost, 8), "the plan replayed"),
@@ -125,8 +129,8 @@ def result_table(solution: Solution) -> Table:
         ("of which functions, solver", *split(solution)),
     ]
     rows[-3:-3] = [(name, small(value), what) for name, value, what in books(audit)]
-    for row in rows:
-        table.add_row(*row)
+    table = table_of(("", "left"), ("", "right"), ("", "left"), rows=rows)
+    table.show_header = False
     return table
 
 
@@ -182,15 +186,13 @@ def contact_table(audit: Audit) -> Table:
     """When each contact acts, how hard, how far it slides; those that never act are counted."""
     rough = math.isfinite(audit.cone_violation)
     heads = ("steps", *(["slipping"] if rough else []), "peak N", *(["slid m"] if rough else []))
-    table = table_of(
-        ("contact", "left"),
-        *((head, "right") for head in (*heads, "weak")),
-        ("steps from-to", "left"),
-    )
-    for row in contact_rows(audit):
-        name, steps, spans, slipping, peak, slid, weak = row
-        sliding = (slipping,) if rough else ()
-        table.add_row(name, steps, *sliding, peak, *((slid,) if rough else ()), weak, spans)
+    rows = (
+        (name, steps, slipping, peak, slid, weak, spans) if rough else (name, steps, peak, weak,
+                                                                        spans)
+        for name, steps, spans, slipping, peak, slid, weak in contact_rows(audit)
+    )  # fmt: skip
+    numbers = ((head, "right") for head in (*heads, "weak"))
+    table = table_of(("contact", "left"), *numbers, ("steps from-to", "left"), rows=rows)
     table.caption, table.caption_justify = idle_contacts(audit), "left"
     return table
 
@@ -233,25 +235,26 @@ def split(solution: Solution) -> tuple[str, str]:
 
 def violation_table(solution: Solution) -> Table:
     """The worst constraints by name, for a solve that failed."""
-    table = table_of(
+    return table_of(
         ("worst constraint", "left"), ("component", "left"), ("scenario", "right"),
-        ("step", "right"), ("off by", "right"),
+        ("step", "right"), ("off by", "right"), rows=violation_rows(solution.audit),
     )  # fmt: skip
-    for violation in solution.audit.worst:
-        table.add_row(
-            violation.name, violation.component, str(violation.scenario), str(violation.step),
-            small(violation.amount),
-        )  # fmt: skip
-    return table
+
+
+def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
+    """Constraint, component, scenario, step and amount of the worst violations, as text."""
+    return [
+        (v.name, v.component, str(v.scenario), str(v.step), small(v.amount)) for v in audit.worst
+    ]
 
 
 def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
     """The starts of a multi-start that did not win."""
     known = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")
     keys = [key for key in known if any(key in other for other in others)]
-    table = table_of(*((key.replace("_", " "), "right") for key in keys), title="other starts")
-    for other in others:
-        table.add_row(
-            *(number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys)
-        )
-    return table
+    rows = (
+        [number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys]
+        for other in others
+    )
+    heads = ((key.replace("_", " "), "right") for key in keys)
+    return table_of(*heads, rows=rows, title="other starts")

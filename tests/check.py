@@ -54,7 +54,8 @@ def _home(module: str, name: str) -> str:
 def tests_of(file: Path) -> list[Path]:
     """Test files that belong to a file, the most particular first.
 
-    They import its module, or else one that imports it, or else one that imports that, ...
+    They import its module, or else one that imports it or the room it is in, or else one that
+    imports that, ...
     """
     if ROOT / "tests" in file.parents:
         return [file]
@@ -67,7 +68,9 @@ def tests_of(file: Path) -> list[Path]:
         if mine:
             return sorted(mine, key=lambda test: len(needs[test]))
         seen |= near
-        near = {m for one in near for m in graph.find_modules_that_directly_import(one)} - seen
+        rooms = {room for one in near if "." in (room := one.rpartition(".")[0])}
+        near = {m for one in near for m in graph.find_modules_that_directly_import(one)}
+        near = (near | rooms) - seen
     return []
 
 

@@ -9,6 +9,7 @@ from dynamics.batch.moments import Moments
 from dynamics.batch.nonfinite import BatchWarning, NonFinite
 from dynamics.batch.random import Gaussian
 from dynamics.batch.rollout import RolloutFunction, RolloutMoments, Rollouts
+from dynamics.batch.stepping import StepFunction, Steps
 
 __all__ = [
     "BatchFunction",
@@ -21,6 +22,8 @@ __all__ = [
     "RolloutMoments",
     "RolloutPolicy",
     "Rollouts",
+    "StepFunction",
+    "Steps",
     "TabulatedPolicy",
     "UnsupportedOperation",
     "affine",

@@ -27,6 +27,7 @@ from dynamics.batch.engines.rollout_engines import (
     RolloutEngine,
     c_rollout_engine,
 )
+from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.graphs.rollout_tapes import build_tapes
 from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
@@ -108,11 +109,14 @@ class RolloutFunction:
         def chunks(make: Any) -> RolloutEngine:
             return ChunkEngine(self.tapes, self.horizon, self.policy.per_step, self.threads, make)
 
-        return {
+        makers: dict[str, Any] = {
             "c": lambda: c_rollout_engine(self.tapes, self.threads, self.block),
             "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
             "casadi": lambda: chunks(CasadiKernel),
         }
+        if isinstance(self.tapes.forward, Asked):
+            del makers["c"]
+        return makers
 
     def __call__(
         self,

@@ -9,12 +9,7 @@ from dynamics.contact.law import ContactLaw
 from dynamics.contact.randomized import Randomized
 from dynamics.contact.step import Step
 
-LAWS: dict[str, type[ContactLaw]] = {
-    law.name: law for law in (Exact, Barrier, Adaptive, Randomized)
-}
-
 __all__ = [
-    "LAWS",
     "Adaptive",
     "AffineStep",
     "Barrier",

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from dynamics.contact.affine_step import AffineStep
-from dynamics.contact.closure import Closure, Schedule
+from dynamics.contact.closure import Branch, Closure, Schedule
 from dynamics.contact.implicit_step import ImplicitStep
 from dynamics.contact.step import Step
 from dynamics.systems import KNOB, ContactSystem, Parameter, ParameterTable
@@ -44,8 +44,14 @@ class ContactLaw(Closure):
     def close(self, system: ContactSystem) -> Step:
         """Close the contact of ``system``; raises ``ValueError`` where the law cannot take it."""
         knobs = self.knobs(system)
+        return self.closed(system, self, knobs, tuple(self.nodes(system, knobs)))
+
+    def closed(
+        self, system: ContactSystem, law: Closure, knobs: ParameterTable, nodes: tuple[Branch, ...]
+    ) -> Step:
+        """The step that this law makes at ``nodes``, for ``law``: itself, or its average."""
         made = AffineStep if system.linear else ImplicitStep
-        return made(system, self, knobs, tuple(self.nodes(system, knobs)))
+        return made(system, law, knobs, nodes)
 
     def at(self, **values: float) -> ContactLaw:
         """Return the same law with other values of its settings."""

@@ -7,9 +7,10 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from dynamics.contact.closure import Branch, Schedule
+from dynamics.contact.closure import Branch, Closure, Schedule
 from dynamics.contact.exact import Exact
 from dynamics.contact.law import ContactLaw, by_sigma, knob, positive, whole
+from dynamics.contact.step import Step
 from dynamics.systems import ContactSystem, ParameterTable
 
 SCHEMES = ("sobol", "monte-carlo", "gauss-hermite")
@@ -96,6 +97,12 @@ class Randomized(ContactLaw):
                 "randomized: the base law has a sigma of its own; use barrier or exact"
             )
         return ParameterTable([own]) + inner
+
+    def closed(
+        self, system: ContactSystem, law: Closure, knobs: ParameterTable, nodes: tuple[Branch, ...]
+    ) -> Step:
+        """The base law's step at all nodes."""
+        return self.base.closed(system, law, knobs, nodes)
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
         """Return the base law's mu at one node."""

@@ -70,6 +70,11 @@ class Step(ABC):
     def slack(self) -> ca.SX:
         """The gaps (n, 1) in (x, u, inner, p)."""
 
+    @property
+    def toll(self) -> ca.SX:
+        """What the law adds to the stage cost, an expression in (x, u, inner, p); nothing."""
+        return ca.SX(0)
+
     @abstractmethod
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
         """Solve every branch: ``inner, x_next, lam, gap, error``."""

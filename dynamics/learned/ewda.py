@@ -11,10 +11,9 @@ import numpy as np
 from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.learned.ewda_kernel import CompiledMoments
-from dynamics.learned.ewda_moments import Moments, NumpyMoments, Points
+from dynamics.learned.ewda_moments import Cloud, Moments, NumpyMoments
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
-from dynamics.systems.parameters import Signal
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,21 +79,6 @@ class EwdaModel:
         """Entries of y, and the logarithm of the density."""
         return self.y.shape[1] + 1
 
-    @property
-    def states(self) -> tuple[Signal, ...]:
-        """What y is called."""
-        return self.origin.y
-
-    @property
-    def inputs(self) -> tuple[Signal, ...]:
-        """What the entries of z are called that are no states."""
-        return self.origin.inputs
-
-    @property
-    def data_hash(self) -> str:
-        """What tells its data from any other."""
-        return self.origin.data_hash
-
     def values(self, z: np.ndarray) -> np.ndarray:
         """``(g, log p)`` (n, ny + 1) at ``z`` (n, nz)."""
         q = self._queries(z)
@@ -145,9 +129,9 @@ class EwdaModel:
         return q
 
     @cached_property
-    def _points(self) -> Points:
+    def _points(self) -> Cloud:
         y = np.ascontiguousarray(self.y, dtype=float)
-        return Points(np.ascontiguousarray(self.scales.normalised(self.z)), y, float(self.sigma))
+        return Cloud(np.ascontiguousarray(self.scales.normalised(self.z)), y, float(self.sigma))
 
     @cached_property
     def _engine(self) -> Moments:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynamics.batch.engines.compiler import find_compiler, load
 from dynamics.batch.engines.parallel import checked_threads, on_threads
-from dynamics.learned.ewda_moments import CUTOFF, Points
+from dynamics.learned.ewda_moments import CUTOFF, Cloud
 from dynamics.learned.ewda_order import boxes, chunked, neighbourly
 from dynamics.learned.ewda_source import CHUNK, FAR, REGISTER, ewda_source
 
@@ -42,7 +42,7 @@ class CompiledMoments:
     Raises ``CompilerError`` where there is no compiler.
     """
 
-    def __init__(self, points: Points, threads: int | None = None) -> None:
+    def __init__(self, points: Cloud, threads: int | None = None) -> None:
         n, self._nz = points.z.shape
         self._ny = points.y.shape[1]
         compiler = find_compiler()

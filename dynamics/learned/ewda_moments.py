@@ -15,7 +15,7 @@ _BLOCK = 1 << 22
 
 
 @dataclass(frozen=True)
-class Points:
+class Cloud:
     """The data in normalised coordinates: z (n, nz), y (n, ny), and the width sigma."""
 
     z: np.ndarray
@@ -51,7 +51,7 @@ class Moments(Protocol):
 class NumpyMoments:
     """Distances by products of matrices, a block of queries at a time; moments query by query."""
 
-    points: Points
+    points: Cloud
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """As :class:`Moments` says."""

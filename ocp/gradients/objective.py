@@ -6,8 +6,8 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, Literal, Self
 
 import casadi as ca
 import numpy as np
@@ -15,6 +15,10 @@ import numpy as np
 from dynamics.batch import BatchFunction, BatchWarning, Gaussian, Moments
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
+
+Order = Literal["cost", "zeroth", "first"]
+Bulk = tuple[Moments, np.ndarray]
+"""Moments of many samples, and the indices of those left out as not finite."""
 
 
 @dataclass(frozen=True)
@@ -44,26 +48,41 @@ class ClosedForm:
 class SampledObjective(ABC):
     """A cost ``V(theta, w)`` whose mean over ``w ~ N(0, sigma^2 I)`` is to be differentiated.
 
-    ``decision`` names the d components of ``theta`` (d,); ``parameters`` holds every number that a
-    sweep may turn, by name; ``n_noise`` is the number of components of w.
+    ``decision`` names the d components of ``theta`` (d,); ``parameters`` holds every other number
+    that a sweep may turn, by name; ``n_noise`` is the number of components of w.
     """
 
     name: str
     decision: tuple[Signal, ...]
     theta: np.ndarray
     n_noise: int
+    parameters: dict[str, float]
 
-    @property
-    @abstractmethod
-    def parameters(self) -> dict[str, float]:
-        """Values by name of what :meth:`at` may change, the decision apart."""
-
-    @abstractmethod
-    def at(self, values: Mapping[str, float]) -> SampledObjective:
+    def at(self, values: Mapping[str, float]) -> Self:
         """Return the same objective with other parameters or components of the decision.
 
-        Raises :class:`~ocp.errors.InputError` for a name that it does not have.
+        Nothing is built or compiled again. Raises :class:`~ocp.errors.InputError` for a name that
+        it does not have, and a value that is not finite.
         """
+        known = [*(signal.name for signal in self.decision), *self.parameters]
+        for name, value in values.items():
+            if name not in known:
+                shown = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
+                raise InputError(
+                    f"{self.name} has nothing called {name!r} to set; there are {shown}"
+                )
+            if not np.isfinite(value):
+                raise InputError(f"{self.name}: {name} must be finite, got {value}")
+        other = copy(self)
+        pairs = zip(self.decision, self.theta, strict=True)
+        other.theta = np.array([values.get(s.name, was) for s, was in pairs], dtype=float)
+        other.parameters = {k: float(values.get(k, was)) for k, was in self.parameters.items()}
+        return other
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values of the parameters in their order."""
+        return np.array(list(self.parameters.values()))
 
     @abstractmethod
     def costs(self, noise: np.ndarray) -> np.ndarray:
@@ -81,21 +100,17 @@ class SampledObjective(ABC):
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
         """Costs of n samples and their gradients by theta (pathologies, def. II.2)."""
 
-    @abstractmethod
     def perturbed(self, noise: Gaussian, n: int) -> Samples:
-        """Costs at ``theta + w`` without further noise, and ``w / sigma^2``."""
+        """Costs at ``theta + w`` without further noise, and ``w / sigma^2``.
 
-    def moments(
-        self,
-        noise: Gaussian,
-        n: int,
-        order: Literal["cost", "zeroth", "first"],
-        baseline: float = 0.0,
-    ) -> tuple[Moments, np.ndarray] | None:
+        Where the noise is added to the decision these are costs and scores.
+        """
+        return self.scored(noise, n)
+
+    def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
         """Moments over n samples of cost, of (cost - baseline) score, or of the gradient.
 
-        With the indices of samples that were left out as not finite. None where an objective can
-        do it no faster than sample by sample.
+        None where an objective can do it no faster than sample by sample.
         """
         return None
 
@@ -113,6 +128,7 @@ class StaticObjective(SampledObjective):
 
     ``cost`` is an expression in ``theta`` (d, 1) and the parameters. ``closed_form(values, sigma)``
     gives what is known of it, ``values`` holding the decision's components and the parameters.
+    ``engine`` is that of its :class:`~dynamics.batch.BatchFunction`.
 
     Raises :class:`~ocp.errors.InputError` where dimensions do not fit.
     """
@@ -126,9 +142,7 @@ class StaticObjective(SampledObjective):
         value: np.ndarray,
         parameters: ParameterTable,
         closed_form: Callable[[dict[str, float], float], ClosedForm] | None = None,
-        backend: str = "auto",
-        threads: int | None = None,
-        block: int = 32,
+        **engine: Any,
     ) -> None:
         given = np.atleast_1d(np.asarray(value, dtype=float))
         if theta.numel() != len(decision) or given.shape != (len(decision),) or cost.numel() != 1:
@@ -137,48 +151,26 @@ class StaticObjective(SampledObjective):
                 f" and values and one cost, got {theta.numel()}, {given.size} and {cost.numel()}"
             )
         self.name, self.decision, self.theta, self.n_noise = name, decision, given, len(decision)
-        self._table, self._closed_form = parameters, closed_form
+        self.parameters, self._closed_form = parameters.defaults, closed_form
         arguments = [theta, parameters.vector]
-        options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
         both = [ca.densify(cost), ca.densify(ca.gradient(cost, theta))]
-        self._cost = BatchFunction(ca.Function("cost", arguments, both[:1]), **options)
-        self._both = BatchFunction(ca.Function("cost_and_gradient", arguments, both), **options)
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Values of the cost's parameters."""
-        return self._table.defaults
-
-    def at(self, values: Mapping[str, float]) -> StaticObjective:
-        """Return the same graph at other values; nothing is built again."""
-        names = [signal.name for signal in self.decision]
-        check_names(self.name, values, [*names, *self._table.names])
-        other = copy(self)
-        pairs = zip(names, self.theta, strict=True)
-        other.theta = np.array([values.get(name, was) for name, was in pairs], dtype=float)
-        other._table = ParameterTable(
-            replace(parameter, value=float(values.get(parameter.name, parameter.value)))
-            for parameter in self._table
-        )
-        return other
+        self._cost = BatchFunction(ca.Function("cost", arguments, both[:1]), **engine)
+        self._both = BatchFunction(ca.Function("cost_and_gradient", arguments, both), **engine)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
         """Cost at theta plus the given noise."""
-        return self._evaluate(self._cost, self.theta + noise)[:, 0]
+        return quietly(self._cost, self.theta + noise, self.values)[:, 0]
 
     def scored(self, noise: Gaussian, n: int) -> Samples:
         """Costs, and w / sigma^2."""
-        w = self._draw(noise, n)
+        w = noise.draw(n, 1, self.n_noise)[:, 0]
         return Samples(self.costs(w), w / noise.scales(self.n_noise) ** 2)
 
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
         """Costs, and gradients at theta + w."""
-        cost, gradient = self._evaluate(self._both, self.theta + self._draw(noise, n))
+        theta = self.theta + noise.draw(n, 1, self.n_noise)[:, 0]
+        cost, gradient = quietly(self._both, theta, self.values)
         return Samples(cost[:, 0], gradient)
-
-    def perturbed(self, noise: Gaussian, n: int) -> Samples:
-        """Equal to a score, because the noise is added to the decision."""
-        return self.scored(noise, n)
 
     def closed_form(self, sigma: float) -> ClosedForm | None:
         """The closed form, where the objective was given one."""
@@ -187,25 +179,9 @@ class StaticObjective(SampledObjective):
         theta = {s.name: float(v) for s, v in zip(self.decision, self.theta, strict=True)}
         return self._closed_form({**theta, **self.parameters}, sigma)
 
-    def _evaluate(self, function: BatchFunction, theta: np.ndarray) -> Any:
-        return quietly(function, theta, self._table.values)
-
-    def _draw(self, noise: Gaussian, n: int) -> np.ndarray:
-        return noise.draw(n, 1, self.n_noise)[:, 0]
-
 
 def quietly(function: Callable[..., Any], *args: Any, **named: Any) -> Any:
     """Call without warnings of non-finite samples: estimators count and name them."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", category=BatchWarning, message=".*non-finite")
         return function(*args, **named)
-
-
-def check_names(what: str, values: Mapping[str, float], known: list[str]) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a name that is not ``known`` or no finite value."""
-    for name, value in values.items():
-        if name not in known:
-            shown = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
-            raise InputError(f"{what} has nothing called {name!r} to set; there are {shown}")
-        if not np.isfinite(value):
-            raise InputError(f"{what}: {name} must be finite, got {value}")

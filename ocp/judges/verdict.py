@@ -63,7 +63,9 @@ def findings(found: Solution) -> list[str]:
         lines = [_sentence(f"the contacts never act; {explained}")]
     if found.certificate.reason != UNJUDGED:
         lines.append(_sentence(found.certificate.sentence))
-    said = (_gaps(found), _referee(found), _replay(found), found.referee.parting)
+    gaps = found.problem.system.gaps
+    model = "" if gaps is None else f"the model's gaps are {gaps}"
+    said = (model, _referee(found), _replay(found), found.referee.parting)
     lines += [_sentence(line) for line in said if line]
     if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):
         lines.append("A second way of solving took too long beside the first and was given up.")
@@ -77,11 +79,6 @@ def findings(found: Solution) -> list[str]:
 
 UNJUDGED = "the point is not feasible"
 """The certificate's reason where there was nothing to certify."""
-
-
-def _gaps(found: Solution) -> str:
-    gaps = found.problem.system.gaps
-    return "" if gaps is None else f"the model's gaps are {gaps}"
 
 
 def _referee(found: Solution) -> str:

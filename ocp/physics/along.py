@@ -8,6 +8,7 @@ import numpy as np
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
 from ocp.problem import Problem
+from ocp.rollout import at_steps
 
 
 class Along:
@@ -20,35 +21,31 @@ class Along:
     def __init__(self, problem: Problem, system: ContactSystem, x: np.ndarray, u: np.ndarray,
                  lam: np.ndarray, physical: np.ndarray) -> None:  # fmt: skip
         self.symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
-        self.shape = u.shape[:2]
-        columns = (x[:, :-1], u, x[:, 1:], lam)
-        self.values = [value.reshape(-1, value.shape[2]).T for value in columns]
-        self.physical = physical
+        self.values, self.physical = (x[:, :-1], u, x[:, 1:], lam), physical
 
     def __call__(self, *expressions: ca.SX) -> list[np.ndarray]:
         """Evaluate the expressions at every scenario and step."""
         outputs = [ca.densify(expression) for expression in expressions]
         function = ca.Function("along", self.symbols, outputs)
-        count = int(np.prod(self.shape))
-        found = function.map(count).call([*map(ca.DM, self.values), ca.DM(self.physical)])
-        return [np.array(value).T.reshape(*self.shape, -1) for value in found]
+        return at_steps(function, *self.values, p=self.physical)
 
 
 def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
-    """Multipliers (S, N, nlam), averaged over a law's branches by their weights."""
+    """Multipliers (S, N, nlam), averaged over a law's branches by their weights.
+
+    NaN where the law has none, though the system has contacts: a learned law knows no forces.
+    """
+    if step.n < step.system.nlam:
+        return np.full((*lam.shape[:2], step.system.nlam), np.nan)
     weights = np.array([node.weight for node in step.nodes])
     branches = lam.reshape(*lam.shape[:2], len(weights), step.system.nlam)
     return np.einsum("snbl,b->snl", branches, weights)
 
 
 def distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
-    """True signed distances phi at states x (..., nx), shape (..., n_phi).
-
-    Raises ``ValueError`` for a system without geometry.
-    """
+    """True signed distances phi at states x (..., nx) of a system with geometry, (..., n_phi)."""
     phi = problem.signed_distance
-    if phi is None:
-        raise ValueError(f"system {problem.system.name!r} has no signed distances")
+    assert phi is not None
     states = x.reshape(-1, x.shape[-1])
     found = phi.map(len(states))(states.T, physical)
     return np.array(found).T.reshape(*x.shape[:-1], -1)

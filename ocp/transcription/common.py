@@ -8,9 +8,11 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from dynamics.contact.learned_step import LearnedStep
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.layout import Layout
+from ocp.transcription.hidden import Compile, Evaluated, Hidden, Implicit
 
 
 @dataclass(eq=False)
@@ -60,11 +62,11 @@ class Graph:
         return 1 if isinstance(self.policy, Feedback) and self.policy.stationary else self.problem.N
 
     def stage_cost(self) -> ca.SX:
-        """Stage cost with du written out as u - u_before."""
-        problem = self.problem
-        if problem.du is None:
-            return problem.stage_cost
-        return ca.substitute(problem.stage_cost, problem.du, problem.system.u - self.u_before)
+        """Stage cost with du written out as u - u_before, and what the law adds to it."""
+        problem, cost = self.problem, self.problem.stage_cost
+        if problem.du is not None:
+            cost = ca.substitute(cost, problem.du, problem.system.u - self.u_before)
+        return cost + self.step.toll
 
     def path_constraints(self) -> ca.SX:
         """Path constraint expressions, stacked."""
@@ -108,11 +110,21 @@ class Graph:
         """Map a stage's locals ``w`` and all parameters to x, the input ``u`` and the step's p."""
         return ca.Function("pick", [w, self.p], [self.problem.system.x, u, self.step.p.vector])
 
-    def contact_solve(self, w: ca.SX, u: ca.SX) -> ca.Function:
-        """Map the same to the step's solved inner unknowns."""
+    def hidden(self, w: ca.SX, u: ca.SX | None = None, make: Compile | None = None) -> Hidden:
+        """What the step determines at a stage's locals ``w``, with ``u`` for the input."""
+        step, own = self.step, self.problem.system.u
+
+        def closed(*expressions: ca.SX) -> list[ca.SX]:
+            return list(expressions) if u is None else ca.substitute(list(expressions), [own], [u])
+
+        if isinstance(step, LearnedStep):
+            return Evaluated(step, closed(step.queries)[0], w, self.p)
+        relation, jacobian = closed(step.differentiable_relation, step.relation_jacobian)
+        held = (step.held[0], closed(step.held[1])[0]) if step.held else None
         local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", self.p.numel())
-        solved = self.step.solve_inner(*self.picked(w, u)(local, p))
-        return ca.Function("contact_solve", [local, p], [solved], ["w", "p"], ["inner"])
+        solved = step.solve_inner(*self.picked(w, own if u is None else u)(local, p))
+        solve = ca.Function("contact_solve", [local, p], [solved], ["w", "p"], ["inner"])
+        return Implicit(step.inner, relation, jacobian, make(solve) if make else solve, held)
 
     def component_names(self, kind: str) -> tuple[str, ...]:
         """Names of the states, inputs or contacts."""

@@ -9,14 +9,16 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.layout import Layout
 from ocp.programs.program import closure_rows
 from ocp.transcription.common import Graph, constraint_names
+from ocp.transcription.hidden import Compile
 from ocp.transcription.nlp import NLP
-from ocp.transcription.stage import Compile, Stage, assemble
+from ocp.transcription.stage import Stage, assemble
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,8 @@ class Direct:
     """Every step's residual and gap are constraints, and so is the closure of contact.
 
     Per step and scenario: ``residual(x, u, x_next, lam) = 0``, ``gap(x, u, x_next, lam) = s``, and
-    the closure of ``lam`` and ``s`` by ``form`` (:class:`~ocp.programs.program.Program`).
+    the closure of ``lam`` and ``s`` by ``form`` (:class:`~ocp.programs.program.Program`). A learned
+    step has neither, and is ``x_next = g(x, u)``.
     """
 
     name: ClassVar[str] = "direct"
@@ -45,6 +48,10 @@ class Direct:
                 " multiple-shooting, or gradient=total"
             )
         graph = Graph(problem, step, policy)
+        if isinstance(step, LearnedStep):
+            variables, constraints = trajectory_variables(graph, pairs=False), Layout()
+            interval = solved_interval(graph, variables, constraints, compiled)
+            return whole(self.name, graph, variables, constraints, interval, compiled)
         variables, constraints = trajectory_variables(graph, pairs=True), Layout()
         interval = _interval(graph, variables, constraints, form)
         pairs = np.stack([variables["lam"].index.ravel(), variables["gap"].index.ravel()])
@@ -155,6 +162,27 @@ def _interval(graph: Graph, variables: Layout, constraints: Layout, form: str) -
     index = np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1)
     w = ca.vertcat(*symbols)
     return Stage("interval", w, graph.p, cost, expression, index, rows, 1 / S)
+
+
+def solved_interval(
+    graph: Graph, variables: Layout, constraints: Layout, compiled: Compile | None
+) -> Stage:
+    """Intervals whose step is solved inside: ``x_next = step(x, u)``, lam and gap no variables."""
+    problem, S, N = graph.problem, graph.scenarios, graph.problem.N
+    symbols, positions = interval_locals(graph, variables)
+    parts = [
+        ("dynamics", problem.system.x_next - graph.step.following, graph.component_names("x")),
+        ("policy", policy_constraint(graph), graph.component_names("u")),
+        ("path", graph.path_constraints(), constraint_names(problem.path)),
+    ]
+    expression, rows = add_rows(constraints, parts, S, N)
+    w, index = (
+        ca.vertcat(*symbols),
+        np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1),
+    )
+    hidden = graph.hidden(w, make=compiled)
+    cost = graph.stage_cost()
+    return Stage("interval", w, graph.p, cost, expression, index, rows, 1 / S, hidden)
 
 
 def _closure(graph: Graph, gap: ca.SX, form: str) -> list[tuple[str, ca.SX, tuple[str, ...]]]:

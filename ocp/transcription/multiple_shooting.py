@@ -6,22 +6,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
-import numpy as np
 
 from dynamics.contact import Step
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.layout import Layout
-from ocp.transcription.common import Graph, constraint_names
-from ocp.transcription.direct import (
-    add_rows,
-    interval_locals,
-    policy_constraint,
-    trajectory_variables,
-    whole,
-)
+from ocp.transcription.common import Graph
+from ocp.transcription.direct import solved_interval, trajectory_variables, whole
+from ocp.transcription.hidden import Compile
 from ocp.transcription.nlp import NLP
-from ocp.transcription.stage import Compile, Stage
+from ocp.transcription.stage import Stage
 
 
 @dataclass(frozen=True)
@@ -46,24 +40,10 @@ class MultipleShooting:
         """Build the NLP; ``form`` is of no concern here, the step closes the contact itself."""
         graph = Graph(problem, step, policy)
         variables, constraints = trajectory_variables(graph, pairs=False), Layout()
-        S, N = graph.scenarios, problem.N
-        symbols, positions = interval_locals(graph, variables)
-        parts = [
-            ("dynamics", problem.system.x_next - step.following, graph.component_names("x")),
-            ("policy", policy_constraint(graph), graph.component_names("u")),
-            ("path", graph.path_constraints(), constraint_names(problem.path)),
-        ]
-        expression, where = add_rows(constraints, parts, S, N)
-        w = ca.vertcat(*symbols)
-        solve = graph.contact_solve(w, problem.system.u)
-        stage = Stage(
-            "interval", w, graph.p, graph.stage_cost(), expression,
-            np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1), where, 1 / S,
-            step.inner, step.differentiable_relation, step.relation_jacobian,
-            compiled(solve) if compiled else solve, step.held,
-        )  # fmt: skip
-        contacts = _contacts(graph, stage, variables.size, graph.data().size)
-        return whole(self.name, graph, variables, constraints, stage, compiled, contacts=contacts)
+        interval = solved_interval(graph, variables, constraints, compiled)
+        contacts = _contacts(graph, interval, variables.size, graph.data().size)
+        return whole(self.name, graph, variables, constraints, interval, compiled,
+                     contacts=contacts)  # fmt: skip
 
 
 def _contacts(graph: Graph, stage: Stage, n: int, n_data: int) -> ca.Function:

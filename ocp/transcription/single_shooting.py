@@ -21,8 +21,9 @@ from ocp.problem import Problem
 from ocp.programs.layout import Layout
 from ocp.programs.program import Functions
 from ocp.transcription.common import Graph, constraint_names
+from ocp.transcription.hidden import Compile
 from ocp.transcription.nlp import NLP
-from ocp.transcription.stage import Compile, Stage
+from ocp.transcription.stage import Stage
 
 
 @dataclass(frozen=True)
@@ -109,17 +110,15 @@ class _Condensed:
         self.extra = [name for name, _ in extra]
         outputs = ca.vertcat(xi_next, *(expression for _, expression in extra))
         w = ca.vertcat(self.xi, theta)
-        relation = closed(step.differentiable_relation)
-        held = (step.held[0], closed(step.held[1])) if step.held else None
-        gap = closed(step.slack)
+        hidden = graph.hidden(w, u if graph.feedback else None, self.make)
         self.stage = Stage(
             "shooting", w, graph.p, closed(graph.stage_cost()), outputs,
             np.zeros((self.N * self.S, w.numel()), dtype=int),
-            np.zeros((self.N * self.S, outputs.numel()), dtype=int), 1 / self.S,
-            step.inner, relation, closed(step.relation_jacobian),
-            self.make(graph.contact_solve(w, u)), held,
+            np.zeros((self.N * self.S, outputs.numel()), dtype=int), 1 / self.S, hidden,
         )  # fmt: skip
-        self.gap = ca.Function("gap", [w, graph.p, step.inner], [gap, u])
+        self.solve = hidden.solve
+        gap = closed(step.slack)
+        self.gap = ca.Function("gap", [w, graph.p, hidden.symbols], [gap, u])
 
     def _terminal_expressions(self) -> None:
         graph, problem = self.graph, self.graph.problem
@@ -137,7 +136,7 @@ class _Condensed:
         stage, graph = self.stage, self.graph
         w, q = ca.MX.sym("w", stage.w.numel()), ca.MX.sym("p", graph.p.numel())
         values = self.make(stage.values())
-        lam = stage.solve(w, q) if stage.solve else ca.MX(0, 1)
+        lam = self.solve(w, q)
         following = values(w, q, lam)[1][: self.xi.numel()]
         xi, local = ca.MX.sym("xi", self.xi.numel()), ca.MX.sym("t", w.numel() - self.xi.numel())
         once = ca.Function("advance", [w, q], [following, lam])
@@ -169,7 +168,7 @@ class _Condensed:
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.constraints.size)
         hess = self._hessian(theta, p, xi[:, ends], w, lam, lam_f, lam_g, first)
         gap, u = self.gap.map(self.N * self.S)(w, ca.repmat(p, 1, self.N * self.S), lam)
-        impulses = lam[lam.shape[0] - graph.step.n :, :]
+        impulses = lam[lam.shape[0] - graph.step.n :, :] if graph.step.n else lam[:0, :]
         dense = ca.Sparsity.dense(self.constraints.size, n)
         jac = ca.project(first["jacobian"], dense) if self.constraints.size else ca.MX(0, n)
         trajectories = ca.Function(
@@ -265,7 +264,8 @@ class _Condensed:
         copies = self.N * self.S
         mapped = self.make(function).map("second_map", "serial", copies, [1], [])
         scale = ca.repmat(lam_f, 1, copies)
-        entries = mapped(w, p, lam, scale, ca.vertcat(adjoints, multipliers))
+        given = [w, p, lam, scale, ca.vertcat(adjoints, multipliers)]
+        entries = mapped(*given, *self.stage.curvature_values(given, copies))
         last, pattern_end = self.terminal.second()
         entries_end = last.map("end_second", "serial", self.S, [1], [])(
             end, p, ca.MX(0, self.S), ca.repmat(lam_f, 1, self.S), multipliers_end

@@ -7,16 +7,13 @@ scatters them into gradient, Jacobian and Hessian. Set-up cost is that of one st
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from dynamics.systems.elimination import solve_without_pivoting
 from ocp.programs.program import Functions
-
-Compile = Callable[[ca.Function], ca.Function]
+from ocp.transcription.hidden import Compile, Hidden, inner_values
 
 
 @dataclass(eq=False)
@@ -24,10 +21,8 @@ class Stage:
     """``copies`` of a cost (1,) and constraints (nc,) in local variables ``w`` (nw,).
 
     ``index`` (copies, nw) tells where each copy's locals sit in ``[x; data]``; ``weight`` scales
-    the cost. ``inner`` (n,) are unknowns that solve ``relation(inner, w, p) = 0`` with the map
-    ``solve(w, p) -> inner``, or nothing; all derivatives go through them by the implicit function
-    theorem. ``held`` names a symbol in the relation that derivatives treat as a constant, and its
-    value. ``rows`` (copies, nc) tells where the constraints go in g.
+    the cost. ``hidden`` are unknowns that w determines, or nothing; all derivatives go through
+    them. ``rows`` (copies, nc) tells where the constraints go in g.
     """
 
     name: str
@@ -38,88 +33,82 @@ class Stage:
     index: np.ndarray
     rows: np.ndarray
     weight: float = 1.0
-    inner: ca.SX | None = None
-    relation: ca.SX | None = None
-    relation_jacobian: ca.SX | None = None
-    solve: ca.Function | None = None
-    held: tuple[ca.SX, ca.SX] | None = None
+    hidden: Hidden | None = None
 
     def __post_init__(self) -> None:
         self.copies = self.index.shape[0]
         self.cost = self.weight * ca.densify(ca.SX(self.cost))
         self.constraints = ca.densify(ca.vertcat(ca.SX(0, 1), self.constraints))
-        self.hidden = ca.SX(0, 1) if self.inner is None else self.inner
-        self.arguments = [self.w, self.p, self.hidden]
+        self.arguments = [self.w, self.p, self.hidden.symbols if self.hidden else ca.SX(0, 1)]
 
     def values(self) -> ca.Function:
-        """``(w, p, inner) -> (cost, constraints)``."""
+        """``(w, p, hidden) -> (cost, constraints)``."""
         return self._function("values", self.arguments, [self.cost, self.constraints])
 
     def first(self) -> tuple[ca.Function, ca.Sparsity]:
-        """``(w, p, inner) -> (cost, constraints, gradient, Jacobian nonzeros)`` and its pattern."""
+        """``(w, p, hidden) -> (cost, constraints, gradient, Jacobian nonzeros)``, its pattern."""
         gradient = self._total(self.cost).T
         jacobian = self._total(self.constraints)
         outputs = [self.cost, self.constraints, ca.densify(gradient), _nonzeros(jacobian)]
         return self._function("first", self.arguments, outputs), jacobian.sparsity()
 
     def cost_value(self) -> ca.Function:
-        """``(w, p, inner) -> cost``."""
+        """``(w, p, hidden) -> cost``."""
         return self._function("cost", self.arguments, [self.cost])
 
     def constraint_values(self) -> ca.Function:
-        """``(w, p, inner) -> constraints``."""
+        """``(w, p, hidden) -> constraints``."""
         return self._function("constraints", self.arguments, [self.constraints])
 
     def cost_slope(self) -> ca.Function:
-        """``(w, p, inner) -> (cost, gradient)``."""
+        """``(w, p, hidden) -> (cost, gradient)``."""
         gradient = ca.densify(self._total(self.cost).T)
         return self._function("slope", self.arguments, [self.cost, gradient])
 
     def constraint_slopes(self) -> tuple[ca.Function, ca.Sparsity]:
-        """``(w, p, inner) -> (constraints, Jacobian nonzeros)`` and the Jacobian's pattern."""
+        """``(w, p, hidden) -> (constraints, Jacobian nonzeros)`` and the Jacobian's pattern."""
         jacobian = self._total(self.constraints)
         outputs = [self.constraints, _nonzeros(jacobian)]
         return self._function("slopes", self.arguments, outputs), jacobian.sparsity()
 
     def second(self) -> tuple[ca.Function, ca.Sparsity]:
-        """``(w, p, inner, s, m) -> nonzeros`` of the upper Hessian of ``s cost + m' c``."""
+        """``(w, p, hidden, s, m, curvatures) -> nonzeros`` of the upper Hessian of ``s cost +
+        m' c``, and its pattern; curvatures only where ``hidden`` has them.
+        """
+        lagrangian, s, m = self._lagrangian()
+        given = [*self.arguments, s, m]
+        if self.hidden is None:
+            hessian = ca.hessian(lagrangian, self.w)[0]
+        else:
+            hessian = self.hidden.curved(lagrangian, self.w)
+            given += [self.hidden.curvatures] if self.hidden.curvatures.numel() else []
+        hessian = ca.triu(hessian)
+        return self._function("second", given, [_nonzeros(hessian)]), hessian.sparsity()
+
+    def curvature_values(self, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
+        """Last argument of :meth:`second`, if any, for ``arguments``, those before, of copies."""
+        if self.hidden is None or not self.hidden.curvatures.numel():
+            return []
+        lagrangian, s, m = self._lagrangian()
+        slope = ca.densify(ca.gradient(lagrangian, self.hidden.inner))
+        function = self._function("slope_of_hidden", [*self.arguments, s, m], [slope])
+        return self.hidden.curvature_values(function, arguments, copies)
+
+    def _lagrangian(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         s, m = ca.SX.sym("s"), ca.SX.sym("m", self.constraints.numel())
-        lagrangian = s * self.cost + ca.dot(m, self.constraints)
-        hessian = ca.triu(self._total_hessian(lagrangian))
-        function = self._function("second", [*self.arguments, s, m], [_nonzeros(hessian)])
-        return function, hessian.sparsity()
+        return s * self.cost + ca.dot(m, self.constraints), s, m
 
     def _function(self, what: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-        if self.held is not None:
-            outputs = ca.substitute(outputs, [self.held[0]], [self.held[1]])
+        if self.hidden is not None:
+            outputs = self.hidden.settled(outputs)
         return ca.Function(f"{self.name}_{what}", inputs, outputs, {"cse": True})
-
-    @property
-    def _sensitivity(self) -> ca.SX:
-        """``d inner / dw`` at the solution."""
-        assert self.relation is not None and self.relation_jacobian is not None
-        partial = ca.jacobian(self.relation, self.w)
-        return -solve_without_pivoting(self.relation_jacobian, partial)
 
     def _total(self, expression: ca.SX) -> ca.SX:
         direct = ca.jacobian(expression, self.w)
-        if self.inner is None:
+        if self.hidden is None:
             return direct
-        return direct + ca.jacobian(expression, self.inner) @ self._sensitivity
-
-    def _total_hessian(self, lagrangian: ca.SX) -> ca.SX:
-        """With ``R_y' a = -dL/dy``: ``[I; Y]' grad²(L + a' R) [I; Y]``, Y = d inner / dw."""
-        if self.inner is None:
-            return ca.hessian(lagrangian, self.w)[0]
-        assert self.relation is not None and self.relation_jacobian is not None
-        slope = ca.gradient(lagrangian, self.inner)
-        solved = -solve_without_pivoting(self.relation_jacobian.T, ca.densify(slope))
-        adjoint = ca.SX.sym("adjoint", self.inner.numel())
-        both = ca.vertcat(self.w, self.inner)
-        curved = ca.hessian(lagrangian + ca.dot(adjoint, self.relation), both)[0]
-        curved = ca.substitute(curved, adjoint, solved)
-        basis = ca.vertcat(ca.SX.eye(self.w.numel()), self._sensitivity)
-        return basis.T @ curved @ basis
+        through = ca.jacobian(expression, self.hidden.inner)
+        return direct + through @ self.hidden.sensitivity(self.w)
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:
@@ -139,15 +128,9 @@ class _Mapped:
 
     def __call__(self, source: ca.MX, p: ca.MX, *more: ca.MX) -> list[ca.MX]:
         w = self.locals(source)
-        return _listed(self.map(w, p, inner_values(self.stage, w, p), *more))
-
-
-def inner_values(stage: Stage, w: ca.MX, p: ca.MX) -> ca.MX:
-    """Solve the inner unknowns of all copies, shape (n, copies)."""
-    if stage.solve is None:
-        return ca.MX(0, stage.copies)
-    mapped = stage.solve.map(f"{stage.name}_solve_map", "serial", stage.copies, [1], [])
-    return _listed(mapped(w, p))[0]
+        hidden = inner_values(self.stage.hidden, w, p, self.stage.copies)
+        last = self.stage.curvature_values([w, p, hidden, *more], self.stage.copies) if more else []
+        return _listed(self.map(w, p, hidden, *more, *last))
 
 
 def _listed(value: object) -> list[ca.MX]:

@@ -1,73 +1,93 @@
-"""What a machine looks like: links as capsules, spheres as discs, the ground."""
+"""What a machine looks like: links as capsules, spheres and parts as they are, the ground."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from functools import cache
 from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import Machine
-from problems.drawing import Capsule, ContactFrame, Disc, HalfPlane, Shape
+from dynamics.systems import Machine, contacts
+from problems.drawing import Box, Capsule, ContactFrame, Disc, HalfPlane, Shape
 
 _THICKNESS = 0.03
 _JOINT = (0.0, 0.0)
 
 
 def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
-    """Draw the machine at ``state`` (q, v, ...): bars, spheres and the ground."""
-    segments, _ = _places(machine)
-    ends = np.array(segments(np.asarray(state)[: segments.numel_in(0)])).T
-    links = [Capsule(x1, z1, x2, z2, _THICKNESS) for x1, z1, x2, z2 in ends.tolist()]
-    spheres = [
-        Disc(float(x), float(z), sphere.radius)
-        for (x, z), sphere in zip(sphere_centres(machine, state), machine.spheres, strict=True)
-    ]
-    return [HalfPlane(0, 0, 0, 1), *links, *spheres]
+    """Draw the machine at ``state`` (q, v, ...): bars, spheres, parts and the ground."""
+    places = _places(machine)
+    bars, bodies = (np.array(out).T.tolist() for out in places(state[: places.numel_in(0)]))
+    links = [Capsule(x1, z1, x2, z2, _THICKNESS) for x1, z1, x2, z2 in bars]
+    shapes = (part.shape for part in (*machine.spheres, *machine.parts))
+    drawn = (_drawn(shape, *at) for shape, at in zip(shapes, bodies, strict=True))
+    return [HalfPlane(0, 0, 0, 1), *links, *drawn]
 
 
 def machine_frames(
-    machine: Machine, state: np.ndarray, spheres: Collection[str], friction: float
+    machine: Machine, state: np.ndarray, spheres: Collection[str] | None, friction: float
 ) -> list[ContactFrame]:
-    """Frames of the contacts of ``spheres`` with the ground."""
-    centres = sphere_centres(machine, state)
-    return [
-        ContactFrame(float(x), float(z) - sphere.radius, 0.0, 1.0, friction)
-        for (x, z), sphere in zip(centres, machine.spheres, strict=True)
-        if sphere.name in spheres
-    ]
+    """Frames of the contacts: of ``spheres``, all by default, with the ground, and the meetings."""
+    frames = _frames(machine, None if spheres is None else tuple(spheres))
+    found = np.array(frames(state[: frames.numel_in(0)])).T.tolist()
+    return [ContactFrame(x, z, nx, nz, friction) for x, z, nx, nz in found]
 
 
-def sphere_centres(machine: Machine, state: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Centre (x, z) of every sphere at ``state`` (q, v, ...), shape (spheres, 2) [m]."""
-    _, discs = _places(machine)
-    return np.array(discs(np.asarray(state)[: discs.numel_in(0)])).T
+def _drawn(shape: contacts.Shape, x: float, z: float, x2: float, z2: float, angle: float) -> Shape:
+    """A shape that lies around (x, z), or from there to (x2, z2), at an angle clockwise."""
+    match shape:
+        case contacts.Disc(radius):
+            return Disc(x, z, float(radius))
+        case contacts.Capsule(_, _, radius):
+            return Capsule(x, z, x2, z2, float(radius))
+        case contacts.HalfPlane():
+            return HalfPlane(x, z, x2 - x, z2 - z, "object")
+        case contacts.Box(half, radius):
+            size = 2 * float(half[0]), 2 * float(half[1])
+            return Box(x, z, *size, -angle, rounding=float(radius))
+    raise TypeError(f"no way to draw a {type(shape).__name__}")
+
+
+def _ends(shape: contacts.Shape) -> tuple[contacts.Point, contacts.Point]:
+    """Two points of a shape's body that place it, with the angle."""
+    match shape:
+        case contacts.HalfPlane(origin, normal):
+            return origin, (origin[0] + normal[0], origin[1] + normal[1])
+        case contacts.Box():
+            return _JOINT, _JOINT
+    return shape.corners[0], shape.corners[-1]
 
 
 @cache
-def _places(machine: Machine) -> tuple[ca.Function, ca.Function]:
-    """Map q to the ends of every bar, (4, bars), and to the spheres' centres, (2, spheres).
+def _frames(machine: Machine, spheres: tuple[str, ...] | None) -> ca.Function:
+    """Map q to the place and the normal of every contact, (4, contacts)."""
+    chain = machine.chain()
+    q = ca.SX.sym("q", chain.nq)
+    found = machine.contacts(chain, q, spheres).values()
+    columns = [ca.vertcat(contact.point, contact.normal) for contact in found]
+    return ca.Function("frames", [q], [ca.densify(ca.horzcat(ca.SX(4, 0), *columns))])
+
+
+@cache
+def _places(machine: Machine) -> ca.Function:
+    """Map q to the ends of every bar, (4, bars), and to points and angle of parts, (5, parts).
 
     A link's bars run from its joint to its spheres and to the joints it carries; the link that
     floats is drawn through these, from back to front.
     """
     chain = machine.chain()
     q = ca.SX.sym("q", chain.nq)
-    rows = []
+    bars, bodies = [ca.SX(4, 0)], [ca.SX(5, 0)]
     for link in machine.links:
         joints = [other.anchor for other in machine.links if other.parent == link.name]
         own = [s.centre for s in machine.spheres if s.link == link.name]
         points = sorted({(float(x), float(z)) for x, z in own + joints})
-        bars = pairwise(points) if link.parent is None else [(_JOINT, p) for p in points]
-        rows += [
-            ca.vertcat(*(chain.position(q, link.name, end) for end in ends))
-            for ends in bars
-            if ends[0] != ends[1]
-        ]
-    centres = [chain.position(q, s.link, s.centre) for s in machine.spheres]
-    return (
-        ca.Function("links", [q], [ca.horzcat(*rows)]),
-        ca.Function("spheres", [q], [ca.horzcat(*centres)]),
-    )
+        ends = pairwise(points) if link.parent is None else [(_JOINT, p) for p in points]
+        place = chain.pose(q, link.name).place
+        bars += [ca.vertcat(place(start), place(end)) for start, end in ends if start != end]
+    for part in (*machine.spheres, *machine.parts):
+        pose, (start, end) = chain.pose(q, part.link), _ends(part.shape)
+        bodies.append(ca.vertcat(pose.place(start), pose.place(end), pose.angle))
+    return ca.Function("places", [q], [ca.densify(ca.horzcat(*each)) for each in (bars, bodies)])

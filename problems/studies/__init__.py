@@ -1,43 +1,22 @@
 """Studies: one figure of a paper each, one a folder; ``get("P6").data()`` runs one."""
 
-from __future__ import annotations
-
-from ocp.errors import InputError, did_you_mean
-from problems.studies import (
-    adaptive_mu,
-    audited_theory,
-    barrier_relaxation,
-    bouncing_ball,
-    friction_bias,
-    heaviside_bias,
-    impact_and_friction,
-    interpolated_gradients,
-    jumping_objectives,
-    landing_variance,
-    start_without_contact,
-    stiff_pushing,
-    wall_corner,
-)
+from ocp.errors import choose
+from problems.studies.adaptive_mu import study as a1
+from problems.studies.audited_theory import study as t1
+from problems.studies.barrier_relaxation import study as p6
+from problems.studies.bouncing_ball import study as a2
+from problems.studies.friction_bias import study as p3
+from problems.studies.heaviside_bias import study as p2
+from problems.studies.impact_and_friction import study as a6
+from problems.studies.interpolated_gradients import study as p7
+from problems.studies.jumping_objectives import study as p1
+from problems.studies.landing_variance import study as a2v
+from problems.studies.start_without_contact import study as n2
+from problems.studies.stiff_pushing import study as p5
 from problems.studies.study import Claim, Study
+from problems.studies.wall_corner import study as p4
 
-_STUDIES = {
-    module.study.id: module.study
-    for module in (
-        start_without_contact,
-        jumping_objectives,
-        heaviside_bias,
-        friction_bias,
-        wall_corner,
-        stiff_pushing,
-        barrier_relaxation,
-        interpolated_gradients,
-        adaptive_mu,
-        bouncing_ball,
-        landing_variance,
-        impact_and_friction,
-        audited_theory,
-    )
-}
+_STUDIES = {study.id: study for study in (n2, p1, p2, p3, p4, p5, p6, p7, a1, a2, a2v, a6, t1)}
 
 
 def ids() -> list[str]:
@@ -50,13 +29,8 @@ def get(name: str) -> Study:
 
     Raises :class:`~ocp.errors.InputError` for an unknown one.
     """
-    known = {identifier.lower(): study for identifier, study in _STUDIES.items()}
-    if name.lower() not in known:
-        raise InputError(
-            f"unknown figure {name!r}{did_you_mean(name, _STUDIES)}; there are"
-            f" {', '.join(_STUDIES)}"
-        )
-    return known[name.lower()]
+    known = {identifier.lower(): identifier for identifier in _STUDIES}
+    return choose("figure", known.get(name.lower(), name), _STUDIES)
 
 
 __all__ = ["Claim", "Study", "get", "ids"]

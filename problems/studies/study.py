@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
+from pydantic.fields import FieldInfo
 
 from ocp.errors import InputError
-from problems.parameters import Parameters
+from problems.parameters import Limits, Parameters, declared
 from problems.spec import Citation, check_parameters
 
 if TYPE_CHECKING:
@@ -23,18 +23,16 @@ PAPER, CODE, CHOICE = "paper", "authors' code", "our choice"
 
 
 def setting(
-    default: float,
-    unit: str,
-    meaning: str,
-    origin: str = CHOICE,
-    *,
-    above: float | None = None,
-    least: float | None = None,
-    most: float | None = None,
+    default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Limits]
 ) -> Any:
     """Declare a study's parameter in SI ``unit``, with its range and its :data:`origin <PAPER>`."""
-    extra: dict[str, Any] = {"unit": unit, "origin": origin}
-    return Field(default, gt=above, ge=least, le=most, description=meaning, json_schema_extra=extra)
+    return declared(default, unit, meaning, limits, origin=origin)
+
+
+def origin_of(field: FieldInfo) -> str:
+    """Return where the value of a study's parameter comes from."""
+    extra = field.json_schema_extra
+    return str(extra.get("origin", CHOICE)) if isinstance(extra, dict) else CHOICE
 
 
 class StudyParams(Parameters):
@@ -58,41 +56,32 @@ class Claim:
     holds: bool
 
 
-Parts = tuple[
-    type[StudyParams], Callable[[Any], "xr.Dataset"], Callable[["xr.Dataset"], list[Claim]]
-]
-"""Parameters of a study, what gives its data at some of them, and what its data say."""
-
-
 @dataclass(frozen=True)
 class Study:
     """One figure: what to run, and what the paper says about it.
 
-    ``parts()`` loads what the study is made of, which is slow, so that a list of studies need not:
-    its ``Params``; ``run(params)``, which returns pure data, where every numeric variable and
-    coordinate has ``units`` (:func:`quantity_of`); and ``claims(data)``, which reads that data,
-    whose attributes hold the parameters. ``notes`` say on the page what a reader must know of
-    choices and corrections.
+    ``folder`` is the package that the study is made of, loaded when it is first needed, which is
+    slow, so that a list of studies need not: its ``data`` has ``Params``, and ``run(params)``,
+    which returns pure data, where every numeric variable and coordinate has ``units``
+    (:func:`quantity_of`); its ``claims`` has ``claims(data)``, which reads that data, whose
+    attributes hold the parameters. ``notes`` say on the page what a reader must know of choices and
+    corrections.
     """
 
     id: str
     title: str
     citation: Citation
-    parts: Callable[[], Parts]
+    folder: str
     notes: Sequence[str] = ()
-
-    @cached_property
-    def _loaded(self) -> Parts:
-        return self.parts()
 
     @property
     def Params(self) -> type[StudyParams]:
         """The pydantic model of the parameters."""
-        return self._loaded[0]
+        return import_module(".data", self.folder).Params
 
     def claims(self, data: xr.Dataset) -> list[Claim]:
         """Return every sentence of the paper beside what ``data`` say."""
-        return self._loaded[2](data)
+        return import_module(".claims", self.folder).claims(data)
 
     def params(self, values: Mapping[str, Any]) -> Any:
         """Check ``values`` and fill in the defaults.
@@ -108,7 +97,7 @@ class Study:
         variable has no units.
         """
         params = self.params(values or {})
-        found = self._loaded[1](params)
+        found = import_module(".data", self.folder).run(params)
         for name, array in found.variables.items():
             if array.dtype.kind in "fiu" and "units" not in array.attrs:
                 raise ValueError(f"study {self.id}: {name} has no units")

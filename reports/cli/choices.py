@@ -31,7 +31,7 @@ def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
 
 def contact_law(name: str, given: Iterable[str] | None) -> ContactLaw:
     """Make the law called ``name`` from its ``-c`` settings; ``base.<k>`` go to the base law."""
-    from dynamics.contact import LAWS
+    from dynamics.laws import LAWS
 
     choose("contact law", name, LAWS)
     values = assignments("-c", given)

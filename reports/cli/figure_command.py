@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from reports.cli.declared import argument, option
 from reports.cli.options import Command, StoreOptions
 
 if TYPE_CHECKING:
@@ -23,13 +22,12 @@ USUAL_S = 60.0
 class FigureOptions(StoreOptions):
     """Which figures, and their parameters."""
 
-    figure: Annotated[str | None, typer.Argument(help="Figure, such as P6; ocp list.")] = None
-    every: Annotated[bool, typer.Option("--all", help="Every figure there is.")] = False
-    params: Annotated[
-        list[str] | None,
-        typer.Option("--param", "-p", metavar="K=V", help="Parameter of the study."),
-    ] = None
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")] = 0
+    figure: str | None = argument(default=None, help="Figure, such as P6; ocp list.")
+    every: bool = option(False, "--all", help="Every figure there is.")
+    params: list[str] | None = option(
+        None, "--param", "-p", metavar="K=V", help="Parameter of the study."
+    )
+    seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
 
 
 def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:

@@ -23,7 +23,7 @@ def run(options: Options, content: Catalogue) -> int:
 
 def catalogue(options: Options) -> Catalogue:
     """Return what ``ocp list --json`` prints: per kind, objects with name and summary."""
-    from dynamics.contact import LAWS
+    from dynamics.laws import LAWS
     from ocp.gradients.estimators import SAMPLED
     from ocp.gradients.interpolation import RULES
     from ocp.policy import POLICIES

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from textwrap import fill
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
+from reports.cli.declared import argument
 from reports.cli.options import PROBLEM, Command, Options
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 class ShowOptions(Options):
     """What to show."""
 
-    problem: Annotated[str, typer.Argument(help=PROBLEM)]
+    problem: str = argument(help=PROBLEM)
 
 
 def check(options: ShowOptions) -> ProblemSpec | ObjectiveSpec:

@@ -8,7 +8,9 @@ import pytest
 
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem, Link, Machine, ParameterTable, Part, Sphere
-from dynamics.systems.contacts import Box, Capsule, Disc
+from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Shape
+from problems import drawing
+from problems.machines.picture import machine_frames, machine_shapes
 
 H, G = 0.01, 9.81
 MASSES, INERTIAS = np.array([2.0, 0.7]), np.array([0.05, 0.01])
@@ -122,6 +124,36 @@ def test_a_contact_between_links_does_no_work_in_a_rigid_motion() -> None:
     np.testing.assert_allclose(between @ rigid, 0, atol=1e-14)
     assert np.abs(between[:, 3:]).min() > 1e-2, "the joints do feel it"
     assert np.abs(ground @ rigid).max() > 0.5, "as the ground is felt by all"
+
+
+def test_a_machine_is_drawn_with_its_parts_and_the_contacts_between_its_links() -> None:
+    machine, state = folded(), np.array([0.2, 0.5, 0.3, 1.0, 0.9, *np.zeros(5)])
+    shapes = machine_shapes(machine, state)
+    assert drawing.Box(0.2, 0.5, 1.0, 0.1, -0.3) in shapes
+    hand, end = (shape for shape in shapes if isinstance(shape, drawing.Disc))
+    ground, between = machine_frames(machine, state, ("end",), 0.5)
+    assert (ground.x, ground.y) == pytest.approx((end.x, end.y - 0.05), abs=1e-15)
+    # The beam's upper side is turned clockwise by 0.3 and so is its normal; the hand is above it.
+    normal = np.array([np.sin(0.3), np.cos(0.3)])
+    assert (between.nx, between.ny) == pytest.approx(normal, abs=1e-15)
+    nearest = np.array([hand.x, hand.y]) - 0.04 * normal
+    assert (between.x, between.y) == pytest.approx(nearest, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("shape", "drawn"),
+    [
+        (Capsule((-0.2, 0.0), (0.0, 0.3), 0.1), drawing.Capsule(1.0, 2.2, 1.3, 2.0, 0.1)),
+        (HalfPlane((0.0, -0.1)), drawing.HalfPlane(0.9, 2.0, 1.0, 0.0, "object")),
+    ],
+)
+def test_a_part_is_drawn_where_its_link_is(shape: Shape, drawn: drawing.Shape) -> None:
+    """The link is turned by a quarter, clockwise: its x points down and its z to the right."""
+    machine = Machine((Link("link", None, 1.0, 0.1, joint="free"),), (), parts=(
+        Part("part", "link", shape),))  # fmt: skip
+    found = machine_shapes(machine, np.array([1.0, 2.0, np.pi / 2]))[-1]
+    assert isinstance(found, type(drawn))
+    np.testing.assert_allclose([*vars(found).values()][:4], [*vars(drawn).values()][:4], atol=1e-15)
 
 
 def test_an_arm_that_folds_onto_its_own_bar_stops_there() -> None:

@@ -14,7 +14,6 @@ from ocp.errors import InputError
 from problems.drawing import Capsule, Disc, HalfPlane, Shape
 from problems.machines.half_cheetah import half_cheetah
 from problems.machines.hopper import hopper
-from problems.machines.picture import sphere_centres
 from problems.machines.simulation import simulate, simulation
 
 MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
@@ -154,7 +153,10 @@ def test_the_drawing_is_one_body_with_every_sphere_on_it(name: str):
     state[3:9] += 0.3
     bars, discs, shapes = parts(name, state)
     assert HalfPlane(0, 0, 0, 1) in shapes
-    centres = sphere_centres(machine, state)
+    chain = machine.chain()
+    q = ca.SX(state[: chain.nq])
+    centres = [np.array(ca.DM(chain.position(q, s.link, s.centre))).ravel() for s in
+               machine.spheres]  # fmt: skip
     assert np.allclose([[disc.x, disc.y] for disc in discs], centres)
     assert all(min(distance(disc, bar) for bar in bars) < 1e-12 for disc in discs)
     joined, left = [bars[0]], bars[1:]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -78,14 +79,14 @@ i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
 
 
 class CompiledEngine:
-    """Evaluates a tape over samples by machine code `run(next, n, chunk, a, shared, b)`.
+    """Evaluates a kernel over samples by machine code `run(next, n, chunk, a, shared, b)`.
 
     `evaluate(inputs, outputs)` takes arrays `(n_samples, nnz)` or `(1, nnz)`, fills `outputs`, and
     returns how many samples have a value that is not finite.
     """
 
-    def __init__(self, name: str, tape: Tape, threads: int, run: Any) -> None:
-        self.name, self.tape, self.threads, self._run = name, tape, threads, run
+    def __init__(self, name: str, threads: int, run: Any) -> None:
+        self.name, self.threads, self._run = name, threads, run
         run.restype = ctypes.c_int64
         run.argtypes = [ctypes.c_void_p, *2 * [ctypes.c_int64], *3 * [ctypes.c_void_p]]
 
@@ -101,7 +102,7 @@ class CompiledEngine:
 def c_engine(tape: Tape, threads: int, block: int) -> CompiledEngine:
     """The engine of backend `c`. Raises `CompilerError`."""
     return CompiledEngine(
-        "c", tape, threads, compiler.load(source(tape, block, compiler.find_compiler())).run
+        "c", threads, compiler.load(source(tape, block, compiler.find_compiler())).run
     )
 
 
@@ -112,14 +113,6 @@ def addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
 
 def source(tape: Tape, block: int, machine: Compiler) -> str:
     """The C text for a tape on this machine, working on blocks of about `block` samples."""
-    driver = _DRIVER % {
-        "input_sizes": ", ".join(map(str, (*tape.input_sizes, 0))),
-        "output_sizes": ", ".join(map(str, (*tape.output_sizes, 0))),
-        "nx": sum(tape.input_sizes),
-        "ny": sum(tape.output_sizes),
-        "n_in": len(tape.input_sizes),
-        "n_out": len(tape.output_sizes),
-    }
     abreast = ABREAST if len(tape.operations) <= LONG else ABREAST_LONG
     layout = Layout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast)
     registers = abreast * max(1, block // (abreast * machine.width))
@@ -127,5 +120,17 @@ def source(tape: Tape, block: int, machine: Compiler) -> str:
         prelude(machine)
         + f"#define A {abreast}\n#define U {registers}\n"
         + c_source.kernel(tape, "kernel", layout, PART)
-        + driver
+        + driver(tape.input_sizes, tape.output_sizes)
     )
+
+
+def driver(input_sizes: Sequence[int], output_sizes: Sequence[int]) -> str:
+    """C text of `run`, after `A`, `U` and `kernel(in, out)`, whose entries lie `U` apart."""
+    return _DRIVER % {
+        "input_sizes": ", ".join(map(str, (*input_sizes, 0))),
+        "output_sizes": ", ".join(map(str, (*output_sizes, 0))),
+        "nx": sum(input_sizes),
+        "ny": sum(output_sizes),
+        "n_in": len(input_sizes),
+        "n_out": len(output_sizes),
+    }

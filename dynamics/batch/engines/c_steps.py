@@ -8,9 +8,10 @@ import casadi as ca
 
 from dynamics.batch.engines import c_source
 from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.rollout_tapes import RolloutTapes
-from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
+from dynamics.batch.graphs.tape import UnsupportedOperation, tape_of, with_shared_reciprocals
 
 _INNER_GRAPHS = ("opening", "newton", "settled", "path", "followed", "closing")
 _PATH_GRAPHS = ("path", "followed")
@@ -76,8 +77,13 @@ INLINE void one_step(const V *const in[], V *const out[]%(ts_parameter)s) {
 
 
 def graphs(tapes: RolloutTapes) -> dict[str, ca.Function]:
-    """The graphs that make up the forward step, by the names their kernels have."""
+    """The graphs that make up the forward step, by the names their kernels have.
+
+    Raises `UnsupportedOperation` for a learned step.
+    """
     loop = tapes.forward
+    if isinstance(loop, Asked):
+        raise UnsupportedOperation("a learned step is data, and has no C; choose another law")
     if isinstance(loop, InnerLoop):
         return {name: getattr(loop, name) for name in _INNER_GRAPHS}
     return {"step": loop}

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch.engines.scratch import Scratch
+from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.rollout_tapes import RolloutTapes
 
@@ -41,8 +42,9 @@ class ChunkRollout:
         self.adjoint, self.score = make(tapes.adjoint), make(tapes.score)
         self.terminal, self.terminal_adjoint = make(tapes.terminal), make(tapes.terminal_adjoint)
         loop = tapes.forward
-        self.loop = loop if isinstance(loop, InnerLoop) else None
-        if isinstance(loop, InnerLoop):
+        if isinstance(loop, Asked):
+            self.queries, self.closing = make(loop.queries), make(loop.closing)
+        elif isinstance(loop, InnerLoop):
             self.opening, self.newton = make(loop.opening), make(loop.newton)
             self.settled, self.path = make(loop.settled), make(loop.path)
             self.followed, self.closing = make(loop.followed), make(loop.closing)
@@ -50,12 +52,13 @@ class ChunkRollout:
             self.step = make(loop)
 
     def forward(
-        self, x0: Array, theta: Array, p: Array, w: Array, m: int
+        self, x0: Array, theta: Array, p: Array, w: Array, m: int, slopes: bool = True
     ) -> tuple[Array, Array, Array]:
         """States `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
 
         They are lost at the next call. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and
-        `w` (N, nu, m) may each have 1 in place of m, for one that all samples share.
+        `w` (N, nu, m) may each have 1 in place of m, for one that all samples share. Without
+        ``slopes`` no adjoint can follow.
         """
         x = self.scratch.array("x", self.horizon + 1, self.tapes.nx, m)
         lam = self.scratch.array("lam", self.horizon, self.tapes.nlam, m)
@@ -65,10 +68,13 @@ class ChunkRollout:
         for t in range(self.horizon):
             arguments = [x[t], self._theta(theta, t), w[t], p]
             results = [x[t + 1], lam[t], stage]
-            if self.loop is None:
-                self.step.run(arguments, results)
+            if isinstance(self.tapes.forward, Asked):
+                evaluated = self._evaluate(self.tapes.forward, arguments, slopes)
+                self.closing.run([*arguments, evaluated], results)
+            elif isinstance(self.tapes.forward, InnerLoop):
+                self.closing.run([*arguments, self._solve(self.tapes.forward, arguments)], results)
             else:
-                self.closing.run([*arguments, self._solve(self.loop, arguments)], results)
+                self.step.run(arguments, results)
             cost += stage
         self.terminal.run([x[-1], p], [stage])
         cost += stage
@@ -76,6 +82,23 @@ class ChunkRollout:
 
     def _theta(self, theta: Array, t: int) -> Array:
         return theta[t] if self.per_step else theta[0]
+
+    def _evaluate(self, asked: Asked, arguments: list[Array], slopes: bool) -> Array:
+        """Outputs of the model at every branch and, with ``slopes``, its Jacobians by columns."""
+        m, n_in, model = arguments[0].shape[-1], asked.model.n_in, asked.model
+        z = np.empty((asked.queries.numel_out(0), m))
+        self.queries.run(arguments, [z])
+        rows = np.ascontiguousarray(z.reshape(-1, n_in, m).transpose(0, 2, 1).reshape(-1, n_in))
+        found = np.zeros((self.tapes.nlam, m))
+        branches = len(z) // n_in
+        y, by_z = model.jacobians(rows) if slopes else (model.values(rows), None)
+        parts = [y, *([] if by_z is None else [by_z.transpose(0, 2, 1).reshape(len(y), -1)])]
+        at = 0
+        for part in parts:
+            columns = part.reshape(branches, m, -1).transpose(0, 2, 1).reshape(-1, m)
+            found[at : at + len(columns)] = columns
+            at += len(columns)
+        return found
 
     def _solve(self, loop: InnerLoop, arguments: list[Array]) -> Array:
         """Multipliers (branches * n, m) of all samples."""

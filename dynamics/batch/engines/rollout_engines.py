@@ -232,7 +232,7 @@ class ChunkEngine:
         x0, theta, p, w = (scratch.columns(name, a) for name, a in given.items())
         theta = theta.reshape(q.parts, tapes.n_theta, -1)
         w = w.reshape(q.horizon, tapes.nu, -1)
-        x, lam, cost = self._rollout.forward(x0, theta, p, w, m)
+        x, lam, cost = self._rollout.forward(x0, theta, p, w, m, q.gradient)
         shape = (q.parts, tapes.n_theta, m)
         gradient, score = np.empty((0, m)), np.empty((0, m))
         if q.gradient:

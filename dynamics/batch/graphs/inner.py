@@ -18,6 +18,7 @@ whose path is lost is reported, and not tried from other starts as :mod:`dynamic
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 
@@ -44,6 +45,8 @@ class InnerLoop:
       that is no solution, so that the sample is reported with those that are not finite
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
     """
+
+    with_p: ClassVar[tuple[str, ...]] = ("opening", "closing")
 
     opening: ca.Function
     newton: ca.Function

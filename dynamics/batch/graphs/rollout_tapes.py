@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
+from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.carrying import carried
 from dynamics.batch.graphs.hoisting import hoisted
 from dynamics.batch.graphs.inner import (
@@ -29,6 +30,7 @@ from dynamics.batch.graphs.inner import (
 )
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.contact import AffineStep, Step, interior_point
+from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.path import Path
 from dynamics.systems.elimination import solve_without_pivoting
 
@@ -56,7 +58,7 @@ class RolloutTapes:
     np: int
     nlam: int
     n_theta: int
-    forward: ca.Function | InnerLoop
+    forward: ca.Function | InnerLoop | Asked
     adjoint: ca.Function
     score: ca.Function
     terminal: ca.Function
@@ -139,23 +141,22 @@ class _Closed:
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
         score = ca.jtimes(law, self.theta, self.w, True)
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
-        scalar = isinstance(self.step, AffineStep) and self.step.system.nlam <= 1
-        loop = None if scalar else self._loop()
+        around = self._around()
         with_p = {
             "adjoint": (self._adjoint(), 3),
             "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
             "terminal_adjoint": (_function("terminal_adjoint", at_end, [terminal_bar]), 1),
         }
-        if loop is None:
+        if around is None:
             assert isinstance(self.step, AffineStep)
             with_p["forward"] = (self._forward(self.step), 3)
         else:
-            with_p |= {"opening": (loop.opening, 3), "closing": (loop.closing, 3)}
+            with_p |= {name: (getattr(around, name), 3) for name in around.with_p}
         derived, rest = hoisted(with_p, len(self.step.p))
-        if loop is None:
+        if around is None:
             rest["forward"], rest["adjoint"] = carried(rest["forward"], rest["adjoint"])
         else:
-            loop = replace(loop, opening=rest["opening"], closing=rest["closing"])
+            around = replace(around, **{name: rest[name] for name in around.with_p})
         return RolloutTapes(
             nx=self.x.numel(),
             n_before=self.before.numel(),
@@ -163,7 +164,7 @@ class _Closed:
             np=derived.numel_out(0),
             nlam=rest["adjoint"].numel_in(4),
             n_theta=self.theta.numel(),
-            forward=loop or rest["forward"],
+            forward=around or rest["forward"],
             adjoint=rest["adjoint"],
             score=_function("score", [self.x, self.theta, self.w], [score]),
             terminal=rest["terminal"],
@@ -192,6 +193,22 @@ class _Closed:
             for z, F, mu in (self._contacts(step) if step.n else [])
         ]
         return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
+
+    def _around(self) -> InnerLoop | Asked | None:
+        """What solves or evaluates the step between two graphs; None where one graph does."""
+        if isinstance(self.step, LearnedStep):
+            return self._asked(self.step)
+        scalar = isinstance(self.step, AffineStep) and self.step.system.nlam <= 1
+        return None if scalar else self._loop()
+
+    def _asked(self, step: LearnedStep) -> Asked:
+        x_next, cost = self._closed(self.x_next, self.stage_cost)
+        closing = [*self.arguments, step.evaluated]
+        return Asked(
+            queries=_function("queries", self.arguments, self._closed(step.queries)),
+            closing=_function("closing", closing, [x_next, step.evaluated, cost]),
+            model=step.learned.model,
+        )
 
     def _loop(self) -> InnerLoop:
         step, lam = self.step, self.step.lam
@@ -229,6 +246,8 @@ class _Closed:
     def _adjoint(self) -> ca.Function:
         step = self.step
         xbar = ca.SX.sym("xbar", self.x.numel())
+        if isinstance(step, LearnedStep):
+            return self._adjoint_of_model(step, xbar)
         if not isinstance(step, AffineStep):
             return self._adjoint_of_relation(xbar)
         value = self.stage_cost + ca.dot(xbar, self.x_next)
@@ -241,6 +260,16 @@ class _Closed:
         # Where contact moves no state the multiplier's cotangent has no entries.
         bars = ca.substitute(bars, frozen, [ca.densify(each) for each in self._closed(*meant)])
         return _function("adjoint", [*self.arguments, step.lam, xbar], bars)
+
+    def _adjoint_of_model(self, step: LearnedStep, xbar: ca.SX) -> ca.Function:
+        """Gradient of ``l + xbar' x_next + b' z``, b the derivative by the queries z, held."""
+        value = self.stage_cost + ca.dot(xbar, self.x_next)
+        value, queries, back = self._closed(value, step.queries, step.back(value))
+        held = ca.SX.sym("back", queries.numel())
+        value += ca.dot(held, queries)
+        bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
+        bars = ca.substitute(bars, [held], [ca.densify(back)])
+        return _function("adjoint", [*self.arguments, step.evaluated, xbar], bars)
 
     def _adjoint_of_relation(self, xbar: ca.SX) -> ca.Function:
         """Gradient of ``l + xbar' x_next - v' R(inner)``, v solving the transposed relation."""

@@ -1,23 +1,13 @@
 """A1: mu(z) and lam(z) of one contact, and the noise that each softening stands for."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.adaptive_mu.claims import claims
-    from problems.studies.adaptive_mu.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="A1",
     title="Contact impulse and adaptive mu over the gap, and their noise",
     citation=Citation("zhang2023adaptive", "Fig. 1c and 1d, propositions 5.2 and 5.3"),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "mu(z) is the corrected eq. 5.1: kappa = (sigma pdf(z/sigma) - z tail(z/sigma))/F and"
         " mu = kappa (z + F kappa).",

@@ -1,17 +1,7 @@
 """T1: the papers' theorems on stiffness, variance and bias, against random contact problems."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.audited_theory.claims import claims
-    from problems.studies.audited_theory.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="T1",
@@ -20,7 +10,7 @@ study = Study(
         "zhang2023adaptive",
         "Thm. 4.4, 4.5, 5.1, 5.4, prop. 5.2, 5.3; and lemmas III.1, III.4 of Pathologies",
     ),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "Systems: C = D = I, A = B = E = 0, where the bounds are tightest; z standard normal,"
         " mu log-uniform from 1e-8 to 1; F symmetric positive definite, or a P-matrix that is"

@@ -1,23 +1,13 @@
 """P6: implicit time stepping against its log-barrier relaxation, one step from the wall."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.barrier_relaxation.claims import claims
-    from problems.studies.barrier_relaxation.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="P6",
     title="Implicit time stepping and its log-barrier relaxation",
     citation=Citation("suh2022pathologies", "Fig. 6, examples IV.1 and IV.2"),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "The barrier weight and the central-path parameter are one knob: mu = h/kappa for a gap in"
         " position, and lam is an impulse.",

@@ -1,23 +1,13 @@
 """A2: a bouncing ball, by the softened equation of motion and by time stepping."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.bouncing_ball.claims import claims
-    from problems.studies.bouncing_ball.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="A2",
     title="A bouncing ball: elastic as an equation, plastic by time stepping",
     citation=Citation("zhang2023adaptive", "Fig. 2 and C.1"),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "mu is that of the force, gamma y = mu; the impulse of one step has h mu. Its values are"
         " our choice, within what C.1 can be integrated at: least height is about exp(-g q0/mu).",

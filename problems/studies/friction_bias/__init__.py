@@ -1,23 +1,13 @@
 """P3: Coulomb friction relaxed within a slip tolerance, and its empirical bias."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.friction_bias.claims import claims
-    from problems.studies.friction_bias.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="P3",
     title="Coulomb friction and empirical bias",
     citation=Citation("suh2022pathologies", "Fig. 3, example III.5"),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "The relaxation is one of the sign, 2 H - 1, not of H.",
         "Ex. III.5 has its gradient zero with probability at least c nu: true for small nu, where"

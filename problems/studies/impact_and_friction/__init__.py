@@ -1,23 +1,13 @@
 """A6: derivatives of impact and of friction by barrier, adaptive and randomized smoothing."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.impact_and_friction.claims import claims
-    from problems.studies.impact_and_friction.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="A6",
     title="Smoothing an impact and smoothing friction",
     citation=Citation("zhang2023adaptive", "Fig. 6"),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "RS averages the derivative that exists almost everywhere, as automatic differentiation"
         " gives it; only a sample inside the one step of the impact sees the jump.",

@@ -1,23 +1,13 @@
 """P1: three simple systems, their smoothed objectives and estimated gradients."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.jumping_objectives.claims import claims
-    from problems.studies.jumping_objectives.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="P1",
     title="Three simple systems with jumps",
     citation=Citation("suh2022pathologies", "Fig. 1 and sec. III-A"),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "All three are minimised: minus height, minus squared distance, minus squared angular"
         " velocity.",

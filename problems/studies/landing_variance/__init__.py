@@ -1,23 +1,13 @@
 """A2v: variance of first-order and likelihood-ratio gradients of a landing ball, over mu."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.landing_variance.claims import claims
-    from problems.studies.landing_variance.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="A2v",
     title="Gradient variance of a landing ball over mu",
     citation=Citation("zhang2023adaptive", "Sec. 7.2, the figure beside the text"),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "Time stepping is plastic, so no chaos builds up over bounces: after the impact the ball"
         " forgets its height. Variance is largest where the rollout ends near the impact.",

@@ -1,23 +1,13 @@
 """N2: does the object move? Planned from a start without contact, under four contact laws."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.start_without_contact.claims import claims
-    from problems.studies.start_without_contact.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="N2",
     title="Pushing and turning from a start without contact",
     citation=Citation("suh2023noising", "Fig. 2 and sec. V-B"),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "Only the dynamics f and f_σ of the figure, beside two laws that the paper has not;"
         " IPOPT over input sequences instead of Adam over gains, which are redundant along one"

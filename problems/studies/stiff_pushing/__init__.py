@@ -1,23 +1,13 @@
 """P5: pushing through a stiff spring: gradient variance over stiffness, and where it ends."""
 
-from __future__ import annotations
-
 from problems.spec import Citation
-from problems.studies.study import Parts, Study
-
-
-def _parts() -> Parts:
-    from problems.studies.stiff_pushing.claims import claims
-    from problems.studies.stiff_pushing.data import Params, run
-
-    return Params, run, claims
-
+from problems.studies.study import Study
 
 study = Study(
     id="P5",
     title="Pushing through a stiff spring, and without one",
     citation=Citation("suh2022pathologies", "Fig. 5, example III.7 and sec. IV-A"),
-    parts=_parts,
+    folder=__name__,
     notes=(
         "In the authors' code damping is the factor c on the velocity in each step, no dashpot;"
         " with the sweep's own c = 0.1 the curves do not cross. Drawn are the values of their task"

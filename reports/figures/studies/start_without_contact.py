@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from problems.registry import spec
 from reports import shapes
-from reports.camera import around
+from reports.camera import show
 from reports.style import BLUE, GREEN, GREY, PURPLE, VERMILLION, WIDTH
 
 caption = (
@@ -43,10 +43,7 @@ def _scene(axis: Axes, name: str, data: xr.Dataset) -> None:
     problem, params = found.problem(), found.params({})
     start = problem.initial_states(problem.parameters.values)[0]
     drawn = found.draw(params, start)
-    middle, size = around(shapes.bounds(drawn))
-    axis.set_xlim(middle[0] - size[0] / 2, middle[0] + size[0] / 2)
-    axis.set_ylim(middle[1] - size[1] / 2, middle[1] + size[1] / 2)
-    axis.set_aspect("equal")
+    show(axis, drawn)
     for shape in drawn:
         shapes.draw(shape, axis, 1.0)
     for law, color, mark in zip(data["law"].values, _COLORS, _MARKS, strict=True):

@@ -1,0 +1,113 @@
+"""One step of a closed system from many states at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch.arguments import BLOCK, as_rows, checked_block, common_length
+from dynamics.batch.engines.casadi_kernel import CasadiKernel
+from dynamics.batch.engines.choice import choose
+from dynamics.batch.engines.numpy_kernel import NumpyKernel
+from dynamics.batch.engines.parallel import checked_threads
+from dynamics.batch.engines.step_engines import ChunkStepEngine, c_step_engine
+from dynamics.batch.function import BatchFunction
+from dynamics.batch.graphs.policy import open_loop
+from dynamics.batch.graphs.rollout_tapes import build_tapes
+from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
+from dynamics.batch.nonfinite import NonFinite, non_finite_rows
+from dynamics.contact import Step
+
+
+@dataclass(frozen=True)
+class Steps:
+    """`x_next` (n, nx) and `lam` (n, nlam) of n samples; a step without solution is not finite."""
+
+    x_next: np.ndarray
+    lam: np.ndarray
+    nonfinite: NonFinite
+
+
+class StepFunction:
+    """`x_next, lam = step(x, u, p)` for many samples, the contact solved as rollouts solve it.
+
+        f = StepFunction(step)
+        x_next = f(x, u).x_next        # x (n, nx), u (n, nu)
+
+    Where :attr:`dynamics.contact.Step.solve` would try other starts, the path alone is followed:
+    a sample that loses it is not finite, and named by `nonfinite`. Backends, threads and block are
+    those of `BatchFunction`; results depend neither on threads nor on block, to the last bit.
+
+    Raises `ValueError` for shapes that do not fit, `UnsupportedOperation` and `CompilerError` as
+    `BatchFunction` does.
+    """
+
+    def __init__(
+        self, step: Step, backend: str = "auto", threads: int | None = None, block: int = BLOCK
+    ) -> None:
+        system, p, nothing = step.system, step.p.vector, ca.SX(0)
+        self.threads, self.block = checked_threads(threads), checked_block(block)
+        self.default_p = step.p.values
+        self.tapes = build_tapes(
+            step,
+            ca.Function("stage", [system.x, system.u, p], [nothing]),
+            ca.Function("terminal", [system.x, p], [nothing]),
+            open_loop(system.nx, system.nu),
+        )
+        self._derive = NumpyKernel(tape_of(self.tapes.derived))
+        self.backend, self._engine = choose(backend, self._makers(), "the step")
+
+    def _makers(self) -> dict[str, Any]:
+        def chunks(make: Any) -> ChunkStepEngine:
+            return ChunkStepEngine(self.tapes, self.threads, make)
+
+        return {
+            "c": lambda: c_step_engine(self.tapes, self.threads, self.block),
+            "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
+            "casadi": lambda: chunks(CasadiKernel),
+        }
+
+    def __call__(self, x: Any, u: Any, p: Any | None = None) -> Steps:
+        """Step from `x` (n, nx) under `u` (n, nu) at `p` (n, np), each also one row for all."""
+        return self._stepped(*self._rows(x, u, p))
+
+    def slopes(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:
+        """The steps, and their derivatives by x (n, nx, nx) and u (n, nx, nu) at the solution."""
+        given, n = self._rows(x, u, p)
+        steps, (nx, nu) = self._stepped(given, n), (self.tapes.nx, self.tapes.nu)
+        by_x, by_u = np.empty((n, nx, nx)), np.empty((n, nx, nu))
+        for i, bar in enumerate(np.eye(nx)):
+            by_x[:, i], by_u[:, i] = self._adjoint(*given, steps.lam, bar)
+        return steps, by_x, by_u
+
+    @cached_property
+    def _adjoint(self) -> BatchFunction:
+        return BatchFunction(self.tapes.adjoint, self.backend, self.threads, self.block)
+
+    def _rows(self, x: Any, u: Any, p: Any | None) -> tuple[list[np.ndarray], int]:
+        """Arguments of the graphs before lam, and the number of samples."""
+        tapes, what = self.tapes, "the step"
+        rows = [
+            as_rows(value, size, name, what)
+            for name, value, size in (
+                ("x", x, tapes.nx),
+                ("u", u, tapes.nu),
+                ("p", self.default_p if p is None else p, len(self.default_p)),
+            )
+        ]
+        n = common_length(rows, ["x", "u", "p"], what)
+        derived = np.empty((tapes.np, len(rows[2])))
+        self._derive.run([np.ascontiguousarray(rows[2].T)], [derived])
+        still = np.zeros((1, tapes.nu))
+        return [rows[0], rows[1], still, np.ascontiguousarray(derived.T)], n
+
+    def _stepped(self, given: list[np.ndarray], n: int) -> Steps:
+        tapes = self.tapes
+        x_next, lam, cost = outputs = [np.empty((n, size)) for size in (tapes.nx, tapes.nlam, 1)]
+        bad = self._engine.evaluate(given, outputs, n) if n else 0
+        found = non_finite_rows([x_next, lam, cost]) if bad else NonFinite()
+        return Steps(x_next, lam, found)

@@ -1,0 +1,114 @@
+"""Transitions drawn from a closed step: states without penetration, half of them in a tube."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import BatchFunction, StepFunction
+from dynamics.contact import Step
+from dynamics.learned.region import Region
+from dynamics.learned.transitions import Transitions
+
+Keep = Callable[[np.ndarray], np.ndarray]
+"""Which states (n, nx) are kept: n truth values."""
+
+DrawStates = Callable[[np.random.Generator, int, Sequence[str]], np.ndarray]
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+MOST = 1000
+"""Draws for every row that was asked for, after which a region is given up."""
+AT_ONCE = 200_000
+"""States that are drawn at once."""
+
+
+def collect(
+    step: Step,
+    region: Region,
+    n: int,
+    seed: int,
+    keep: Keep | None = None,
+    values: Mapping[str, float] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> Transitions:
+    """Draw n transitions of ``step``, the first half in the region's ranges, the rest in its tube.
+
+    ``keep`` chooses among states, by default those that do not penetrate (:func:`apart`).
+    ``values`` of parameters replace the step's. A step that was not solved is left out, another
+    drawn in its place, and ``unsolved`` in the provenance counts them. The same seed gives the same
+    data, whatever the number of threads.
+
+    Raises ``ValueError`` for a region that does not fit, that keeps almost no state, and for what
+    :meth:`Transitions.checked` refuses.
+    """
+    region.check(step.system)
+    p, rng = step.p.pack(values), np.random.default_rng(seed)
+    source = _Source(step, p, region, apart(step, p) if keep is None else keep)
+    drawn = [
+        source.draw(rng, n - n // 2, region.box_states, "ranges"),
+        source.draw(rng, n // 2, region.tube_states, "tube"),
+    ]
+    told = {
+        **{"seed": seed, "region": region.described(), "how": "collected", "in_tube": n // 2},
+        **{"unsolved": source.unsolved, **(provenance or {})},
+    }
+    x, u, x_next = (np.concatenate(column) for column in zip(*drawn, strict=True))
+    return Transitions.checked(x, u, x_next, step.system.states, step.system.inputs, told)
+
+
+@dataclass
+class _Source:
+    """Steps of a system at ``p`` from states that ``keep`` takes, and how many did not solve."""
+
+    step: Step
+    p: np.ndarray
+    region: Region
+    keep: Keep
+    unsolved: int = 0
+
+    def __post_init__(self) -> None:
+        self._advance = StepFunction(self.step)
+        system = self.step.system
+        self._states, self._inputs = (
+            [signal.name for signal in part] for part in (system.states, system.inputs)
+        )
+
+    def draw(self, rng: np.random.Generator, wanted: int, states: DrawStates, where: str) -> Rows:
+        """``wanted`` rows of x, u and x_next, states drawn by ``states``."""
+        found, parts = 0, [self._rows(states(rng, 1, self._states)[:0], rng)]
+        drawn = 0
+        while found < wanted:
+            if drawn > MOST * wanted:
+                raise ValueError(
+                    f"of {drawn} states drawn in the {where} of the region {found} could be used;"
+                    " move the region to where the system is free of penetration"
+                )
+            share = found / drawn if found else 0.5
+            size = min(int(1.1 * (wanted - found) / share) + 64, AT_ONCE)
+            drawn += size
+            parts.append(self._rows(states(rng, size, self._states), rng))
+            found += len(parts[-1][0])
+        x, u, x_next = (np.concatenate(column)[:wanted] for column in zip(*parts, strict=True))
+        return x, u, x_next
+
+    def _rows(self, x: np.ndarray, rng: np.random.Generator) -> Rows:
+        x = x[self.keep(x)]
+        u = self.region.draw_inputs(rng, x, self._states, self._inputs)
+        solved = self._advance(x, u, self.p)
+        good = np.isfinite(solved.x_next).all(axis=1) & np.isfinite(solved.lam).all(axis=1)
+        self.unsolved += int(np.count_nonzero(~good))
+        return x[good], u[good], solved.x_next[good]
+
+
+def apart(step: Step, p: np.ndarray) -> Keep:
+    """Keep states whose true signed distances are all >= 0; all, where none are known."""
+    system = step.system
+    if system.phi is None or not system.phi.numel():
+        return lambda x: np.ones(len(x), dtype=bool)
+    least = ca.mmin(ca.densify(system.phi))
+    distance = BatchFunction(ca.Function("least_phi", [system.x, step.p.vector], [least]))
+    return lambda x: distance(x, p)[:, 0] >= 0

@@ -1,0 +1,126 @@
+"""How well a learned map fits data it has not seen, and what it does where there are none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynamics.contact.casadi_map import LearnedMap
+from dynamics.learned.samples import Samples
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+DISTANCES = (0.0, 0.5, 1.0, 2.0, 4.0)
+RAYS = 256
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Errors of a map, per coordinate of y and along rays that leave the data.
+
+    ``clean`` and ``noised`` (ny,): root mean square of ``g(z) - y`` and of ``g(z + w) - y``, w of
+    width ``sigma`` in normalised units of z, over the standard deviation of y in the data; times
+    ``y_scale`` they are in the coordinates' units. The second has a floor that no map is below: the
+    spread of the y whose z could have been noised to the same place.
+
+    Rays start at the sample farthest out in a random direction of normalised z and follow it, so
+    that ``distances`` (k,) are the distances to the data's convex hull, and to the nearest sample.
+    No y is known there. ``displacement`` (k,) is the root mean square over rays and coordinates of
+    ``g - y`` over y's scale, with y that of the sample where the ray left: it tends to 0 where the
+    map falls back to the nearest sample, and grows like the distance where it extrapolates.
+    ``outside`` (k,) is the fraction of rays on which some coordinate of g is beyond every y of the
+    data: 0 for whatever averages the data.
+    """
+
+    sigma: float
+    y_scale: np.ndarray
+    clean: np.ndarray
+    noised: np.ndarray
+    distances: np.ndarray
+    displacement: np.ndarray
+    outside: np.ndarray
+
+    @property
+    def clean_physical(self) -> np.ndarray:
+        """``clean`` in the units of y."""
+        return self.clean * self.y_scale
+
+    @property
+    def noised_physical(self) -> np.ndarray:
+        """``noised`` in the units of y."""
+        return self.noised * self.y_scale
+
+    def dataset(self) -> xr.Dataset:
+        """All of it, names with ``fit_`` before, to stand beside a model's arrays in one file."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {
+                "fit_sigma": self.sigma,
+                **{f"fit_{name}": ("state", getattr(self, name)) for name in PER_COORDINATE},
+                **{f"fit_{name}": ("fit_distance", getattr(self, name)) for name in ALONG_RAYS},
+            },
+            coords={"fit_distance": self.distances},
+        )
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> Fit:
+        """Back from a dataset that :meth:`dataset` is part of."""
+        names = (*PER_COORDINATE, *ALONG_RAYS)
+        arrays = {name: dataset[f"fit_{name}"].values for name in names}
+        distances = dataset["fit_distance"].values
+        return cls(sigma=float(dataset["fit_sigma"]), distances=distances, **arrays)
+
+
+PER_COORDINATE = ("y_scale", "clean", "noised")
+ALONG_RAYS = ("displacement", "outside")
+
+
+def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float,
+        seed: int = 0) -> Fit:  # fmt: skip
+    """Compare a map with the rows ``held_out`` of the data, and follow it out of all of them.
+
+    Raises ``ValueError`` for no held-out row and for a map of other sizes.
+    """
+    ny = data.y.shape[1]
+    if learned.n_in != data.z.shape[1] or learned.n_out < ny:
+        raise ValueError(
+            f"fit: the model maps {learned.n_in} numbers to {learned.n_out}, the data have"
+            f" {data.z.shape[1]} and {ny}"
+        )
+    if not len(held_out):
+        raise ValueError("fit: no row is held out to compare the model with; hold some out")
+    z_scales, y_scales = data.scales
+    rng = np.random.default_rng([seed, 2])
+    z, y = data.z[held_out], data.y[held_out]
+    noised = z + sigma * z_scales.scale * rng.standard_normal(z.shape)
+    clean_rms, noised_rms = (
+        np.sqrt(np.mean(((learned.values(at)[:, :ny] - y) / y_scales.scale) ** 2, axis=0))
+        for at in (z, noised)
+    )
+    directions = rng.standard_normal((RAYS, data.z.shape[1]))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    along = _rays(learned, data, directions)
+    return Fit(float(sigma), y_scales.scale, clean_rms, noised_rms, np.array(DISTANCES), *along)
+
+
+def _rays(
+    learned: LearnedMap, data: Samples, directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """``displacement`` and ``outside`` at each of the distances."""
+    z_scales, y_scales = data.scales
+    z = z_scales.normalised(data.z)
+    left = np.array([np.argmax(z @ direction) for direction in directions])
+    # Rounding of a mean of equal numbers must not count as leaving their range.
+    slack = 1e-9 * y_scales.scale
+    least, most = data.y.min(axis=0) - slack, data.y.max(axis=0) + slack
+    displacement, outside = np.empty(len(DISTANCES)), np.empty(len(DISTANCES))
+    for i, distance in enumerate(DISTANCES):
+        there = data.z[left] + distance * z_scales.scale * directions
+        y = learned.values(there)[:, : data.y.shape[1]]
+        displacement[i] = np.sqrt(np.mean(((y - data.y[left]) / y_scales.scale) ** 2))
+        outside[i] = np.mean(((y < least) | (y > most)).any(axis=1))
+    return displacement, outside

@@ -1,0 +1,111 @@
+"""The laws that were learned: the average of data, and networks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import casadi as ca
+
+from dynamics.contact.casadi_map import CasadiMap
+from dynamics.contact.closure import Branch, Closure
+from dynamics.contact.law import ContactLaw, knob
+from dynamics.contact.learned_step import LearnedStep
+from dynamics.contact.step import Step
+from dynamics.learned.files import read_model
+from dynamics.learned.model import StepModel
+from dynamics.systems import KNOB, ContactSystem, ParameterTable
+
+
+class LearnedLaw(ContactLaw):
+    """``x_next = g(x, u)``, g a model of transitions: contact is closed by what was seen.
+
+    ``model`` is the model or the place of its file. Forces are not known: the step has no
+    multipliers. Raises ``ValueError`` for a file that is no such model.
+    """
+
+    def __init__(self, model: str | Path | StepModel | None = None) -> None:
+        if model is None:
+            raise ValueError(
+                f"{self.name}: a learned law needs its model; give model=FILE, made by ocp learn"
+            )
+        self.source = model
+        loaded = read_model(Path(model)) if isinstance(model, (str, Path)) else model
+        if loaded.kind != self.name:
+            raise ValueError(
+                f"{self.name}: {model} is a model of kind {loaded.kind}; say --contact"
+                f" {loaded.kind}, or learn one with --model {self.name}"
+            )
+        self.model: StepModel = loaded
+        self._map = CasadiMap(loaded)
+
+    def settings(self) -> dict[str, float | int | str]:
+        """The model's file, or the hash of its data where it came from none."""
+        from_file = isinstance(self.source, (str, Path))
+        return {"model": str(self.source) if from_file else self.model.origin.data_hash}
+
+    def at(self, **values: Any) -> ContactLaw:
+        """Return the same law with other values of its settings."""
+        return type(self)(**{**self.settings(), "model": self.source, **values})
+
+    def knobs(self, system: ContactSystem) -> ParameterTable:
+        """None; raises ``ValueError`` where the model is of another system's states or inputs."""
+        for what, own, asked in (
+            ("states", self.model.origin.y, system.states),
+            ("inputs", self.model.origin.inputs, system.inputs),
+        ):
+            if [s.name for s in own] != [s.name for s in asked]:
+                raise ValueError(
+                    f"{self.name}: the model has learned from {what}"
+                    f" {', '.join(s.name for s in own)}, but {system.name} has"
+                    f" {', '.join(s.name for s in asked)}; give a model of this problem"
+                )
+        return ParameterTable()
+
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+        """Nothing: no pairs are left."""
+        return ca.SX(0, 1)
+
+    def closed(
+        self, system: ContactSystem, law: Closure, knobs: ParameterTable, nodes: tuple[Branch, ...]
+    ) -> Step:
+        """The model's step."""
+        name = KNOB + "trust"
+        trust = knobs[name] if name in knobs.names else None
+        return LearnedStep(system, law, knobs, nodes, self._map, trust)
+
+
+class Ewda(LearnedLaw):
+    """The exponentially weighted distance average of transitions, noising, eq. 11.
+
+    ``trust`` adds ``-trust log p_sigma(x, u)`` to the stage cost, p_sigma the density of the data
+    smoothed by the same noise, in normalised units: plans stay where there were data.
+    """
+
+    name: ClassVar[str] = "ewda"
+    summary: ClassVar[str] = "distance-weighted average of transitions, from a model file"
+
+    def __init__(self, model: str | Path | StepModel | None = None, trust: float = 0.0) -> None:
+        super().__init__(model)
+        if not 0 <= trust < float("inf"):
+            raise ValueError(f"ewda: trust must be at least 0 and finite, got {trust}")
+        self.trust = float(trust)
+
+    def settings(self) -> dict[str, float | int | str]:
+        """The model and the weight of its density."""
+        return {**super().settings(), "trust": self.trust}
+
+    def knobs(self, system: ContactSystem) -> ParameterTable:
+        """``contact.trust``, where it is not zero."""
+        none = super().knobs(system)
+        if self.trust == 0:
+            return none
+        weight = knob("trust", self.trust, "1", "weight of -log p of the data in the stage cost")
+        return ParameterTable([weight])
+
+
+class Mlp(LearnedLaw):
+    """A network trained on transitions, with or without noise on its inputs, noising, eq. 3."""
+
+    name: ClassVar[str] = "mlp"
+    summary: ClassVar[str] = "network trained on transitions, from a model file"

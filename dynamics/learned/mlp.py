@@ -1,0 +1,201 @@
+"""Multilayer perceptrons h and h_sigma, evaluated with two derivatives by matrix products."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from dynamics.learned.normalisation import Normalisation
+from dynamics.learned.origin import Origin
+from dynamics.systems.parameters import Signal
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+KIND = "mlp"
+BLOCK = 256
+"""Queries at once, which bounds the memory of the layers' Jacobians."""
+FEW = 64
+QUIETLY = np.errstate(over="ignore", invalid="ignore")
+"""What is not finite is for the caller to count."""
+
+
+@dataclass(frozen=True)
+class MlpModel:
+    """``y = shift_y + scale_y (W_L a_L + b_L)``, ``a_{l+1} = elu(W_l a_l + b_l)``.
+
+    ``a_0`` is z normalised; ``weights[l]`` (n_{l+1}, n_l) and ``biases[l]`` (n_{l+1},) are float64
+    whatever they were trained in. ``elu(s) = s`` for s > 0, else ``exp(s) - 1``, has one continuous
+    derivative; the second jumps at s = 0 and is there that of the left side.
+    ``sigma`` is the width of the noise in training, in normalised units of z; 0 for clean data.
+
+    Far from the data y grows linearly. A query that is not finite has an answer that is not finite,
+    or the limit there; those of the other queries do not know of it.
+    """
+
+    kind: ClassVar[str] = KIND
+
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+    z_scales: Normalisation
+    y_scales: Normalisation
+    sigma: float
+    origin: Origin
+    seed: int = 0
+
+    @property
+    def n_in(self) -> int:
+        """Entries of z."""
+        return self.weights[0].shape[1]
+
+    @property
+    def n_out(self) -> int:
+        """Entries of y."""
+        return self.weights[-1].shape[0]
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        """What y is called."""
+        return self.origin.y
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        """What the entries of z are called that are no states."""
+        return self.origin.inputs
+
+    @property
+    def data_hash(self) -> str:
+        """What tells its data from any other."""
+        return self.origin.data_hash
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Units of each hidden layer."""
+        return tuple(bias.size for bias in self.biases[:-1])
+
+    @QUIETLY
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """``y`` (n, n_out) at ``z`` (n, n_in)."""
+        y = np.empty((len(z), self.n_out))
+        for rows in _blocks(len(z)):
+            a = self.z_scales.normalised(z[rows])
+            for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
+                a = _elu(a @ W.T + b)[0]
+            y[rows] = self._physical(a)
+        return y
+
+    @QUIETLY
+    def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in), carried forward through the layers."""
+        y, jacobians = np.empty((len(z), self.n_out)), np.empty((len(z), self.n_out, self.n_in))
+        for rows in _blocks(len(z)):
+            last, J = self._forward(z[rows])[-1]
+            y[rows] = self.y_scales.physical(last)
+            jacobians[rows] = self.y_scales.scale[:, None] * J.swapaxes(1, 2)
+        return y, jacobians
+
+    @QUIETLY
+    def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out).
+
+        ``sum_l J_l' diag(adj_l elu''(s_l)) J_l`` over the hidden layers, with pre-activations
+        s_l, their Jacobians ``J_l = ds_l/dz`` and ``adj_l``, the derivative of ``weights'y`` by
+        ``elu(s_l)``.
+        """
+        found = np.empty((len(z), self.n_in, self.n_in))
+        for rows in _blocks(len(z)):
+            found[rows] = self._curvatures(z[rows], weights[rows])
+        return found
+
+    def _curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        adjoint = (weights * self.y_scales.scale) @ self.weights[-1]
+        found = np.zeros((len(z), self.n_in, self.n_in))
+        hidden = self._forward(z)[:-1]
+        for W, (s, J) in zip(reversed(self.weights[:-1]), reversed(hidden), strict=True):
+            _, slope, bend = _elu(s)
+            found += (J * (adjoint * bend)[:, None, :]) @ J.swapaxes(1, 2)
+            adjoint = (adjoint * slope) @ W
+        # The product of a matrix with its own transpose is symmetric only up to its rounding.
+        return 0.5 * (found + found.swapaxes(1, 2))
+
+    def _forward(self, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Each layer's ``s`` (n, n_l) and ``ds/dz`` (n, n_in, n_l); the last is y normalised."""
+        W, b = self.weights[0], self.biases[0]
+        J = np.broadcast_to((W / self.z_scales.scale).T, (len(z), self.n_in, b.size))
+        layers = [(self.z_scales.normalised(z) @ W.T + b, J)]
+        for W, b in zip(self.weights[1:], self.biases[1:], strict=True):
+            s, J = layers[-1]
+            a, slope, _ = _elu(s)
+            layers.append((a @ W.T + b, _product(J * slope[:, None, :], W)))
+        return layers
+
+    def _physical(self, a: np.ndarray) -> np.ndarray:
+        return self.y_scales.physical(a @ self.weights[-1].T + self.biases[-1])
+
+    def dataset(self) -> xr.Dataset:
+        """All of it as arrays and attributes (:meth:`of` reads it back)."""
+        import xarray as xr
+
+        data = {}
+        between = ["z", *(f"unit_{layer}" for layer in range(len(self.hidden))), "state"]
+        for layer, (W, b) in enumerate(zip(self.weights, self.biases, strict=True)):
+            before, after = between[layer : layer + 2]
+            data |= {f"weight_{layer}": ((after, before), W), f"bias_{layer}": (after, b)}
+        data |= {
+            "z_shift": ("z", self.z_scales.shift),
+            "z_scale": ("z", self.z_scales.scale),
+            "y_shift": ("state", self.y_scales.shift),
+            "y_scale": ("state", self.y_scales.scale),
+        }
+        attributes = self.origin.attributes(KIND, self.sigma, self.seed)
+        attributes |= {"activation": "elu", "layers": len(self.weights)}
+        return xr.Dataset(data, coords=self.origin.coordinates(), attrs=attributes)
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> MlpModel:
+        """Back from :meth:`dataset`, to the last bit.
+
+        Raises ``ValueError`` for a dataset that is no network or lacks a part of one.
+        """
+        origin = Origin.of(dataset, KIND)
+        layers = range(int(dataset.attrs["layers"]))
+        names = [f"{part}_{layer}" for layer in layers for part in ("weight", "bias")]
+        names += ["z_shift", "z_scale", "y_shift", "y_scale"]
+        if missing := [name for name in names if name not in dataset]:
+            raise ValueError(f"model: the network lacks {', '.join(missing)}; learn it again")
+        found = {name: np.ascontiguousarray(dataset[name].values, float) for name in names}
+        if broken := [name for name, array in found.items() if not np.isfinite(array).all()]:
+            raise ValueError(f"model: {', '.join(broken)} of the network are not finite")
+        return cls(
+            tuple(found[f"weight_{layer}"] for layer in layers),
+            tuple(found[f"bias_{layer}"] for layer in layers),
+            Normalisation(found["z_shift"], found["z_scale"]),
+            Normalisation(found["y_shift"], found["y_scale"]),
+            float(dataset.attrs["sigma"]),
+            origin,
+            int(dataset.attrs["seed"]),
+        )
+
+
+def _blocks(n: int) -> Iterator[slice]:
+    return (slice(start, start + BLOCK) for start in range(0, n, BLOCK))
+
+
+def _product(J: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """``J_i W'`` (n, n_in, n_out) for J (n, n_in, k) and W (n_out, k)."""
+    # One product of all rows fills the cores, but beside other programs it waits a time slice for
+    # the thread that has not got one: 8 ms, where the many small products of a plan's stages,
+    # which no library shares among threads, take 0.3 ms together.
+    if len(J) <= FEW:
+        return J @ W.T
+    return (J.reshape(-1, J.shape[2]) @ W.T).reshape(*J.shape[:2], len(W))
+
+
+def _elu(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``elu``, ``elu'`` and ``elu''``."""
+    below = np.minimum(s, 0.0)
+    slope = np.exp(below)
+    return np.maximum(s, 0.0) + np.expm1(below), slope, np.where(s > 0.0, 0.0, slope)

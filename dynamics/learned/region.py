@@ -1,0 +1,86 @@
+"""Where transitions are drawn: ranges of states and inputs, and a tube around the task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dynamics.systems import ContactSystem
+
+Ranges = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Region:
+    """Ranges by name, in the units of the system's signals, and the tube that half of data lie in.
+
+    ``around`` names inputs whose range is measured from a state, as commanded positions are from
+    the actuated ones: ``{"ux": "ax"}``. The tube is the straight line from ``start`` to ``goal``
+    (nx,) and Gaussian noise of width ``spread`` (nx,) about it, which the ranges do not cut.
+    """
+
+    states: Ranges
+    inputs: Ranges
+    start: Sequence[float]
+    goal: Sequence[float]
+    spread: Sequence[float]
+    around: Mapping[str, str] = field(default_factory=dict)
+
+    def check(self, system: ContactSystem) -> None:
+        """Raise ``ValueError`` where names or sizes are not those of ``system``."""
+        states, inputs = ([s.name for s in part] for part in (system.states, system.inputs))
+        for what, given, names in (("state", self.states, states), ("input", self.inputs, inputs)):
+            if set(given) != set(names):
+                raise ValueError(
+                    f"the region has a range for {what}s {', '.join(given) or 'none'}, and"
+                    f" {system.name} has {', '.join(names) or 'none'}; give one for each"
+                )
+            for name, (low, high) in given.items():
+                if not (np.isfinite(high - low) and low < high):
+                    raise ValueError(
+                        f"the region's range of {what} {name} must be finite and rise, got"
+                        f" [{low:g}, {high:g}]"
+                    )
+        strange = [
+            f"{u}: {x}" for u, x in self.around.items() if u not in inputs or x not in states
+        ]
+        if strange:
+            raise ValueError(
+                f"the region measures {strange[0]}; expected an input of {', '.join(inputs)} from"
+                f" a state of {', '.join(states)}"
+            )
+        for what in ("start", "goal", "spread"):
+            value = np.asarray(getattr(self, what), dtype=float)
+            if value.shape != (system.nx,) or not np.all(np.isfinite(value)):
+                raise ValueError(f"the region's {what} must be {system.nx} finite numbers")
+
+    def box_states(self, rng: np.random.Generator, n: int, names: Sequence[str]) -> np.ndarray:
+        """States (n, nx), uniform in their ranges."""
+        return _uniform(rng, n, self.states, names)
+
+    def tube_states(self, rng: np.random.Generator, n: int, names: Sequence[str]) -> np.ndarray:
+        """States (n, nx), uniform along the line from start to goal, with noise about it."""
+        start, goal, spread = (np.asarray(v, float) for v in (self.start, self.goal, self.spread))
+        along = rng.uniform(size=(n, 1))
+        return start + along * (goal - start) + spread * rng.standard_normal((n, len(names)))
+
+    def draw_inputs(
+        self, rng: np.random.Generator, x: np.ndarray, states: Sequence[str], inputs: Sequence[str]
+    ) -> np.ndarray:
+        """Inputs (n, nu), uniform in their ranges, for the states ``x`` (n, nx)."""
+        u = _uniform(rng, len(x), self.inputs, inputs)
+        for name, state in self.around.items():
+            u[:, inputs.index(name)] += x[:, states.index(state)]
+        return u
+
+    def described(self) -> dict[str, Any]:
+        """The region as plain values, for a record."""
+        return asdict(self)
+
+
+def _uniform(rng: np.random.Generator, n: int, ranges: Ranges, names: Sequence[str]) -> np.ndarray:
+    low, high = np.array([ranges[name] for name in names]).reshape(-1, 2).T
+    return rng.uniform(low, high, (n, len(names)))

@@ -1,0 +1,212 @@
+"""Measured or computed steps of a system: where it was, what was done, where it came to be."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynamics.learned.normalisation import Normalisation
+from dynamics.learned.origin import SCHEMA, Origin
+from dynamics.learned.samples import Samples, split_rows
+from dynamics.systems import Signal
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+KIND = "transitions"
+_VARIABLES = ["x", "u", "x_next", "z_shift", "z_scale"]
+_VARIABLES += [name + tail for name in ("z", "state", "input") for tail in ("", "_unit")]
+_ATTRIBUTES = ["problem", "parameters", "data_hash", "provenance"]
+LEAST = 10
+"""Rows for every coordinate of z below which nothing is learned."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """n steps: states ``x`` (n, nx), inputs ``u`` (n, nu) and next states ``x_next`` (n, nx).
+
+    ``states`` and ``inputs`` name the columns and their units, in which all values are;
+    ``normalisation`` is of z = (x, u). ``provenance`` says where the data come from: ``problem``,
+    ``parameters``, ``seed``, ``region``, ``how``, as far as they are known.
+    """
+
+    x: np.ndarray
+    u: np.ndarray
+    x_next: np.ndarray
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    normalisation: Normalisation
+    provenance: Mapping[str, Any]
+
+    @classmethod
+    def checked(
+        cls,
+        x: np.ndarray,
+        u: np.ndarray,
+        x_next: np.ndarray,
+        states: Sequence[Signal],
+        inputs: Sequence[Signal],
+        provenance: Mapping[str, Any] | None = None,
+    ) -> Transitions:
+        """Transitions from arrays, normalised by mean and standard deviation of every column.
+
+        Raises ``ValueError`` for shapes that do not fit, values that are not finite (with the
+        rows), a column that never varies, and fewer than ten rows for each entry of z.
+        """
+        states, inputs = tuple(states), tuple(inputs)
+        x, u, x_next = (np.ascontiguousarray(a, dtype=float) for a in (x, u, x_next))
+        n, nx, nu = len(x), len(states), len(inputs)
+        for what, array, size in (("x", x, nx), ("u", u, nu), ("x_next", x_next, nx)):
+            if array.shape != (n, size):
+                raise ValueError(f"data: {what} has shape {array.shape}, expected {(n, size)}")
+        names = [signal.name for signal in (*states, *inputs)]
+        _check_finite([x, u, x_next], [*names, *(f"{signal.name}_next" for signal in states)])
+        if n < LEAST * len(names):
+            raise ValueError(
+                f"data: {n} rows are too few to learn from; {len(names)} coordinates"
+                f" ({', '.join(names)}) need at least {LEAST * len(names)}"
+            )
+        normalisation = Normalisation.of(np.hstack([x, u]), names)
+        return cls(x, u, x_next, states, inputs, normalisation, dict(provenance or {}))
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @cached_property
+    def z(self) -> np.ndarray:
+        """States and inputs side by side, (n, nx + nu)."""
+        return np.hstack([self.x, self.u])
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the entries of z."""
+        return [signal.name for signal in (*self.states, *self.inputs)]
+
+    @property
+    def units(self) -> list[str]:
+        """Units of the entries of z."""
+        return [signal.unit for signal in (*self.states, *self.inputs)]
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 over names, units and values: the same data have the same hash."""
+        columns = [[s.name, s.unit] for s in (*self.states, *self.inputs)]
+        digest = hashlib.sha256(json.dumps([len(self.states), columns]).encode())
+        for array in (self.x, self.u, self.x_next):
+            digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+    def split(self, fraction: float, seed: int) -> tuple[Transitions, Transitions]:
+        """The rest, and a random ``fraction`` held out, both in the scales of the whole.
+
+        The rows are those that training on so many samples holds out at the same seed.
+
+        Raises ``ValueError`` unless both have rows.
+        """
+        rest, held_out = split_rows(len(self), fraction, seed)
+        if not (fraction > 0 and len(rest) and len(held_out)):
+            raise ValueError(
+                f"data: a fraction {fraction:g} of {len(self)} rows leaves nothing on one side;"
+                " take one between 0 and 1"
+            )
+        return self._rows(rest), self._rows(held_out)
+
+    def _rows(self, rows: np.ndarray) -> Transitions:
+        return replace(self, x=self.x[rows], u=self.u[rows], x_next=self.x_next[rows])
+
+    def check_signals(self, states: Sequence[Signal], inputs: Sequence[Signal], owner: str) -> None:
+        """Raise ``ValueError`` unless names and units are those of ``owner``, in its order."""
+        wanted = [[(s.name, s.unit) for s in part] for part in (states, inputs)]
+        for what, own, expected in zip(
+            ("states", "inputs"), (self.states, self.inputs), wanted, strict=True
+        ):
+            if [(s.name, s.unit) for s in own] != expected:
+                raise ValueError(
+                    f"data: the {what} are {listed(own)}, and {owner} has"
+                    f" {', '.join(f'{name} [{unit}]' for name, unit in expected)};"
+                    " take data of that problem, or the problem of these data"
+                )
+
+    @property
+    def origin(self) -> Origin:
+        """What a model of these data says that it was learned from."""
+        known = self.provenance
+        problem, parameters = str(known.get("problem", "")), known.get("parameters", {})
+        return Origin((*self.states, *self.inputs), self.states, problem, parameters, self.hash)
+
+    def samples(self) -> Samples:
+        """``z`` and the next states as a map is learned from them."""
+        return Samples(self.z, self.x_next, self.origin)
+
+    def dataset(self) -> xr.Dataset:
+        """As labelled arrays: ``x``, ``u`` and ``x_next`` over sample and state or input.
+
+        Coordinates, units and the scales of z are called as in a model's; provenance is JSON in
+        the attributes.
+        """
+        import xarray as xr
+
+        data = {
+            "x": (("sample", "state"), self.x),
+            "u": (("sample", "input"), self.u),
+            "x_next": (("sample", "state"), self.x_next),
+            "z_shift": ("z", self.normalisation.shift),
+            "z_scale": ("z", self.normalisation.scale),
+        }
+        origin = self.origin
+        attributes = {
+            "kind": KIND,
+            "schema": SCHEMA,
+            "problem": origin.problem,
+            "parameters": json.dumps(dict(origin.parameters), sort_keys=True),
+            "data_hash": self.hash,
+            "provenance": json.dumps(dict(self.provenance), sort_keys=True),
+        }
+        return xr.Dataset(data, origin.coordinates(), attributes)
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> Transitions:
+        """Read :meth:`dataset` back; raises ``ValueError`` where it has no such form."""
+        attributes = dataset.attrs
+        if attributes.get("kind") != KIND:
+            raise ValueError(f"this holds {attributes.get('kind', 'nothing known')!s}, no {KIND}")
+        if attributes.get("schema") != SCHEMA:
+            raise ValueError(
+                f"these transitions have schema version {attributes.get('schema')}, this program"
+                f" reads {SCHEMA}; collect them again"
+            )
+        lacking = [name for name in _VARIABLES if name not in dataset.variables]
+        lacking += [name for name in _ATTRIBUTES if name not in attributes]
+        if lacking:
+            raise ValueError(f"these transitions lack {', '.join(lacking)}; collect them again")
+        x, u, x_next, shift, scale = (np.array(dataset[n].values) for n in _VARIABLES[:5])
+        origin, provenance = Origin.of(dataset, KIND), json.loads(attributes["provenance"])
+        found = cls.checked(x, u, x_next, origin.y, origin.inputs, provenance)
+        if found.hash != attributes["data_hash"]:
+            raise ValueError("the values are not those that were written: their hash differs")
+        return replace(found, normalisation=Normalisation(shift, scale))
+
+
+def listed(signals: Sequence[Signal]) -> str:
+    """Names with units, ``ox [m], theta [rad]``."""
+    return ", ".join(f"{signal.name} [{signal.unit}]" for signal in signals)
+
+
+def _check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
+    whole = np.hstack(arrays)
+    rows, columns = np.nonzero(~np.isfinite(whole))
+    if not len(rows):
+        return
+    bad = np.unique(rows)
+    which = ", ".join(map(str, bad[:5])) + (", ..." if len(bad) > 5 else "")
+    first = f"{names[columns[0]]} is {whole[rows[0], columns[0]]:g} in row {rows[0]}"
+    raise ValueError(
+        f"data: {len(bad)} of {len(whole)} rows hold values that are not finite ({which}, counted"
+        f" from 0; {first}); leave them out or repair them"
+    )

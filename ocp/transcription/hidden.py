@@ -1,0 +1,165 @@
+"""What a stage's variables determine besides its cost and constraints, and the way through it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from dynamics.contact.learned_step import LearnedStep
+from dynamics.systems.elimination import solve_without_pivoting
+
+Compile = Callable[[ca.Function], ca.Function]
+
+
+class Hidden(ABC):
+    """Unknowns ``inner`` (n,) that the locals w of a stage determine.
+
+    ``symbols`` are what the stage's functions take for them: ``inner``, and whatever values their
+    derivatives need besides. :attr:`solve` gives their values, ``(w, p) -> symbols``.
+    """
+
+    inner: ca.SX
+    symbols: ca.SX
+    solve: ca.Function
+
+    def values(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
+        """Values of ``symbols`` for the locals (nw, copies), (n, copies)."""
+        return self.solve.map("solve_map", "serial", copies, [1], [])(w, p)
+
+    @abstractmethod
+    def sensitivity(self, w: ca.SX) -> ca.SX:
+        """``d inner / dw`` (n, nw)."""
+
+    @abstractmethod
+    def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
+        """Second total derivative (nw, nw) of ``lagrangian``, an expression in w and ``inner``."""
+
+    def settled(self, outputs: list[ca.SX]) -> list[ca.SX]:
+        """Outputs of a stage's function, once differentiated."""
+        return outputs
+
+    @property
+    def curvatures(self) -> ca.SX:
+        """Symbols of second derivatives that come from outside, none by default."""
+        return ca.SX(0, 1)
+
+    def curvature_values(
+        self, slope: ca.Function, arguments: list[ca.MX], copies: int
+    ) -> list[ca.MX]:
+        """Values of ``curvatures`` (., copies), ``slope`` being ``dL/d inner`` of the arguments."""
+        return []
+
+
+@dataclass(eq=False)
+class Implicit(Hidden):
+    """Unknowns that solve ``relation(inner, w, p) = 0``; ``held`` is a symbol in it, and its value.
+
+    All derivatives come from the implicit function theorem, the held symbol taken as a constant.
+    """
+
+    inner: ca.SX
+    relation: ca.SX
+    relation_jacobian: ca.SX
+    solve: ca.Function
+    held: tuple[ca.SX, ca.SX] | None = None
+
+    def __post_init__(self) -> None:
+        self.symbols = self.inner
+
+    def sensitivity(self, w: ca.SX) -> ca.SX:
+        """``-(dR/d inner)^-1 dR/dw``."""
+        return -solve_without_pivoting(self.relation_jacobian, ca.jacobian(self.relation, w))
+
+    def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
+        """With ``R_y' a = -dL/dy``: ``[I; Y]' grad²(L + a' R) [I; Y]``, Y the sensitivity."""
+        slope = ca.gradient(lagrangian, self.inner)
+        solved = -solve_without_pivoting(self.relation_jacobian.T, ca.densify(slope))
+        adjoint = ca.SX.sym("adjoint", self.inner.numel())
+        both = ca.vertcat(w, self.inner)
+        curved = ca.hessian(lagrangian + ca.dot(adjoint, self.relation), both)[0]
+        curved = ca.substitute(curved, adjoint, solved)
+        basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
+        return basis.T @ curved @ basis
+
+    def settled(self, outputs: list[ca.SX]) -> list[ca.SX]:
+        """With the held symbol's value put in."""
+        return outputs if self.held is None else ca.substitute(outputs, *([s] for s in self.held))
+
+
+@dataclass(eq=False)
+class Evaluated(Hidden):
+    """Outputs of a learned step's model at ``queries``, which are expressions in w and p.
+
+    The model's Jacobians are evaluated with its values, its second derivatives contracted with the
+    Lagrangian's slope.
+    """
+
+    step: LearnedStep
+    queries: ca.SX
+    w: ca.SX
+    p: ca.SX
+
+    def __post_init__(self) -> None:
+        self.map, self.inner, self.symbols = (
+            self.step.learned, self.step.inner, self.step.evaluated
+        )  # fmt: skip
+        self.bends = [ca.SX.sym("bend", self.map.n_in, self.map.n_in) for _ in self.step.nodes]
+        self.asked = ca.Function("asked", [self.w, self.p], [ca.densify(self.queries)])
+        w, p = ca.MX.sym("w", self.w.numel()), ca.MX.sym("p", self.p.numel())
+        self.solve = ca.Function("evaluate", [w, p], [self.values(w, p, 1)], ["w", "p"], ["y"])
+
+    def _queries(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
+        asked = self.asked.map("asked_map", "serial", copies, [1], [])(w, p)
+        return ca.reshape(asked, self.map.n_in, -1)
+
+    def values(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
+        """Of all copies, evaluated together."""
+        y, slopes = self.map.slopes(len(self.bends) * copies)(self._queries(w, p, copies))
+        return ca.vertcat(ca.reshape(y, -1, copies), ca.reshape(slopes, -1, copies))
+
+    @cached_property
+    def _by_w(self) -> list[ca.SX]:
+        return ca.vertsplit(ca.jacobian(self.queries, self.w), self.map.n_in)
+
+    def sensitivity(self, w: ca.SX) -> ca.SX:
+        """``g'(z_b) dz_b/dw``, branch after branch."""
+        parts = zip(self.step.slopes, self._by_w, strict=True)
+        return ca.vertcat(*(slope @ by_w for slope, by_w in parts))
+
+    def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
+        """``[I; Y]' grad² L [I; Y] + sum_b (dz_b/dw)' H_b dz_b/dw + grad²(a' z)``.
+
+        H_b is the map's second derivative under dL/dinner, and ``a = g'' dL/dinner``, held, takes
+        care of queries that are no affine functions of w.
+        """
+        basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
+        total = basis.T @ ca.hessian(lagrangian, ca.vertcat(w, self.inner))[0] @ basis
+        for bend, by_w in zip(self.bends, self._by_w, strict=True):
+            total += by_w.T @ bend @ by_w
+        held = ca.SX.sym("held", self.queries.numel())
+        twice = ca.hessian(ca.dot(held, self.queries), w)[0]
+        return total + ca.substitute(twice, held, self.step.back(lagrangian))
+
+    @property
+    def curvatures(self) -> ca.SX:
+        """Entries of the H_b."""
+        return ca.vertcat(*(ca.vec(bend) for bend in self.bends))
+
+    def curvature_values(
+        self, slope: ca.Function, arguments: list[ca.MX], copies: int
+    ) -> list[ca.MX]:
+        """The H_b of all copies, evaluated together."""
+        weights = slope.map("weights", "serial", copies, [1], [])(*arguments)
+        queries = self._queries(arguments[0], arguments[1], copies)
+        bends = self.map.bends(queries.shape[1])
+        found = bends(queries, ca.reshape(weights, self.map.n_out, -1))
+        return [ca.reshape(found, -1, copies)]
+
+
+def inner_values(hidden: Hidden | None, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
+    """Values of ``hidden.symbols`` for all copies, shape (n, copies)."""
+    return ca.MX(0, copies) if hidden is None else hidden.values(w, p, copies)

@@ -1,0 +1,81 @@
+"""Where a problem's transitions are drawn: as its file says, or around its task."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.learned.region import Region
+from ocp.errors import InputError
+from ocp.problem import Problem
+from problems.spec import ProblemSpec, where
+
+_SPREAD = 0.3
+
+
+def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
+    """The region that the problem's file declares, else :func:`around_task`.
+
+    Raises :class:`~ocp.errors.InputError` for a user's ``region`` that raises or does not fit.
+    """
+    owner = spec.path or spec.name
+    try:
+        found = around_task(problem) if spec.region is None else spec.region(params)
+    except Exception as error:
+        if spec.path is None:
+            raise
+        raise InputError(f"{owner}: region(params) failed: {where(error, spec.path)}") from error
+    if not isinstance(found, Region):
+        raise InputError(
+            f"{owner}: region(params) returned {type(found).__name__}, expected a"
+            " dynamics.learned.region.Region"
+        )
+    try:
+        found.check(problem.system)
+    except ValueError as error:
+        raise InputError(f"{owner}: {error}") from error
+    return found
+
+
+def around_task(problem: Problem) -> Region:
+    """A box around start, goal and guess, wider by the reference sizes, inputs from their bounds.
+
+    The goal is the least point of the terminal cost, taken as quadratic at the start; coordinates
+    that it leaves open stay where they start. Inputs without bounds have the guess's range, wider
+    by their reference size; states keep to their bounds.
+    """
+    p, sizes, system = problem.parameters.values, problem.sizes, problem.system
+    x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p))
+    u_low, u_high, x_low, x_high = bounds
+    X, U = problem.initial_guess(p)
+    goal = np.clip(_goal(problem, x0, p), x_low, x_high)
+    nodes = np.vstack([X, x0, goal])
+    low = np.maximum(nodes.min(axis=0) - sizes.x, x_low)
+    high = np.minimum(nodes.max(axis=0) + sizes.x, x_high)
+    u_low = np.where(np.isfinite(u_low), u_low, U.min(axis=0) - sizes.u)
+    u_high = np.where(np.isfinite(u_high), u_high, U.max(axis=0) + sizes.u)
+    return Region(
+        _ranges([s.name for s in system.states], low, high),
+        _ranges([s.name for s in system.inputs], u_low, u_high),
+        x0.tolist(),
+        goal.tolist(),
+        (_SPREAD * sizes.x).tolist(),
+    )
+
+
+def _goal(problem: Problem, x0: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """One Newton step on the terminal cost from the start; the start where it leads nowhere."""
+    x = problem.system.x
+    curvature, slope = ca.hessian(problem.terminal_cost, x)
+    given = [x, problem.parameters.vector]
+    told = ca.Function("end", given, [ca.densify(curvature), ca.densify(slope)])
+    H, g = (np.array(value) for value in told(x0, p))
+    step = np.linalg.pinv(H, hermitian=True) @ g if np.isfinite([H.sum(), g.sum()]).all() else 0 * g
+    return x0 - step.ravel()
+
+
+def _ranges(names: list[str], low: np.ndarray, high: np.ndarray) -> dict[str, tuple[float, float]]:
+    pairs = zip(low.tolist(), high.tolist(), strict=True)
+    return dict(zip(names, pairs, strict=True))

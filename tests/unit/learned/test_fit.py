@@ -1,0 +1,106 @@
+"""What the report of a fit says, on maps whose errors have closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from dynamics.learned.fit import DISTANCES, Fit, fit
+from dynamics.learned.origin import Origin
+from dynamics.learned.samples import Samples
+from dynamics.systems.parameters import Signal
+
+NAMES = (Signal("q", "m"), Signal("turn", "rad"))
+HELD_OUT = np.arange(4000)
+
+
+@dataclass(frozen=True)
+class Affine:
+    """``y = A z + b`` and one more entry, as the data average has."""
+
+    A: np.ndarray
+    b: np.ndarray
+    n_in: int = 2
+    n_out: int = 3
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        return np.column_stack([z @ self.A.T + self.b, np.full(len(z), np.nan)])
+
+    def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        raise NotImplementedError
+
+    def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Nearest(Affine):
+    """The data average without noise."""
+
+    data: Samples | None = None
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        assert self.data is not None
+        scale = self.data.z.std(axis=0)
+        squares = ((z[:, None] / scale - self.data.z / scale) ** 2).sum(axis=2)
+        y = self.data.y[squares.argmin(axis=1)]
+        return np.column_stack([y, np.zeros(len(z))])
+
+
+def still(n: int = 4000) -> Samples:
+    """Bodies that stay where they are, metres and radians of different widths."""
+    z = np.random.default_rng(0).normal(size=(n, 2)) * [0.1, 3.0] + [2.0, -1.0]
+    return Samples(z, z.copy(), Origin(NAMES, NAMES))
+
+
+IDENTITY = Affine(np.eye(2), np.zeros(2))
+
+
+def test_errors_of_the_identity_are_those_of_the_noise() -> None:
+    """Clean 0, noised sigma in normalised units, within four deviations of the estimate."""
+    data = still()
+    report = fit(IDENTITY, data, HELD_OUT, sigma=0.3)
+    assert np.array_equal(report.clean, np.zeros(2))
+    np.testing.assert_allclose(report.noised, 0.3, rtol=4 / np.sqrt(2 * len(HELD_OUT)))
+    np.testing.assert_allclose(report.noised_physical, 0.3 * data.z.std(axis=0), rtol=0.05)
+    off = fit(replace(IDENTITY, b=np.array([0.02, 0.6])), data, HELD_OUT, sigma=0.0)
+    np.testing.assert_allclose(off.clean_physical, [0.02, 0.6], rtol=1e-12)
+    assert np.array_equal(off.clean, off.noised)
+
+
+def test_along_rays_an_extrapolation_goes_as_far_as_the_query() -> None:
+    """|g - y| is the distance; the mean over 2 coordinates divides its square by 2."""
+    report = fit(IDENTITY, still(), HELD_OUT, sigma=0.1)
+    np.testing.assert_allclose(report.displacement, np.array(DISTANCES) / np.sqrt(2), atol=1e-12)
+    assert report.outside[0] == 0 and np.all(np.diff(report.outside) >= 0)
+    assert report.outside[-1] > 0.95
+
+
+def test_along_rays_the_nearest_sample_is_where_they_left() -> None:
+    """The claim under the report's distances: all data lie behind the plane a ray starts from."""
+    data = still(500)
+    report = fit(Nearest(np.eye(2), np.zeros(2), data=data), data, np.arange(5), sigma=0.1)
+    assert np.array_equal(report.displacement, np.zeros(len(DISTANCES)))
+    assert np.array_equal(report.outside, np.zeros(len(DISTANCES)))
+
+
+def test_a_report_stands_beside_a_model_in_one_file(tmp_path: Path) -> None:
+    report = fit(IDENTITY, still(), HELD_OUT, sigma=0.3)
+    model = xr.Dataset({"weight_0": ("unit", np.ones(3))}, coords={"state": ["q", "turn"]})
+    model.merge(report.dataset()).to_netcdf(tmp_path / "model.nc")
+    with xr.open_dataset(tmp_path / "model.nc") as file:
+        back = Fit.of(file.load())
+    for name, wanted in vars(report).items():
+        assert np.array_equal(getattr(back, name), wanted), name
+
+
+def test_what_cannot_be_compared_is_said() -> None:
+    data = still(10)
+    with pytest.raises(ValueError, match="the model maps 3 numbers to 3, the data have 2 and 2"):
+        fit(replace(IDENTITY, n_in=3), data, np.arange(3), 0.1)
+    with pytest.raises(ValueError, match="no row is held out"):
+        fit(IDENTITY, data, np.arange(0), 0.1)
