@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 COLUMNS = 80
 
 
-def print_table(table: Table) -> None:
+def print_table(table: Table | Group) -> None:
     """Print a table that is a command's result, on stdout, 80 columns wide at most."""
     Console(width=COLUMNS, highlight=False).print(table)
 
