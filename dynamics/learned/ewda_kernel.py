@@ -10,7 +10,7 @@ from dynamics.batch.engines.compiler import find_compiler, load
 from dynamics.batch.engines.parallel import checked_threads, on_threads
 from dynamics.learned.ewda_moments import CUTOFF, Cloud
 from dynamics.learned.ewda_order import boxes, chunked, neighbourly
-from dynamics.learned.ewda_source import CHUNK, FAR, ewda_source
+from dynamics.learned.ewda_source import CHUNK, FAR, REGISTER, ewda_source
 
 _PARTS = 32
 _BATCH = 128
@@ -49,7 +49,7 @@ class CompiledMoments:
         self._run = load(ewda_source(self._nz, self._ny, compiler)).run
         self._run.restype = None
         self._threads = checked_threads(threads)
-        self._order = neighbourly(points.z, CHUNK)
+        self._order = neighbourly(points.z, CHUNK, REGISTER)
         rows = points.z[self._order]
         self._n_chunks = -(-n // CHUNK)
         self._n_parts = min(_PARTS, self._n_chunks)
@@ -69,6 +69,7 @@ class CompiledMoments:
             "inverse": 0.5 / points.sigma**2,
             "cutoff": -2 * points.sigma**2 * float(np.log(CUTOFF)),
             "reach": float(np.abs(rows).max(axis=0).sum()),
+            **{name: array.ctypes.data for name, array in self._stored.items()},
         }
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -106,7 +107,6 @@ class CompiledMoments:
         n = len(where)
         counters = np.zeros((2, _PHASES), dtype=np.int64)
         arrays = {
-            **self._stored,
             **dict(zip(("q", "mean_z", "mean_y", "weights"), given, strict=True)),
             "least": _aligned((n, self._n_boxes)),
             "bound": np.empty(n),

@@ -28,21 +28,28 @@ class Average:
         """``|z_i|²`` (n,)."""
         return np.sum(self.z**2, axis=1)
 
-    def blas(self) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """Value and Jacobian at one query: products of matrices over all the points."""
+    def blas(self, block: int) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Value and Jacobian at one query: products of matrices over all the points.
+
+        Moments by ``block`` points at a time, so that their weighted targets stay in the cache.
+        """
         z, square, slope = self.z, self.square, -0.5 / self.sigma**2
-        left = np.ascontiguousarray(np.column_stack((np.ones(len(z)), self.y)).T)
+        left = np.column_stack((np.ones(len(z)), self.y)).T
         right = np.column_stack((np.ones(len(z)), z))
-        w, weighted = np.empty(len(z)), np.empty_like(left)
+        cuts = [slice(begin, begin + block) for begin in range(0, len(z), block)]
+        parts = [(cut, np.ascontiguousarray(left[:, cut]), right[cut]) for cut in cuts]
+        w, weighted = np.empty(len(z)), np.empty((len(left), min(block, len(z))))
 
         def at(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             np.dot(z, -2 * q, out=w)
             np.add(w, square, out=w)
             np.subtract(w, w.min(), out=w)
             np.multiply(w, slope, out=w)
-            np.exp(w, out=w)
-            np.multiply(left, w, out=weighted)
-            return self._moments(weighted @ right)
+            sums = np.zeros((len(left), right.shape[1]))
+            for cut, a, b in parts:
+                np.exp(w[cut], out=w[cut])
+                sums += np.multiply(a, w[cut], out=weighted[:, : len(b)]) @ b
+            return self._moments(sums)
 
         return at
 

@@ -25,7 +25,7 @@ def engine(request) -> str:
 
 
 def data(n: int, nz: int = NZ, ny: int = NY, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Cloud in units as far apart as they get, and targets that bend."""
+    """Points in units as far apart as they get, and targets that bend."""
     rng = np.random.default_rng(seed)
     z = rng.standard_normal((n, nz)) * np.logspace(-2, 2, nz) + 5 * rng.standard_normal(nz)
     y = np.sin(rng.standard_normal((n, nz)) @ rng.standard_normal((nz, ny))) + 3.0
