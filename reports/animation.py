@@ -180,10 +180,7 @@ def _stage(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
     height = rows * float(np.clip(width * ratio, 0.9, 3.6)) + 0.3 * rows + 1.0
     figure = Figure(figsize=(_WIDTH, round(height, 2)))
     figure.set_layout_engine("constrained", h_pad=0.1)
-    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
-    for axis in axes:
-        axis.set_aspect("equal")
-    return figure, axes
+    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
 def check_drawable(view: RunView) -> None:

@@ -26,11 +26,8 @@ class Camera:
 
     def aim(self, axis: Axes, frame: int) -> None:
         """Set the limits of ``axis`` to those of a frame."""
-        axis.set_aspect("equal")
-        for place, size, limit in zip(
-            self.middle[frame], self.size, (axis.set_xlim, axis.set_ylim), strict=True
-        ):
-            limit(place - size / 2, place + size / 2)
+        low, high = self.middle[frame] - self.size / 2, self.middle[frame] + self.size / 2
+        axis.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
 def show(axis: Axes, shapes: Iterable[Shape]) -> None:

@@ -65,6 +65,13 @@ class RolloutObjective(SampledObjective):
         """Cost without noise, its mean over scenarios."""
         return float(self.costs(np.zeros((self.problem.scenarios.n, self.n_noise))).mean())
 
+    def slope(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
+        """Mean cost over the scenarios, without noise, at ``theta``, and its gradient."""
+        shaped = theta.reshape(self._policy.shape(self.problem.N))
+        found = self._rolled(self.problem.scenarios.n, 0, theta=shaped)
+        gradient = found.gradient.reshape(len(found.cost), -1)
+        return float(found.cost.mean()), gradient.mean(axis=0)
+
     def scored(self, noise: Gaussian, n: int) -> Samples:
         """Costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
         found = self._rolled(n, noise.first, noise=noise, gradient=False, score=True)

@@ -69,6 +69,7 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
 
     from ocp import store
     from ocp.store import atomic
+    from ocp.store.checkpoint import Checkpoint
     from problems.studies.study import did_hold
     from reports.pdf import write_pdf
     from reports.stored_tables import claim_table
@@ -76,7 +77,8 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
     out, output = options.out, options.output
     if not output.quiet:
         print(f"{study.id}: {study.title}", file=sys.stderr, flush=True)
-    data = study.data(asked)
+    kept = Checkpoint(out, study.id, asked) if study.resumes else None
+    data = study.data(asked, kept)
     claims = study.claims(data)
     meta = {
         "kind": "figure",
@@ -88,6 +90,8 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
         "status": "done",
     }
     stored = store.write(out, study.id, data, meta)
+    if kept is not None:
+        kept.discard()
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     write_pdf([store.load(stored)], pdf)
     # netCDF 3: HDF5 stamps its root group with the time of writing.

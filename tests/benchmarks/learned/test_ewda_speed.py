@@ -67,7 +67,7 @@ def test_value_and_jacobian_along_steps(sigma):
 
 @pytest.mark.parametrize("sigma", [0.2, 1.0])
 def test_many_queries_at_once(sigma):
-    z, y, path = data(NZ, NY)
+    z, y, _ = data(NZ, NY)
     rng = np.random.default_rng(1)
     one, two = (model(z, y, sigma, threads=k) for k in (1, 2))
     at = z[rng.integers(N, size=MANY)] + 0.1 * rng.standard_normal((MANY, NZ))

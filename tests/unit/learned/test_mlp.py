@@ -322,7 +322,7 @@ def test_training_holds_out_what_transitions_do() -> None:
     rest, held_out = data.split(TINY.held_out, seed=5)
     assert np.array_equal(data.z[training.held_out], held_out.z)
     assert np.array_equal(data.z[training.trained_on], rest.z)
-    assert training.model().data_hash == data.hash
+    assert training.model().origin.data_hash == data.hash
     with pytest.raises(ValueError, match=r"a fraction -0\.1 of 100 rows"):
         data.split(-0.1, seed=5)
 
