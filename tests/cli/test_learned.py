@@ -137,6 +137,31 @@ def test_a_user_s_table_becomes_a_plan(ocp: Ocp) -> None:
     assert collected.json["problem"] == "own" and collected.json["rows"] == 300
 
 
+REGION = """
+from dynamics.learned.region import Region
+
+def region(params):
+    return Region({"place": (0, 3), "speed": (-2, 2)}, {"kick": (-0.5, 0.5)}, (0.5, 0), (1, 0),
+                  (0.1, 0.1))
+"""
+
+
+def test_a_user_s_file_may_say_where_data_are_drawn(ocp: Ocp) -> None:
+    Path("own.py").write_text(OWN + REGION)
+    words = ["collect", "own.py", "-n", "200", "-o", "own.nc"]
+    assert ocp(*words, "--json").json["region"]["states"]["place"] == [0, 3]
+    data = models.load_transitions(Path("own.nc"))
+    assert np.abs(data.u).max() <= 0.5 and np.abs(data.x[:100, 1]).max() > 1.5
+    for wrong, message in (
+        ("def region(params): return 3", "region(params) returned int, expected a"),
+        ("def region(params): return 1 / 0", "region(params) failed: line "),
+        (REGION.replace("place", "plce"), "a range for states plce, speed, and own has place"),
+    ):
+        Path("own.py").write_text(f"{OWN}\n{wrong}")
+        done = ocp(*words)
+        assert done.code == 2 and message in done.err and done.err.count("\n") == 1
+
+
 def test_columns_are_mapped(ocp: Ocp) -> None:
     own_table(Path("own.csv"), "p,v,k,p1,v1")
     names = "place=p,speed=v,kick=k,place_next=p1,speed_next=v1"
@@ -218,6 +243,14 @@ CASES = {
     "model's problem": (
         ["solve", "push-disc", "--contact", "ewda", "-c", "model=model.nc"],
         "states qu, qa, but push-disc has ox, oy, ax, ay",
+    ),
+    "cut model in a solve": (
+        ["solve", "push-1d", "--contact", "mlp", "-c", "model=cut.nc"],
+        "cut short or damaged",
+    ),
+    "no model in a solve": (
+        ["solve", "push-1d", "--contact", "mlp", "-c", "model=none.nc"],
+        "none.nc: there is no such file",
     ),
     "data as a model": (
         ["solve", "push-1d", "--contact", "ewda", "-c", "model=data.nc"],

@@ -131,8 +131,8 @@ def _data(options: LearnOptions) -> Transitions:
             )
         data = models.load_transitions(options.data)
     else:
-        columns = assignments("--columns", (options.columns or "").split(",")) if (
-            options.columns) else None  # fmt: skip
+        pairs = None if options.columns is None else options.columns.split(",")
+        columns = assignments("--columns", pairs)
         told = {} if spec is None else {"problem": spec.name}
         try:
             data = read_table(options.data, columns, signals, told)
@@ -165,8 +165,10 @@ def run(options: LearnOptions, asked: Asked) -> int:
     from reports import learned
 
     began, data = time.perf_counter(), asked.data
-    model, held_out = _averaged(options, data) if asked.training is None else (
-        _trained(options, asked, asked.training))  # fmt: skip
+    if asked.training is None:
+        model, held_out = _averaged(options, data)
+    else:
+        model, held_out = _trained(options, asked, asked.training)
     sigma = options.noise or NOISE
     fitted = fit(model, data.samples(), held_out, sigma, options.seed)
     parts = model.dataset(), fitted.dataset()
