@@ -18,7 +18,7 @@ from dynamics.learned.transitions import Transitions
 from problems.registry import get
 from problems.studies.start_without_contact.dynamics import DYNAMICS, dynamics, transitions
 from problems.studies.start_without_contact.learning import EVERY, by_ipopt, descend
-from problems.studies.start_without_contact.plans import PROBLEMS, labelled, plans
+from problems.studies.start_without_contact.open_loop import PROBLEMS, labelled, planned
 from problems.studies.study import CODE, Pieces, StudyParams, quantity_of, setting
 
 SWEPT = ("g_sigma", "h_sigma")
@@ -65,7 +65,7 @@ class _Source:
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """All pieces of the study, those that are kept not anew."""
-    variables, coordinates = labelled(pieces.get("plans", lambda: plans(params)))
+    variables, coordinates = labelled(pieces.get("plans", lambda: planned(params)))
     sources = {name: _Source(name, params) for name in PROBLEMS}
     variables |= _learned(params, pieces, sources) | _swept(params, pieces, sources)
     coordinates |= {

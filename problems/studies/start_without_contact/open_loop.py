@@ -56,7 +56,7 @@ def gains(name: str, found: Solution) -> tuple[float, float, float]:
     return object_cost(name, start), object_cost(name, planned), object_cost(name, replay)
 
 
-def plans(params: Params) -> dict[str, Any]:
+def planned(params: Params) -> dict[str, Any]:
     """Plan both problems under every law; object's cost of plan and replay, and the paths."""
     shape = (len(PROBLEMS), len(LAWS))
     total = np.empty((*shape, 2))
@@ -76,7 +76,7 @@ def plans(params: Params) -> dict[str, Any]:
 
 
 def labelled(found: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Variables and coordinates of a dataset from :func:`plans`."""
+    """Variables and coordinates of a dataset from :func:`planned`."""
     both = ("problem", "law")
     return {
         "cost": quantity_of((*both, "of"), found["cost"], "1", "cost of the object"),
