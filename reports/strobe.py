@@ -34,8 +34,16 @@ def draw_strobe(axis: Axes, view: RunView) -> None:
     """Draw the strobe into given axes."""
     spec, x = view.spec, view.array("x")
     assert spec is not None and spec.draw is not None and x is not None
-    path = x[0]
-    frames, chosen = _instants([spec.draw(view.params, state) for state in path])
+    chosen = draw_motion(axis, [spec.draw(view.params, state) for state in x[0]])
+    _forces(axis, view, chosen)
+    axis.set_xlabel(spec.axes[0])
+    axis.set_ylabel(spec.axes[1])
+    axis.set_axisbelow(True)
+
+
+def draw_motion(axis: Axes, plays: list[list[Shape]]) -> np.ndarray:
+    """Draw shapes at several of the instants of ``plays``, early ones faint; gives the instants."""
+    frames, chosen = _instants(plays)
     fixed = set.intersection(*(set(shapes) for shapes in frames))
     show(axis, [shape for shapes in frames for shape in shapes])
     for shape in frames[0]:
@@ -45,10 +53,7 @@ def draw_strobe(axis: Axes, view: RunView) -> None:
         for shape in shapes:
             if shape not in fixed:
                 draw(shape, axis, strength)
-    _forces(axis, view, chosen)
-    axis.set_xlabel(spec.axes[0])
-    axis.set_ylabel(spec.axes[1])
-    axis.set_axisbelow(True)
+    return chosen
 
 
 def _instants(plays: list[list[Shape]]) -> tuple[list[list[Shape]], np.ndarray]:

@@ -39,7 +39,7 @@ class Params(StudyParams):
     width: float = setting(0.1, "1", "noise on the data, in their scales", above=0)
     draws: int = setting(100, "1", "draws of f_sigma a step, even", CODE, least=2)
     rate: float = setting(0.01, "1", "rate of Adam", above=0)
-    steps: int = setting(300, "1", "iterations of Adam, tens", least=100)
+    steps: int = setting(500, "1", "iterations of Adam, tens", least=100)
     epochs: int = setting(20, "1", "passes over the data in training", least=1)
 
 
@@ -88,7 +88,7 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _Source]) -> dic
     records, nodes = params.steps // EVERY + 1, 21
     shape = len(PROBLEMS), len(DYNAMICS)
     learned = np.full((*shape, params.seeds, records, 2), np.nan)
-    poses = np.full((*shape, nodes, 3), np.nan)
+    states = np.full((*shape, nodes, 7), np.nan)
     gains, work = np.full((*shape, 2), np.nan), np.zeros(shape, dtype=int)
     for row, (name, source) in enumerate(sources.items()):
         for column, kind in enumerate(DYNAMICS):
@@ -98,13 +98,13 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _Source]) -> dic
                 found = _descent(pieces, source, kind, params.width, params.data, at)
                 learned[row, column, seed] = np.stack([found["model"], found["exact"]], axis=1)
                 if seed == 0:
-                    poses[row, column] = found["states"][:, :3]
+                    states[row, column, :, : source.problem.system.nx] = found["states"]
             found = pieces.get(f"ipopt-{name}-{kind}", _ipopt(source, kind))
             gains[row, column], work[row, column] = found["costs"], found["iterations"]
     both = ("problem", "dynamics")
     return {
         "learned": quantity_of((*both, "seed", "step", "end"), learned, "1", "cost, eq. 14"),
-        "pose": quantity_of((*both, "node", "pose"), poses, "m, m, rad", "object, exact replay"),
+        "states": quantity_of((*both, "node", "entry"), states, "m, rad", "exact replay"),
         "gains": quantity_of((*both, "end"), gains, "1", "cost of IPOPT's gains"),
         "work": quantity_of(both, work, "1", "iterations of IPOPT"),
     }

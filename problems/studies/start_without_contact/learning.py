@@ -7,7 +7,8 @@ from itertools import islice
 import numpy as np
 
 from dynamics.contact import ContactLaw, Exact
-from ocp import Feedback, NotConverged, SingleShooting, solve
+from dynamics.learned.laws import LearnedLaw
+from ocp import Direct, Feedback, NotConverged, SingleShooting, solve
 from ocp.gradients.rollout_objective import RolloutObjective
 from ocp.learning.adam import adam
 from ocp.problem import Problem
@@ -56,8 +57,9 @@ def by_ipopt(problem: Problem, law: ContactLaw) -> dict[str, np.ndarray]:
     answer.
     """
     settings = {"homotopy": False} if isinstance(law, Exact) else {}
+    method = Direct() if isinstance(law, LearnedLaw) else SingleShooting()
     try:
-        found = solve(problem, law, SingleShooting(), Feedback(), settings=settings)
+        found = solve(problem, law, method, Feedback(), settings=settings)
     except NotConverged:
         return {"costs": np.full(2, np.nan), "iterations": np.array(0)}
     costs = np.array([found.cost, found.audit.exact_cost])
