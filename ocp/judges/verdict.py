@@ -59,12 +59,15 @@ def findings(found: Solution) -> list[str]:
             " bounds that keep the states where it stays one."
         ]
     lines = [] if found.success or not explained else [_sentence(explained)]
-    if found.status.label == "no-progress" and found.audit.active_steps == 0:
+    forceless = math.isnan(found.audit.complementarity)
+    if found.status.label == "no-progress" and found.audit.active_steps == 0 and not forceless:
         lines = [_sentence(f"the contacts never act; {explained}")]
     if found.certificate.reason != UNJUDGED:
         lines.append(_sentence(found.certificate.sentence))
     gaps = found.problem.system.gaps
     model = "" if gaps is None else f"the model's gaps are {gaps}"
+    if forceless:
+        model = "the law is learned from data and knows no forces" + (model and f"; {model}")
     said = (model, _referee(found), _replay(found), found.referee.parting)
     lines += [_sentence(line) for line in said if line]
     if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):

@@ -74,7 +74,7 @@ def measure(
     return Physics(
         _worst(-phi, names),
         _worst(-least_between(problem, x, physical), names),
-        _worst(acting, names),
+        None if np.isnan(impulse).all() else _worst(acting, names),
     )
 
 

@@ -96,6 +96,20 @@ class Asked:
 
 
 def check(options: ExportOptions) -> Asked:
+    """Find what to export; raises InputError for a law that has no C."""
+    from dynamics.contact.learned_step import LearnedStep
+    from ocp.errors import InputError
+
+    asked = _asked(options)
+    if isinstance(asked.step, LearnedStep):
+        raise InputError(
+            f"contact law {asked.law.name}: a learned step is data, and has no C; name another"
+            " with --contact"
+        )
+    return asked
+
+
+def _asked(options: ExportOptions) -> Asked:
     """Find the problem or the run, and make the law; a run has its own parameters."""
     from ocp.errors import InputError
     from problems import names, spec

@@ -105,8 +105,24 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     first = Path("model.nc").read_bytes()
     assert ocp(*words, "--quiet").code == 0 and Path("model.nc").read_bytes() == first
     assert not list(Path().glob(".unfinished-*"))
-    solved = ocp("solve", "push-1d", "--contact", model, "-c", "model=model.nc", "--json", "-q")
+    words = ["--contact", model, "-c", "model=model.nc"]
+    solved = ocp("solve", "push-1d", *words, "--pdf", "plan.pdf", "--json", "-q")
     assert solved.code in (0, 3) and solved.json["contact"] == model
+    assert solved.json["complementarity"] is None and solved.json["exact_cost"] > 0
+    assert "learned from data and knows no forces" in solved.json["verdict"]
+    assert Path("plan.pdf").read_bytes().startswith(b"%PDF")
+    run = solved.json["run"]
+    assert ocp("replay", run, "--quiet").code == 0
+    assert ocp("report", run, "-o", "again.pdf", "--quiet").code == 0
+    assert ocp("animate", run, "-o", "plan.gif", "--quiet").code == 0
+    again = ocp("solve", "push-1d", *words, "--from", run, "--json", "-q")
+    assert again.json["cost"] == pytest.approx(solved.json["cost"], rel=1e-6)
+    over = ["--over", "M", "--from", "1", "--to", "1.2", "--steps", "2", "--json", "-q"]
+    assert len(ocp("continue", "push-1d", *words, *over).json["points"]) == 3
+    judged = ocp("estimate", "push-1d", *words, "-n", "200", "--json", "-q")
+    assert judged.code == 0 and judged.json["estimates"]
+    refused = ocp("export", "push-1d", *words, "-o", "step.c")
+    assert refused.code == 2 and "has no C" in refused.err
 
 
 def test_the_fit_is_that_of_rows_that_the_model_has_not_seen(ocp: Ocp) -> None:
