@@ -16,7 +16,8 @@ import xarray as xr
 from dynamics.contact import ContactLaw, Randomized
 from dynamics.learned.transitions import Transitions
 from problems.registry import get
-from problems.studies.start_without_contact.dynamics import DYNAMICS, dynamics, transitions
+from problems.studies.shared.learned_laws import transitions
+from problems.studies.start_without_contact.dynamics import DYNAMICS, dynamics
 from problems.studies.start_without_contact.learning import EVERY, by_ipopt, descend
 from problems.studies.start_without_contact.open_loop import PROBLEMS, labelled, planned
 from problems.studies.study import CODE, Pieces, StudyParams, quantity_of, setting

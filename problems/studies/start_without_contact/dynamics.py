@@ -13,14 +13,9 @@ from dynamics.contact import ContactLaw, Exact, Step
 from dynamics.contact.casadi_map import CasadiMap
 from dynamics.contact.closure import Branch, Closure
 from dynamics.contact.learned_step import LearnedStep
-from dynamics.learned.collecting import collect
-from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.laws import Ewda, Mlp
-from dynamics.learned.training import train
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import ContactSystem, ParameterTable
-from problems.regions import region_of
-from problems.registry import spec
+from problems.studies.shared.learned_laws import average, network
 
 DYNAMICS = ("f", "f_sigma", "g_sigma", "h", "h_sigma")
 
@@ -85,13 +80,6 @@ class Bundled(ContactLaw):
         return LearnedStep(system, law, knobs, nodes, CasadiMap(self.bundle))
 
 
-def transitions(name: str, n: int, seed: int) -> Transitions:
-    """n transitions of a problem at its defaults, drawn in its own region."""
-    found = spec(name)
-    problem = found.problem()
-    return collect(problem.exact_step, region_of(found, found.params({}), problem), n, seed)
-
-
 def dynamics(
     kind: str, data: Transitions, sigma: float, epochs: int, seed: int, problem_step: Step,
     samples: int = 100,
@@ -102,6 +90,5 @@ def dynamics(
     if kind == "f_sigma":
         return Bundled(Bundle(problem_step, sigma * data.normalisation.scale, samples, seed))
     if kind == "g_sigma":
-        return Ewda(EwdaModel(data.z, data.x_next, data.normalisation, sigma, data.origin, seed))
-    noise = sigma if kind == "h_sigma" else 0.0
-    return Mlp(train(data.samples(), noise, seed, epochs=epochs, patience=epochs))
+        return average(data, sigma, seed)
+    return network(data, sigma if kind == "h_sigma" else 0.0, seed, epochs)
