@@ -1,0 +1,209 @@
+"""The exponentially weighted distance average of data, with two derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from dynamics.batch.engines.choice import choose
+from dynamics.batch.engines.parallel import checked_threads
+from dynamics.learned.ewda_kernel import CompiledMoments
+from dynamics.learned.ewda_moments import Moments, NumpyMoments, Points
+from dynamics.learned.normalisation import Normalisation
+from dynamics.learned.origin import Origin
+from dynamics.systems.parameters import Signal
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+KIND = "ewda"
+_NARROWEST, _WIDEST = 1e-50, 1e50
+"""Widths whose fourth power is a number."""
+_FARTHEST = 1e150
+"""Widths from the origin of the normalised data up to which a squared distance is a number."""
+
+
+@dataclass(frozen=True, eq=False)
+class EwdaModel:
+    """``g(z) = E_w y``, weights ``w_i = exp(-|z~ - z~_i|² / 2 sigma²)``, noising, eq. 11 (lemma 3).
+
+    z~ is z in normalised units, and so is sigma. The last output is ``log p(z)``, the logarithm of
+    the mean of the Gaussian densities of width sigma around the data, in normalised coordinates.
+    The derivatives are moments under the weights,
+
+        dy/dz~ = Cov(y, z~) / sigma²,              dlog p/dz~ = (E z~ - z~) / sigma²,
+        d²(nu'y)/dz~² = E[nu'(y - E y) d d'] / sigma⁴, d²log p/dz~² = E[d d'] / sigma⁴ - I / sigma²
+
+    with ``d = z~_i - E z~``. Far from the data g is the target of the nearest point.
+
+    ``z`` (n, nz) and ``y`` (n, ny) are the data in their own units. `backend` is ``c``, ``numpy``
+    or ``auto`` for the faster one that there is; `threads` are those of ``c``, None for every
+    CPU. Answers of one backend do not depend on the threads or on what else is asked with them.
+
+    Raises ``ValueError`` for sigma or data that are not finite, sigma not above 0, and shapes that
+    do not fit each other; in calls, for a query that is not finite.
+    """
+
+    kind: ClassVar[str] = KIND
+
+    z: np.ndarray
+    y: np.ndarray
+    scales: Normalisation
+    sigma: float
+    origin: Origin
+    seed: int = 0
+    backend: str = field(default="auto", kw_only=True)
+    threads: int | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        _check_sigma(self.sigma)
+        _check_data(self.z, self.y)
+        checked_threads(self.threads)
+        for what, size, own in (
+            ("coordinates of z", self.z.shape[1], len(self.origin.z)),
+            ("targets", self.y.shape[1], len(self.origin.y)),
+            ("scales", self.z.shape[1], self.scales.scale.size),
+        ):
+            if size != own:
+                raise ValueError(f"ewda: the data have {size} {what}, but {own} are named")
+
+    @property
+    def n_in(self) -> int:
+        """Entries of z."""
+        return self.z.shape[1]
+
+    @property
+    def n_out(self) -> int:
+        """Entries of y, and the logarithm of the density."""
+        return self.y.shape[1] + 1
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        """What y is called."""
+        return self.origin.y
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        """What the entries of z are called that are no states."""
+        return self.origin.inputs
+
+    @property
+    def data_hash(self) -> str:
+        """What tells its data from any other."""
+        return self.origin.data_hash
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """``(g, log p)`` (n, ny + 1) at ``z`` (n, nz)."""
+        q = self._queries(z)
+        return self._values(q, *self._engine.first(q, slopes=False))
+
+    def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``(g, log p)`` (n, ny + 1) and its Jacobian (n, ny + 1, nz) at ``z`` (n, nz)."""
+        q = self._queries(z)
+        nearest, sums = self._engine.first(q, slopes=True)
+        mean = sums / sums[:, :1, :1]
+        slopes = np.empty((len(q), self.n_out, self.n_in))
+        slopes[:, :-1] = mean[:, 1:, 1:] - mean[:, 1:, :1] * mean[:, :1, 1:]
+        slopes[:, -1] = (self._points.z[nearest] - q) + mean[:, 0, 1:]
+        return self._values(q, nearest, sums), slopes / (self.sigma**2 * self.scales.scale)
+
+    def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """``sum_i weights_i d²(g, log p)_i/dz²`` (n, nz, nz), for ``weights`` (n, ny + 1)."""
+        q = self._queries(z)
+        nearest, sums = self._engine.first(q, slopes=True)
+        mean = sums / sums[:, :1, :1]
+        centre = self._points.z[nearest] + mean[:, 0, 1:], self.y[nearest] + mean[:, 1:, 0]
+        total, products = self._engine.second(q, *centre, weights)
+        bends = products / total[:, None, None] / self.sigma**2
+        bends -= weights[:, -1, None, None] * np.eye(self.n_in)
+        return bends / (self.sigma**2 * np.outer(self.scales.scale, self.scales.scale))
+
+    def _values(self, q: np.ndarray, nearest: np.ndarray, sums: np.ndarray) -> np.ndarray:
+        n, nz = self.z.shape
+        y = np.empty((len(q), self.n_out))
+        y[:, :-1] = self.y[nearest] + sums[:, 1:, 0] / sums[:, :1, 0]
+        square = np.sum(((self._points.z[nearest] - q) / self.sigma) ** 2, axis=1)
+        peak = np.log(n) + nz * (0.5 * np.log(2 * np.pi) + np.log(self.sigma))
+        y[:, -1] = np.log(sums[:, 0, 0]) - 0.5 * square - peak
+        return y
+
+    def _queries(self, z: np.ndarray) -> np.ndarray:
+        """``z`` in normalised units, checked."""
+        z = np.asarray(z, dtype=float)
+        if z.ndim != 2 or z.shape[1] != self.n_in:
+            raise ValueError(f"ewda: queries must be (n, {self.n_in}), one a row, not {z.shape}")
+        q = self.scales.normalised(z)
+        if not (within := np.abs(q) < _FARTHEST * min(self.sigma, 1.0)).all():
+            row, column = np.argwhere(~within)[0]
+            name = self.origin.z[column].name
+            raise ValueError(
+                f"ewda: query {row} lies infinitely far from the data or is not a number"
+                f" ({name} = {z[row, column]:g}); ask for finite states and inputs"
+            )
+        return q
+
+    @cached_property
+    def _points(self) -> Points:
+        y = np.ascontiguousarray(self.y, dtype=float)
+        return Points(np.ascontiguousarray(self.scales.normalised(self.z)), y, float(self.sigma))
+
+    @cached_property
+    def _engine(self) -> Moments:
+        makers = {
+            "c": lambda: CompiledMoments(self._points, self.threads),
+            "numpy": lambda: NumpyMoments(self._points),
+        }
+        return choose(self.backend, makers, "the weighted average of data")[1]
+
+    def dataset(self) -> xr.Dataset:
+        """All of it as arrays and attributes (:meth:`of` reads it back)."""
+        import xarray as xr
+
+        data = {
+            "z_data": (("sample", "z"), self.z),
+            "y_data": (("sample", "state"), self.y),
+            "z_shift": ("z", self.scales.shift),
+            "z_scale": ("z", self.scales.scale),
+        }
+        attributes = self.origin.attributes(KIND, self.sigma, self.seed)
+        return xr.Dataset(data, coords=self.origin.coordinates(), attrs=attributes)
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> EwdaModel:
+        """Back from :meth:`dataset`, to the last bit.
+
+        Raises ``ValueError`` for a dataset that is no such model or lacks a part of one.
+        """
+        origin = Origin.of(dataset, KIND)
+        names = ("z_data", "y_data", "z_shift", "z_scale")
+        if missing := [name for name in names if name not in dataset]:
+            raise ValueError(f"model: the average lacks {', '.join(missing)}; learn it again")
+        z, y, shift, scale = (
+            np.ascontiguousarray(dataset[name].values, dtype=float) for name in names
+        )
+        attributes = dataset.attrs
+        scales, sigma = Normalisation(shift, scale), float(attributes["sigma"])
+        return cls(z, y, scales, sigma, origin, int(attributes["seed"]))
+
+
+def _check_sigma(sigma: float) -> None:
+    if not _NARROWEST <= sigma <= _WIDEST:
+        raise ValueError(
+            "ewda: sigma, the width of the noise in normalised units, must be above 0 and finite"
+            f" (from {_NARROWEST:g} to {_WIDEST:g}), not {sigma:g}; 0.2 is a common choice"
+        )
+
+
+def _check_data(z: np.ndarray, y: np.ndarray) -> None:
+    if z.ndim != 2 or y.ndim != 2 or len(z) != len(y) or not len(z):
+        raise ValueError(
+            f"ewda: the data must be z (n, nz) and y (n, ny) with one row a sample and at least"
+            f" one, not {z.shape} and {y.shape}"
+        )
+    for name, array in (("z", z), ("y", y)):
+        if not np.isfinite(array).all():
+            row = np.argwhere(~np.isfinite(array))[0][0]
+            raise ValueError(f"ewda: row {row} of {name} is not finite; leave such samples out")
