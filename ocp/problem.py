@@ -32,7 +32,7 @@ class Constraint:
 class Reference:
     """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
 
-    ``impulse * gap`` is the mu at which homotopies start; ``x`` and ``u`` scale the perturbation
+    ``x`` and ``u`` scale the perturbation
     of guesses in a multi-start and normalise what the audit compares. All are multiples of the
     natural ``units`` of their signals, so that none depends on the units of the parameters;
     :meth:`~Problem.sizes` gives them in SI.
@@ -43,6 +43,11 @@ class Reference:
     x: float = 1.0
     u: float = 1.0
     units: Units = SI
+
+    @property
+    def mu(self) -> float:
+        """``impulse * gap``, at which homotopies start."""
+        return self.impulse * self.gap
 
 
 @dataclass(frozen=True)
@@ -215,22 +220,23 @@ class Problem:
     @cached_property
     def cost_terms(self) -> ca.Function:
         """Map ``(x, u, du, p)`` to ``(stage cost, terminal cost at x)``."""
-        du = ca.SX.sym("du", self.system.nu) if self.du is None else self.du
+        costs = [self.stage_cost, self.terminal_cost]
         return ca.Function(
-            "cost_terms",
-            [self.system.x, self.system.u, du, self.parameters.vector],
-            [self.stage_cost, self.terminal_cost],
-            ["x", "u", "du", "p"],
-            ["stage", "terminal"],
+            "cost_terms", self._symbols, costs, ["x", "u", "du", "p"], ["stage", "terminal"]
         )
 
     @cached_property
     def state_slopes(self) -> ca.Function:
         """Map ``(x, u, du, p)`` to the gradients by x, (nx, 1), of stage and terminal cost."""
+        costs = (self.stage_cost, self.terminal_cost)
+        slopes = [ca.densify(ca.gradient(cost, self.system.x)) for cost in costs]
+        return ca.Function("state_slopes", self._symbols, slopes)
+
+    @property
+    def _symbols(self) -> list[ca.SX]:
+        """``(x, u, du, p)``, with a symbol for du where the cost has none."""
         du = ca.SX.sym("du", self.system.nu) if self.du is None else self.du
-        x, costs = self.system.x, (self.stage_cost, self.terminal_cost)
-        slopes = [ca.densify(ca.gradient(cost, x)) for cost in costs]
-        return ca.Function("state_slopes", [x, self.system.u, du, self.parameters.vector], slopes)
+        return [self.system.x, self.system.u, du, self.parameters.vector]
 
     @cached_property
     def sizes(self) -> Sizes:

@@ -6,12 +6,13 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.law import Schedule
-from ocp.errors import InputError, NotConverged
+from ocp.errors import NotConverged, choose
 from ocp.guesses import Guessed, guesses, rolled_guesses
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
@@ -27,22 +28,17 @@ from ocp.routes.complementarity import (
     solve_pairs,
 )
 from ocp.routes.landing import embedded, rolled_down
-from ocp.routes.legs import (
-    PRIMAL,
-    Homotopy,
-    Plan,
-    Progress,
-    translate,
-)
+from ocp.routes.legs import PRIMAL, Homotopy, Leg, Progress, translate
 from ocp.routes.outcome import Outcome, better, lower
 from ocp.routes.own_path import MU_LAST, STAGE_ITERATIONS, from_exact, one_stage, own_path
-from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES
+from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES, relaxed
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
 
-_WIDE = 1e-3
-"""Relaxation of lam gap, in characteristic units, on which an exact solve from elsewhere starts."""
+_NEAR, _WIDE = 1e-6, 1e-3
+"""Relaxations of lam gap, in characteristic units, on which an exact solve starts from a point
+nearby, and from elsewhere."""
 _PARTED = 1e-3
 """Relative rise of the cost from which on a rollout has parted from its plan."""
 _PATIENCE, _PATIENCE_S = 10.0, 20.0
@@ -113,9 +109,10 @@ class Session:
         """
         follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
         if start is not None and warm_from is not None:
-            return self._continue(follower, start, warm_from)
+            there = translate(start, warm_from, self.nlp_of("product"))
+            return self._warm(follower, there, _NEAR, [{"mu_init": 1e-7}], {})
         if self.complementary:
-            return self._exact(follower, guess, number)
+            return Outcome(*solve_pairs(follower, self._route(guess, number)), follower.trace)
         return self._smooth(follower, guess)
 
     def _smooth(self, follower: Homotopy, guess: Guessed | None) -> Outcome:
@@ -162,8 +159,6 @@ class Session:
             helpers = [barrier] if self.homotopy else [*helpers, barrier]
         best: Outcome | None = None
         for helper in helpers:
-            if helper.step.exact:
-                helper.values |= {name: self.values[name] for name in self.step.p.names}
             first = helper is helpers[0]
             with self.solver.within(None if first else self._patience(follower)):
                 plan = self._absorbed(helper, follower, guess)
@@ -190,14 +185,14 @@ class Session:
         return max(_PATIENCE_S, _PATIENCE * follower.trace.seconds)
 
     def _helper(self, law: ContactLaw, method: Method) -> Session:
-        """Return the session of the same problem under another law, at the same values."""
+        """Return the session of the same problem under another law, at the values both have."""
         key = f"{law.name} {method.name}"
         if key not in self.helpers:
             self.helpers[key] = Session(
                 self.problem, law, method, self.policy, self.solver, compiled=self.compiled
             )
         helper = self.helpers[key]
-        helper.values |= {name: self.values[name] for name in self.problem.parameters.names}
+        helper.values |= {name: v for name, v in self.values.items() if name in helper.values}
         return helper
 
     def judging_nlp(self) -> NLP:
@@ -209,7 +204,6 @@ class Session:
         if not self.step.exact:
             return self.nlp_of("product")
         direct = self if isinstance(self.method, Direct) else self._helper(self.law, Direct())
-        direct.values |= {name: self.values[name] for name in self.step.p.names}
         return direct.nlp_of("none")
 
     @property
@@ -217,23 +211,23 @@ class Session:
         """Seconds of set-up, of helping sessions too."""
         return self.build_s + sum(helper.total_build_s for helper in self.helpers.values())
 
-    def _exact(self, follower: Homotopy, guess: Guessed | None, number: int) -> Outcome:
-        if self.strategy not in STRATEGIES:
-            raise InputError(
-                f"unknown strategy {self.strategy!r}; there are {', '.join(STRATEGIES)}"
-            )
-        usual = self.strategy == DEFAULT_STRATEGY
-        few = usual and self.nlp_of("product").pairs.shape[1] <= FEW
-        strategy = RELAXATIONS[-number % len(RELAXATIONS)] if few else STRATEGIES[self.strategy]()
-        second = (SECOND_FEW if few else SECOND) if usual else None
-        route = Route(strategy, self.problem.reference,
-                      lambda nlp: self.first_point(nlp, guess), second)  # fmt: skip
-        if few:
-            _, *moved = guesses(self.problem, self.values, 1 + len(OTHERS), 0, guess)
-            starts = [partial(self.first_point, guess=one) for one in moved]
-            route = replace(route, others=list(zip(OTHERS, starts, strict=True)),
-                            feasible=lambda nlp: self._feasible(nlp, guess))  # fmt: skip
-        return Outcome(*solve_pairs(follower, route), follower.trace)
+    def _route(self, guess: Guessed | None, number: int) -> Route:
+        """How the exact law is reached: as asked, or by the default for many or for few pairs."""
+        strategy = choose("strategy", self.strategy, STRATEGIES)
+        asked = Route(strategy, self.problem.reference, partial(self.first_point, guess=guess))
+        if self.strategy != DEFAULT_STRATEGY:
+            return asked
+        if self.nlp_of("product").pairs.shape[1] > FEW:
+            return replace(asked, second=SECOND)
+        _, *moved = guesses(self.problem, self.values, 1 + len(OTHERS), 0, guess)
+        starts = [partial(self.first_point, guess=one) for one in moved]
+        return replace(
+            asked,
+            strategy=RELAXATIONS[-number % len(RELAXATIONS)],
+            second=SECOND_FEW,
+            others=list(zip(OTHERS, starts, strict=True)),
+            feasible=partial(self._feasible, guess=guess),
+        )
 
     def _feasible(self, nlp: NLP, guess: Guessed | None) -> Iterator[Point]:
         """Points on branches that cost little: guesses, rolled out."""
@@ -241,21 +235,6 @@ class Session:
             return
         rolled = rolled_guesses(self.problem, self.step, self.values, _ROLLED, guess)
         yield from (Point(embedded(nlp, one, None)) for one in rolled)
-
-    def _continue(self, follower: Homotopy, start: Point, source: NLP) -> Outcome:
-        """One warm stage at the present values; for the exact law on a small relaxation first."""
-        if not self.complementary:
-            nlp = self.nlp_of("product")
-            plan = Plan(self.step.law.name, 0.0, options={"mu_init": 1e-7})
-            result = follower.stage(plan, nlp, translate(start, source, nlp), True)
-            return Outcome(result, nlp, result.ok, follower.trace)
-        nlp = self.nlp_of("product")
-        t = 1e-6 * self.problem.reference.impulse * self.problem.reference.gap
-        plan = Plan("t", t, contact=(-np.inf, t), options={"mu_init": max(t / 10, 1e-9)})
-        result = follower.stage(plan, nlp, translate(start, source, nlp), True)
-        if not result.ok:
-            return Outcome(result, nlp, False, follower.trace)
-        return Outcome(*land(follower, nlp, result, improving=False), follower.trace)
 
     def resume(self, start: Point, progress: Progress | None = None) -> Outcome:
         """Solve at the present values from a point of the product NLP that came from elsewhere.
@@ -265,25 +244,31 @@ class Session:
         exact law starts on a relaxation that is wide enough to exchange contacts.
         """
         follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
-        nlp, reference = self.nlp_of("product"), self.problem.reference
         keep = {} if start.lam_g is not None else PRIMAL
+        short = {"max_iter": STAGE_ITERATIONS, **self.solver.options}
+        tries = [{**keep, "mu_init": 1e-7, **short}, {**keep, "mu_init": 1e-3}]
+        return self._warm(follower, start, _WIDE, tries, keep)
+
+    def _warm(
+        self, follower: Homotopy, start: Point, share: float, tries: list[dict[str, Any]],
+        keep: dict[str, Any],
+    ) -> Outcome:  # fmt: skip
+        """One warm stage, by the options of ``tries`` until one succeeds.
+
+        For the exact law it is one on a relaxation of a ``share`` of the characteristic mu, and the
+        landing from there, which is improved only where that is not near.
+        """
+        nlp = self.nlp_of("product")
+        legs = [Leg(self.step.law.name, 0.0, options=options) for options in tries]
         if self.complementary:
-            t = _WIDE * reference.impulse * reference.gap
-            options = {**keep, "mu_init": max(t / 10, 1e-9)}
-            result = follower.stage(
-                Plan("t", t, contact=(-np.inf, t), options=options), nlp, start, True
-            )
-            if not result.ok:
-                return Outcome(result, nlp, False, follower.trace)
-            return Outcome(*land(follower, nlp, result), follower.trace)
-        name, short = self.step.law.name, {"max_iter": STAGE_ITERATIONS, **self.solver.options}
-        result = follower.stage(
-            Plan(name, 0.0, options={**keep, "mu_init": 1e-7, **short}), nlp, start, True
-        )
-        if not result.ok:
-            high = Plan(name, 0.0, options={**keep, "mu_init": 1e-3})
-            result = follower.stage(high, nlp, start, True)
-        return Outcome(result, nlp, result.ok, follower.trace)
+            t = share * self.problem.reference.mu
+            legs = [relaxed(t, {**keep, "mu_init": max(t / 10, 1e-9)})]
+        result = follower.stage(legs[0], nlp, start, True)
+        for leg in legs[1:]:
+            result = result if result.ok else follower.stage(leg, nlp, start, True)
+        if not (self.complementary and result.ok):
+            return Outcome(result, nlp, result.ok, follower.trace)
+        return Outcome(*land(follower, nlp, result, improving=share == _WIDE), follower.trace)
 
     def first_point(self, nlp: NLP, guess: Guessed | None = None) -> Point:
         """Write guessed trajectories into the NLP's variables, with contacts to match.
@@ -298,7 +283,7 @@ class Session:
             blocks["k"] = U[:1] if self.policy.stationary else U
         if "lam" in nlp.variables:
             reference, units = self.problem.reference, nlp.variables.unpack(nlp.natural.x)
-            mu = reference.impulse * reference.gap
+            mu = reference.mu
             free = self._free_gaps(X, U) / units["gap"][0]
             gap = np.maximum(free, np.sqrt(mu * reference.gap))
             blocks["gap"], blocks["lam"] = gap * units["gap"], mu / gap * units["lam"]

@@ -55,24 +55,28 @@ def knob_title(knob: str) -> str:
 
 def stage_table(stages: Sequence[StageRecord]) -> Table:
     """Homotopy table: where on the path, cost, residuals, iterations, seconds; failures named."""
-    from reports.stages import shown
-
     knobs = {stage.knob for stage in stages}
     head = knob_title(knobs.pop()) if len(knobs) == 1 else "knob"
     table = table_of(
         *((name, "right") for name in ("stage", head, "cost", "lam·gap", "residual", "iter", "s")),
         ("", "left"),
     )
-    for index, stage in shown(stages):
-        place = small(stage.value) if stage.value else ""
-        if head == "knob":
-            place = f"{knob_title(stage.knob)} {place}".rstrip()
-        table.add_row(
-            str(index), place, number(stage.cost, 7), small(stage.complementarity),
-            small(stage.residual), str(stage.iterations), f"{stage.seconds:.2f}",
-            "" if stage.accepted else "stepped back",
-        )  # fmt: skip
+    for index, knob, value, *cells in stage_rows(stages):
+        place = f"{knob_title(knob)} {value}".rstrip() if head == "knob" else value
+        table.add_row(index, place, *cells)
     return table
+
+
+def stage_rows(stages: Sequence[StageRecord]) -> list[tuple[str, ...]]:
+    """Number, knob and its value, cost, lam·gap, residual, iterations, seconds, failures; text."""
+    from reports.stages import shown
+
+    return [
+        (str(index), stage.knob, small(stage.value) if stage.value else "", number(stage.cost, 7),
+         small(stage.complementarity), small(stage.residual), str(stage.iterations),
+         f"{stage.seconds:.2f}", "" if stage.accepted else "stepped back")
+        for index, stage in shown(stages)
+    ]  # fmt: skip
 
 
 def stage_line(stage: StageRecord) -> str:
@@ -237,12 +241,16 @@ def violation_table(solution: Solution) -> Table:
         ("worst constraint", "left"), ("component", "left"), ("scenario", "right"),
         ("step", "right"), ("off by", "right"),
     )  # fmt: skip
-    for violation in solution.audit.worst:
-        table.add_row(
-            violation.name, violation.component, str(violation.scenario), str(violation.step),
-            small(violation.amount),
-        )  # fmt: skip
+    for row in violation_rows(solution.audit):
+        table.add_row(*row)
     return table
+
+
+def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
+    """Constraint, component, scenario, step and amount of the worst violations, as text."""
+    return [
+        (v.name, v.component, str(v.scenario), str(v.step), small(v.amount)) for v in audit.worst
+    ]
 
 
 def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:

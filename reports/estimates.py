@@ -11,13 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from reports.console import number
+from reports.console import number, table_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ocp.gradients.sweep import Progress
-    from ocp.store.stored_run import StoredRun
 
 _EVERY_S = {True: 0.1, False: 5.0}
 
@@ -58,24 +55,15 @@ def progress_line(seen: Progress, since: int, seconds: float) -> str:
 
 def table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
     """One line an estimate; of a decision with several components the norm is told."""
-    shown = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     several = any(isinstance(row["mean"], list) for row in rows)
-    heads = [swept] if swept else []
-    heads += ["estimator", "|mean|" if several else "mean", "std error", "variance", "reference"]
-    for head in heads:
-        shown.add_column(head, justify="left" if head == "estimator" else "right")
-    shown.add_column("verdict")
+    numbers = ("|mean|" if several else "mean", "std error", "variance", "reference")
+    shown = table_of(
+        *([(swept, "right")] if swept else []), ("estimator", "left"),
+        *((head, "right") for head in numbers), ("verdict", "left"),
+    )  # fmt: skip
     for row in rows:
-        cells = [number(row["value"], 4)] if swept else []
-        known = row["reference"]
-        cells += [
-            row["estimator"],
-            number(_size(row["mean"]), 5),
-            number(_size(row["standard_error"]), 2),
-            number(row["variance_trace"], 3),
-            "–" if known is None else number(_size(known), 5),
-        ]
-        shown.add_row(*cells, _word(row))
+        *known, _, word = cells(row, bool(swept))
+        shown.add_row(*known, word)
     return shown
 
 
@@ -91,50 +79,8 @@ def _size(value: float | list[float] | None) -> float | None:
     return float(np.linalg.norm(value))
 
 
-def estimate_page(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
-    """Content and figure of a stored estimate."""
-    from ocp.errors import InputError
-    from problems import describe
-    from problems.objectives import named
-    from reports.bibliography import full_citation
-    from reports.figures import estimate as drawing
-
-    meta = run.meta
-    try:
-        spec = named(run.record.get("source") or meta["problem"])
-    except InputError:
-        spec = None
-    params = run.record["params"]
-    cited = spec.citation if spec else None
-    swept = meta["sweep"]
-    content = {
-        "title": f"Gradient of {meta['problem']}",
-        "hash": meta["hash"],
-        "verdict": meta["verdict"],
-        "caption": drawing.caption(run),
-        "swept": swept["name"] if swept else "",
-        "rows": [_cells(row, bool(swept)) for row in meta["estimates"]],
-        "explanations": [
-            f"{row['estimator']}: {row['explanation']}" for row in meta["estimates"]
-        ] if not swept else [],
-        "equations": list(spec.equations) if spec else [],
-        "parameters": [
-            [about["name"], number(params.get(about["name"])),
-             "" if about["unit"] == "1" else about["unit"], about["description"]]
-            for about in (describe(spec) if spec else [])
-        ],
-        "citation": f"{cited.text}. {full_citation(cited.key)}." if cited else "",
-        "settings": [
-            [key.replace("_", " "), number(value) if isinstance(value, float) else str(value)]
-            for key, value in run.record.items()
-            if value not in (None, [], {}) and key not in ("params", "problem", "sweep", "source")
-        ],
-        "versions": [[name, version] for name, version in meta.get("versions", {}).items()],
-    }  # fmt: skip
-    return content, {"estimate": drawing.draw(run)}
-
-
-def _cells(row: Mapping[str, Any], swept: bool) -> list[str]:
+def cells(row: Mapping[str, Any], swept: bool) -> list[str]:
+    """What was swept, estimator, mean, error, variance, reference, alpha, verdict, as text."""
     known = row["reference"]
     return [
         *([number(row["value"], 4)] if swept else []),

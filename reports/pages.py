@@ -8,8 +8,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dynamics.laws import LAWS
+from ocp.errors import InputError
 from ocp.programs.status import Status
-from problems import describe
+from ocp.store.stored_run import StoredRun
+from problems import studies
+from problems.objectives import named
+from problems.parameters import unit_of
+from problems.spec import Spec
+from problems.studies.study import Study, origin_of
+from reports import estimates
 from reports.bibliography import full_citation
 from reports.console import (
     books,
@@ -20,14 +27,20 @@ from reports.console import (
     knob_title,
     number,
     small,
+    stage_rows,
+    violation_rows,
 )
 from reports.curve_tables import event_rows
-from reports.figures import comparison, contacts, run
-from reports.figures import continuation as curve_figures
-from reports.stages import left_out, shown
+from reports.figures import comparison, contacts, continuation, estimate
+from reports.figures import run as figures_of
+from reports.figures.studies import DRAWINGS
+from reports.stages import left_out
 from reports.strobe import strobe
 from reports.view import RunView
 
+_NOT_SETTINGS = (
+    "params", "problem", "source", "versions", "citation", "audit_s", "N", "knobs", "sweep",
+)  # fmt: skip
 Page = tuple[dict[str, Any], dict[str, Figure]]
 
 
@@ -37,37 +50,27 @@ def solve_page(view: RunView) -> Page:
     solved = stored.status is Status.SOLVED
     content = {
         **_head(view),
-        "verdict": stored.meta["verdict"],
         "grade": stored.meta["grade"],
         "key": _key_numbers(view),
         "law": _law(view),
-        "stages": [
-            [
-                str(index), knob_title(stage.knob), small(stage.value) if stage.value else "",
-                number(stage.cost, 7), small(stage.complementarity), small(stage.residual),
-                str(stage.iterations), "" if stage.accepted else "stepped back",
-            ]
-            for index, stage in shown(stored.stages)
-        ],
+        "stages": [[index, knob_title(knob), *cells, note] for index, knob, *cells, _, note in
+                   stage_rows(stored.stages)],
         "left_out": left_out(stored.stages),
-        "worst": [
-            [v.name, v.component, str(v.scenario), str(v.step), small(v.amount)]
-            for v in ([] if solved else stored.audit.worst)
-        ],
+        "worst": [] if solved else violation_rows(stored.audit),
         "others": [_pairs(other) for other in stored.meta["others"]],
-        "contacts": [list(row) for row in contact_rows(stored.audit)],
+        "contacts": contact_rows(stored.audit),
         "idle": idle_contacts(stored.audit),
         "scenarios": stored.data.sizes["scenario"],
     }  # fmt: skip
-    figures: dict[str, Figure | None] = {"trajectories": run.trajectories(view)}
+    figures: dict[str, Figure | None] = {"trajectories": figures_of.trajectories(view)}
     if view.signals("contacts"):
-        figures["contact"] = run.contact_plane(view)
+        figures["contact"] = figures_of.contact_plane(view)
     figures["friction"] = contacts.friction_forces(view)
     figures["strobe"] = strobe(view)
     if len(stored.stages) > 1:
-        figures["homotopy"] = run.homotopy(view)
+        figures["homotopy"] = figures_of.homotopy(view)
     if "K" in stored.data:
-        figures["gains"] = run.gains(view)
+        figures["gains"] = figures_of.gains(view)
     return content, {name: figure for name, figure in figures.items() if figure is not None}
 
 
@@ -81,7 +84,7 @@ def comparison_page(views: list[RunView]) -> Page:
         "hashes": [view.run.meta["hash"] for view in views],
         "verdicts": [view.run.meta["verdict"] for view in views],
         "rows": comparison.rows(views),
-        "settings": [_pairs(_settings(view)) for view in views],
+        "settings": [_settings(view.run) for view in views],
         "versions": _pairs(views[0].run.meta.get("versions") or {}),
     }
     figures: dict[str, Figure | None] = {}
@@ -106,7 +109,6 @@ def continuation_page(view: RunView) -> Page:
         **head,
         "settings": [row for row in head["settings"] if row[0] != meta["over"]],
         "over": meta["over"],
-        "verdict": meta["verdict"],
         "grade": curve_grade(meta["points"]) if meta["success"] else "failed",
         "points": rows,
         "events": [list(row) for row in event_rows(meta["events"])],
@@ -114,7 +116,7 @@ def continuation_page(view: RunView) -> Page:
         "key": [["iterations in all", str(meta["iterations"])], ["NLPs built",
                 str(meta["nlp_builds"])]],
     }  # fmt: skip
-    figures = {"path": curve_figures.curve(view), "states": curve_figures.states(view)}
+    figures = {"path": continuation.curve(view), "states": continuation.states(view)}
     return content, {name: figure for name, figure in figures.items() if figure is not None}
 
 
@@ -123,36 +125,73 @@ def curve_grade(points: list[dict[str, Any]]) -> str:
     return "survives" if all(point["survives"] for point in points) else "certified"
 
 
+def estimate_page(run: StoredRun) -> Page:
+    """Content and figure of a stored estimate."""
+    meta, swept = run.meta, run.meta["sweep"]
+    try:
+        spec = named(run.record.get("source") or meta["problem"])
+    except InputError:
+        spec = None
+    rows = meta["estimates"]
+    content = {
+        **_described(run, spec, run.record["params"]),
+        "title": f"Gradient of {meta['problem']}",
+        "caption": estimate.caption(run),
+        "swept": swept["name"] if swept else "",
+        "rows": [estimates.cells(row, bool(swept)) for row in rows],
+        "explanations": [] if swept else [f"{r['estimator']}: {r['explanation']}" for r in rows],
+    }
+    return content, {"estimate": estimate.draw(run)}
+
+
+def study_page(run: StoredRun) -> Page:
+    """Content and figure of a stored study; raises ``InputError`` for an unknown one."""
+    study = studies.get(run.meta["problem"])
+    described, fields = _described(run, study, run.record["params"]), study.Params.model_fields
+    content = {
+        **described,
+        "title": f"{study.id}: {study.title}",
+        "caption": DRAWINGS[study.id].caption,
+        "claims": run.meta["claims"],
+        "notes": list(study.notes),
+        "parameters": [[*row, origin_of(fields[row[0]])] for row in described["parameters"]],
+    }
+    return content, {"study": DRAWINGS[study.id].draw(run.data)}
+
+
 def _head(view: RunView) -> dict[str, Any]:
-    meta, spec = view.run.meta, view.spec
+    values = view.run.record.get("params", {}) if view.spec is None else view.params.model_dump()
+    return {"title": view.title, **_described(view.run, view.spec, values)}
+
+
+def _described(run: StoredRun, spec: Spec | Study | None, values: dict[str, Any]) -> dict[str, Any]:
+    """What every page says of a run: where it is from, what was asked, and what it found."""
+    cited = spec.citation if spec else None
     return {
-        "title": view.title,
-        "problem": meta["problem"],
-        "hash": meta["hash"],
-        "equations": list(spec.equations) if spec else [],
-        "parameters": _parameters(view),
-        "citation": _citation(view),
-        "settings": _pairs(_settings(view)),
-        "versions": _pairs(meta.get("versions") or {}),
+        "hash": run.meta["hash"],
+        "verdict": run.meta["verdict"],
+        "equations": list(spec.equations) if isinstance(spec, Spec) else [],
+        "parameters": _parameters(spec, values),
+        "citation": f"{cited.text}. {full_citation(cited.key)}." if cited else "",
+        "settings": _settings(run),
+        "versions": _pairs(run.meta.get("versions") or {}),
     }
 
 
-def _parameters(view: RunView) -> list[list[str]]:
-    if view.spec is None:
-        values = view.run.record.get("params", {})
-        return [[name, number(value), "", ""] for name, value in values.items()]
-    rows = []
-    for entry in describe(view.spec):
-        value = getattr(view.params, entry["name"])
-        shown = number(value) if isinstance(value, int | float) else str(value)
-        unit = "" if entry["unit"] == "1" else run.powers(entry["unit"])
-        rows.append([entry["name"], shown, unit, entry["description"]])
-    return rows
+def _parameters(spec: Spec | Study | None, values: dict[str, Any]) -> list[list[str]]:
+    """Name, value, unit and meaning of every parameter."""
+    if spec is None:
+        return [[name, _shown(value), "", ""] for name, value in values.items()]
+    units = {name: unit_of(about) for name, about in spec.Params.model_fields.items()}
+    return [
+        [name, _shown(values[name]), "" if units[name] == "1" else figures_of.powers(units[name]),
+         about.description or ""]
+        for name, about in spec.Params.model_fields.items() if name in values
+    ]  # fmt: skip
 
 
-def _citation(view: RunView) -> str:
-    citation = view.spec.citation if view.spec else None
-    return "" if citation is None else f"{citation.text}. {full_citation(citation.key)}."
+def _shown(value: Any) -> str:
+    return number(value) if isinstance(value, int | float) else str(value)
 
 
 def _key_numbers(view: RunView) -> list[list[str]]:
@@ -195,14 +234,14 @@ def _place_on_path(mu: np.ndarray | None) -> str:
         return "At the end of the central path: μ = 0, complementarity itself."
     if high - low <= 1e-9 * high:
         return f"On the central path at μ = {high:.3g} in every contact and step."
-    start = f"{low:.2g}" if low >= run.FLOOR else f"less than {run.FLOOR:.0e}"
+    start = f"{low:.2g}" if low >= figures_of.FLOOR else f"less than {figures_of.FLOOR:.0e}"
     return f"Near the central path: μ from {start} to {high:.2g} over contacts and steps."
 
 
-def _settings(view: RunView) -> dict[str, Any]:
-    """Return what was asked, but for parameters, which have their own table."""
-    hidden = {"params", "problem", "source", "versions", "citation", "audit_s", "N", "knobs"}
-    return {key: value for key, value in view.run.record.items() if key not in hidden}
+def _settings(run: StoredRun) -> list[list[str]]:
+    """Return what was asked, but for what has its own table or line."""
+    shown = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
+    return _pairs(shown)
 
 
 def _pairs(values: dict[str, Any]) -> list[list[str]]:

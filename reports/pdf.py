@@ -16,9 +16,13 @@ from ocp.errors import InputError
 from ocp.store import atomic
 from ocp.store.plain import plain
 from ocp.store.stored_run import StoredRun
-from reports.estimates import estimate_page
-from reports.figures.study import study_page
-from reports.pages import comparison_page, continuation_page, solve_page
+from reports.pages import (
+    comparison_page,
+    continuation_page,
+    estimate_page,
+    solve_page,
+    study_page,
+)
 from reports.style import styled, to_svg
 from reports.view import RunView
 

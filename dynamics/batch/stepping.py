@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -14,6 +15,7 @@ from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.numpy_kernel import NumpyKernel
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.engines.step_engines import ChunkStepEngine, c_step_engine
+from dynamics.batch.function import BatchFunction
 from dynamics.batch.graphs.policy import open_loop
 from dynamics.batch.graphs.rollout_tapes import build_tapes
 from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
@@ -71,6 +73,23 @@ class StepFunction:
 
     def __call__(self, x: Any, u: Any, p: Any | None = None) -> Steps:
         """Step from `x` (n, nx) under `u` (n, nu) at `p` (n, np), each also one row for all."""
+        return self._stepped(*self._rows(x, u, p))
+
+    def slopes(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:
+        """The steps, and their derivatives by x (n, nx, nx) and u (n, nx, nu) at the solution."""
+        given, n = self._rows(x, u, p)
+        steps, (nx, nu) = self._stepped(given, n), (self.tapes.nx, self.tapes.nu)
+        by_x, by_u = np.empty((n, nx, nx)), np.empty((n, nx, nu))
+        for i, bar in enumerate(np.eye(nx)):
+            by_x[:, i], by_u[:, i] = self._adjoint(*given, steps.lam, bar)
+        return steps, by_x, by_u
+
+    @cached_property
+    def _adjoint(self) -> BatchFunction:
+        return BatchFunction(self.tapes.adjoint, self.backend, self.threads, self.block)
+
+    def _rows(self, x: Any, u: Any, p: Any | None) -> tuple[list[np.ndarray], int]:
+        """Arguments of the graphs before lam, and the number of samples."""
         tapes, what = self.tapes, "the step"
         rows = [
             as_rows(value, size, name, what)
@@ -84,7 +103,10 @@ class StepFunction:
         derived = np.empty((tapes.np, len(rows[2])))
         self._derive.run([np.ascontiguousarray(rows[2].T)], [derived])
         still = np.zeros((1, tapes.nu))
-        given = [rows[0], rows[1], still, np.ascontiguousarray(derived.T)]
+        return [rows[0], rows[1], still, np.ascontiguousarray(derived.T)], n
+
+    def _stepped(self, given: list[np.ndarray], n: int) -> Steps:
+        tapes = self.tapes
         x_next, lam, cost = outputs = [np.empty((n, size)) for size in (tapes.nx, tapes.nlam, 1)]
         bad = self._engine.evaluate(given, outputs, n) if n else 0
         found = non_finite_rows([x_next, lam, cost]) if bad else NonFinite()

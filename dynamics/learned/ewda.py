@@ -14,7 +14,6 @@ from dynamics.learned.ewda_kernel import CompiledMoments
 from dynamics.learned.ewda_moments import Moments, NumpyMoments, Points
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
-from dynamics.systems.parameters import Signal
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,21 +78,6 @@ class EwdaModel:
     def n_out(self) -> int:
         """Entries of y, and the logarithm of the density."""
         return self.y.shape[1] + 1
-
-    @property
-    def states(self) -> tuple[Signal, ...]:
-        """What y is called."""
-        return self.origin.y
-
-    @property
-    def inputs(self) -> tuple[Signal, ...]:
-        """What the entries of z are called that are no states."""
-        return self.origin.inputs
-
-    @property
-    def data_hash(self) -> str:
-        """What tells its data from any other."""
-        return self.origin.data_hash
 
     def values(self, z: np.ndarray) -> np.ndarray:
         """``(g, log p)`` (n, ny + 1) at ``z`` (n, nz)."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynamics.learned.model import LearnedMap
+from dynamics.contact.casadi_map import LearnedMap
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.samples import Samples
 

@@ -3,39 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import casadi as ca
 
-from dynamics.contact.casadi_map import CasadiMap, LearnedMap
+from dynamics.contact.casadi_map import CasadiMap
 from dynamics.contact.closure import Branch, Closure
 from dynamics.contact.law import ContactLaw, knob
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.step import Step
 from dynamics.learned.files import read_model
-from dynamics.systems import KNOB, ContactSystem, ParameterTable, Signal
-
-
-@runtime_checkable
-class StepModel(LearnedMap, Protocol):
-    """A model of a step, which knows whose states and inputs it has learned from."""
-
-    kind: ClassVar[str]
-
-    @property
-    def states(self) -> tuple[Signal, ...]:
-        """The states, and the next states, of its data."""
-        ...
-
-    @property
-    def inputs(self) -> tuple[Signal, ...]:
-        """The inputs of its data."""
-        ...
-
-    @property
-    def data_hash(self) -> str:
-        """What tells its data from any other."""
-        ...
+from dynamics.learned.model import StepModel
+from dynamics.systems import KNOB, ContactSystem, ParameterTable
 
 
 class LearnedLaw(ContactLaw):
@@ -63,7 +42,7 @@ class LearnedLaw(ContactLaw):
     def settings(self) -> dict[str, float | int | str]:
         """The model's file, or the hash of its data where it came from none."""
         from_file = isinstance(self.source, (str, Path))
-        return {"model": str(self.source) if from_file else self.model.data_hash}
+        return {"model": str(self.source) if from_file else self.model.origin.data_hash}
 
     def at(self, **values: Any) -> ContactLaw:
         """Return the same law with other values of its settings."""
@@ -72,8 +51,8 @@ class LearnedLaw(ContactLaw):
     def knobs(self, system: ContactSystem) -> ParameterTable:
         """None; raises ``ValueError`` where the model is of another system's states or inputs."""
         for what, own, asked in (
-            ("states", self.model.states, system.states),
-            ("inputs", self.model.inputs, system.inputs),
+            ("states", self.model.origin.y, system.states),
+            ("inputs", self.model.origin.inputs, system.inputs),
         ):
             if [s.name for s in own] != [s.name for s in asked]:
                 raise ValueError(

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
+from dynamics.systems.parameters import Signal
 
 if TYPE_CHECKING:
     import xarray as xr
 
 KIND = "mlp"
 BLOCK = 256
-"""Queries at once: forward Jacobians of a block's layers stay in the processor's cache."""
+"""Queries at once, which bounds the memory of the layers' Jacobians."""
+FEW = 64
+QUIETLY = np.errstate(over="ignore", invalid="ignore")
+"""What is not finite is for the caller to count."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,12 @@ class MlpModel:
     whatever they were trained in. ``elu(s) = s`` for s > 0, else ``exp(s) - 1``, has one continuous
     derivative; the second jumps at s = 0 and is there that of the left side.
     ``sigma`` is the width of the noise in training, in normalised units of z; 0 for clean data.
+
+    Far from the data y grows linearly. A query that is not finite has an answer that is not finite,
+    or the limit there; those of the other queries do not know of it.
     """
+
+    kind: ClassVar[str] = KIND
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -48,10 +57,26 @@ class MlpModel:
         return self.weights[-1].shape[0]
 
     @property
+    def states(self) -> tuple[Signal, ...]:
+        """What y is called."""
+        return self.origin.y
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        """What the entries of z are called that are no states."""
+        return self.origin.inputs
+
+    @property
+    def data_hash(self) -> str:
+        """What tells its data from any other."""
+        return self.origin.data_hash
+
+    @property
     def hidden(self) -> tuple[int, ...]:
         """Units of each hidden layer."""
         return tuple(bias.size for bias in self.biases[:-1])
 
+    @QUIETLY
     def values(self, z: np.ndarray) -> np.ndarray:
         """``y`` (n, n_out) at ``z`` (n, n_in)."""
         y = np.empty((len(z), self.n_out))
@@ -62,6 +87,7 @@ class MlpModel:
             y[rows] = self._physical(a)
         return y
 
+    @QUIETLY
     def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in), carried forward through the layers."""
         y, jacobians = np.empty((len(z), self.n_out)), np.empty((len(z), self.n_out, self.n_in))
@@ -71,6 +97,7 @@ class MlpModel:
             jacobians[rows] = self.y_scales.scale[:, None] * J.swapaxes(1, 2)
         return y, jacobians
 
+    @QUIETLY
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out).
 
@@ -102,9 +129,7 @@ class MlpModel:
         for W, b in zip(self.weights[1:], self.biases[1:], strict=True):
             s, J = layers[-1]
             a, slope, _ = _elu(s)
-            # All rows of all Jacobians in one product: many small ones would not fill a core.
-            tangents = (J * slope[:, None, :]).reshape(-1, s.shape[1]) @ W.T
-            layers.append((a @ W.T + b, tangents.reshape(len(z), self.n_in, b.size)))
+            layers.append((a @ W.T + b, _product(J * slope[:, None, :], W)))
         return layers
 
     def _physical(self, a: np.ndarray) -> np.ndarray:
@@ -157,6 +182,16 @@ class MlpModel:
 
 def _blocks(n: int) -> Iterator[slice]:
     return (slice(start, start + BLOCK) for start in range(0, n, BLOCK))
+
+
+def _product(J: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """``J_i W'`` (n, n_in, n_out) for J (n, n_in, k) and W (n_out, k)."""
+    # One product of all rows fills the cores, but beside other programs it waits a time slice for
+    # the thread that has not got one: 8 ms, where the many small products of a plan's stages,
+    # which no library shares among threads, take 0.3 ms together.
+    if len(J) <= FEW:
+        return J @ W.T
+    return (J.reshape(-1, J.shape[2]) @ W.T).reshape(*J.shape[:2], len(W))
 
 
 def _elu(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

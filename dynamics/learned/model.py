@@ -1,36 +1,20 @@
-"""What a model of a step is: a map with two derivatives, over many queries at once."""
+"""What a model of a step is."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
-import numpy as np
+from dynamics.contact.casadi_map import LearnedMap
+from dynamics.learned.origin import Origin
 
 
-class LearnedMap(Protocol):
-    """``y = g(z)``, z = (x, u) (n_in,), y (n_out,) the next state and, after it, whatever else.
+@runtime_checkable
+class StepModel(LearnedMap, Protocol):
+    """A map from state and input to the next state that knows whose data it has learned from."""
 
-    Everything is in physical units and float64, one row a query.
-    """
-
-    @property
-    def n_in(self) -> int:
-        """Entries of z."""
-        ...
+    kind: ClassVar[str]
 
     @property
-    def n_out(self) -> int:
-        """Entries of y."""
-        ...
-
-    def values(self, z: np.ndarray) -> np.ndarray:
-        """``y`` (n, n_out) at ``z`` (n, n_in)."""
-        ...
-
-    def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in)."""
-        ...
-
-    def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out)."""
+    def origin(self) -> Origin:
+        """What its numbers are called, and which data it saw."""
         ...

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import math
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -15,58 +17,69 @@ DRAWS, HELD = 1, 2
 """Streams of random numbers: of epochs, of the noise of held-out rows."""
 
 
+@dataclass(frozen=True)
+class Progress:
+    """Where training is: layers and Adam's moments now, and the layers of the least error.
+
+    Replaced as a whole after every epoch, so that what interrupts one leaves that before it.
+    """
+
+    layers: Any
+    moments: Any
+    best: Any
+    number: int = 0
+    best_at: int = 0
+    least: float = math.inf
+
+
 class Network:
-    """Weights, Adam's moments and the best weights so far, on JAX's device, float32."""
+    """What training does to the weights of a network, float32, on JAX's device."""
 
     def __init__(self, n_in: int, n_out: int, recipe: Recipe, sigma: float, seed: int) -> None:
         jax, _, optax = _libraries()
-        self._jax, key = jax, jax.random.key(seed)
+        self._jax, key = jax, jax.random.key(seed, impl="threefry2x32")
         self._sigma = np.float32(sigma)
         self._draws, self._held = (jax.random.fold_in(key, stream) for stream in (DRAWS, HELD))
-        self._weights = _layers((n_in, *recipe.hidden, n_out), key)
-        self._moments = optax.adam(recipe.rate).init(self._weights)
-        self._best = self._weights
+        layers = _layers((n_in, *recipe.hidden, n_out), key)
+        self.start = Progress(layers, optax.adam(recipe.rate).init(layers), layers)
         self._epoch, self._errors = _compiled(recipe.batch, recipe.rate, sigma > 0)
 
     def on_device(self, z: np.ndarray, y: np.ndarray) -> tuple[Any, Any]:
         """Rows where the epochs read them."""
         return self._jax.device_put(z), self._jax.device_put(y)
 
-    def epoch(self, number: int, z: Any, y: Any) -> float:
-        """One pass in a fresh order with fresh noise; its mean loss."""
+    def epoch(self, now: Progress, z: Any, y: Any) -> tuple[Progress, float]:
+        """One more pass, in a fresh order with fresh noise, and its mean loss."""
+        number = now.number + 1
         key = self._jax.random.fold_in(self._draws, number)
-        now = self._weights, self._moments
-        self._weights, self._moments, loss = self._epoch(*now, key, self._sigma, z, y)
-        return float(loss)
+        layers, moments, loss = self._epoch(now.layers, now.moments, key, self._sigma, z, y)
+        return replace(now, layers=layers, moments=moments, number=number), float(loss)
 
-    def errors(self, z: Any, y: Any) -> tuple[float, float]:
+    def errors(self, layers: Any, z: Any, y: Any) -> tuple[float, float]:
         """Mean squared error on clean and on noised inputs, the same noise after every epoch."""
-        clean, noised = self._errors(self._weights, self._held, self._sigma, z, y)
+        clean, noised = self._errors(layers, self._held, self._sigma, z, y)
         return float(clean), float(noised)
 
-    def keep(self) -> None:
-        """These are the best weights so far."""
-        self._best = self._weights
+    def arrays(self, now: Progress) -> dict[str, np.ndarray]:
+        """Progress as arrays alone."""
+        leaves = self._jax.tree.leaves((now.layers, now.moments, now.best))
+        found = {f"leaf_{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
+        return {"progress": np.array([now.number, now.best_at, now.least]), **found}
 
-    def best(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-        """Kept weights and biases, layer by layer, float64."""
-        weights = tuple(np.array(layer.weight, float) for layer in self._best)
-        return weights, tuple(np.array(layer.bias, float) for layer in self._best)
+    def progress(self, arrays: dict[str, np.ndarray]) -> Progress:
+        """Back from :meth:`arrays`."""
+        jax, start = self._jax, self.start
+        leaves, structure = jax.tree.flatten((start.layers, start.moments, start.best))
+        found = [jax.numpy.asarray(arrays[f"leaf_{i}"]) for i in range(len(leaves))]
+        number, best_at, least = arrays["progress"]
+        layers, moments, best = jax.tree.unflatten(structure, found)
+        return Progress(layers, moments, best, int(number), int(best_at), float(least))
 
-    def state(self) -> dict[str, np.ndarray]:
-        """Everything that changes, as arrays."""
-        leaves = self._jax.tree.leaves(self._everything())
-        return {f"leaf_{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
 
-    def load(self, state: dict[str, np.ndarray]) -> None:
-        """Back from :meth:`state`."""
-        jax = self._jax
-        leaves, structure = jax.tree.flatten(self._everything())
-        found = [jax.numpy.asarray(state[f"leaf_{i}"]) for i in range(len(leaves))]
-        self._weights, self._moments, self._best = jax.tree.unflatten(structure, found)
-
-    def _everything(self) -> tuple[Any, Any, Any]:
-        return self._weights, self._moments, self._best
+def arrays_of(layers: Any) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Weights and biases, layer by layer, float64."""
+    weights = tuple(np.array(layer.weight, float) for layer in layers)
+    return weights, tuple(np.array(layer.bias, float) for layer in layers)
 
 
 @functools.cache

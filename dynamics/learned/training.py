@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.learned.mlp import MlpModel
-from dynamics.learned.network import Network
+from dynamics.learned.network import Network, Progress, arrays_of
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.samples import Samples
 
@@ -70,8 +70,10 @@ class Training:
     another law: ``x~ + E[y - x | x~]`` keeps the noise and does not pull back to the data.
 
     Training is in float32; the same seed, data and recipe give the same bits on one computer with
-    the same number of processors (how many there are decides in which order sums are taken).
-    ``state`` after any epoch, given back, continues to the bits of an uninterrupted run.
+    the same number of processors (how many there are decides in which order sums are taken) and
+    settings of JAX.
+    ``state``, given back, continues to the bits of an uninterrupted run; it is that of the last
+    whole epoch, whatever interrupts one.
 
     Raises ``ValueError`` for a sigma that is negative, too few rows, a constant column, a state of
     other training, and where the extra ``learn`` is not installed.
@@ -91,24 +93,28 @@ class Training:
             )
         names = [[signal.name for signal in signals] for signals in (data.origin.z, data.origin.y)]
         self._scales = Normalisation.of(data.z, names[0]), Normalisation.of(data.y, names[1])
-        order = np.random.default_rng([seed, 1]).permutation(len(data.z))
+        order = np.random.default_rng(seed).permutation(len(data.z))
         self.held_out, self.trained_on = np.sort(order[:held]), np.sort(order[held:])
         self._network = Network(data.z.shape[1], data.y.shape[1], self.recipe, self.sigma, seed)
-        self._load(state)
+        self._now = self._started(state)
 
     @property
     def epoch(self) -> int:
         """Passes over the data so far."""
-        return self._number
+        return self._now.number
 
     @property
     def done(self) -> bool:
         """Whether all epochs are over or the held-out error has stopped to fall."""
-        stale = len(self.held_out) > 0 and self._number - self._best_at >= self.recipe.patience
-        return self._number >= self.recipe.epochs or stale
+        now, recipe = self._now, self.recipe
+        stale = len(self.held_out) > 0 and now.number - now.best_at >= recipe.patience
+        return now.number >= recipe.epochs or stale
 
     def epochs(self) -> Iterator[Epoch]:
-        """The remaining epochs one by one; what follows is computed when the next one is asked."""
+        """The remaining epochs one by one; what follows is computed when the next one is asked.
+
+        Raises ``ValueError`` when the weights are no longer finite.
+        """
         z, y = (
             scales.normalised(rows).astype(np.float32)
             for scales, rows in zip(self._scales, (self.data.z, self.data.y), strict=True)
@@ -117,37 +123,34 @@ class Training:
         samples = network.on_device(z[self.trained_on], y[self.trained_on])
         held = network.on_device(z[self.held_out], y[self.held_out])
         while not self.done:
-            number = self._number + 1
-            train = network.epoch(number, *samples)
-            clean, noised = network.errors(*held) if len(self.held_out) else (math.nan, math.nan)
+            now, train = network.epoch(self._now, *samples)
+            clean = noised = math.nan
+            if len(self.held_out):
+                clean, noised = network.errors(now.layers, *held)
             if not math.isfinite(train):
                 raise ValueError(
-                    f"mlp: training diverged in epoch {number}; lower rate (now {self.recipe.rate})"
+                    f"mlp: training diverged in epoch {now.number}; lower rate (now"
+                    f" {self.recipe.rate:g})"
                 )
-            self._number = number
-            if not len(self.held_out) or noised < self._least:
-                network.keep()
-                self._best_at, self._least = number, noised
-            yield Epoch(number, train, clean, noised, self._least)
+            if not len(self.held_out) or noised < now.least:
+                now = replace(now, best=now.layers, best_at=now.number, least=noised)
+            self._now = now
+            yield Epoch(now.number, train, clean, noised, now.least)
 
     @property
     def state(self) -> dict[str, np.ndarray]:
         """All that continues the training, arrays only: weights now and best, Adam's, the epoch."""
         identity = np.frombuffer(self._identity(), dtype=np.uint8)
-        progress = np.array([self._number, self._best_at, self._least])
-        return {"identity": identity, "progress": progress, **self._network.state()}
+        return {"identity": identity, **self._network.arrays(self._now)}
 
-    def _load(self, state: dict[str, np.ndarray] | None) -> None:
-        self._number, self._best_at, self._least = 0, 0, math.inf
+    def _started(self, state: dict[str, np.ndarray] | None) -> Progress:
         if state is None:
-            return
-        if bytes(state["identity"]) != self._identity():
+            return self._network.start
+        if "identity" not in state or bytes(state["identity"]) != self._identity():
             raise ValueError(
                 "mlp: the checkpoint is of other data, another recipe, sigma or seed; start anew"
             )
-        number, best_at, self._least = (float(entry) for entry in state["progress"])
-        self._number, self._best_at = int(number), int(best_at)
-        self._network.load(state)
+        return self._network.progress(state)
 
     def _identity(self) -> bytes:
         """What the bits depend on: more epochs or patience continue the same run."""
@@ -158,7 +161,7 @@ class Training:
 
     def model(self) -> MlpModel:
         """The network with the best weights so far, or with the last where nothing is held out."""
-        weights, biases = self._network.best()
+        weights, biases = arrays_of(self._now.best)
         known = self.data.origin
         origin = replace(known, data_hash=known.data_hash or self.data.hash)
         return MlpModel(weights, biases, *self._scales, self.sigma, origin, self.seed)

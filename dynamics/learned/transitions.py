@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynamics.learned.normalisation import Normalisation
+from dynamics.learned.origin import SCHEMA, Origin
+from dynamics.learned.samples import Samples
 from dynamics.systems import Signal
 
 if TYPE_CHECKING:
     import xarray as xr
 
 KIND = "transitions"
-SCHEMA = 1
-_COORDINATES = [part + tail for part in ("state", "input") for tail in ("", "_unit", "_about")]
-_VARIABLES = ["x", "u", "x_next", "shift", "scale", *_COORDINATES]
+_VARIABLES = ["x", "u", "x_next", "z_shift", "z_scale"]
+_VARIABLES += [name + tail for name in ("z", "state", "input") for tail in ("", "_unit")]
+_ATTRIBUTES = ["problem", "parameters", "data_hash", "provenance"]
 LEAST = 10
 """Rows for every coordinate of z below which nothing is learned."""
 
@@ -103,6 +105,8 @@ class Transitions:
     def split(self, fraction: float, seed: int) -> tuple[Transitions, Transitions]:
         """The rest, and a random ``fraction`` held out, both in the scales of the whole.
 
+        The rows are those that training on so many samples holds out at the same seed.
+
         Raises ``ValueError`` unless both have rows.
         """
         n = round(fraction * len(self))
@@ -111,7 +115,7 @@ class Transitions:
                 f"data: a fraction {fraction:g} of {len(self)} rows leaves nothing on one side;"
                 " take one between 0 and 1"
             )
-        order = np.random.default_rng(seed).permutation(len(self))
+        order = np.random.default_rng([seed, 1]).permutation(len(self))
         return self._rows(np.sort(order[n:])), self._rows(np.sort(order[:n]))
 
     def _rows(self, rows: np.ndarray) -> Transitions:
@@ -130,11 +134,22 @@ class Transitions:
                     " take data of that problem, or the problem of these data"
                 )
 
-    def dataset(self) -> xr.Dataset:
-        """As labelled arrays: ``x``, ``u``, ``x_next`` over sample, state, input, and the scales.
+    @property
+    def origin(self) -> Origin:
+        """What a model of these data says that it was learned from."""
+        known = self.provenance
+        problem, parameters = str(known.get("problem", "")), known.get("parameters", {})
+        return Origin((*self.states, *self.inputs), self.states, problem, parameters, self.hash)
 
-        Names are the coordinates ``state`` and ``input``, ``state_unit`` and ``input_unit`` their
-        units; provenance is JSON in the attributes.
+    def samples(self) -> Samples:
+        """``z`` and the next states as a map is learned from them."""
+        return Samples(self.z, self.x_next, self.origin)
+
+    def dataset(self) -> xr.Dataset:
+        """As labelled arrays: ``x``, ``u`` and ``x_next`` over sample and state or input.
+
+        Coordinates, units and the scales of z are called as in a model's; provenance is JSON in
+        the attributes.
         """
         import xarray as xr
 
@@ -142,19 +157,19 @@ class Transitions:
             "x": (("sample", "state"), self.x),
             "u": (("sample", "input"), self.u),
             "x_next": (("sample", "state"), self.x_next),
+            "z_shift": ("z", self.normalisation.shift),
+            "z_scale": ("z", self.normalisation.scale),
         }
+        origin = self.origin
         attributes = {
             "kind": KIND,
             "schema": SCHEMA,
-            "hash": self.hash,
-            "problem": str(self.provenance.get("problem", "")),
+            "problem": origin.problem,
+            "parameters": json.dumps(dict(origin.parameters), sort_keys=True),
+            "data_hash": self.hash,
             "provenance": json.dumps(dict(self.provenance), sort_keys=True),
         }
-        return xr.Dataset(
-            {**data, **scale_variables(self.normalisation)},
-            signal_coordinates(self.states, self.inputs),
-            attributes,
-        )
+        return xr.Dataset(data, origin.coordinates(), attributes)
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Transitions:
@@ -167,50 +182,21 @@ class Transitions:
                 f"these transitions have schema version {attributes.get('schema')}, this program"
                 f" reads {SCHEMA}; collect them again"
             )
-        missing = [name for name in _VARIABLES if name not in dataset.variables]
-        if missing:
-            raise ValueError(f"these transitions lack {', '.join(missing)}; collect them again")
-        x, u, x_next = (np.array(dataset[name].values) for name in ("x", "u", "x_next"))
-        provenance = json.loads(attributes.get("provenance", "{}"))
-        found = cls.checked(x, u, x_next, *signals_of(dataset), provenance)
-        if found.hash != attributes.get("hash"):
+        lacking = [name for name in _VARIABLES if name not in dataset.variables]
+        lacking += [name for name in _ATTRIBUTES if name not in attributes]
+        if lacking:
+            raise ValueError(f"these transitions lack {', '.join(lacking)}; collect them again")
+        x, u, x_next, shift, scale = (np.array(dataset[n].values) for n in _VARIABLES[:5])
+        origin, provenance = Origin.of(dataset, KIND), json.loads(attributes["provenance"])
+        found = cls.checked(x, u, x_next, origin.y, origin.inputs, provenance)
+        if found.hash != attributes["data_hash"]:
             raise ValueError("the values are not those that were written: their hash differs")
-        return replace(found, normalisation=normalisation_of(dataset))
+        return replace(found, normalisation=Normalisation(shift, scale))
 
 
 def listed(signals: Sequence[Signal]) -> str:
     """Names with units, ``ox [m], theta [rad]``."""
     return ", ".join(f"{signal.name} [{signal.unit}]" for signal in signals)
-
-
-def signal_coordinates(states: Sequence[Signal], inputs: Sequence[Signal]) -> dict[str, Any]:
-    """Coordinates of a dataset: ``state``, ``input`` the names, and beside them unit, meaning."""
-    found: dict[str, Any] = {}
-    for dimension, part in (("state", states), ("input", inputs)):
-        found[dimension] = [signal.name for signal in part]
-        found[f"{dimension}_unit"] = (dimension, [signal.unit for signal in part])
-        found[f"{dimension}_about"] = (dimension, [signal.description for signal in part])
-    return found
-
-
-def signals_of(dataset: xr.Dataset) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
-    """States and inputs from :func:`signal_coordinates`; raises ``KeyError`` without them."""
-    columns = [
-        [map(str, dataset[f"{part}{tail}"].values) for tail in ("", "_unit", "_about")]
-        for part in ("state", "input")
-    ]
-    states, inputs = (tuple(map(Signal, *column)) for column in columns)
-    return states, inputs
-
-
-def scale_variables(normalisation: Normalisation) -> dict[str, Any]:
-    """``shift`` and ``scale`` over z, states before inputs, for a dataset."""
-    return {"shift": ("z", normalisation.shift), "scale": ("z", normalisation.scale)}
-
-
-def normalisation_of(dataset: xr.Dataset) -> Normalisation:
-    """Read :func:`scale_variables` back; raises ``KeyError`` without them."""
-    return Normalisation(*(np.array(dataset[name].values) for name in ("shift", "scale")))
 
 
 def _check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:

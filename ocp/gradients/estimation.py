@@ -12,8 +12,8 @@ from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError, choose
 from ocp.gradients.empirical_bias import EmpiricalBias, Jump, empirical_bias, sharpest_change
 from ocp.gradients.estimators import SAMPLED
-from ocp.gradients.interpolation import RULES, Choice, ConfidenceTest, Evidence, Rule
-from ocp.gradients.known_gradient import KINDS, KnownGradient, check_kind, known_gradient, stream
+from ocp.gradients.interpolation import RULES, Choice, Evidence, Rule
+from ocp.gradients.known_gradient import KINDS, KnownGradient, kind_of, known_gradient, stream
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import Progress, Sampled, run_estimator
 from ocp.gradients.verdict import Verdict, judge
@@ -208,7 +208,7 @@ def carry_out(
     def kept(name: str) -> tuple[Checkpoint, str] | None:
         return None if keep is None else (keep[0], f"{keep[1]}-{name}")
 
-    check_kind(objective, sampling.sigma, sampling.reference)
+    kind_of(objective, sampling.sigma, sampling.reference)
     found: dict[str, Sampled] = {}
     for name in sampling.sampled:
         estimator = SAMPLED[name]
@@ -309,13 +309,3 @@ def _check_finite(objective: SampledObjective, name: str, found: Sampled) -> Non
             f" {bad[0]}) and {found.moments.n} are left; a smaller sigma or a shorter horizon may"
             " keep them finite"
         )
-
-
-__all__ = [
-    "ConfidenceTest",
-    "Estimate",
-    "Sampling",
-    "estimate_gradient",
-    "evidence_of",
-    "interpolate",
-]

@@ -62,28 +62,11 @@ class ZeroOrder(Estimator):
     cancels for open loop and counts under feedback, whose score is not odd in w.
     """
 
+    name: str
+    summary: str
     baseline: str = "none"
+    evaluations: int = 1
     stream: ClassVar[int] = 0
-
-    @property
-    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Name with the baseline, where there is one."""
-        return "zobg" if self.baseline == "none" else f"zobg-{self.baseline}"
-
-    @property
-    def summary(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """One line for ``ocp list``."""
-        return "zeroth order, " + {
-            "none": "without baseline",
-            "zero-noise": "the cost without noise as baseline",
-            "mean": "the mean cost of the other samples as baseline",
-            "antithetic": "pairs of samples at w and -w",
-        }[self.baseline]  # fmt: skip
-
-    @property
-    def evaluations(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Two rollouts for a pair, and two passes where the baseline is the mean."""
-        return 2 if self.baseline in ("mean", "antithetic") else 1
 
     def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Fix the baseline and return ``(V - b) s``; raises for ``mean`` of a single sample."""
@@ -167,11 +150,17 @@ class EvolutionStrategies(Estimator):
         return Sampler(contributions)
 
 
-BASELINES = ("none", "zero-noise", "mean", "antithetic")
+_BASELINES = (
+    ("zobg", "none", 1, "without baseline"),
+    ("zobg-zero-noise", "zero-noise", 1, "the cost without noise as baseline"),
+    ("zobg-mean", "mean", 2, "the mean cost of the other samples as baseline"),
+    ("zobg-antithetic", "antithetic", 2, "pairs of samples at w and -w"),
+)
+"""Name, baseline, evaluations (a pair, or a pass more for the mean) and what it is."""
 SAMPLED: dict[str, Estimator] = {
     estimator.name: estimator
     for estimator in (
-        *(ZeroOrder(baseline) for baseline in BASELINES),
+        *(ZeroOrder(name, f"zeroth order, {what}", of, k) for name, of, k, what in _BASELINES),
         FirstOrder(),
         EvolutionStrategies(),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynamics.batch import Gaussian
 from ocp.errors import InputError
-from ocp.gradients.estimators import ZeroOrder
+from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.objective import SampledObjective, StaticObjective
 from ocp.gradients.sampling import Keep, Progress, run_estimator
 
@@ -46,35 +46,37 @@ def known_gradient(
 
     Raises :class:`~ocp.errors.InputError` where the asked one cannot be.
     """
-    check_kind(objective, sigma, kind)
-    if kind == "none":
+    taken = kind_of(objective, sigma, kind)
+    if taken == "none":
         return None
-    closed = objective.closed_form(sigma) if kind in ("auto", "closed-form") else None
+    closed = objective.closed_form(sigma) if taken == "closed-form" else None
     if closed is not None:
         return KnownGradient(closed.gradient, np.zeros_like(closed.gradient), "closed form")
-    if kind == "quadrature" or (kind == "auto" and _on_a_line(objective)):
+    if taken == "quadrature":
         return quadrature(objective, sigma)
     noise = Gaussian(sigma, stream(seed, REFERENCE_STREAM))
-    pairs = ZeroOrder("antithetic")
+    pairs = SAMPLED["zobg-antithetic"]
     found = run_estimator(objective, pairs, noise, n_samples, progress, keep).moments
     return KnownGradient(found.mean, found.standard_error, "larger zobg run", found.n)
 
 
-def check_kind(objective: SampledObjective, sigma: float, kind: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` where the objective has no such reference."""
-    if kind == "closed-form" and objective.closed_form(sigma) is None:
+def kind_of(objective: SampledObjective, sigma: float, kind: str) -> str:
+    """Return ``kind``, for ``auto`` the one that is taken; ``zobg`` alone is sampled.
+
+    Raises :class:`~ocp.errors.InputError` where the objective has no such reference.
+    """
+    closed = objective.closed_form(sigma) is not None
+    line = isinstance(objective, StaticObjective) and objective.n_noise == 1
+    if kind == "auto":
+        return "closed-form" if closed else "quadrature" if line else "zobg"
+    if kind == "closed-form" and not closed:
         raise InputError(f"{objective.name} has no closed form; say --reference zobg")
-    if kind == "quadrature" and not _on_a_line(objective):
+    if kind == "quadrature" and not line:
         raise InputError(
             f"{objective.name} has {objective.n_noise} noise components; quadrature needs one,"
             " added to the decision; say --reference zobg"
         )
-
-
-def is_sampled(objective: SampledObjective, sigma: float, kind: str) -> bool:
-    """Whether the gradient of this ``kind`` comes from samples."""
-    free = objective.closed_form(sigma) is not None or _on_a_line(objective)
-    return kind == "zobg" or (kind == "auto" and not free)
+    return kind
 
 
 def stream(seed: np.random.SeedSequence, number: int) -> np.random.SeedSequence:
@@ -90,7 +92,7 @@ def quadrature(objective: SampledObjective, sigma: float) -> KnownGradient:
 
     Raises :class:`~ocp.errors.InputError` unless the decision is one number with noise added to it.
     """
-    check_kind(objective, sigma, "quadrature")
+    kind_of(objective, sigma, "quadrature")
 
     def rule(points: int) -> tuple[float, float]:
         t = _REACH * (2 * (np.arange(points) + 0.5) / points - 1)
@@ -102,7 +104,3 @@ def quadrature(objective: SampledObjective, sigma: float) -> KnownGradient:
     (fine, sharpest), (coarse, _) = rule(_POINTS), rule(_POINTS // 2)
     error = max(abs(fine - coarse), sharpest)
     return KnownGradient(np.array([fine]), np.array([error]), "quadrature")
-
-
-def _on_a_line(objective: SampledObjective) -> bool:
-    return isinstance(objective, StaticObjective) and objective.n_noise == 1

@@ -6,8 +6,8 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, Literal, Self
 
 import casadi as ca
 import numpy as np
@@ -44,26 +44,41 @@ class ClosedForm:
 class SampledObjective(ABC):
     """A cost ``V(theta, w)`` whose mean over ``w ~ N(0, sigma^2 I)`` is to be differentiated.
 
-    ``decision`` names the d components of ``theta`` (d,); ``parameters`` holds every number that a
-    sweep may turn, by name; ``n_noise`` is the number of components of w.
+    ``decision`` names the d components of ``theta`` (d,); ``parameters`` holds every other number
+    that a sweep may turn, by name; ``n_noise`` is the number of components of w.
     """
 
     name: str
     decision: tuple[Signal, ...]
     theta: np.ndarray
     n_noise: int
+    parameters: dict[str, float]
 
-    @property
-    @abstractmethod
-    def parameters(self) -> dict[str, float]:
-        """Values by name of what :meth:`at` may change, the decision apart."""
-
-    @abstractmethod
-    def at(self, values: Mapping[str, float]) -> SampledObjective:
+    def at(self, values: Mapping[str, float]) -> Self:
         """Return the same objective with other parameters or components of the decision.
 
-        Raises :class:`~ocp.errors.InputError` for a name that it does not have.
+        Nothing is built or compiled again. Raises :class:`~ocp.errors.InputError` for a name that
+        it does not have, and a value that is not finite.
         """
+        known = [*(signal.name for signal in self.decision), *self.parameters]
+        for name, value in values.items():
+            if name not in known:
+                shown = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
+                raise InputError(
+                    f"{self.name} has nothing called {name!r} to set; there are {shown}"
+                )
+            if not np.isfinite(value):
+                raise InputError(f"{self.name}: {name} must be finite, got {value}")
+        other = copy(self)
+        pairs = zip(self.decision, self.theta, strict=True)
+        other.theta = np.array([values.get(s.name, was) for s, was in pairs], dtype=float)
+        other.parameters = {k: float(values.get(k, was)) for k, was in self.parameters.items()}
+        return other
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values of the parameters in their order."""
+        return np.array(list(self.parameters.values()))
 
     @abstractmethod
     def costs(self, noise: np.ndarray) -> np.ndarray:
@@ -137,30 +152,12 @@ class StaticObjective(SampledObjective):
                 f" and values and one cost, got {theta.numel()}, {given.size} and {cost.numel()}"
             )
         self.name, self.decision, self.theta, self.n_noise = name, decision, given, len(decision)
-        self._table, self._closed_form = parameters, closed_form
+        self.parameters, self._closed_form = parameters.defaults, closed_form
         arguments = [theta, parameters.vector]
         options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
         both = [ca.densify(cost), ca.densify(ca.gradient(cost, theta))]
         self._cost = BatchFunction(ca.Function("cost", arguments, both[:1]), **options)
         self._both = BatchFunction(ca.Function("cost_and_gradient", arguments, both), **options)
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Values of the cost's parameters."""
-        return self._table.defaults
-
-    def at(self, values: Mapping[str, float]) -> StaticObjective:
-        """Return the same graph at other values; nothing is built again."""
-        names = [signal.name for signal in self.decision]
-        check_names(self.name, values, [*names, *self._table.names])
-        other = copy(self)
-        pairs = zip(names, self.theta, strict=True)
-        other.theta = np.array([values.get(name, was) for name, was in pairs], dtype=float)
-        other._table = ParameterTable(
-            replace(parameter, value=float(values.get(parameter.name, parameter.value)))
-            for parameter in self._table
-        )
-        return other
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
         """Cost at theta plus the given noise."""
@@ -188,7 +185,7 @@ class StaticObjective(SampledObjective):
         return self._closed_form({**theta, **self.parameters}, sigma)
 
     def _evaluate(self, function: BatchFunction, theta: np.ndarray) -> Any:
-        return quietly(function, theta, self._table.values)
+        return quietly(function, theta, self.values)
 
     def _draw(self, noise: Gaussian, n: int) -> np.ndarray:
         return noise.draw(n, 1, self.n_noise)[:, 0]
@@ -199,13 +196,3 @@ def quietly(function: Callable[..., Any], *args: Any, **named: Any) -> Any:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", category=BatchWarning, message=".*non-finite")
         return function(*args, **named)
-
-
-def check_names(what: str, values: Mapping[str, float], known: list[str]) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a name that is not ``known`` or no finite value."""
-    for name, value in values.items():
-        if name not in known:
-            shown = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
-            raise InputError(f"{what} has nothing called {name!r} to set; there are {shown}")
-        if not np.isfinite(value):
-            raise InputError(f"{what}: {name} must be finite, got {value}")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from copy import copy
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Literal
@@ -14,7 +13,7 @@ import numpy as np
 from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine, open_loop
 from dynamics.contact import ContactLaw
 from dynamics.systems import Signal
-from ocp.gradients.objective import SampledObjective, Samples, check_names, quietly
+from ocp.gradients.objective import SampledObjective, Samples, quietly
 from ocp.policy import Feedback, OpenLoop, Policy
 from ocp.problem import Problem
 
@@ -28,7 +27,8 @@ class RolloutObjective(SampledObjective):
     rows of K and then k (of one step where the feedback is stationary). Without a given ``theta``
     it is the problem's guess, with K = 0. Bounds on inputs do not clip: the estimators' theory is
     about the unclipped policy. With several scenarios sample i starts in scenario i modulo their
-    number, so the mean over samples is the mean over scenarios too.
+    number, so the mean over samples is the mean over scenarios too. ``parameters`` are those of the
+    problem and the knobs of the law, ``contact.mu`` and the like.
 
     Raises ``ValueError`` where the law cannot close the system.
     """
@@ -50,29 +50,12 @@ class RolloutObjective(SampledObjective):
         # Shared by all copies that differ in values alone, so that nothing is compiled twice.
         self._compiled: list[RolloutFunction] = []
         self._options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
-        self._values = self.step.p.defaults
-        self._start()
+        self.parameters = self.step.p.defaults
         shape = self._policy.shape(problem.N)
         self.theta = (
             self._guess(shape) if theta is None else np.asarray(theta, float).reshape(shape)
         ).ravel()
         self.decision = _decision(problem, policy, shape)
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Parameters of the problem and knobs of the law, ``contact.mu`` and the like."""
-        return dict(self._values)
-
-    def at(self, values: Mapping[str, float]) -> RolloutObjective:
-        """Return the same compiled rollout at other values; the decision stays."""
-        names = [signal.name for signal in self.decision]
-        check_names(self.name, values, [*self._values, *names])
-        other = copy(self)
-        other._values = {k: float(values.get(k, was)) for k, was in self._values.items()}
-        pairs = zip(names, self.theta, strict=True)
-        other.theta = np.array([values.get(name, was) for name, was in pairs], dtype=float)
-        other._start()
-        return other
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
         """Cost at given noise (n, N nu), in the order of steps."""
@@ -83,7 +66,7 @@ class RolloutObjective(SampledObjective):
 
     def nominal(self) -> float:
         """Cost without noise, its mean over scenarios."""
-        return float(self.costs(np.zeros((len(self._x0), self.n_noise))).mean())
+        return float(self.costs(np.zeros((self.problem.scenarios.n, self.n_noise))).mean())
 
     def scored(self, noise: Gaussian, n: int) -> Samples:
         """Costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
@@ -123,26 +106,22 @@ class RolloutObjective(SampledObjective):
         flat = Moments(part.n, np.ravel(part.mean), np.ravel(part.m2))
         return flat, found.nonfinite.indices
 
-    def _start(self) -> None:
-        """Initial states and the input before, at the present parameters."""
-        physical = self.problem.parameters.pack(self._values)
-        self._x0 = self.problem.initial_states(physical)
-        self._before = np.array(self.problem.limits(physical)[1]).ravel()
-        self._p = np.array(list(self._values.values()))
-
     def _arguments(self, n: int, first: int) -> dict[str, Any]:
-        rows = (first + np.arange(n)) % len(self._x0)
+        problem = self.problem
+        physical = problem.parameters.pack(self.parameters)
+        x0 = problem.initial_states(physical)
+        rows = (first + np.arange(n)) % len(x0)
         call: dict[str, Any] = {
-            "x0": self._x0[rows] if len(self._x0) > 1 else self._x0[0],
-            "theta": self.theta.reshape(self._policy.shape(self.problem.N)),
-            "p": self._p,
+            "x0": x0[rows] if len(x0) > 1 else x0[0],
+            "theta": self.theta.reshape(self._policy.shape(problem.N)),
+            "p": self.values,
         }
-        if self.problem.uses_du:
-            call["u_before"] = self._before
+        if problem.uses_du:
+            call["u_before"] = np.array(problem.limits(physical)[1]).ravel()
         return call
 
     def _guess(self, shape: tuple[int, ...]) -> np.ndarray:
-        physical = self.problem.parameters.pack(self._values)
+        physical = self.problem.parameters.pack(self.parameters)
         inputs = self.problem.initial_guess(physical)[1]
         if isinstance(self.policy, OpenLoop):
             return inputs

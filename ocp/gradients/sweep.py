@@ -13,7 +13,7 @@ import numpy as np
 from dynamics.batch import Gaussian
 from ocp.errors import InputError
 from ocp.gradients.estimation import Sampling, carry_out, check_samples
-from ocp.gradients.known_gradient import is_sampled
+from ocp.gradients.known_gradient import kind_of
 from ocp.gradients.objective import SampledObjective
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.plain import plain
@@ -181,12 +181,9 @@ def _probed(objective: SampledObjective, sampling: Sampling) -> float:
 
 
 def _size(objective: SampledObjective, sampling: Sampling) -> int:
-    extra = (
-        sampling.most_reference_samples
-        if is_sampled(objective, sampling.sigma, sampling.reference)
-        else 0
-    )
-    return sampling.samples * len(sampling.sampled) + extra
+    samples = sampling.samples * len(sampling.sampled)
+    sampled = kind_of(objective, sampling.sigma, sampling.reference) == "zobg"
+    return samples + sampled * sampling.most_reference_samples
 
 
 def sweep_dataset(

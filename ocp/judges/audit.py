@@ -7,7 +7,7 @@ import numpy as np
 
 from ocp.judges.findings import Audit
 from ocp.physics.along import distances
-from ocp.physics.contact_book import ContactBook, contact_book
+from ocp.physics.contact_book import ContactBook, contact_book, largest
 from ocp.physics.measures import Violation
 from ocp.problem import Problem
 from ocp.programs.solver import Result
@@ -46,22 +46,22 @@ def audit(
     inputs = plan.u if plan.gains is None else plan.gains
     replay, unsolved = roll_on(problem, inputs, values, x0=plan.x[:, 0])
     sharp, closed, moved = _natural(nlp, plan)
-    g = np.array(nlp.f_g(result.point.x, p)[1]).ravel()
+    _, g = nlp.values(result.point.x, p)
     x_off = np.maximum(bounds["lbx"] - result.point.x, result.point.x - bounds["ubx"])
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
     free = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
     smallest = np.minimum(plan.lam, plan.gap)
     book = contact_book(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
     found = Audit(
-        complementarity=_largest(sharp),
-        complementarity_min=_largest(np.abs(smallest)),
-        dynamics_residual=_largest(moved),
-        law_residual=_largest(closed),
-        constraint_violation=max(0.0, _largest(free)),
+        complementarity=largest(sharp),
+        complementarity_min=largest(np.abs(smallest)),
+        dynamics_residual=largest(moved),
+        law_residual=largest(closed),
+        constraint_violation=max(0.0, largest(free)),
         penetration=_penetration(problem, plan.x, plan.gap, physical),
         exact_penetration=_penetration(problem, replay.x, replay.gap, physical),
         exact_cost=replay.cost,
-        state_gap=_largest(np.abs(plan.x - replay.x)),
+        state_gap=largest(np.abs(plan.x - replay.x)),
         active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _ACTIVE))),
         task_gradient=task_gradient(problem, replay, values),
         worst=worst_constraints(nlp, result.point.x, g, bounds),
@@ -96,13 +96,9 @@ def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:
     return violation[kept]
 
 
-def _largest(values: np.ndarray) -> float:
-    return float(np.max(values)) if values.size else 0.0
-
-
 def _penetration(problem: Problem, x: np.ndarray, gap: np.ndarray, physical: np.ndarray) -> float:
     phi = signed_distances(problem, x, physical)
-    return max(0.0, _largest(-(gap if phi is None else phi)))
+    return max(0.0, largest(-(gap if phi is None else phi)))
 
 
 def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -> float:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import casadi as ca
 import numpy as np
 
@@ -58,18 +61,10 @@ class Lifted:
         return found
 
 
-class Programs:
-    """The programs of a problem at parameters p, one a form, built when first asked for."""
-
-    def __init__(self, mpcc: MPCC, p: np.ndarray) -> None:
-        self.lifted, self.p = Lifted(mpcc), p
-        self.built: dict[str, MPCCProgram] = {}
-
-    def __call__(self, form: str) -> MPCCProgram:
-        """Return the program of a form."""
-        if form not in self.built:
-            self.built[form] = MPCCProgram(self.lifted, form, self.p)
-        return self.built[form]
+def programs_of(mpcc: MPCC, p: np.ndarray) -> Callable[[str], MPCCProgram]:
+    """The programs of a problem at parameters p by their form, each built when first asked for."""
+    lifted = Lifted(mpcc)
+    return cache(lambda form: MPCCProgram(lifted, form, p))
 
 
 class MPCCProgram(Program):

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp.errors import InputError
+from ocp.errors import InputError, choose
 from ocp.judges.audit import TOLERANCES
-from ocp.mpcc.programs import MPCCProgram, Programs
+from ocp.mpcc.programs import MPCCProgram, programs_of
 from ocp.mpcc.statement import MPCC, sized
 from ocp.problem import Reference
 from ocp.programs.program import Program
@@ -91,18 +91,15 @@ def solve(
         raise InputError(f"{mpcc.name}: x0[{at}] is {start[at]}, expected a finite number")
     given = sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
     for name in strategies:
-        if name not in STRATEGIES:
-            raise InputError(f"unknown strategy {name!r}; there are {', '.join(STRATEGIES)}")
-    programs = Programs(mpcc, given)
+        choose("strategy", name, STRATEGIES)
+    programs = programs_of(mpcc, given)
     values = {"penalty": 0.0, "relaxation": 0.0}
     follower = Homotopy(programs, Solver(solver, dict(options or {})), values)
     inside = np.clip(start, *mpcc.x_bounds)
     reference = Reference(impulse=1.0, gap=1.0)
     best: MPCCSolution | None = None
     for name in strategies:
-        route = Route(
-            STRATEGIES[name](), reference, lambda program: Point(program.extended(inside))
-        )
+        route = Route(STRATEGIES[name], reference, lambda program: Point(program.extended(inside)))
         result, program, _ = solve_pairs(follower, route)
         found = _judged(programs("none"), program, result, inside, name)
         if best is None or _rank(found) < _rank(best):
@@ -124,8 +121,7 @@ def _restored(
     if least is None:
         return end
     x, p = least[0], program.parameter_vector(follower.values)
-    f, g = program.f_g(x, p)
-    there = Result(Point(x), float(f), np.array(g).ravel(), Status.INFEASIBLE, "restored", 0, 0.0)
+    there = Result.at(program, Point(x), p, Status.INFEASIBLE, "restored")
     result, source, _ = land(follower, program, there)
     found = _judged(program, source, result, start, end.strategy)
     return found if _rank(found) < _rank(end) else end
@@ -152,14 +148,13 @@ def _judged(
     certificate = Certificate("undecided", reason="the point is not feasible")
     status = Status.INEXACT if result.ok else result.status
     if off <= TOLERANCES["constraint_violation"]:
-        own = result.point if source is program else None
-        multipliers = own.lam_g if own is not None else None
+        multipliers = result.point.lam_g if source is program else None
         certificate = certify(program, x, p, bounds, multipliers, _span(program, start, x, p))
         decided = {"not": Status.NOT_OPTIMAL, "undecided": Status.UNDECIDED}
         status = decided.get(certificate.stationarity, Status.SOLVED)
     elif result.status in (Status.SOLVED, Status.INFEASIBLE):
         status = Status.INFEASIBLE
-    f = float(program.f_g(x, p)[0])
+    f, _ = program.values(x, p)
     return MPCCSolution(x[: mpcc.x.numel()], G, H, f, status, certificate, off, worst, name, 0, 0.0)
 
 
@@ -170,8 +165,8 @@ def _span(program: MPCCProgram, start: np.ndarray, x: np.ndarray, p: np.ndarray)
     """
     begin = program.extended(start)
     sizes = program.sizes(begin)
-    f, gradient = program.gradient(begin, p)
     bend = np.abs(program.hessian(begin, p, 1.0, np.zeros(program.m)).sparse())
-    slope = np.abs(np.array(gradient).ravel()) @ sizes
-    spans = np.array([abs(float(f) - float(program.f_g(x, p)[0])), slope, sizes @ (bend @ sizes)])
+    slope = np.abs(program.slopes(begin, p)[0]) @ sizes
+    change = abs(program.values(begin, p)[0] - program.values(x, p)[0])
+    spans = np.array([change, slope, sizes @ (bend @ sizes)])
     return float(np.max(spans[np.isfinite(spans)], initial=0.0))

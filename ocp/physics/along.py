@@ -47,13 +47,9 @@ def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
 
 
 def distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
-    """True signed distances phi at states x (..., nx), shape (..., n_phi).
-
-    Raises ``ValueError`` for a system without geometry.
-    """
+    """True signed distances phi at states x (..., nx) of a system with geometry, (..., n_phi)."""
     phi = problem.signed_distance
-    if phi is None:
-        raise ValueError(f"system {problem.system.name!r} has no signed distances")
+    assert phi is not None
     states = x.reshape(-1, x.shape[-1])
     found = phi.map(len(states))(states.T, physical)
     return np.array(found).T.reshape(*x.shape[:-1], -1)

@@ -101,8 +101,8 @@ def contact_book(
     rough, bound = forces is not None, friction * normal
     return ContactBook(
         names, normal, tangential, slip, bound, acts, slides, weak, contacts,
-        _largest(np.abs(tangential) - bound) if rough else float("nan"),
-        _largest(bound * np.abs(slip) + tangential * slip) if rough else float("nan"),
+        largest(np.abs(tangential) - bound) if rough else float("nan"),
+        largest(bound * np.abs(slip) + tangential * slip) if rough else float("nan"),
         *_books(system.book, at),
     )  # fmt: skip
 
@@ -131,7 +131,7 @@ def _summaries(
             name=name,
             steps=int(acts[:, :, i].sum()),
             slipping=int(slides[:, :, i].sum()),
-            peak_force=_largest(force[:, :, i]),
+            peak_force=largest(force[:, :, i]),
             slid=float(way[:, :, i][acts[:, :, i]].sum()),
             weak=int(weak[:, :, i].sum()),
             spans=_spans(acts[0, :, i]),
@@ -155,8 +155,9 @@ def _books(book: EnergyBook | None, at: Along) -> tuple[float, float, float]:
     taken = book.energy + book.work - after[0]
     off = after[1] - book.momentum - book.external
     loss, defect = at(taken, off)
-    return max(0.0, _largest(-loss)), float(loss.sum()), _largest(np.abs(defect))
+    return max(0.0, largest(-loss)), float(loss.sum()), largest(np.abs(defect))
 
 
-def _largest(values: np.ndarray) -> float:
+def largest(values: np.ndarray) -> float:
+    """The largest of all entries, 0 without any."""
     return float(np.max(values)) if values.size else 0.0

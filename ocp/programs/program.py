@@ -6,13 +6,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from ocp.programs.layout import Layout
 from ocp.programs.units import Scale
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 FORMS = ("product", "none", "fischer-burmeister", "lin-fukushima")
 """How ``0 <= G ⟂ H >= 0`` stands in a program, see :class:`Program`."""
@@ -102,6 +105,28 @@ class Program(ABC):
     def n_parameters(self) -> int:
         """Length of p."""
         return int(self.f_g.size1_in(1))
+
+    def values(self, x: np.ndarray, p: np.ndarray) -> tuple[float, np.ndarray]:
+        """Cost and constraints (m,)."""
+        f, g = self.f_g(x, p)
+        return float(f), np.array(g).ravel()
+
+    def slopes(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
+        """Gradient of the cost (n,), constraints (m,) and their Jacobian (m, n)."""
+        import scipy.sparse as sp
+
+        g, jacobian = self.jacobian(x, p)
+        gradient = np.array(self.gradient(x, p)[1]).ravel()
+        return gradient, np.array(g).ravel(), sp.csr_matrix(jacobian.sparse())
+
+    def bend(
+        self, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray
+    ) -> sp.csr_matrix:
+        """Hessian (n, n) of ``f + multipliers' g``, by variables over ``sizes`` (n,)."""
+        import scipy.sparse as sp
+
+        upper = sp.csr_matrix(self.hessian(x, p, 1.0, multipliers).sparse())
+        return sp.csr_matrix(sp.diags(sizes) @ (upper + sp.triu(upper, 1).T) @ sp.diags(sizes))
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
         """Guesses (m,) of the pairs whose second member is to be held at zero near x."""

@@ -76,6 +76,14 @@ class Result:
     seconds: float
     evaluation_s: float = 0.0
 
+    @classmethod
+    def at(
+        cls, program: Program, point: Point, p: np.ndarray, status: Status, word: str,
+        seconds: float = 0.0,
+    ) -> Result:  # fmt: skip
+        """Cost and constraints at a point that no solver moved."""
+        return cls(point, *program.values(point.x, p), status, word, 0, seconds)
+
     @property
     def ok(self) -> bool:
         """Whether the solver claims convergence."""
@@ -120,7 +128,7 @@ class Solver:
         if self.deadline is not None:
             left = self.deadline - time.perf_counter()
             if left <= 0:
-                return _given_up(nlp, start, p)
+                return Result.at(nlp, start, p, Status.TIME_LIMIT, GIVEN_UP)
             if self.name == "ipopt":
                 # Powers of two, since every set of options is a solver instance of its own.
                 overrides = {**overrides, "max_wall_time": 2.0 ** math.ceil(math.log2(left))}
@@ -154,8 +162,7 @@ class Solver:
         word = str(error).strip().splitlines()[-1]
         if "option" in word or "logger" in word:
             raise InputError(f"{self.name} refused its options {self.options}: {word}") from error
-        f, g = nlp.f_g(start.x, p)
-        return Result(start, float(f), np.array(g).ravel(), Status.FAILED, word, 0, seconds)
+        return Result.at(nlp, start, p, Status.FAILED, word, seconds)
 
     def _instance(self, nlp: Program, overrides: dict[str, Any]) -> ca.Function:
         options = {**self.options, **overrides}
@@ -187,11 +194,6 @@ class Solver:
             line = next((s for s in str(error).splitlines() if "ption" in s), str(error).strip())
             reason = line.rpartition(".cpp:")[2].partition(": ")[2].strip() or line.strip()
             raise InputError(f"{self.name} refused its options: {reason}") from error
-
-
-def _given_up(nlp: Program, start: Point, p: np.ndarray) -> Result:
-    f, g = nlp.f_g(start.x, p)
-    return Result(start, float(f), np.array(g).ravel(), Status.TIME_LIMIT, GIVEN_UP, 0, 0.0)
 
 
 def _evaluation_s(stats: dict[str, Any]) -> float:

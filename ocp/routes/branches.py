@@ -14,6 +14,7 @@ import numpy as np
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.legs import WARM, Homotopy, translate
+from ocp.routes.outcome import lower
 from ocp.stationarity.certificate import RADII, linear_model, tolerance_of
 from ocp.stationarity.lpec import LinearModel
 
@@ -26,8 +27,6 @@ WISH = 1e-6
 """Multiplier of a held member, in natural units, from which on its growth would pay."""
 _FIRST_RADIUS = 0.1
 _REACHES = (1e-3, 1e-2, 1e-1, 1.0)
-_GAIN = 1e-7
-"""Relative fall of the cost for which an answer is exchanged for another."""
 _SHARE, _LEAST_S, _MOST_S = 0.3, 0.3, 3.0
 """Of the time a solve took so far, what all programs of its improvement may take, within limits."""
 
@@ -42,7 +41,7 @@ class Branches:
         self.limits = self.program.bounds(follower.values)
 
     def solve(
-        self, start: Point, active: np.ndarray, mu_init: float, most: int | None = None
+        self, start: Point, active: np.ndarray, most: int | None = None, mu_init: float = 1e-6
     ) -> Result:
         """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains.
 
@@ -75,7 +74,7 @@ class Branches:
     def _settled(self, start: Point, active: np.ndarray) -> Result | None:
         best, point = None, start
         for _ in range(_ROUNDS):
-            found = self.solve(point, active, 1e-6)
+            found = self.solve(point, active)
             if not found.ok or (best is not None and found.f > best.f - 1e-9 * (1 + abs(best.f))):
                 break
             best, point = found, found.point
@@ -117,7 +116,7 @@ class Branches:
         if not step.step.any():
             return None
         active[step.near] = step.acts > 0.5
-        found = self.solve(Point(there + radius * model.sizes * step.step), active, 1e-6)
+        found = self.solve(Point(there + radius * model.sizes * step.step), active)
         return found if found.ok else None
 
     def improve(self, settled: Result) -> Result:
@@ -140,7 +139,7 @@ class Branches:
                 radius /= 10
                 continue
             found = self._exchanged(model, best, radius, left)
-            if found is not None and found.f < best.f - _GAIN * abs(best.f):
+            if found is not None and lower(found, best):
                 best = found
             else:
                 radius /= 10
@@ -168,7 +167,7 @@ class Branches:
         active = self.program.active_sets(best.point.x)[-1]
         active[direction.near] = direction.acts > 0.5
         there = best.point.x + radius * model.sizes * direction.step
-        found = self.solve(Point(there, best.point.lam_x, best.point.lam_g), active, 1e-6)
+        found = self.solve(Point(there, best.point.lam_x, best.point.lam_g), active)
         return found if found.ok else None
 
     def _seconds(self) -> float:

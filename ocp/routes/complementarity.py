@@ -10,7 +10,7 @@ from ocp.problem import Reference
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches, land
-from ocp.routes.legs import Homotopy, Path, translate
+from ocp.routes.legs import Homotopy, Path
 from ocp.routes.outcome import lower
 from ocp.routes.relaxations import CentralPath, ScholtesAdaptive, Strategy
 from ocp.routes.schedules import rescheduled
@@ -76,7 +76,7 @@ def improved(branches: Branches, settled: Result) -> Result:
 def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
     """Follow one strategy and land on a branch, which is not improved."""
     paths = strategy.paths(route.reference)
-    source = follower.nlp_of(paths[0].plan(paths[0].values[0]).form)
+    source = follower.nlp_of(paths[0].form)
     result, source = along(follower, paths, route.start(source), source)
     landed = land(follower, source, result, improving=False)
     if not landed[2] and result.ok and isinstance(strategy, CentralPath):
@@ -89,15 +89,13 @@ def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
 def along(
     follower: Homotopy, paths: list[Path], point: Point, source: Program, warm: bool = False
 ) -> tuple[Result, Program]:
-    """Follow paths one after the other, as far as they go."""
+    """Follow paths one after the other, as far as they go, from a point of ``source``."""
     result: Result | None = None
     for path in paths:
-        first = follower.nlp_of(path.plan(path.values[0]).form)
-        usable = translate(point, source, first)
-        result, source, finished = follower.follow(path, usable, warm or result is not None)
+        result, source, finished = follower.follow(path, point, warm, source)
         if not finished:
             break
-        point = result.point
+        point, warm = result.point, True
     assert result is not None
     return result, source
 

@@ -16,18 +16,21 @@ from ocp.transcription.nlp import NLP
 
 
 def embedded(nlp: NLP, plan: Rollout, gains: Gains | None) -> np.ndarray:
-    """Write trajectories x (S, N+1, nx), u, lam, gap (S, N, .) into a direct transcription."""
-    rows = nlp.variables["u"].shape[0]
+    """Write trajectories x (S, N+1, nx), u, lam, gap (S, N, .) into an NLP's variables."""
     blocks = {
         "x0": plan.x[:, :1],
         "x": plan.x[:, 1:],
-        "u": plan.u if rows == len(plan.u) else plan.u[:1],
+        "u": plan.u,
         "lam": np.maximum(plan.lam, 0.0),
         "gap": np.maximum(plan.gap, 0.0),
     }
     if gains is not None:
         blocks |= {"K": gains.K, "k": gains.k}
-    return nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables})
+    # One row where all scenarios share it.
+    return nlp.variables.pack({
+        name: blocks[name][: block.shape[0]]
+        for name, block in nlp.variables.blocks.items() if name in blocks
+    })  # fmt: skip
 
 
 def plan_of(nlp: NLP, x: np.ndarray) -> tuple[np.ndarray | Gains, np.ndarray | None]:
@@ -48,28 +51,19 @@ def rolled_down(
     they cost no more. Then the settled point is returned beside it: the same plan, with contacts
     that are exactly open or closed, which a rollout's are to the step solver's tolerance.
     """
-    problem, values = target.problem, follower.values
-    plan, start = plan_of(source, point)
-    rolled = roll_out(problem, plan, values, step, start)
-    first = _packed(target, rolled, plan, values)
-    x = embedded(direct, rolled, plan if isinstance(plan, Gains) else None)
-    settled, _, worked = land(follower, direct, replace(first, point=Point(x)), improving=False)
+    values = follower.values
+
+    def rolled_out(nlp: NLP, x: np.ndarray) -> tuple[Rollout, Gains | None, Result]:
+        plan, start = plan_of(nlp, x)
+        gains = plan if isinstance(plan, Gains) else None
+        rolled = roll_out(target.problem, plan, values, step, start)
+        there, p = Point(embedded(target, rolled, gains)), target.parameter_vector(values)
+        return rolled, gains, Result.at(target, there, p, Status.SOLVED, "rolled out")
+
+    rolled, gains, first = rolled_out(source, point)
+    there = Point(embedded(direct, rolled, gains))
+    settled, _, worked = land(follower, direct, replace(first, point=there), improving=False)
     if not worked:
         return first, None
-    plan, start = plan_of(direct, settled.point.x)
-    second = _packed(target, roll_out(problem, plan, values, step, start), plan, values)
+    second = rolled_out(direct, settled.point.x)[2]
     return (second, settled) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
-
-
-def _packed(
-    target: NLP, rolled: Rollout, plan: np.ndarray | Gains, values: dict[str, float]
-) -> Result:
-    blocks = {"x0": rolled.x[:, :1], "x": rolled.x[:, 1:], "u": rolled.u}
-    if isinstance(plan, Gains):
-        blocks |= {"K": plan.K, "k": plan.k}
-    x = target.variables.pack({
-        name: blocks[name][:1] if name == "u" and block.shape[0] == 1 else blocks[name]
-        for name, block in target.variables.blocks.items()
-    })  # fmt: skip
-    f, g = target.f_g(x, target.parameter_vector(values))
-    return Result(Point(x), float(f), np.array(g).ravel(), Status.SOLVED, "rolled out", 0, 0.0)

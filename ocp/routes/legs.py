@@ -35,7 +35,7 @@ _STEP_BACKS = 4
 
 
 @dataclass(frozen=True)
-class Plan:
+class Leg:
     """One stage: the form of the Program, parameter values, bounds on the contact rows, options.
 
     ``contact`` is in natural units of the program. ``options`` are IPOPT's; another solver runs
@@ -61,9 +61,14 @@ class Path:
     """
 
     values: Sequence[float]
-    plan: Callable[[float], Plan]
+    leg: Callable[[float], Leg]
     strict: bool = True
     complete: Callable[[Program, Result], object] | None = None
+
+    @property
+    def form(self) -> str:
+        """Form of the first program."""
+        return self.leg(self.values[0]).form
 
 
 @dataclass
@@ -97,19 +102,23 @@ class Homotopy:
         self.nlp_of, self.solver, self.values = nlp_of, solver, values
         self.progress, self.trace = progress, Trace()
 
-    def follow(self, path: Path, start: Point, warm: bool = False) -> tuple[Result, Program, bool]:
-        """Follow one path: the last result, its program, and whether the end was reached."""
+    def follow(
+        self, path: Path, start: Point, warm: bool = False, source: Program | None = None
+    ) -> tuple[Result, Program, bool]:
+        """Follow one path: the last result, its program, and whether the end was reached.
+
+        ``start`` is a point of ``source``, by default of the path's first program.
+        """
         pending, good, tries = list(path.values), None, 0
         point, best = start, None
-        form = None
         while pending:
             value = pending.pop(0)
-            plan = path.plan(value)
-            nlp = self.nlp_of(plan.form)
-            usable = translate(point, form, nlp) if form is not None else point
-            result = self.stage(plan, nlp, usable, warm or good is not None)
-            if result.ok or (plan.partial and result.status is Status.ITERATION_LIMIT):
-                point, form, good = result.point, nlp, value
+            leg = path.leg(value)
+            nlp = self.nlp_of(leg.form)
+            usable = translate(point, source or nlp, nlp)
+            result = self.stage(leg, nlp, usable, warm or good is not None)
+            if result.ok or (leg.partial and result.status is Status.ITERATION_LIMIT):
+                point, source, good = result.point, nlp, value
                 tries = 0 if value in path.values else tries
                 best = (result, nlp)
                 if path.complete is not None and path.complete(nlp, result):
@@ -124,21 +133,21 @@ class Homotopy:
         assert best is not None
         return *best, True
 
-    def stage(self, plan: Plan, nlp: Program, start: Point, warm: bool) -> Result:
+    def stage(self, leg: Leg, nlp: Program, start: Point, warm: bool) -> Result:
         """Solve one stage and write its line of the table."""
-        values = {**self.values, **plan.parameters}
+        values = {**self.values, **leg.parameters}
         p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
-        if plan.contact is not None and "contact" in nlp.constraints:
+        if leg.contact is not None and "contact" in nlp.constraints:
             rows = nlp.constraints["contact"].index.ravel()
-            lower, upper = plan.contact
+            lower, upper = leg.contact
             bounds["lbg"][rows] = lower * nlp.natural.g[rows]
             bounds["ubg"][rows] = upper * nlp.natural.g[rows]
         options: dict[str, Any] = {}
         usable = start if warm else Point(start.x)
         if self.solver.name == "ipopt":
-            options = {**WARM, **plan.options} if usable.lam_g is not None else plan.options
+            options = {**WARM, **leg.options} if usable.lam_g is not None else leg.options
         result = self.solver.run(nlp, usable, p, bounds, **options)
-        self.record(plan.knob, plan.value, nlp, result, p, bounds)
+        self.record(leg.knob, leg.value, nlp, result, p, bounds)
         return result
 
     def record(self, knob: str, value: float, nlp: Program, result: Result, p: np.ndarray,

@@ -10,7 +10,7 @@ from dynamics.contact.law import Schedule
 from dynamics.systems import KNOB
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.legs import Homotopy, Path, Plan, geometric
+from ocp.routes.legs import Homotopy, Leg, Path, geometric
 
 STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""
@@ -25,7 +25,7 @@ def own_path(
     values = geometric(start or schedule.wide, target, factor or schedule.factor)
     label = schedule.knob.removeprefix(KNOB)
 
-    def plan(value: float) -> Plan:
+    def leg(value: float) -> Leg:
         options: dict[str, Any] = {}
         if value != values[0]:
             options["mu_init"] = 1e-5
@@ -33,14 +33,14 @@ def own_path(
         if not last:
             options |= {"tol": 1e-6, "max_iter": STAGE_ITERATIONS}
         turned = {schedule.knob: value}
-        return Plan(label, value, parameters=turned, options=options, partial=not last)
+        return Leg(label, value, parameters=turned, options=options, partial=not last)
 
-    return Path(values, plan)
+    return Path(values, leg)
 
 
 def one_stage(name: str, options: dict[str, Any]) -> Path:
     """A path of one stage, at the values as they are."""
-    return Path([0.0], lambda _: Plan(name, 0.0, options=options))
+    return Path([0.0], lambda _: Leg(name, 0.0, options=options))
 
 
 def from_exact(
@@ -59,8 +59,8 @@ def from_exact(
         acts = lam > gap
         x[program.pairs] = np.where(acts, lam, mu / gap), np.where(acts, mu / lam, gap)
     for mu_init in (1e-3, 1e-6):
-        plan = Plan("from exact", value, options={"mu_init": mu_init})
-        found = follower.stage(plan, program, Point(x), False)
+        leg = Leg("from exact", value, options={"mu_init": mu_init})
+        found = follower.stage(leg, program, Point(x), False)
         if found.ok:
             return found
     return None

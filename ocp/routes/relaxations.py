@@ -8,15 +8,15 @@ smoothing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import ClassVar, Protocol
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 
 from ocp.problem import Reference
 from ocp.programs.program import Program
 from ocp.programs.solver import Result
-from ocp.routes.legs import Path, Plan, geometric
+from ocp.routes.legs import Leg, Path, geometric
 
 T_SHARP = 1e-8
 """Relaxation at which the textbook paths end."""
@@ -30,9 +30,6 @@ T_LOOSE = 1e-4
 class Strategy(Protocol):
     """Paths to follow one after the other, from sizes characteristic of the problem."""
 
-    name: ClassVar[str]
-    summary: ClassVar[str]
-
     def paths(self, reference: Reference) -> list[Path]:
         """Return the paths, easiest first."""
         ...
@@ -45,42 +42,39 @@ def _inexact(t: float) -> dict[str, float]:
             "mu_init": max(t / 10, 1e-11)}  # fmt: skip
 
 
+def relaxed(t: float, options: dict[str, Any]) -> Leg:
+    """``lam gap <= t`` (Scholtes 2001)."""
+    return Leg("t", t, contact=(-np.inf, t), options=options)
+
+
 @dataclass(frozen=True)
 class CentralPath:
     """``lam gap = t``, t falling fast, inexact stages, ended as soon as the active set shows.
 
     Every stage is a point on the central path, so the first ones feel all contacts; the polish
-    makes the end exact. Where it cannot, :meth:`further` follows the path on.
+    makes the end exact. Where it cannot, :meth:`further` follows the path on. The first stage may
+    lie ``below`` the path (``lam gap <= t``): from a cold start that halves its iterations on
+    systems with many contacts.
     """
 
     factor: float = 0.03
     wide: float = 1.0
     below: bool = True
-    name: ClassVar[str] = "central-path"
-    summary: ClassVar[str] = "lam gap = t, t falling, then the active set (the default)"
 
     def paths(self, reference: Reference) -> list[Path]:
-        """One path from ``wide`` times impulse times distance to a ten-thousandth of these.
-
-        The first stage may lie ``below`` the path (``lam gap <= t``): from a cold start that
-        halves its iterations on systems with many contacts.
-        """
-        size = reference.impulse * reference.gap
-        start = self.wide * size
-
-        def plan(t: float) -> Plan:
-            first = self.below and t >= start
-            return replace(self._plan(t), contact=(-np.inf, t)) if first else self._plan(t)
-
-        return [Path(geometric(start, T_LOOSE * size, self.factor), plan)]
+        """One path from ``wide`` times impulse times distance to a ten-thousandth of these."""
+        start = self.wide * reference.mu
+        values = geometric(start, T_LOOSE * reference.mu, self.factor)
+        return [Path(values, lambda t: self._leg(t, t >= start))]
 
     def further(self, reference: Reference) -> list[Path]:
         """The same path on to 1e-8."""
-        start = T_LOOSE * reference.impulse * reference.gap
-        return [Path(geometric(start, T_SHARP, 0.1), self._plan)]
+        values = geometric(T_LOOSE * reference.mu, T_SHARP, 0.1)
+        return [Path(values, lambda t: self._leg(t, False))]
 
-    def _plan(self, t: float) -> Plan:
-        return Plan("t", t, contact=(t, t), options={**_inexact(t), "max_iter": _SHORT})
+    def _leg(self, t: float, first: bool) -> Leg:
+        lower = -np.inf if first and self.below else t
+        return Leg("t", t, contact=(lower, t), options={**_inexact(t), "max_iter": _SHORT})
 
 
 @dataclass(frozen=True)
@@ -89,193 +83,114 @@ class ScholtesAdaptive(CentralPath):
 
     For laws that average exact steps over noise: each of their many nodes has contacts of its own,
     and to hold all of those on the central path costs more than it guides. Also the second try
-    where the central path was not followed to its end.
+    where the central path was not followed to its end. From far away, as the first stage starts, a
+    barrier that falls is steadier.
     """
 
-    name: ClassVar[str] = "scholtes-adaptive"
-    summary: ClassVar[str] = "lam gap <= t, adaptive barrier, then the active set (if averaged)"
-
-    def paths(self, reference: Reference) -> list[Path]:
-        """One path; from far away, as the first stage starts, a barrier that falls is steadier."""
-        start = reference.impulse * reference.gap
-
-        def plan(t: float) -> Plan:
-            steady = {} if t < start else {"mu_strategy": "monotone"}
-            found = self._plan(t)
-            return replace(found, options={**found.options, **steady})
-
-        return [Path(geometric(start, T_LOOSE * start, self.factor), plan)]
-
-    def _plan(self, t: float) -> Plan:
-        options = {**_inexact(t), "mu_strategy": "adaptive", "max_iter": _SHORT}
-        return Plan("t", t, contact=(-np.inf, t), options=options)
+    def _leg(self, t: float, first: bool) -> Leg:
+        barrier = "monotone" if first else "adaptive"
+        return relaxed(t, {**_inexact(t), "mu_strategy": barrier, "max_iter": _SHORT})
 
 
 @dataclass(frozen=True)
-class Scholtes:
-    """``lam gap <= t``, t falling (Scholtes 2001).
+class Falling:
+    """One path in t, from impulse times distance (to a ``power``) to that of 1e-8, by ``factor``.
 
-    Inexact stages stop at a tolerance of t with IPOPT's own barrier held at t/10: nothing is
-    gained by solving a relaxation better than it is relaxed.
+    ``leg`` makes a stage of t and whether it is the first.
     """
 
+    leg: Callable[[float, bool], Leg]
     factor: float = 0.1
-    inexact: bool = True
-    name: ClassVar[str] = "scholtes"
-    summary: ClassVar[str] = "lam gap <= t, t falling, inexact stages"
+    power: float = 1.0
 
     def paths(self, reference: Reference) -> list[Path]:
-        """One path from t = impulse times distance."""
-        start = reference.impulse * reference.gap
-
-        def plan(t: float) -> Plan:
-            return Plan("t", t, contact=(-np.inf, t), options=_inexact(t) if self.inexact else {})
-
-        return [Path(geometric(start, T_SHARP, self.factor), plan)]
+        """The path."""
+        start = reference.mu**self.power
+        values = geometric(start, T_SHARP**self.power, self.factor)
+        return [Path(values, lambda t: self.leg(t, t >= start))]
 
 
-@dataclass(frozen=True)
-class ScholtesQuick:
-    """``lam gap <= t``, t falling a hundredfold, stages a hundred times as tight as they are loose.
+def _quick(t: float, first: bool) -> Leg:
+    """``lam gap <= t``, stages a hundred times as tight as they are loose.
 
-    Bounds give way by 1e-8, as IPOPT's own default is: a feasible set without an interior, usual
-    where programs were written without their complementarity in mind, has one then.
+    The first has the barrier of any NLP. Bounds give way by 1e-8, as IPOPT's own default is: a
+    feasible set without an interior, usual where programs were written without their
+    complementarity in mind, has one then.
     """
-
-    factor: float = 0.01
-    name: ClassVar[str] = "scholtes-quick"
-    summary: ClassVar[str] = "lam gap <= t, t falling a hundredfold, bounds giving way by 1e-8"
-
-    def paths(self, reference: Reference) -> list[Path]:
-        """One path from t = impulse times distance; its first stage has the barrier of any NLP."""
-        start = reference.impulse * reference.gap
-
-        def plan(t: float) -> Plan:
-            tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
-            barrier = {} if t == start else {"mu_init": min(1e-3, t / 10)}
-            options = {**_LOOSE, **barrier, "tol": tolerance, "compl_inf_tol": tolerance,
-                       "dual_inf_tol": 1.0}  # fmt: skip
-            return Plan("t", t, contact=(-np.inf, t), options=options)
-
-        return [Path(geometric(start, T_SHARP, self.factor), plan)]
+    tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
+    barrier = {} if first else {"mu_init": min(1e-3, t / 10)}
+    return relaxed(t, {**_LOOSE, **barrier, "tol": tolerance, "compl_inf_tol": tolerance,
+                       "dual_inf_tol": 1.0})  # fmt: skip
 
 
-@dataclass(frozen=True)
-class ScholtesCold:
-    """``lam gap <= t`` with every stage solved tightly from cold multipliers: the textbook loop."""
-
-    factor: float = 0.1
-    name: ClassVar[str] = "scholtes-cold"
-    summary: ClassVar[str] = "lam gap <= t, tight stages, cold multipliers (the textbook loop)"
-
-    def paths(self, reference: Reference) -> list[Path]:
-        """One path whose stages forget the multipliers."""
-        start = reference.impulse * reference.gap
-
-        def plan(t: float) -> Plan:
-            return Plan("t", t, contact=(-np.inf, t), options={"warm_start_init_point": "no"})
-
-        return [Path(geometric(start, T_SHARP, self.factor), plan)]
+def _fischer_burmeister(t: float, first: bool) -> Leg:
+    """``lam + gap - sqrt(lam² + gap² + 2 t) = 0``."""
+    return Leg("t", t, "fischer-burmeister", {"relaxation": t}, options={"mu_init": 1e-4})
 
 
-def _complementary(tolerance: float) -> Callable[[Program, Result], bool]:
-    def reached(nlp: Program, result: Result) -> bool:
-        lam, gap = (result.point.x / nlp.natural.x)[nlp.pairs]
-        return bool(np.abs(lam * gap).max(initial=0.0) <= tolerance)
+def _lin_fukushima(t: float, first: bool) -> Leg:
+    """``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²`` (Lin and Fukushima 2005)."""
+    parameters = {"relaxation": t}
+    return Leg("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
 
-    return reached
+
+def _complementary(nlp: Program, result: Result) -> bool:
+    """Whether all products have vanished, to 1e-7 in natural units."""
+    lam, gap = (result.point.x / nlp.natural.x)[nlp.pairs]
+    return bool(np.abs(lam * gap).max(initial=0.0) <= 1e-7)
 
 
 @dataclass(frozen=True)
 class L1Penalty:
-    """``cost + rho sum lam gap``, rho growing until the products vanish (an exact penalty)."""
+    """``cost + rho sum lam gap``, rho growing tenfold until the products vanish (exact penalty)."""
 
     first: float = 10.0
-    growth: float = 10.0
     steps: int = 6
     barrier: float = 1e-4
     options: dict[str, float] = field(default_factory=dict)
-    name: ClassVar[str] = "l1"
-    summary: ClassVar[str] = "penalty rho lam gap, rho growing until it is exact"
 
     def paths(self, reference: Reference) -> list[Path]:
         """One ladder of penalties."""
 
-        def plan(rho: float) -> Plan:
+        def leg(rho: float) -> Leg:
             barrier = {} if rho == self.first else {"mu_init": self.barrier}
-            options = {**self.options, **barrier}
-            return Plan("rho", rho, "none", {"penalty": rho}, options=options)
+            return Leg("rho", rho, "none", {"penalty": rho}, options={**self.options, **barrier})
 
-        values = [self.first * self.growth**i for i in range(self.steps)]
-        return [Path(values, plan, strict=False, complete=_complementary(1e-7))]
+        values = [self.first * 10.0**i for i in range(self.steps)]
+        return [Path(values, leg, strict=False, complete=_complementary)]
+
+
+_SCHOLTES = Falling(lambda t, first: relaxed(t, _inexact(t)))
+"""Inexact stages stop at a tolerance of t with IPOPT's own barrier held at t/10: nothing is gained
+by solving a relaxation better than it is relaxed."""
 
 
 @dataclass(frozen=True)
 class L1ThenScholtes:
-    """A short ladder of penalties finds the region, Scholtes' relaxation the point."""
-
-    name: ClassVar[str] = "l1-scholtes"
-    summary: ClassVar[str] = "two or three penalties, then the relaxation from a small t"
+    """Two or three penalties find the region, Scholtes' relaxation from a small t the point."""
 
     def paths(self, reference: Reference) -> list[Path]:
         """The ladder, then the relaxation."""
-        ladder = L1Penalty(steps=3).paths(reference)
         small = Reference(reference.impulse, 1e-3 * reference.gap)
-        return [*ladder, *Scholtes().paths(small)]
+        return [*L1Penalty(steps=3).paths(reference), *_SCHOLTES.paths(small)]
 
 
-@dataclass(frozen=True)
-class FischerBurmeister:
-    """``lam + gap - sqrt(lam² + gap² + 2 t) = 0``, t falling."""
-
-    factor: float = 0.1
-    name: ClassVar[str] = "fischer-burmeister"
-    summary: ClassVar[str] = "smoothed Fischer-Burmeister equation, t falling"
-
-    def paths(self, reference: Reference) -> list[Path]:
-        """One path in t."""
-        start = reference.impulse * reference.gap
-
-        def plan(t: float) -> Plan:
-            return Plan("t", t, "fischer-burmeister", {"relaxation": t}, options={"mu_init": 1e-4})
-
-        return [Path(geometric(start, T_SHARP, self.factor), plan)]
-
-
-@dataclass(frozen=True)
-class LinFukushima:
-    """``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²``, t falling (Lin and Fukushima 2005)."""
-
-    factor: float = 0.3
-    name: ClassVar[str] = "lin-fukushima"
-    summary: ClassVar[str] = "lam gap <= t^2 and (lam+t)(gap+t) >= t^2, t falling"
-
-    def paths(self, reference: Reference) -> list[Path]:
-        """One path in t, the square root of Scholtes'."""
-        start = float(np.sqrt(reference.impulse * reference.gap))
-
-        def plan(t: float) -> Plan:
-            parameters = {"relaxation": t}
-            return Plan("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
-
-        return [Path(geometric(start, float(np.sqrt(T_SHARP)), self.factor), plan)]
-
-
-STRATEGIES: dict[str, Callable[[], Strategy]] = {
-    "central-path": CentralPath,
-    "scholtes-adaptive": ScholtesAdaptive,
-    "scholtes": Scholtes,
-    "scholtes-exact": lambda: Scholtes(inexact=False),
-    "scholtes-cold": ScholtesCold,
-    "scholtes-quick": ScholtesQuick,
-    "l1": L1Penalty,
-    "l1-quick": lambda: L1Penalty(
+STRATEGIES: dict[str, Strategy] = {
+    "central-path": CentralPath(),
+    "scholtes-adaptive": ScholtesAdaptive(),
+    "scholtes": _SCHOLTES,
+    "scholtes-exact": Falling(lambda t, first: relaxed(t, {})),
+    "scholtes-cold": Falling(lambda t, first: relaxed(t, {"warm_start_init_point": "no"})),
+    "scholtes-quick": Falling(_quick, factor=0.01),
+    "l1": L1Penalty(),
+    "l1-quick": L1Penalty(
         1.0, steps=7, barrier=1e-3, options={**_LOOSE, "tol": 1e-6, "dual_inf_tol": 1e-2}
     ),
-    "l1-scholtes": L1ThenScholtes,
-    "fischer-burmeister": FischerBurmeister,
-    "lin-fukushima": LinFukushima,
+    "l1-scholtes": L1ThenScholtes(),
+    "fischer-burmeister": Falling(_fischer_burmeister),
+    "lin-fukushima": Falling(_lin_fukushima, factor=0.3, power=0.5),
 }
+"""By name; "scholtes-cold" is the textbook loop: tight stages, cold multipliers."""
 DEFAULT_STRATEGY = "central-path"
 AVERAGED_STRATEGY = "scholtes-adaptive"
 """The default where a law averages exact steps."""

@@ -69,7 +69,7 @@ class Elastic(Program):
 
     def lifted(self, x: np.ndarray, p: np.ndarray, limits: dict[str, np.ndarray]) -> np.ndarray:
         """Add to x (n,) the violations that it has."""
-        g = np.array(self.base.f_g(x, p)[1]).ravel()
+        _, g = self.base.values(x, p)
         off = [np.maximum(g - limits["ubg"], 0.0), np.maximum(limits["lbg"] - g, 0.0)]
         return np.concatenate([x, *np.nan_to_num(off)])
 
@@ -100,7 +100,7 @@ def violation(
     program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]
 ) -> tuple[float, str]:
     """Return the largest violation of a bound or constraint at x, and its name."""
-    g = np.array(program.f_g(x, p)[1]).ravel()
+    _, g = program.values(x, p)
     worst, name = 0.0, "nothing"
     parts = (("bound on", program.variables, x, "x"), ("constraint", program.constraints, g, "g"))
     for what, layout, values, letter in parts:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp.programs.solver import Point, Result
+from ocp.programs.solver import Result
 from ocp.routes.branches import WISH, Branches
 from ocp.routes.outcome import lower
 
@@ -52,8 +52,7 @@ def rescheduled(branches: Branches, best: Result) -> Result:
             if trace.iterations > until:
                 return best
             tried.add(changed.tobytes())
-            start = Point(best.point.x, best.point.lam_x, best.point.lam_g)
-            found = branches.solve(start, changed, 1e-6, _ITERATIONS)
+            found = branches.solve(best.point, changed, _ITERATIONS)
             if found.ok and lower(found, best):
                 best, active, last = found, changed, move
                 break

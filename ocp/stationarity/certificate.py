@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from bisect import insort
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -143,15 +144,15 @@ def certify(
     tells a gradient from rounding.
     """
     began = time.perf_counter()
-    f, complementary = float(nlp.gradient(x, p)[0]), nlp.form == "none"
+    f, complementary = nlp.values(x, p)[0], nlp.form == "none"
     model = linear_model(nlp, x, p, bounds)
     if not (np.isfinite(f) and model.finite):
         return Certificate("undecided", reason="a function or derivative is no number there")
-    slope, sizes = float(np.abs(model.cost).sum()), model.sizes
+    slope = float(np.abs(model.cost).sum())
     tolerance = tolerance_of(model, f)
     verdict, strong, descent = _search(model, multipliers, tolerance, began + seconds)
     fitted = multipliers if multipliers is not None else fit_multipliers(model)
-    hessian, gain = _scaled_hessian(nlp, x, p, fitted, sizes), 0.0
+    hessian, gain = nlp.bend(x, p, fitted, model.sizes), 0.0
     if verdict == "not":
         gain = _gain(descent, hessian)
         if gain <= _NOISE * max(abs(f), cost_span):
@@ -161,7 +162,7 @@ def certify(
         kind=("S" if strong else _kind(model, fitted)) if complementary and verdict == "B" else "",
         biactive=int(model.near(_BIACTIVE).sum()),
         lpec_decrease=0.0 if verdict == "B" else descent.decrease,
-        kkt_residual=_kkt_residual(model, fitted, sizes),
+        kkt_residual=_kkt_residual(model, fitted),
         tolerance=tolerance,
         slope=slope,
         gain=gain,
@@ -181,15 +182,8 @@ def linear_model(
     With ``residuals`` steps are to mend what is off, see
     :meth:`~ocp.stationarity.lpec.LinearModel.at`.
     """
-    import scipy.sparse as sp
-
-    _, gradient = nlp.gradient(x, p)
-    g, jacobian = nlp.jacobian(x, p)
     pairs = nlp.pairs if nlp.form == "none" else np.zeros((2, 0), dtype=int)
-    return LinearModel.at(
-        x, np.array(gradient).ravel(), np.array(g).ravel(), sp.csr_matrix(jacobian.sparse()),
-        bounds, nlp.sizes(x), pairs, residuals,
-    )  # fmt: skip
+    return LinearModel.at(x, *nlp.slopes(x, p), bounds, nlp.sizes(x), pairs, residuals)
 
 
 def tolerance_of(model: LinearModel, f: float) -> float:
@@ -204,27 +198,22 @@ def _search(
 
     The flag tells strong stationarity: not even both members of near pairs may grow.
     """
-    nothing = Descent(0.0, np.zeros_like(model.cost), np.zeros(0, int), np.zeros(0))
+    found = Descent(0.0)
     if multipliers is not None and model.dual_bound(multipliers, RADII[0]) <= tolerance:
-        return "B", True, nothing
-    found = nothing
+        return "B", True, found
     for radius in RADII:
         for branching in (False, True):
             if branching and not model.near(radius).any():
                 break
             left = deadline - time.perf_counter()
             if left <= 0:
-                return "undecided", False, _untold("the time limit was reached")
+                return "undecided", False, Descent(np.nan, trouble="the time limit was reached")
             found = model.descend(radius, branching, left, tolerance)
             if found.decrease <= tolerance:
                 return "B", not branching, found
     if np.isnan(found.decrease):
-        return "undecided", False, _untold(f"HiGHS says {found.trouble!r}")
+        return "undecided", False, Descent(np.nan, trouble=f"HiGHS says {found.trouble!r}")
     return "not", False, found
-
-
-def _untold(reason: str) -> Descent:
-    return Descent(float("nan"), np.zeros(0), np.zeros(0, int), np.zeros(0), reason)
 
 
 def fit_multipliers(model: LinearModel) -> np.ndarray:
@@ -236,11 +225,9 @@ def fit_multipliers(model: LinearModel) -> np.ndarray:
     import scipy.sparse as sp
     import scipy.sparse.linalg as sla
 
-    free = (model.lower < 0) & (model.upper > 0)
-    free[model.pairs[np.argmin(model.members, axis=0), np.arange(model.pairs.shape[1])]] = False
     at_lower, at_upper = model.row_lower == 0, model.row_upper == 0
     active = at_lower | at_upper
-    y, inside = np.zeros(model.row_scale.size), np.flatnonzero(free)
+    y, inside = np.zeros(model.row_scale.size), np.flatnonzero(model.free)
     for _ in range(4):
         acting = np.flatnonzero(active)
         A = sp.csr_matrix(model.rows[acting][:, inside])
@@ -256,20 +243,14 @@ def fit_multipliers(model: LinearModel) -> np.ndarray:
     return np.nan_to_num(y) * model.row_scale
 
 
-def _reduced(model: LinearModel, multipliers: np.ndarray) -> np.ndarray:
-    return model.cost + model.rows.T @ (multipliers / model.row_scale)
-
-
-def _kkt_residual(model: LinearModel, multipliers: np.ndarray, sizes: np.ndarray) -> float:
+def _kkt_residual(model: LinearModel, multipliers: np.ndarray) -> float:
     """Projected gradient of the Lagrangian in its own units, over IPOPT's s_d."""
-    slope = _reduced(model, multipliers)
+    slope = model.reduced(multipliers)
     slope = np.where((model.lower >= 0) & (slope > 0), 0.0, slope)
     slope = np.where((model.upper <= 0) & (slope < 0), 0.0, slope)
-    if model.pairs.size:
-        held = model.pairs[np.argmin(model.members, axis=0), np.arange(model.pairs.shape[1])]
-        slope[held] = 0.0
+    slope[model.held] = 0.0
     scale = max(100.0, float(np.abs(multipliers).mean()) if multipliers.size else 0.0) / 100.0
-    return float(np.abs(slope / sizes).max(initial=0.0)) / scale
+    return float(np.abs(slope / model.sizes).max(initial=0.0)) / scale
 
 
 def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
@@ -277,7 +258,7 @@ def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
     biactive = model.near(_BIACTIVE)
     if not biactive.any():
         return "S"
-    first, second = _reduced(model, multipliers)[model.pairs[:, biactive]]
+    first, second = model.reduced(multipliers)[model.pairs[:, biactive]]
     zero = _FLAT * float(np.abs(model.cost).max(initial=0.0))
     if np.all((first >= -zero) & (second >= -zero)):
         return "S"
@@ -285,15 +266,6 @@ def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
     if np.all(none | ((first > zero) & (second > zero))):
         return "M"
     return "C" if np.all(none | (first * second >= 0)) else "W"
-
-
-def _scaled_hessian(
-    nlp: Program, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray
-) -> sp.csr_matrix:
-    import scipy.sparse as sp
-
-    upper = sp.csr_matrix(nlp.hessian(x, p, 1.0, multipliers).sparse())
-    return sp.csr_matrix(sp.diags(sizes) @ (upper + sp.triu(upper, 1).T) @ sp.diags(sizes))
 
 
 def _gain(descent: Descent, hessian: sp.csr_matrix) -> float:
@@ -305,10 +277,7 @@ def _gain(descent: Descent, hessian: sp.csr_matrix) -> float:
 
 def _curvature(model: LinearModel, hessian: sp.csr_matrix) -> int:
     """Directions of negative curvature on the null space of the active constraints."""
-    free = (model.lower < 0) & (model.upper > 0)
-    if model.pairs.size:
-        held = model.pairs[np.argmin(model.members, axis=0), np.arange(model.pairs.shape[1])]
-        free[held] = False
+    free = model.free
     active = (model.row_lower == 0) | (model.row_upper == 0)
     return negative_curvature(hessian[free][:, free], model.rows[active][:, free])
 
@@ -326,19 +295,9 @@ def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[Move]:
     for index in np.flatnonzero(changed):
         pair = nlp.pair_name(int(descent.near[index]))
         change = _WORDS[pair.kind][int(descent.acts[index] > 0.5)]
-        found.setdefault((pair.scenario, pair.name, change), []).append(pair.step)
+        insort(found.setdefault((pair.scenario, pair.name, change), []), pair.step)
     return [
-        Move(change, name, scenario, run[0], run[-1])
+        Move(change, name, scenario, int(run[0]), int(run[-1]))
         for (scenario, name, change), steps in sorted(found.items(), key=lambda item: item[1][0])
-        for run in _runs(sorted(steps))
+        for run in np.split(steps, np.flatnonzero(np.diff(steps) != 1) + 1)
     ]
-
-
-def _runs(steps: list[int]) -> list[list[int]]:
-    runs = [[steps[0]]]
-    for step in steps[1:]:
-        if step == runs[-1][-1] + 1:
-            runs[-1].append(step)
-        else:
-            runs.append([step])
-    return runs

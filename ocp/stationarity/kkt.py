@@ -66,15 +66,14 @@ class Curve:
         self.program, self.values, self.name, self.unit = program, values, name, unit
         x = point.x
         p, bounds = self.given(values[name] / unit)
-        gradient = np.array(program.gradient(x, p)[1]).ravel()
-        jacobian = sp.csr_matrix(program.jacobian(x, p)[1].sparse())
+        gradient, g, jacobian = program.slopes(x, p)
         self.sizes = program.sizes(x)
         self.scale = max(float(np.abs(gradient * self.sizes).max(initial=0.0)), 1e-12)
         largest = abs(jacobian @ sp.diags(self.sizes)).max(axis=1).toarray().ravel()
         self.rows = 1 / np.maximum(largest, 1e-12)
         self.own = program.pairs if program.form == "none" else np.zeros((2, 0), dtype=int)
         reduced = gradient + jacobian.T @ multipliers
-        self.held = held or self._held(x, reduced, multipliers, p, bounds)
+        self.held = held or self._held(x, reduced, multipliers, g * self.rows, bounds)
         self.free, self.acting = self.held.x == 0, self.held.g != 0
         self.nx, self.ng = int(self.free.sum()), int(self.acting.sum())
         eta = multipliers / (self.scale * self.rows)
@@ -83,18 +82,22 @@ class Curve:
         )
         self.iterations = 0
 
+    @property
+    def along(self) -> np.ndarray:
+        """One unit of the parameter, and nothing of all else."""
+        return np.eye(1, self.start.size, self.start.size - 1).ravel()
+
     def given(self, tau: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Parameter vector and bounds at a coordinate of the parameter."""
         values = {**self.values, self.name: tau * self.unit, "penalty": 0.0}
         return self.program.parameter_vector(values), self.program.bounds(values)
 
     def _held(
-        self, x: np.ndarray, reduced: np.ndarray, y: np.ndarray, p: np.ndarray,
+        self, x: np.ndarray, reduced: np.ndarray, y: np.ndarray, g: np.ndarray,
         bounds: dict[str, np.ndarray],
     ) -> Held:  # fmt: skip
         """Ends that press harder than they stand off, both in characteristic sizes."""
         slope, eta = reduced * self.sizes / self.scale, y / (self.scale * self.rows)
-        g = np.array(self.program.f_g(x, p)[1]).ravel() * self.rows
         lower, upper = bounds["lbx"] / self.sizes, bounds["ubx"] / self.sizes
         held_x = _pressing(slope, -slope, x / self.sizes, lower, upper)
         held_g = _pressing(-eta, eta, g, bounds["lbg"] * self.rows, bounds["ubg"] * self.rows)
@@ -118,13 +121,9 @@ class Curve:
 
     def _state(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Slope of the Lagrangian (n,) and constraints (m,), scaled, and the bounds."""
-        import scipy.sparse as sp
-
         (x, y), (p, bounds) = self.point(v), self.given(v[-1])
-        gradient = np.array(self.program.gradient(x, p)[1]).ravel()
-        g, jacobian = self.program.jacobian(x, p)
-        slope = (gradient + sp.csr_matrix(jacobian.sparse()).T @ y) * self.sizes / self.scale
-        return slope, np.array(g).ravel() * self.rows, bounds
+        gradient, g, jacobian = self.program.slopes(x, p)
+        return (gradient + jacobian.T @ y) * self.sizes / self.scale, g * self.rows, bounds
 
     def equations(self, v: np.ndarray) -> np.ndarray:
         """What is zero on the curve, one entry fewer than v has."""
@@ -138,8 +137,7 @@ class Curve:
 
         (x, y), (p, _) = self.point(v), self.given(v[-1])
         H, A = self._second(x, y, p)
-        step = np.zeros_like(v)
-        step[-1] = _DIFFERENCE
+        step = _DIFFERENCE * self.along
         last = (self.equations(v + step) - self.equations(v - step)) / (2 * _DIFFERENCE)
         square = sp.bmat([[H, A.T], [A, sp.csr_matrix((self.ng, self.ng))]])
         return sp.csc_matrix(sp.hstack([square, last[:, None]]))
@@ -149,11 +147,9 @@ class Curve:
     ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         import scipy.sparse as sp
 
-        upper = sp.csr_matrix(self.program.hessian(x, p, 1.0, y).sparse())
-        S = sp.diags(self.sizes)
-        H = sp.csr_matrix(S @ (upper + sp.triu(upper, 1).T) @ S / self.scale)
-        J = sp.csr_matrix(self.program.jacobian(x, p)[1].sparse())
-        A = sp.csr_matrix(sp.diags(self.rows) @ J @ S)
+        H = sp.csr_matrix(self.program.bend(x, p, y, self.sizes) / self.scale)
+        _, _, jacobian = self.program.slopes(x, p)
+        A = sp.csr_matrix(sp.diags(self.rows) @ jacobian @ sp.diags(self.sizes))
         return H[self.free][:, self.free], A[self.acting][:, self.free]
 
     def curvature(self, v: np.ndarray) -> int:
@@ -179,9 +175,7 @@ class Curve:
 
     def tangent(self, v: np.ndarray, border: np.ndarray | None = None) -> np.ndarray:
         """Direction of the curve with ``border' t = 1``; by default one unit of the parameter."""
-        right = np.zeros_like(v)
-        right[-1] = 1.0
-        return self.solve(v, right if border is None else border, right)
+        return self.solve(v, self.along if border is None else border, self.along)
 
     def newton(self, v: np.ndarray, border: np.ndarray, target: float) -> np.ndarray | None:
         """Come to the curve where ``border' v = target``; None where that does not converge."""
@@ -203,12 +197,10 @@ class Curve:
 
         A correction of more than half the predicted way is a jump to another curve: None.
         """
-        border = np.zeros_like(v)
-        border[-1] = 1.0
         ahead = (tau - v[-1]) * self.tangent(v)
         if not np.all(np.isfinite(ahead)):
             return None
-        found = self.newton(v + ahead, border, tau)
+        found = self.newton(v + ahead, self.along, tau)
         if found is None:
             return None
         off = np.abs(found - v - ahead)[: self.nx].max(initial=0.0)
@@ -229,10 +221,8 @@ class Curve:
             _margins(g, bounds["lbg"] * self.rows, bounds["ubg"] * self.rows, -eta, self.held.g),
         ]  # fmt: skip
         if self.own.size:
-            alone = (self.held.x[self.own] != 0).sum(axis=0) == 1
-            parts[0][0][self.own[:, alone]] = np.where(
-                self.held.x[self.own[:, alone]] != 0, np.inf, parts[0][0][self.own[:, alone]]
-            )
+            holds = self.held.x[self.own] != 0
+            parts[0][0][self.own[holds & (holds.sum(axis=0) == 1)]] = np.inf
         return np.concatenate([np.concatenate(part) for part in parts])
 
     def press(self, v: np.ndarray) -> np.ndarray:
@@ -257,9 +247,8 @@ class Curve:
     def result(self, v: np.ndarray) -> tuple[Point, float, np.ndarray]:
         """Point with the multipliers of rows and bounds, cost and constraints."""
         (x, y), (p, _) = self.point(v), self.given(v[-1])
-        f, g = self.program.f_g(x, p)
         slope = self._state(v)[0] * self.scale / self.sizes
-        return Point(x, np.where(self.free, 0.0, -slope), y), float(f), np.array(g).ravel()
+        return Point(x, np.where(self.free, 0.0, -slope), y), *self.program.values(x, p)
 
 
 def regular(
@@ -271,8 +260,7 @@ def regular(
     if y is None:
         y = fit_multipliers(linear_model(program, point.x, p, bounds))
     curve = Curve(program, values, name, unit, point, y)
-    border = np.eye(1, curve.start.size, curve.start.size - 1).ravel()
-    v = curve.newton(curve.start, border, curve.start[-1])
+    v = curve.newton(curve.start, curve.along, curve.start[-1])
     if v is None:
         raise InputError(
             f"no derivative by {name}: with the active set held the optimality conditions are not"

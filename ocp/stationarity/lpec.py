@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -82,13 +82,28 @@ class LinearModel:
         """Pairs whose members are both within ``radius`` of zero: these may change sides."""
         return np.all(self.members < radius, axis=0)
 
+    @property
+    def held(self) -> np.ndarray:
+        """Position of the smaller member of every pair, (m,)."""
+        return self.pairs[np.argmin(self.members, axis=0), np.arange(self.pairs.shape[1])]
+
+    @property
+    def free(self) -> np.ndarray:
+        """Variables (n,) that neither a bound nor a pair holds."""
+        free = (self.lower < 0) & (self.upper > 0)
+        free[self.held] = False
+        return free
+
+    def reduced(self, multipliers: np.ndarray) -> np.ndarray:
+        """Slope (n,) of the Lagrangian, ``cost + rows' y``."""
+        return self.cost + self.rows.T @ (multipliers / self.row_scale)
+
     def box(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of ``d / radius`` in the trust region; decided pairs keep their zero member."""
         lower = np.maximum(self.lower / radius, -1.0)
         upper = np.minimum(self.upper / radius, 1.0)
-        at_zero = np.argmin(self.members, axis=0)
         decided = ~self.near(radius)
-        held = self.pairs[at_zero, np.arange(at_zero.size)][decided]
+        held = self.held[decided]
         lower[held] = upper[held] = 0.0
         loose = self.pairs[:, ~decided]
         lower[loose] = -self._snapped()[:, ~decided] / radius
@@ -106,8 +121,7 @@ class LinearModel:
         row_lower_j)`` with ``r = cost + rows' y``. Zero at the multipliers of a strongly
         stationary point.
         """
-        y = np.asarray(multipliers) / self.row_scale
-        reduced = self.cost + self.rows.T @ y
+        y, reduced = multipliers / self.row_scale, self.reduced(multipliers)
         lower, upper = self.box(radius)
         gained = -np.minimum(reduced * lower, reduced * upper).sum()
         ends = [y * _finite(end / radius) for end in (self.row_lower, self.row_upper)]
@@ -125,13 +139,12 @@ class LinearModel:
         step is zero where there is none.
         """
         near = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
-        n, count = self.cost.size, near.size
-        gap = 1e9 if first else 0.5
-        found = _solved(*self._program(radius, near, cut), seconds, gap)
-        if found.status == 2 and count:
-            return Descent(0.0, np.zeros(n), near, np.zeros(count))
+        n = self.cost.size
+        found = _solved(*self._program(radius, near, cut), seconds, 1e9 if first else 0.5)
+        if found.status == 2 and near.size:
+            return Descent(0.0, np.zeros(n))
         if found.x is None:
-            return Descent(np.nan, np.zeros(n), near, np.zeros(count), str(found.message))
+            return Descent(np.nan, np.zeros(n), trouble=str(found.message))
         step = found.x[:n]
         fall = max(0.0, -float(self.cost @ step))
         return Descent(fall, step, near, np.round(found.x[n:]))
@@ -183,9 +196,9 @@ class Descent:
     """
 
     decrease: float
-    step: np.ndarray
-    near: np.ndarray
-    acts: np.ndarray
+    step: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    near: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    acts: np.ndarray = field(default_factory=lambda: np.zeros(0))
     trouble: str = ""
 
 

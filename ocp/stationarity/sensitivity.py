@@ -91,11 +91,10 @@ def _check_strict(curve: Curve, v: np.ndarray, t: np.ndarray) -> None:
 
 def _check_regular(program: NLP, curve: Curve, v: np.ndarray) -> None:
     """Refuse where the reduced KKT matrix takes some direction of states and inputs to nothing."""
-    border = np.eye(1, v.size, v.size - 1).ravel()
     right = np.random.default_rng(0).standard_normal(v.size)
     right[-1] = 0.0
     for _ in range(2):
-        right = curve.solve(v, border, right)
+        right = curve.solve(v, curve.along, right)
         right /= np.linalg.norm(right)
     small = np.abs(curve.matrix(v) @ right).max() < _SINGULAR
     moved = np.zeros_like(right)
@@ -119,11 +118,10 @@ def _trajectories(program: NLP, curve: Curve, v: np.ndarray) -> tuple[np.ndarray
 def _cost_slope(curve: Curve, v: np.ndarray) -> float:
     """Partial derivative of the Lagrangian by the parameter, bounds that are held with it."""
     _, y = curve.point(v)
-    step, ends = np.zeros_like(v), []
-    step[-1] = _DIFFERENCE / 10
+    step, ends = _DIFFERENCE / 10 * curve.along, []
     for sign in (1, -1):
         (x, _), (p, bounds) = curve.point(v + sign * step), curve.given(v[-1] + sign * step[-1])
-        f, g = curve.program.f_g(x, p)
+        f, g = curve.program.values(x, p)
         held = np.where(curve.held.g < 0, bounds["lbg"], bounds["ubg"])[curve.acting]
-        ends.append(float(f) + float(y[curve.acting] @ (np.array(g).ravel()[curve.acting] - held)))
+        ends.append(f + float(y[curve.acting] @ (g[curve.acting] - held)))
     return (ends[0] - ends[1]) / (2 * step[-1] * curve.unit)

@@ -9,7 +9,6 @@ import numpy as np
 from dynamics.systems import Signal
 from ocp.judges.audit import signed_distances
 from ocp.physics.contact_book import ContactBook, contact_book
-from ocp.problem import Problem
 from ocp.rollout import Rollout
 from ocp.routes.outcome import Outcome
 from ocp.transcription.nlp import NLP
@@ -39,8 +38,12 @@ def label(
     physical = problem.parameters.pack(values)
     nodes = ("scenario", "node", "state")
     along = ("scenario", "interval")
-    entries, system = _entry_units(problem, plan.lam.shape[-1]), problem.system
-    of = {dimension: _common(dimension, found) for dimension, found in entries.items()}
+    system, signals = problem.system, _signals(nlp)
+    entries = {key: [signal.unit for signal in found] for key, found in signals.items()}
+    of = {
+        dimension: {"units": units[0] if len(set(units)) == 1 else f"see {dimension}_unit"}
+        for dimension, units in entries.items()
+    }
     gap_unit = {"units": system.gap_unit}
     mu_unit = {"units": f"{system.contacts[0].unit if system.contacts else 1} {system.gap_unit}"}
     # Collected and built at once: each variable that is set in a Dataset aligns all the others.
@@ -95,22 +98,30 @@ def _forces(planned: ContactBook, exact: ContactBook) -> Variables:
     return found
 
 
-def _names(signals: tuple[Signal, ...]) -> list[str]:
-    return [signal.name for signal in signals]
+def _signals(nlp: NLP) -> dict[str, tuple[Signal, ...]]:
+    """What stands along a dimension; a law that averages has each contact often."""
+    system = nlp.problem.system
+    return {
+        "state": system.states,
+        "control": system.inputs,
+        "contact_exact": system.contacts,
+        "contact": nlp.step.contacts,
+    }
 
 
 def _coordinates(nlp: NLP, physical: np.ndarray, start: np.ndarray, book: ContactBook) -> Variables:
-    problem, system = nlp.problem, nlp.problem.system
+    problem = nlp.problem
     time = node_times(problem, physical, start)
-    points: Variables = {"point": list(book.names)} if system.forces is not None else {}
-    return points | {
-        "state": _names(system.states),
-        "control": _names(system.inputs),
-        "contact": _names(nlp.step.contacts),
-        "contact_exact": _names(system.contacts),
-        "time": ("node", time, {"units": "s"}),
-        "time_interval": ("interval", time[:-1], {"units": "s"}),
-    }
+    points: Variables = {"point": list(book.names)} if problem.system.forces is not None else {}
+    names = {key: [signal.name for signal in found] for key, found in _signals(nlp).items()}
+    return (
+        points
+        | names
+        | {
+            "time": ("node", time, {"units": "s"}),
+            "time_interval": ("interval", time[:-1], {"units": "s"}),
+        }
+    )
 
 
 def _stages(nlp: NLP, outcome: Outcome, scenarios: int) -> Variables:
@@ -130,20 +141,3 @@ def _stages(nlp: NLP, outcome: Outcome, scenarios: int) -> Variables:
             rows = "scenario" if stack.shape[1] == scenarios else "shared"
             found[f"stage_{block}"] = (("accepted_stage", rows, "interval", last), stack)
     return found
-
-
-def _entry_units(problem: Problem, contacts: int) -> dict[str, list[str]]:
-    """Units of every state, input and contact; a law that averages has each contact often."""
-    system = problem.system
-    exact = [signal.unit for signal in system.contacts]
-    return {
-        "state": [signal.unit for signal in system.states],
-        "control": [signal.unit for signal in system.inputs],
-        "contact_exact": exact,
-        "contact": exact * (contacts // max(1, system.nlam)),
-    }
-
-
-def _common(dimension: str, units: list[str]) -> dict[str, str]:
-    """The unit of arrays with one entry for each of ``units``."""
-    return {"units": units[0] if len(set(units)) == 1 else f"see {dimension}_unit"}

@@ -84,19 +84,15 @@ class StoredRun:
         if self.kind != "solve":
             raise InputError(f"{self.path} holds a {self.kind} study, expected a run of ocp solve")
         data, numbers = self.data, ("cost", "idle_cost", "build_s", "solve_s", "evaluation_s")
+        kept = ("status", "audit", "certificate", "referee", "stages", "record")
         return Solution(
             data=data,
-            status=self.status,
-            audit=self.audit,
-            certificate=self.certificate,
-            referee=self.referee,
-            stages=self.stages,
             iterations=self._described(int, "iterations"),
-            record=self.record,
             problem=problem,
             values=problem.parameters.defaults,
             gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
             others=self._described(list, "others"),
+            **{name: getattr(self, name) for name in kept},
             **{name: self._described(float, name) for name in numbers},
         )
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
+from pydantic.fields import FieldInfo
 
 from ocp.errors import InputError
 from problems.parameters import Parameters
@@ -35,6 +36,12 @@ def setting(
     """Declare a study's parameter in SI ``unit``, with its range and its :data:`origin <PAPER>`."""
     extra: dict[str, Any] = {"unit": unit, "origin": origin}
     return Field(default, gt=above, ge=least, le=most, description=meaning, json_schema_extra=extra)
+
+
+def origin_of(field: FieldInfo) -> str:
+    """Return where the value of a study's parameter comes from."""
+    extra = field.json_schema_extra
+    return str(extra.get("origin", CHOICE)) if isinstance(extra, dict) else CHOICE
 
 
 class StudyParams(Parameters):

@@ -46,7 +46,7 @@ class EstimateRequest:
     def read(cls, options: EstimateOptions) -> EstimateRequest:
         """Check the words of a command line; raises InputError for the first that does not fit."""
         from ocp.gradients.estimation import Sampling
-        from ocp.gradients.known_gradient import is_sampled
+        from ocp.gradients.known_gradient import kind_of
         from ocp.gradients.sweep import Sweep
         from problems.objectives import named
 
@@ -64,7 +64,8 @@ class EstimateRequest:
             usual if options.sigma is None else options.sigma, options.seed, rules,
             options.reference, None if most is None else whole("--reference-samples", most),
         )  # fmt: skip
-        if most is not None and not is_sampled(objective, sampling.sigma, sampling.reference):
+        kind = kind_of(objective, sampling.sigma, sampling.reference)
+        if most is not None and kind != "zobg":
             raise InputError(
                 f"the reference of {spec.name} is not sampled; drop --reference-samples or ask for"
                 " --reference zobg"

@@ -18,6 +18,7 @@ import pytest
 from dynamics.batch import BatchFunction
 from ocp import store
 from reports.cli.app import main
+from reports.pages import estimate_page
 
 
 def estimate(capsys, *arguments):
@@ -80,6 +81,18 @@ def test_a_stored_plan_is_the_decision(capsys, tmp_path):
         sizes.append(np.linalg.norm(told["estimates"][0]["mean"]))
     # Where inputs are optimal and inside their bounds the gradient is small.
     assert sizes[1] < sizes[0]
+
+
+def test_a_page_shows_parameters_that_are_words(capsys, tmp_path):
+    code, told, _ = estimate(
+        capsys, "planar-hand", "-p", "N=1", "--samples", 10, "--estimators", "zobg",
+        "--reference", "none", "--out", tmp_path,
+    )  # fmt: skip
+    assert code == 0
+    content, _ = estimate_page(store.load(told["run"]))
+    shown = {row[0]: row[1:3] for row in content["parameters"]}
+    assert shown["links"] == ["capsules", ""]
+    assert shown["inertia"] == ["0.025", "kg m²"]
 
 
 def test_a_pdf_is_written(capsys, tmp_path):

@@ -20,7 +20,7 @@ def glossary() -> dict[str, set[str]]:
     return {row[0]: set(re.findall(r"`([\w.]+)`", row[2])) for row in rows if len(row) == 3}
 
 
-WORDS = {word: names for word, names in glossary().items() if names}
+WORDS = {word: names for word, names in glossary().items() if word.isalpha() and word != "word"}
 
 
 def words_of(name: str) -> set[str]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass
 
 import casadi as ca
@@ -11,7 +9,7 @@ import numpy as np
 
 from dynamics.batch import BatchFunction, Gaussian
 from dynamics.systems import Signal
-from ocp.gradients.objective import SampledObjective, Samples, check_names
+from ocp.gradients.objective import SampledObjective, Samples
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ class ThrownBall(SampledObjective):
     def __init__(self, wall: Wall, v0: float, g: float, h: float, steps: int) -> None:
         self.name = "dome" if wall.dome else "rectangle"
         self.decision = (Signal("theta", "rad", "angle of the throw"),)
-        self.theta, self.n_noise = np.zeros(1), 1
+        self.theta, self.n_noise, self.parameters = np.zeros(1), 1, {}
         self._v0, self._steps = v0, steps
         step = flight_step(wall, g, h)
         state, tangent = ca.SX.sym("state", 4), ca.SX.sym("tangent", 4)
@@ -87,18 +85,6 @@ class ThrownBall(SampledObjective):
         moved = ca.jtimes(after, state, tangent)
         self._move = BatchFunction(ca.Function("move", [state], [after]))
         self._both = BatchFunction(ca.Function("both", [state, tangent], [after, moved]))
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """None that a sweep could turn."""
-        return {}
-
-    def at(self, values: Mapping[str, float]) -> ThrownBall:
-        """Return the same throw at another angle."""
-        check_names(self.name, values, ["theta"])
-        other = copy(self)
-        other.theta = np.array([values.get("theta", self.theta[0])])
-        return other
 
     def paths(self, theta: np.ndarray) -> np.ndarray:
         """Positions (n, steps + 1, 2) of throws at ``theta`` (n,)."""

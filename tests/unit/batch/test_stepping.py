@@ -69,3 +69,20 @@ def test_what_has_no_number_is_named(backend: str) -> None:
 def test_shapes_that_do_not_fit_are_told() -> None:
     with pytest.raises(ValueError, match="input 'u' of the step has 2 along axis 0, expected 1"):
         StepFunction(get("push-1d").exact_step)(np.zeros(2), np.zeros(2))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", ["push-1d", "planar-push"])
+def test_slopes_are_those_of_differences(name: str, backend: str) -> None:
+    """Away from where a contact opens: there the exact step has a kink, and differences none."""
+    step, e = get(name).exact_step, 1e-6
+    x, u = samples(name, 100)
+    f = StepFunction(step, backend)
+    steps, by_x, by_u = f.slopes(x, u)
+    assert np.array_equal(steps.x_next, f(x, u).x_next)
+    for array, slopes in ((x, by_x), (u, by_u)):
+        for i, moved in enumerate(e * np.eye(array.shape[1])):
+            pair = [(x + s * moved, u) if array is x else (x, u + s * moved) for s in (1, -1)]
+            up, down = (f(*at).x_next for at in pair)
+            off = np.abs((up - down) / (2 * e) - slopes[:, :, i]).max(axis=1)
+            assert np.mean(off < 1e-6) >= 0.98

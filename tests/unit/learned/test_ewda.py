@@ -269,7 +269,7 @@ def test_model_comes_back_from_its_dataset():
     assert np.array_equal(back.values(at), model.values(at))
     assert back.origin == model.origin
     assert (back.sigma, back.seed) == (0.3, 7)
-    assert [signal.name for signal in back.inputs] == [f"z{k}" for k in range(NY, NZ)]
+    assert [signal.name for signal in back.origin.inputs] == [f"z{k}" for k in range(NY, NZ)]
     with pytest.raises(ValueError, match="lacks y_data"):
         EwdaModel.of(dataset.drop_vars("y_data"))
     with pytest.raises(ValueError, match="kind 'ewda', found 'mlp'"):

@@ -120,6 +120,20 @@ def test_a_single_layer_and_no_query() -> None:
         assert model.curvatures(z, np.ones((n, 2))).shape == (n, 3, 3)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_query_that_is_not_finite_spoils_no_other() -> None:
+    model, rng = a_model(), np.random.default_rng(4)
+    z, weights = rng.normal(size=(BLOCK, 3)), rng.normal(size=(BLOCK, 2))
+    spoiled = z.copy()
+    spoiled[5, 1], spoiled[6], spoiled[7, 0] = np.nan, 1e308, np.inf
+    kept = np.setdiff1d(np.arange(BLOCK), [5, 6, 7])
+    y, J, H = model.values(spoiled), model.jacobians(spoiled)[1], model.curvatures(spoiled, weights)
+    assert np.isnan(y[5]).all() and np.isnan(J[5]).all() and not np.isfinite(y[7]).any()
+    assert np.array_equal(y[kept], model.values(z)[kept])
+    assert np.array_equal(J[kept], model.jacobians(z)[1][kept])
+    assert np.array_equal(H[kept], model.curvatures(z, weights)[kept])
+
+
 def test_a_model_comes_back_from_its_file(tmp_path: Path) -> None:
     model = a_model()
     model.dataset().to_netcdf(tmp_path / "model.nc")
@@ -130,6 +144,8 @@ def test_a_model_comes_back_from_its_file(tmp_path: Path) -> None:
         assert list(file["input"].values) == ["u"] and list(file["input_unit"].values) == ["m"]
     assert same_weights(model, back) and back.origin == model.origin
     assert (back.sigma, back.seed) == (0.2, 7)
+    assert [s.name for s in back.states] == ["q", "turn"] and back.data_hash == "0123"
+    assert [s.name for s in back.inputs] == ["u"]
     assert (told["kind"], told["schema"], told["data_hash"]) == ("mlp", 1, "0123")
     z = np.random.default_rng(0).normal(size=(4, 3))
     assert np.array_equal(back.values(z), model.values(z))
@@ -181,6 +197,24 @@ def test_what_is_resumed_ends_in_the_same_bits(tmp_path: Path) -> None:
         Training(data, 0.3, TINY, state=part.state)
     with pytest.raises(ValueError, match="checkpoint is of other data, another recipe"):
         Training(pushed(500, seed=1), 0.2, TINY, state=part.state)
+
+
+def test_an_interrupted_epoch_is_done_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C after the weights of an epoch are there, before it is over."""
+    data = pushed(500)
+    whole, part = Training(data, 0.2, TINY), Training(data, 0.2, TINY)
+    told = list(whole.epochs())
+    list(islice(part.epochs(), 2))
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Network, "errors", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            next(part.epochs())
+    resumed = Training(data, 0.2, TINY, state=part.state)
+    assert list(resumed.epochs()) == told[2:] and same_weights(whole.model(), resumed.model())
 
 
 def test_noise_is_on_the_inputs_alone() -> None:

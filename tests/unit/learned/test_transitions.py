@@ -9,7 +9,7 @@ from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import signals
 
-STATES, INPUTS = signals("x [m] place; v [m/s]"), signals("u [N] force")
+STATES, INPUTS = signals("x [m]; v [m/s]"), signals("u [N]")
 
 
 def arrays(n: int = 60, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -116,8 +116,8 @@ def test_datasets_that_are_no_transitions_are_told() -> None:
         Transitions.of(good.assign_attrs(kind="ewda"))
     with pytest.raises(ValueError, match="schema version 9, this program reads 1"):
         Transitions.of(good.assign_attrs(schema=9))
-    with pytest.raises(ValueError, match="lack x_next, scale;"):
-        Transitions.of(good.drop_vars(["x_next", "scale"]))
+    with pytest.raises(ValueError, match="lack x_next, z_scale;"):
+        Transitions.of(good.drop_vars(["x_next", "z_scale"]))
     changed = good.assign(x=good["x"] + 1e-9)
     with pytest.raises(ValueError, match="their hash differs"):
         Transitions.of(changed)

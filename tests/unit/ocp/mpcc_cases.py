@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ocp.programs.program import PairName
+from ocp.programs.program import PairName, Program
 
 
 @dataclass
@@ -21,10 +21,12 @@ class SmallMPCC:
     g_upper: list[float]
     pairs: np.ndarray
     form: str = "none"
+    values, slopes, bend = Program.values, Program.slopes, Program.bend
 
     def __post_init__(self) -> None:
         p, lam_f, lam_g = ca.SX.sym("p"), ca.SX.sym("lf"), ca.SX.sym("lg", self.g.numel())
         inputs = [self.x, p]
+        self.f_g = ca.Function("fg", inputs, [self.f, self.g])
         self.gradient = ca.Function("df", inputs, [self.f, ca.gradient(self.f, self.x)])
         self.jacobian = ca.Function("dg", inputs, [self.g, ca.jacobian(self.g, self.x)])
         lagrangian = lam_f * self.f + ca.dot(lam_g, self.g)

@@ -11,7 +11,7 @@ import pytest
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, OpenLoop, solve
 from ocp.programs.solver import Point, Solver
-from ocp.routes.legs import Homotopy, Path, Plan, geometric, translate
+from ocp.routes.legs import Homotopy, Leg, Path, geometric, translate
 from ocp.routes.relaxations import STRATEGIES
 from ocp.session import Session
 from ocp.solution import StageRecord
@@ -33,21 +33,21 @@ def follow(plan, values=VALUES, strict: bool = True, complete=None, progress=Non
     return follower, follower.follow(Path(values, plan, strict, complete), start)
 
 
-def at_mu(mu: float, **options) -> Plan:
-    return Plan("mu", mu, parameters={"contact.mu": mu}, options=options)
+def at_mu(mu: float, **options) -> Leg:
+    return Leg("mu", mu, parameters={"contact.mu": mu}, options=options)
 
 
 def failing(where: float, times: int):
-    """Plans of which the ones at ``where`` stop at once, so many times."""
+    """Legs of which the ones at ``where`` stop at once, so many times."""
     left = [times]
 
-    def plan(mu: float) -> Plan:
+    def leg(mu: float) -> Leg:
         if mu == where and left[0] > 0:
             left[0] -= 1
             return at_mu(mu, max_iter=0)
         return at_mu(mu)
 
-    return plan
+    return leg
 
 
 def told(follower: Homotopy) -> list[tuple[float, bool]]:
@@ -162,12 +162,12 @@ def test_translation_keeps_what_both_forms_have() -> None:
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_every_strategy_starts_at_sizes_of_the_problem_and_ends_tight(name: str) -> None:
     reference = get("cart-walls").reference
-    paths = STRATEGIES[name]().paths(reference)
+    paths = STRATEGIES[name].paths(reference)
     for path in paths:
         values = list(path.values)
         ordered = sorted(values, reverse=values[0] > values[-1])
         assert values == ordered and len(set(values)) == len(values)
-        assert all(path.plan(value).value == value for value in values)
+        assert all(path.leg(value).value == value for value in values)
 
 
 def test_the_table_of_a_solve_tells_the_whole_way() -> None:

@@ -59,7 +59,7 @@ def every_branch(name: str, steps: int) -> tuple[Branches, dict[bytes, Result]]:
     found = {}
     for bits in itertools.product([False, True], repeat=branches.program.pairs.shape[1]):
         active = np.array(bits)
-        result = branches.solve(start, active, 1e-2)
+        result = branches.solve(start, active, mu_init=1e-2)
         if result.ok:
             found[active.tobytes()] = result
     return branches, found

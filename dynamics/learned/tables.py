@@ -1,0 +1,175 @@
+"""Transitions from a table that someone else has written: CSV, or Parquet."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynamics.learned.transitions import Transitions
+from dynamics.systems import Signal
+
+TABLES = (".csv", ".parquet")
+NEXT = "_next"
+_HEAD = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+
+
+def read_table(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    signals: tuple[Sequence[Signal], Sequence[Signal]] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> Transitions:
+    """One transition a row: columns named after states, inputs, and ``<state>_next``.
+
+    A column may carry its unit, ``ox [m]``. ``columns`` maps such names to those of the table where
+    they differ. ``signals`` are the states and inputs that are expected; without them whatever has
+    a ``_next`` is a state and all else, of the mapped columns where ``columns`` says any, an input.
+
+    Raises ``ValueError`` for a file that cannot be read, columns that are missing or hold no
+    numbers, other units than those expected, and as :meth:`Transitions.checked` does.
+    """
+    table = _table(path)
+    heads = _named(path, list(table), columns or {})
+    if signals is None:
+        states, inputs = _guessed(path, heads, list(columns or heads))
+    else:
+        states, inputs = signals
+    after = [Signal(f"{signal.name}{NEXT}", signal.unit) for signal in states]
+    x, u, x_next = (
+        _values(path, table, [_column(path, heads, signal) for signal in part])
+        for part in (states, inputs, after)
+    )
+    told = {"how": f"read from {path.name}", **(provenance or {})}
+    return Transitions.checked(x, u, x_next, states, inputs, told)
+
+
+Table = Mapping[str, np.ndarray]
+"""The columns of a table by their heads."""
+
+
+def _table(path: Path) -> Table:
+    if path.suffix not in TABLES:
+        raise ValueError(f"{path}: expected a table, {' or '.join(TABLES)}")
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file")
+    return _parquet(path) if path.suffix == ".parquet" else _csv(path)
+
+
+def _csv(path: Path) -> Table:
+    import pandas as pd
+
+    try:
+        frame = pd.read_csv(path, skipinitialspace=True, float_precision="round_trip")
+    except pd.errors.EmptyDataError as error:
+        raise ValueError(f"{path} is empty; the first line must name the columns") from error
+    except pd.errors.ParserError as error:
+        raise ValueError(f"{path} is no CSV table: {str(error).splitlines()[-1]}") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text in UTF-8, so no CSV table") from error
+    return {str(head): np.asarray(frame[head]) for head in frame.columns}
+
+
+def _parquet(path: Path) -> Table:
+    try:
+        from pyarrow import ArrowException
+        from pyarrow.parquet import read_table as read
+    except ImportError as error:
+        raise ValueError(
+            f"{path}: Parquet is read by Arrow, which the extra learn installs: pip install"
+            " 'centralpath[learn]'; or write the table as CSV"
+        ) from error
+    try:
+        table = read(path)
+    except (ArrowException, OSError) as error:
+        raise ValueError(f"{path} is no Parquet file, or cut short") from error
+    return {head: table[head].to_numpy() for head in table.column_names}
+
+
+def _split(head: str) -> tuple[str, str | None]:
+    """Name and unit of ``ox [m]``; the whole text and None where it has no such form."""
+    found = _HEAD.fullmatch(head)
+    return (found["name"], found["unit"]) if found and found["name"] else (head, None)
+
+
+Heads = dict[str, tuple[str, str | None]]
+"""By the name of a signal: the column of the table, and its unit where it says one."""
+
+
+def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
+    heads: Heads = {}
+    for text in texts:
+        name, unit = _split(text)
+        if name in heads:
+            raise ValueError(f"{path}: two columns are called {name}; rename one")
+        heads[name] = text, unit
+    found = dict(heads)
+    for name, column in columns.items():
+        match = heads.get(_split(column)[0])
+        if match is None or column not in (match[0], _split(match[0])[0]):
+            raise ValueError(
+                f"{path}: there is no column {column!r} for {name}; there are {', '.join(texts)}"
+            )
+        found[name] = match
+    return found
+
+
+def _guessed(
+    path: Path, heads: Heads, names: list[str]
+) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
+    """States and inputs of a table that nothing is known about."""
+    states = [name for name in names if f"{name}{NEXT}" in names]
+    if not states:
+        raise ValueError(
+            f"{path}: no column is the next state of another; call states such as x and x{NEXT},"
+            f" or map them with columns, of {', '.join(heads)}"
+        )
+    ends = {f"{name}{NEXT}" for name in states}
+    inputs = [name for name in names if name not in states and name not in ends]
+    first, second = (
+        tuple(Signal(name, heads[name][1] or "1") for name in part) for part in (states, inputs)
+    )
+    return first, second
+
+
+def _column(path: Path, heads: Heads, signal: Signal) -> str:
+    """The column of a signal, whose unit, where the table says it, must be the signal's."""
+    if signal.name not in heads:
+        raise ValueError(
+            f"{path}: there is no column for {signal.name} [{signal.unit}]; it has"
+            f" {', '.join(heads)}; map one with columns {signal.name}=COLUMN"
+        )
+    column, unit = heads[signal.name]
+    if unit is not None and unit != signal.unit:
+        raise ValueError(
+            f"{path}: column {column!r} is in {unit}, and {signal.name} is in {signal.unit};"
+            " convert it, and name its unit so"
+        )
+    return column
+
+
+def _values(path: Path, table: Table, columns: list[str]) -> np.ndarray:
+    rows = len(next(iter(table.values())))
+    return np.array([_numbers(path, c, table[c]) for c in columns]).reshape(-1, rows).T
+
+
+def _numbers(path: Path, column: str, entries: np.ndarray) -> np.ndarray:
+    try:
+        return entries.astype(float)
+    except (TypeError, ValueError):
+        row = next(row for row, entry in enumerate(entries) if not _is_number(entry))
+        raise ValueError(
+            f"{path}: column {column!r} holds {str(entries[row])!r} in row {row}, counted from 0,"
+            " which is no number"
+        ) from None
+
+
+def _is_number(entry: Any) -> bool:
+    try:
+        float(entry)
+    except (TypeError, ValueError):
+        return False
+    return True
