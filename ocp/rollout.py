@@ -72,6 +72,14 @@ class Unsolved:
         )
 
 
+def at_steps(function: ca.Function, *along: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
+    """Evaluate ``function(*columns, p)`` at every scenario and step of arrays (S, N, .)."""
+    S, N = along[0].shape[:2]
+    columns = [ca.DM(part.reshape(S * N, part.shape[2]).T) for part in along]
+    found = function.map(S * N).call([*columns, ca.DM(p)])
+    return [np.array(value).T.reshape(S, N, value.shape[0]) for value in found]
+
+
 def roll_out(
     problem: Problem,
     inputs: np.ndarray | Gains,

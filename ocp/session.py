@@ -28,9 +28,9 @@ from ocp.routes.complementarity import (
     solve_pairs,
 )
 from ocp.routes.landing import embedded, rolled_down
-from ocp.routes.legs import PRIMAL, Homotopy, Leg, Progress, translate
+from ocp.routes.legs import PRIMAL, Homotopy, Leg, Path, Progress, translate
 from ocp.routes.outcome import Outcome, better, lower
-from ocp.routes.own_path import MU_LAST, STAGE_ITERATIONS, from_exact, one_stage, own_path
+from ocp.routes.own_path import MU_LAST, STAGE_ITERATIONS, from_exact, own_path
 from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES, relaxed
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
@@ -122,7 +122,7 @@ class Session:
             return self._rolled(follower, guess, nlp)
         schedule = None if self.step.exact or self.homotopy is False else self.schedule()
         value = self.values[schedule.knob] if schedule else 0.0
-        path = one_stage(self.step.law.name, {})
+        path = Path([0.0], lambda _: Leg(self.step.law.name, 0.0))
         if schedule is not None:
             path = own_path(schedule, value, self.start_value, self.factor)
         result, nlp, finished = follower.follow(path, self.first_point(nlp, guess))
@@ -160,7 +160,8 @@ class Session:
         best: Outcome | None = None
         for helper in helpers:
             first = helper is helpers[0]
-            with self.solver.within(None if first else self._patience(follower)):
+            patience = max(_PATIENCE_S, _PATIENCE * follower.trace.seconds)
+            with self.solver.within(None if first else patience):
                 plan = self._absorbed(helper, follower, guess)
             direct = self.judging_nlp()
             settling = Homotopy(lambda _, nlp=direct: nlp, self.solver, self.values,
@@ -179,10 +180,6 @@ class Session:
                 break
         assert best is not None
         return best
-
-    def _patience(self, follower: Homotopy) -> float:
-        """Seconds for a second way, where the first took what the follower's trace says."""
-        return max(_PATIENCE_S, _PATIENCE * follower.trace.seconds)
 
     def _helper(self, law: ContactLaw, method: Method) -> Session:
         """Return the session of the same problem under another law, at the values both have."""
@@ -230,7 +227,7 @@ class Session:
         )
 
     def _feasible(self, nlp: NLP, guess: Guessed | None) -> Iterator[Point]:
-        """Points on branches that cost little: guesses, rolled out."""
+        """Cloud on branches that cost little: guesses, rolled out."""
         if isinstance(self.policy, Feedback):
             return
         rolled = rolled_guesses(self.problem, self.step, self.values, _ROLLED, guess)

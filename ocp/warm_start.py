@@ -18,6 +18,7 @@ from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.programs.layout import Layout
 from ocp.programs.solver import Point
+from ocp.rollout import at_steps
 from ocp.solution import Solution
 from ocp.transcription.nlp import NLP
 
@@ -265,15 +266,8 @@ class _Carrier:
     def _contacts(self, x: np.ndarray, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
         """Multipliers and gaps of all intervals (S, N, n)."""
         p = step.p.pack(self.values)
-        ahead, (S, N, _) = np.concatenate([self.first_states(len(x)), x[:, :-1]], axis=1), x.shape
-
-        def columns(array: np.ndarray) -> np.ndarray:
-            return array.reshape(S * N, -1).T
-
-        _, lam, gap, _ = (
-            np.array(v).T.reshape(S, N, -1)
-            for v in step.solve.map(S * N)(columns(ahead), columns(u), p)
-        )
+        ahead = np.concatenate([self.first_states(len(x)), x[:, :-1]], axis=1)
+        _, lam, gap, _ = at_steps(step.solve, ahead, u, p=p)
         names = [contact.name for contact in step.contacts]
         if [str(value) for value in self.data["contact"].values] == names:
             carried = [
@@ -284,8 +278,8 @@ class _Carrier:
             gap = np.where(known, carried[1], gap)
         if step.exact:
             return lam, gap
-        found = step.relation.map(S * N)(columns(ahead), columns(u), columns(x), columns(lam), p)
-        return self._on_path(lam, gap, np.array(ca.densify(found[2])).T.reshape(S, N, -1))
+        _, _, mu = at_steps(step.relation, ahead, u, x, lam, p=p)
+        return self._on_path(lam, gap, mu)
 
     def _on_path(
         self, lam: np.ndarray, gap: np.ndarray, mu: np.ndarray

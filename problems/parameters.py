@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field
@@ -22,32 +22,34 @@ class Parameters(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-def quantity(
-    default: float,
-    unit: str,
-    meaning: str,
-    *,
-    above: float | None = None,
-    least: float | None = None,
-    most: float | None = None,
-) -> Any:
-    """Declare a scalar in SI ``unit`` with its range: greater than ``above``, in [least, most]."""
-    return Field(
-        default, gt=above, ge=least, le=most, description=meaning, json_schema_extra={"unit": unit}
-    )
+class Limits(TypedDict, total=False):
+    """A range: greater than ``above``, in [least, most]."""
+
+    above: float
+    least: float
+    most: float
 
 
-def structure(
-    default: float, meaning: str, *, least: float = 0, most: float | None = None, unit: str = "1"
-) -> Any:
-    """Declare a number that shapes the problem, such as its horizon, and is never a symbol."""
+def declared(default: float, unit: str, meaning: str, limits: Limits, **extra: Any) -> Any:
+    """Declare a number in ``unit`` within ``limits``, and what else is to be known of it."""
     return Field(
         default,
-        ge=least,
-        le=most,
+        gt=limits.get("above"),
+        ge=limits.get("least"),
+        le=limits.get("most"),
         description=meaning,
-        json_schema_extra={"unit": unit, "structural": True},
+        json_schema_extra={"unit": unit, **extra},
     )
+
+
+def quantity(default: float, unit: str, meaning: str, **limits: Unpack[Limits]) -> Any:
+    """Declare a scalar in SI ``unit`` with its range, see :class:`Limits`."""
+    return declared(default, unit, meaning, limits)
+
+
+def structure(default: float, meaning: str, *, unit: str = "1", **limits: Unpack[Limits]) -> Any:
+    """Declare a number >= 0 that shapes the problem, such as its horizon, and is never a symbol."""
+    return declared(default, unit, meaning, {"least": 0, **limits}, structural=True)
 
 
 def choice(words: tuple[str, ...], meaning: str) -> Any:

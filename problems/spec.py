@@ -70,6 +70,11 @@ class Golden:
         return "; ".join(part for part in (how, confirmed, self.note) if part)
 
 
+def smoothed(cost: float, **more: Any) -> Golden:
+    """The best known value under the barrier law, whose certificate is KKT and has no kinds."""
+    return Golden(cost, law="barrier", stationarity="KKT", kind="", **more)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spec:
     """What has a name, parameters, equations in typst's mathematics, and a source."""

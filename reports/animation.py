@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -14,7 +13,7 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from problems.drawing import ContactFrame, Shape
 from reports.camera import Camera, film
-from reports.forces import LEAST, Forces, caption, draw_cone, draw_force, forces_of, longest_arrow
+from reports.forces import Forces, caption, draw_contacts, forces_of
 from reports.shapes import draw
 from reports.style import GREY, INK
 from reports.view import RunView
@@ -102,20 +101,10 @@ class Animation:
             self._drawn += self._forces(axis, motion, frame)
 
     def _forces(self, axis: Axes, motion: Motion, frame: int) -> list[Artist]:
-        if motion.forces is None or not self._largest > 0:
+        if motion.forces is None:
             return []
-        longest = longest_arrow(axis)
-        drawn: list[Artist] = []
-        for contact, normal, friction in zip(
-            motion.contacts[frame], motion.forces.normal[frame], motion.forces.friction[frame],
-            strict=False,
-        ):  # fmt: skip
-            if not math.hypot(normal, friction) >= LEAST * self._largest:
-                continue
-            if contact.friction:
-                drawn.append(draw_cone(axis, contact, longest))
-            drawn.append(draw_force(axis, contact, normal, friction, longest / self._largest))
-        return drawn
+        pushes = motion.forces.normal[frame], motion.forces.friction[frame]
+        return draw_contacts(axis, motion.contacts[frame], pushes, self._largest)
 
 
 def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
@@ -191,10 +180,7 @@ def _stage(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
     height = rows * float(np.clip(width * ratio, 0.9, 3.6)) + 0.3 * rows + 1.0
     figure = Figure(figsize=(_WIDTH, round(height, 2)))
     figure.set_layout_engine("constrained", h_pad=0.1)
-    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
-    for axis in axes:
-        axis.set_aspect("equal")
-    return figure, axes
+    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
 def check_drawable(view: RunView) -> None:

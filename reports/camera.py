@@ -27,8 +27,13 @@ class Camera:
     def aim(self, axis: Axes, frame: int) -> None:
         """Set the limits of ``axis`` to those of a frame."""
         low, high = self.middle[frame] - self.size / 2, self.middle[frame] + self.size / 2
-        axis.set_xlim(low[0], high[0])
-        axis.set_ylim(low[1], high[1])
+        axis.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+
+
+def show(axis: Axes, shapes: Iterable[Shape]) -> None:
+    """Fix the limits around ``shapes``, so that half planes and forces can be clipped to them."""
+    middle, size = around(bounds(shapes))
+    Camera(middle[None], size).aim(axis, 0)
 
 
 def around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

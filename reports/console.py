@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 COLUMNS = 80
 
 
-def print_table(table: Table) -> None:
+def print_table(table: Table | Group) -> None:
     """Print a table that is a command's result, on stdout, 80 columns wide at most."""
     Console(width=COLUMNS, highlight=False).print(table)
 
@@ -40,11 +40,15 @@ def small(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
 
 
-def table_of(*columns: tuple[str, str], title: str | None = None) -> Table:
-    """An empty table of columns with a title each, justified ``left`` or ``right``."""
+def table_of(
+    *columns: tuple[str, str], rows: Iterable[Sequence[str]] = (), title: str | None = None
+) -> Table:
+    """A table of columns with a title each, justified ``left`` or ``right``."""
     table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0))
     for name, justify in columns:
         table.add_column(name, justify="right" if justify == "right" else "left")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
@@ -57,14 +61,12 @@ def stage_table(stages: Sequence[StageRecord]) -> Table:
     """Homotopy table: where on the path, cost, residuals, iterations, seconds; failures named."""
     knobs = {stage.knob for stage in stages}
     head = knob_title(knobs.pop()) if len(knobs) == 1 else "knob"
-    table = table_of(
-        *((name, "right") for name in ("stage", head, "cost", "lam·gap", "residual", "iter", "s")),
-        ("", "left"),
+    rows = (
+        (index, f"{knob_title(knob)} {value}".rstrip() if head == "knob" else value, *cells)
+        for index, knob, value, *cells in stage_rows(stages)
     )
-    for index, knob, value, *cells in stage_rows(stages):
-        place = f"{knob_title(knob)} {value}".rstrip() if head == "knob" else value
-        table.add_row(index, place, *cells)
-    return table
+    heads = ("stage", head, "cost", "lam·gap", "residual", "iter", "s")
+    return table_of(*((name, "right") for name in heads), ("", "left"), rows=rows)
 
 
 def stage_rows(stages: Sequence[StageRecord]) -> list[tuple[str, ...]]:
@@ -112,8 +114,6 @@ def progress(quiet: bool, first: str) -> Iterator[Callable[[StageRecord], None]]
 def result_table(solution: Solution) -> Table:
     """Cost, exact cost, iterations and the audited residuals."""
     audit = solution.audit
-    table = table_of(("", "left"), ("", "right"), ("", "left"))
-    table.show_header = False
     rows = [
         ("cost under the chosen law", number(solution.cost, 8), ""),
         ("cost under the exact law", number(audit.exact_cost, 8), "the plan replayed"),
@@ -129,8 +129,8 @@ def result_table(solution: Solution) -> Table:
         ("of which functions, solver", *split(solution)),
     ]
     rows[-3:-3] = [(name, small(value), what) for name, value, what in books(audit)]
-    for row in rows:
-        table.add_row(*row)
+    table = table_of(("", "left"), ("", "right"), ("", "left"), rows=rows)
+    table.show_header = False
     return table
 
 
@@ -186,15 +186,13 @@ def contact_table(audit: Audit) -> Table:
     """When each contact acts, how hard, how far it slides; those that never act are counted."""
     rough = math.isfinite(audit.cone_violation)
     heads = ("steps", *(["slipping"] if rough else []), "peak N", *(["slid m"] if rough else []))
-    table = table_of(
-        ("contact", "left"),
-        *((head, "right") for head in (*heads, "weak")),
-        ("steps from-to", "left"),
-    )
-    for row in contact_rows(audit):
-        name, steps, spans, slipping, peak, slid, weak = row
-        sliding = (slipping,) if rough else ()
-        table.add_row(name, steps, *sliding, peak, *((slid,) if rough else ()), weak, spans)
+    rows = (
+        (name, steps, slipping, peak, slid, weak, spans) if rough else (name, steps, peak, weak,
+                                                                        spans)
+        for name, steps, spans, slipping, peak, slid, weak in contact_rows(audit)
+    )  # fmt: skip
+    numbers = ((head, "right") for head in (*heads, "weak"))
+    table = table_of(("contact", "left"), *numbers, ("steps from-to", "left"), rows=rows)
     table.caption, table.caption_justify = idle_contacts(audit), "left"
     return table
 
@@ -237,13 +235,10 @@ def split(solution: Solution) -> tuple[str, str]:
 
 def violation_table(solution: Solution) -> Table:
     """The worst constraints by name, for a solve that failed."""
-    table = table_of(
+    return table_of(
         ("worst constraint", "left"), ("component", "left"), ("scenario", "right"),
-        ("step", "right"), ("off by", "right"),
+        ("step", "right"), ("off by", "right"), rows=violation_rows(solution.audit),
     )  # fmt: skip
-    for row in violation_rows(solution.audit):
-        table.add_row(*row)
-    return table
 
 
 def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
@@ -257,9 +252,9 @@ def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
     """The starts of a multi-start that did not win."""
     known = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")
     keys = [key for key in known if any(key in other for other in others)]
-    table = table_of(*((key.replace("_", " "), "right") for key in keys), title="other starts")
-    for other in others:
-        table.add_row(
-            *(number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys)
-        )
-    return table
+    rows = (
+        [number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys]
+        for other in others
+    )
+    heads = ((key.replace("_", " "), "right") for key in keys)
+    return table_of(*heads, rows=rows, title="other starts")

@@ -22,13 +22,12 @@ def curve_line(name: str, row: Mapping[str, Any]) -> str:
 def curve_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     """The points of a continuation."""
     heads = (knob_title(name), "cost", "exact cost", "lam·gap", "iter")
-    table = table_of(*((title, "right") for title in heads), ("", "left"))
-    for row in rows:
-        table.add_row(
-            f"{row['value']:.5g}", number(row["cost"], 7), number(row["exact_cost"], 7),
-            small(row["complementarity"]), str(row["iterations"]), row["status"],
-        )  # fmt: skip
-    return table
+    cells = (
+        (f"{row['value']:.5g}", number(row["cost"], 7), number(row["exact_cost"], 7),
+         small(row["complementarity"]), str(row["iterations"]), row["status"])
+        for row in rows
+    )  # fmt: skip
+    return table_of(*((title, "right") for title in heads), ("", "left"), rows=cells)
 
 
 def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
@@ -43,8 +42,5 @@ def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]
 
 def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
     """The events of a continuation."""
-    table = table_of(("", "right"), (knob_title(name), "right"), ("event", "left"), ("", "left"),
-                   ("steps", "left"), ("cost", "right"))  # fmt: skip
-    for row in event_rows(events):
-        table.add_row(*row)
-    return table
+    return table_of(("", "right"), (knob_title(name), "right"), ("event", "left"), ("", "left"),
+                    ("steps", "left"), ("cost", "right"), rows=event_rows(events))  # fmt: skip

@@ -57,14 +57,11 @@ def table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
     """One line an estimate; of a decision with several components the norm is told."""
     several = any(isinstance(row["mean"], list) for row in rows)
     numbers = ("|mean|" if several else "mean", "std error", "variance", "reference")
-    shown = table_of(
+    found = ((*known, word) for *known, _, word in (cells(row, bool(swept)) for row in rows))
+    return table_of(
         *([(swept, "right")] if swept else []), ("estimator", "left"),
-        *((head, "right") for head in numbers), ("verdict", "left"),
+        *((head, "right") for head in numbers), ("verdict", "left"), rows=found,
     )  # fmt: skip
-    for row in rows:
-        *known, _, word = cells(row, bool(swept))
-        shown.add_row(*known, word)
-    return shown
 
 
 def _word(row: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -17,7 +18,7 @@ from problems.drawing import ContactFrame
 from reports.style import PURPLE, VERMILLION
 from reports.view import RunView
 
-LEAST = 0.02
+_LEAST = 0.02
 """Forces below this fraction of the largest are not drawn."""
 _LONGEST, _ACROSS, _CONE = 0.18, 0.4, 0.7
 
@@ -83,6 +84,27 @@ def longest_arrow(axis: Axes) -> float:
     """Length [m] of the arrow of the largest force: seen well, and inside the picture."""
     sides = float(np.ptp(axis.get_xlim())), float(np.ptp(axis.get_ylim()))
     return min(_LONGEST * max(sides), _ACROSS * min(sides))
+
+
+def draw_contacts(
+    axis: Axes,
+    contacts: Sequence[ContactFrame],
+    pushes: tuple[np.ndarray, np.ndarray],
+    largest: float,
+    alpha: float = 1,
+    cones: float = 1,
+) -> list[Artist]:
+    """Draw the forces ``pushes``, normal and friction (points,), and cones this strong, 0 for none.
+
+    The ``largest`` force is as long as :func:`longest_arrow`; the smallest are left out.
+    """
+    longest, drawn = longest_arrow(axis), list[Artist]()
+    for frame, normal, friction in zip(contacts, *pushes, strict=False):
+        if math.hypot(normal, friction) >= _LEAST * largest > 0:
+            if frame.friction and cones:
+                drawn.append(draw_cone(axis, frame, longest, cones))
+            drawn.append(draw_force(axis, frame, normal, friction, longest / largest, alpha))
+    return drawn
 
 
 def draw_force(

@@ -63,7 +63,7 @@ def solve_page(view: RunView) -> Page:
         "scenarios": stored.data.sizes["scenario"],
     }  # fmt: skip
     figures: dict[str, Figure | None] = {"trajectories": figures_of.trajectories(view)}
-    if view.signals("contacts"):
+    if view.array("lam") is not None:
         figures["contact"] = figures_of.contact_plane(view)
     figures["friction"] = contacts.friction_forces(view)
     figures["strobe"] = strobe(view)

@@ -31,14 +31,14 @@ def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
 
 def golden_table(golden: Mapping[str, Golden]) -> Table:
     """Best known values, their certificates, and of how many solves each is the best."""
-    table = table_of(
+    rows = (
+        (name, known.method, number(known.cost, 9), known.certificate, str(known.tried))
+        for name, known in golden.items()
+    )
+    return table_of(
         ("best known", "left"), ("method", "left"), ("cost", "right"), ("certificate", "left"),
-        ("of solves", "right"),
+        ("of solves", "right"), rows=rows,
     )  # fmt: skip
-    for name, known in golden.items():
-        cost = number(known.cost, 9)
-        table.add_row(name, known.method, cost, known.certificate, str(known.tried))
-    return table
 
 
 def runs_table(entries: Sequence[Mapping[str, Any]]) -> Table:

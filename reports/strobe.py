@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from problems.drawing import Shape
-from reports.camera import around
-from reports.forces import LEAST, caption, draw_cone, draw_force, forces_of, longest_arrow
+from reports.camera import show
+from reports.forces import caption, draw_contacts, forces_of
 from reports.shapes import bounds, draw
 from reports.style import INK, WIDTH
 from reports.view import RunView
@@ -34,10 +34,18 @@ def draw_strobe(axis: Axes, view: RunView) -> None:
     """Draw the strobe into given axes."""
     spec, x = view.spec, view.array("x")
     assert spec is not None and spec.draw is not None and x is not None
-    path = x[0]
-    frames, chosen = _instants([spec.draw(view.params, state) for state in path])
+    chosen = draw_motion(axis, [spec.draw(view.params, state) for state in x[0]])
+    _forces(axis, view, chosen)
+    axis.set_xlabel(spec.axes[0])
+    axis.set_ylabel(spec.axes[1])
+    axis.set_axisbelow(True)
+
+
+def draw_motion(axis: Axes, plays: list[list[Shape]]) -> np.ndarray:
+    """Draw shapes at several of the instants of ``plays``, early ones faint; gives the instants."""
+    frames, chosen = _instants(plays)
     fixed = set.intersection(*(set(shapes) for shapes in frames))
-    _extent(axis, [shape for shapes in frames for shape in shapes])
+    show(axis, [shape for shapes in frames for shape in shapes])
     for shape in frames[0]:
         if shape in fixed:
             draw(shape, axis, 1.0)
@@ -45,10 +53,7 @@ def draw_strobe(axis: Axes, view: RunView) -> None:
         for shape in shapes:
             if shape not in fixed:
                 draw(shape, axis, strength)
-    _forces(axis, view, chosen)
-    axis.set_xlabel(spec.axes[0])
-    axis.set_ylabel(spec.axes[1])
-    axis.set_axisbelow(True)
+    return chosen
 
 
 def _instants(plays: list[list[Shape]]) -> tuple[list[list[Shape]], np.ndarray]:
@@ -64,14 +69,6 @@ def _instants(plays: list[list[Shape]]) -> tuple[list[list[Shape]], np.ndarray]:
     return [plays[node] for node in chosen], chosen
 
 
-def _extent(axis: Axes, shapes: list[Shape]) -> None:
-    """Fix the limits so that half planes and forces can be clipped to them."""
-    middle, size = around(bounds(shapes))
-    axis.set_xlim(middle[0] - size[0] / 2, middle[0] + size[0] / 2)
-    axis.set_ylim(middle[1] - size[1] / 2, middle[1] + size[1] / 2)
-    axis.set_aspect("equal")
-
-
 def _forces(axis: Axes, view: RunView, chosen: np.ndarray) -> None:
     """Arrows from the contacts, those between the instants faint, and cones of friction."""
     spec, x, forces = view.spec, view.array("x"), forces_of(view)
@@ -80,18 +77,11 @@ def _forces(axis: Axes, view: RunView, chosen: np.ndarray) -> None:
     largest = forces.largest
     if not largest > 0:
         return
-    longest = longest_arrow(axis)
     for node in range(1, len(x[0])):
-        shown = node in chosen
-        for frame, normal, friction in zip(
-            spec.frames(view.params, x[0, node]), forces.normal[node - 1],
-            forces.friction[node - 1], strict=False,
-        ):  # fmt: skip
-            if not np.hypot(normal, friction) >= LEAST * largest:
-                continue
-            draw_force(axis, frame, normal, friction, longest / largest, 1.0 if shown else 0.35)
-            if shown and frame.friction:
-                draw_cone(axis, frame, longest, 0.5)
+        frames = spec.frames(view.params, x[0, node])
+        pushes = forces.normal[node - 1], forces.friction[node - 1]
+        strength = {"alpha": 1.0, "cones": 0.5} if node in chosen else {"alpha": 0.35, "cones": 0}
+        draw_contacts(axis, frames, pushes, largest, **strength)
     which = f"scenario 0 of {len(x)}; " if len(x) > 1 else ""
     rough = any(frame.friction for frame in spec.frames(view.params, x[0, 0]))
     axis.set_title(which + caption(largest, forces.unit, rough), loc="left", color=INK)

@@ -55,8 +55,9 @@ class RunView:
         return [Signal(str(name), "") for name in self.run.data[dimension].values]
 
     def array(self, name: str) -> np.ndarray | None:
-        """Values of a stored array, or None where the run has none."""
-        return self.run.data[name].values if name in self.run.data else None
+        """Values of a stored array, or None where the run has none, as forces of a learned law."""
+        found = self.run.data.get(name)
+        return found.values if found is not None and found.size else None
 
     @property
     def time(self) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.learned.ewda_kernel import CompiledMoments
-from dynamics.learned.ewda_moments import Moments, NumpyMoments, Points
+from dynamics.learned.ewda_moments import Cloud, Moments, NumpyMoments
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
 
@@ -97,10 +97,9 @@ class EwdaModel:
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """``sum_i weights_i d²(g, log p)_i/dz²`` (n, nz, nz), for ``weights`` (n, ny + 1)."""
         q = self._queries(z)
-        nearest, sums = self._engine.first(q, slopes=True)
+        _, sums = self._engine.first(q, slopes=True)
         mean = sums / sums[:, :1, :1]
-        centre = self._points.z[nearest] + mean[:, 0, 1:], self.y[nearest] + mean[:, 1:, 0]
-        total, products = self._engine.second(q, *centre, weights)
+        total, products = self._engine.second(q, mean[:, 0, 1:], mean[:, 1:, 0], weights)
         bends = products / total[:, None, None] / self.sigma**2
         bends -= weights[:, -1, None, None] * np.eye(self.n_in)
         return bends / (self.sigma**2 * np.outer(self.scales.scale, self.scales.scale))
@@ -130,9 +129,9 @@ class EwdaModel:
         return q
 
     @cached_property
-    def _points(self) -> Points:
+    def _points(self) -> Cloud:
         y = np.ascontiguousarray(self.y, dtype=float)
-        return Points(np.ascontiguousarray(self.scales.normalised(self.z)), y, float(self.sigma))
+        return Cloud(np.ascontiguousarray(self.scales.normalised(self.z)), y, float(self.sigma))
 
     @cached_property
     def _engine(self) -> Moments:

@@ -8,9 +8,9 @@ import numpy as np
 
 from dynamics.batch.engines.compiler import find_compiler, load
 from dynamics.batch.engines.parallel import checked_threads, on_threads
-from dynamics.learned.ewda_moments import CUTOFF, Points
+from dynamics.learned.ewda_moments import CUTOFF, Cloud
 from dynamics.learned.ewda_order import boxes, chunked, neighbourly
-from dynamics.learned.ewda_source import CHUNK, FAR, ewda_source
+from dynamics.learned.ewda_source import CHUNK, FAR, REGISTER, ewda_source
 
 _PARTS = 32
 _BATCH = 128
@@ -21,7 +21,7 @@ _PHASES = 4
 _COUNTS = ("n_chunks", "n_boxes", "n_parts", "n_queries", "kind")
 _NUMBERS = ("inverse", "cutoff", "reach")
 _ARRAYS = (
-    *("z", "y", "low", "high", "q", "about_z", "about_y", "weights"),
+    *("z", "y", "low", "high", "q", "mean_z", "mean_y", "weights"),
     *("least", "bound", "best", "partial", "sums", "found", "where", "ticket", "done"),
 )
 _VALUES, _SLOPES, _CURVED = range(3)
@@ -42,14 +42,14 @@ class CompiledMoments:
     Raises ``CompilerError`` where there is no compiler.
     """
 
-    def __init__(self, points: Points, threads: int | None = None) -> None:
+    def __init__(self, points: Cloud, threads: int | None = None) -> None:
         n, self._nz = points.z.shape
         self._ny = points.y.shape[1]
         compiler = find_compiler()
         self._run = load(ewda_source(self._nz, self._ny, compiler)).run
         self._run.restype = None
         self._threads = checked_threads(threads)
-        self._order = neighbourly(points.z, CHUNK)
+        self._order = neighbourly(points.z, CHUNK, REGISTER)
         rows = points.z[self._order]
         self._n_chunks = -(-n // CHUNK)
         self._n_parts = min(_PARTS, self._n_chunks)
@@ -69,6 +69,7 @@ class CompiledMoments:
             "inverse": 0.5 / points.sigma**2,
             "cutoff": -2 * points.sigma**2 * float(np.log(CUTOFF)),
             "reach": float(np.abs(rows).max(axis=0).sum()),
+            **{name: array.ctypes.data for name, array in self._stored.items()},
         }
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -78,11 +79,11 @@ class CompiledMoments:
         return self._all(_SLOPES if slopes else _VALUES, size, q, none, none, none)
 
     def second(
-        self, q: np.ndarray, z: np.ndarray, y: np.ndarray, weights: np.ndarray
+        self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As the protocol says."""
         size = (1 + self._nz, 1 + self._nz)
-        _, sums = self._all(_CURVED, size, q, z, y, weights)
+        _, sums = self._all(_CURVED, size, q, mean_z, mean_y, weights)
         below = np.tril(sums[:, 1:, 1:])
         above = np.tril(sums[:, 1:, 1:], -1).transpose(0, 2, 1)
         return sums[:, 0, 0], below + above
@@ -106,8 +107,7 @@ class CompiledMoments:
         n = len(where)
         counters = np.zeros((2, _PHASES), dtype=np.int64)
         arrays = {
-            **self._stored,
-            **dict(zip(("q", "about_z", "about_y", "weights"), given, strict=True)),
+            **dict(zip(("q", "mean_z", "mean_y", "weights"), given, strict=True)),
             "least": _aligned((n, self._n_boxes)),
             "bound": np.empty(n),
             "best": np.empty((n, self._n_parts)),

@@ -15,7 +15,7 @@ _BLOCK = 1 << 22
 
 
 @dataclass(frozen=True)
-class Points:
+class Cloud:
     """The data in normalised coordinates: z (n, nz), y (n, ny), and the width sigma."""
 
     z: np.ndarray
@@ -24,9 +24,9 @@ class Points:
 
 
 class Moments(Protocol):
-    """Sums over the points with weights ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``.
+    """Sums over the points, of which c is the nearest to the query q.
 
-    The centre c of the first moments is the point nearest to the query, of the second a given one.
+    The weights are ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``, 1 for c.
     """
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -37,11 +37,12 @@ class Moments(Protocol):
         ...
 
     def second(
-        self, q: np.ndarray, z: np.ndarray, y: np.ndarray, weights: np.ndarray
+        self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """``sum_i w_i`` (nq,), ``sum_i w_i s_i d_i d_i'`` (nq, nz, nz) about ``z``, ``y`` a query.
+        """``sum_i w_i`` (nq,) and ``sum_i w_i s_i d_i d_i'`` (nq, nz, nz), symmetric.
 
-        ``d_i = z_i - z``, ``s_i = weights_y' (y_i - y) + weights_last``, weights (nq, ny + 1).
+        ``d_i = z_i - z_c - mean_z``, ``s_i = weights_y' (y_i - y_c - mean_y) + weights_last``
+        with means (nq, nz), (nq, ny) and weights (nq, ny + 1) of every query.
         """
         ...
 
@@ -50,7 +51,7 @@ class Moments(Protocol):
 class NumpyMoments:
     """Distances by products of matrices, a block of queries at a time; moments query by query."""
 
-    points: Points
+    points: Cloud
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """As :class:`Moments` says."""
@@ -66,13 +67,15 @@ class NumpyMoments:
         return nearest, sums
 
     def second(
-        self, q: np.ndarray, z: np.ndarray, y: np.ndarray, weights: np.ndarray
+        self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As :class:`Moments` says."""
-        total, sums = np.empty(len(q)), np.empty((len(q), z.shape[1], z.shape[1]))
-        for i, _, near in self._neighbours(q):
-            d, w = self._weights(near, q[i], z[i])
-            level = (self.points.y[near] - y[i]) @ weights[i, :-1] + weights[i, -1]
+        y, nz = self.points.y, q.shape[1]
+        total, sums = np.empty(len(q)), np.empty((len(q), nz, nz))
+        for i, home, near in self._neighbours(q):
+            d, w = self._weights(near, q[i], self.points.z[home])
+            d -= mean_z[i]
+            level = (y[near] - y[home] - mean_y[i]) @ weights[i, :-1] + weights[i, -1]
             total[i] = w.sum()
             sums[i] = (d * (w * level)[:, None]).T @ d
         # A product with scaled rows is symmetric only up to its rounding.

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 
-def neighbourly(points: np.ndarray, chunk: int) -> np.ndarray:
+def neighbourly(points: np.ndarray, chunk: int, finest: int) -> np.ndarray:
     """An order of ``points`` (n, nz) in which every ``chunk`` consecutive ones lie close together.
 
     Halves at the widest coordinate, again and again, at a multiple of ``chunk``: the leaves of a
-    k-d tree, of which only the last is not full.
+    k-d tree, of which only the last is not full. Those that are full are halved on in the same
+    way, down to ``finest`` points; ``chunk / finest`` is a power of 2.
     """
     order = np.arange(len(points))
     pieces = [(0, len(points))]
@@ -24,6 +25,14 @@ def neighbourly(points: np.ndarray, chunk: int) -> np.ndarray:
         middle = n_chunks // 2 * chunk
         order[begin:end] = piece[np.argpartition(column, middle)]
         pieces += [(begin, begin + middle), (begin + middle, end)]
+    full = order[: len(points) // chunk * chunk]
+    while chunk > finest and full.size:
+        groups = full.reshape(-1, chunk)
+        rows = points[groups]
+        widest = np.argmax(np.ptp(rows, axis=1), axis=1)[:, None, None]
+        column = np.take_along_axis(rows, widest, axis=2)[:, :, 0]
+        full[:] = np.take_along_axis(groups, np.argsort(column, axis=1), axis=1).ravel()
+        chunk //= 2
     return order
 
 

@@ -1,4 +1,4 @@
-"""The C of the weighted average: weighted moments of stored points about a centre, per query.
+"""The C of the weighted average: weighted moments of stored points about the nearest, per query.
 
 The points lie in chunks of `C` near neighbours, coordinate by coordinate, in normalised units; the
 last chunk is filled up with points so far that their weight is 0. With D = z'(z - 2q), which is
@@ -6,14 +6,15 @@ last chunk is filled up with points so far that their weight is 0. With D = z'(z
 
 1. `opening`: a lower bound of D over every chunk's bounding box, and the least D in the chunk of
    the least bound;
-2. `nearest`: the least D of every chunk whose bound comes near enough;
-3. `moments`: sum_i w_i a_i b_i' over the chunks whose least D is within the cutoff of the least of
-   all, per part of the chunks;
+2. `nearest`: the point c of the least D, in the chunks whose bound lies below what is known;
+3. `moments`: sum_i w_i a_i b_i' over the registers of points of which one is within the cutoff, per
+   part of the chunks;
 4. `total`: the parts' sums, in their order.
 
 The parts depend on the number of points alone and every sum has one order, so an answer depends
-neither on the threads nor on the other queries. The exponent of a weight is taken relative to the
-centre c, |q - c|² - |q - z_i|² = -d'(d + 2(c - q)) with d = z_i - c: it does not cancel far away.
+neither on the threads nor on the other queries. The exponent of a weight is taken relative to c,
+|q - c|² - |q - z_i|² = -d'(d + 2(c - q)) with d = z_i - c: it does not cancel far away. Nor do the
+moments about c cancel by more than a factor n, for no point has a greater weight.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from dynamics.batch.engines.compiler import Compiler
 
 CHUNK = 128
 """Points that share a bounding box; with 18 columns they fill half of a first-level cache."""
+REGISTER = 8
+"""Points of a chunk that lie yet closer together: those of the widest register there is."""
 FAR = 1e200
 """A coordinate whose square is infinite and whose product with a weight of 0 is 0."""
 
@@ -37,7 +40,7 @@ typedef struct {{
   i64 n_chunks, n_boxes, n_parts, n_queries, kind;
   double inverse, cutoff, reach;
   const double *z, *y, *low, *high;
-  const double *q, *about_z, *about_y, *weights;
+  const double *q, *mean_z, *mean_y, *weights;
   double *least, *bound, *best, *partial, *sums;
   i64 *found, *where, *ticket, *done;
 }} Job;
@@ -103,11 +106,11 @@ static i64 place_of(const V *z, const double *q, double least) {
 INLINE const V *chunk_of(const double *data, i64 chunk, i64 size) {
   return (const V *)(data + chunk * size * C);
 }
-/* How far above the least D a point still counts: the cutoff, and what rounding took from D. */
-INLINE double margin(const Job *j, const double *q) {
+/* What rounding may have taken from D or added to it. */
+INLINE double lost(const Job *j, const double *q) {
   double far = 0.0;
   for (int k = 0; k < NZ; k++) far += __builtin_fabs(q[k]);
-  return j->cutoff + (NZ + 4) * 0x1p-51 * j->reach * (j->reach + 2.0 * far);
+  return (NZ + 4) * 0x1p-51 * j->reach * (j->reach + 2.0 * far);
 }
 static void opening(const Job *j, i64 i) {
   const double *q = j->q + i * NZ;
@@ -133,64 +136,91 @@ static void nearest(const Job *j, i64 part) {
   for (i64 i = 0; i < j->n_queries; i++) j->best[i * j->n_parts + part] = INFINITE;
   for (i64 c = begin; c < end; c++)
     for (i64 i = 0; i < j->n_queries; i++) {
-      double *least = j->least + i * j->n_boxes + c, *best = j->best + i * j->n_parts + part;
+      double *best = j->best + i * j->n_parts + part;
       double ahead = *best < j->bound[i] ? *best : j->bound[i];
-      if (*least > ahead + margin(j, j->q + i * NZ)) { *least = INFINITE; continue; }
-      *least = nearest_in(chunk_of(j->z, c, NZ), j->q + i * NZ);
-      if (*least < *best) { *best = *least; j->found[i * j->n_parts + part] = c; }
+      if (j->least[i * j->n_boxes + c] > ahead + lost(j, j->q + i * NZ)) continue;
+      double least = nearest_in(chunk_of(j->z, c, NZ), j->q + i * NZ);
+      if (least < *best) { *best = least; j->found[i * j->n_parts + part] = c; }
     }
 }
 """
 
 _MOMENTS = """\
-INLINE void fill(const Job *j, i64 i, i64 c, const double *cz, const double *cy, V *a, V *b,
-                 const int kind) {
-  const V *z = chunk_of(j->z, c, NZ), *y = chunk_of(j->y, c, NY);
-  const double *q = j->q + i * NZ, *nu = j->weights + i * (NY + 1);
+INLINE i64 next_chunk(const double *least, i64 c, i64 end, double limit) {
+  while (c < end && least[c] > limit) c++;
+  return c;
+}
+/* The next chunk is on its way while this one is worked on. */
+INLINE void fetch(const void *data, i64 size) {
+  for (i64 k = 0; k < 8 * size; k += 64) __builtin_prefetch((const char *)data + k);
+}
+/* The registers of points of which one counts, one after the other; returns how many there are. */
+INLINE int near_points(const Job *j, const double *q, const V *z, const double *cz, V *d, V *e,
+                       int *from, const int kind) {
+  int n = 0;
   for (int v = 0; v < VC; v++) {
-    V d = {0}, level = {0};
+    V s = {0};
     UNROLL for (int k = 0; k < NZ; k++) {
       V x = z[k * VC + v] - SPLAT(cz[k]);
-      if (kind) b[(1 + k) * VC + v] = x;
-      d = fused(x, x + SPLAT(2.0 * (cz[k] - q[k])), d);
+      if (kind) d[k * VC + n] = x;
+      s = fused(x, x + SPLAT(2.0 * (cz[k] - q[k])), s);
     }
-    V w = weight(d * SPLAT(-j->inverse));
+    e[n] = s;
+    from[n] = v;
+    n += any(s <= j->cutoff);
+  }
+  return n;
+}
+INLINE void fill(const Job *j, i64 i, const V *y, const double *cy, const V *e, const int *from,
+                 V *a, V *b, int n, const int kind) {
+  const double *mz = j->mean_z + i * NZ, *my = j->mean_y + i * NY;
+  const double *nu = j->weights + i * (NY + 1);
+  for (int v = 0; v < n; v++) {
+    V w = weight(e[v] * SPLAT(-j->inverse)), level = {0};
     a[v] = w;
     b[v] = SPLAT(1.0);
     UNROLL for (int k = 0; k < NY; k++) {
-      V x = y[k * VC + v] - SPLAT(cy[k]);
+      V x = y[k * VC + from[v]] - SPLAT(cy[k]);
       if (kind < 2) a[(1 + k) * VC + v] = w * x;
-      else level = fused(SPLAT(nu[k]), x, level);
+      else level = fused(SPLAT(nu[k]), x - SPLAT(my[k]), level);
     }
     if (kind == 2) {
       level = w * (level + SPLAT(nu[NY]));
-      UNROLL for (int k = 0; k < NZ; k++) a[(1 + k) * VC + v] = level * b[(1 + k) * VC + v];
+      UNROLL for (int k = 0; k < NZ; k++) {
+        V x = b[(1 + k) * VC + v] - SPLAT(mz[k]);
+        b[(1 + k) * VC + v] = x;
+        a[(1 + k) * VC + v] = level * x;
+      }
     }
   }
 }
 INLINE void gather(const Job *j, i64 part, const int kind, const int rows, const int cols,
-                   void (*product)(const V *, const V *, V *)) {
+                   void (*product)(const V *, const V *, V *, int)) {
   i64 begin = part * j->n_chunks / j->n_parts, end = (part + 1) * j->n_chunks / j->n_parts;
-  V a[(1 + (NY > NZ ? NY : NZ)) * VC], b[(1 + NZ) * VC], s[(1 + (NY > NZ ? NY : NZ)) * (1 + NZ)];
+  int from[VC];
+  V e[VC], a[(1 + (NY > NZ ? NY : NZ)) * VC], b[(1 + NZ) * VC], s[rows * cols];
   for (i64 i = 0; i < j->n_queries; i++) {
     const double *best = j->best + i * j->n_parts, *q = j->q + i * NZ;
     double *sums = j->partial + (i * j->n_parts + part) * rows * cols;
-    i64 from = 0;
-    for (i64 p = 1; p < j->n_parts; p++) if (best[p] < best[from]) from = p;
-    i64 home = j->found[i * j->n_parts + from];
-    i64 at = place_of(chunk_of(j->z, home, NZ), q, best[from]);
-    double cz[NZ], cy[NY], limit = best[from] + margin(j, q);
-    for (int k = 0; k < NZ; k++)
-      cz[k] = kind == 2 ? j->about_z[i * NZ + k] : j->z[(home * NZ + k) * C + at];
-    for (int k = 0; k < NY; k++)
-      cy[k] = kind == 2 ? j->about_y[i * NY + k] : j->y[(home * NY + k) * C + at];
+    i64 first = 0;
+    for (i64 p = 1; p < j->n_parts; p++) if (best[p] < best[first]) first = p;
+    i64 home = j->found[i * j->n_parts + first];
+    i64 at = place_of(chunk_of(j->z, home, NZ), q, best[first]);
+    double cz[NZ], cy[NY], limit = best[first] + j->cutoff + lost(j, q);
+    for (int k = 0; k < NZ; k++) cz[k] = j->z[(home * NZ + k) * C + at];
+    for (int k = 0; k < NY; k++) cy[k] = j->y[(home * NY + k) * C + at];
     if (part == 0) j->where[i] = home * C + at;
     for (int k = 0; k < rows * cols; k++) { s[k] = (V){0}; sums[k] = 0.0; }
-    for (i64 c = begin; c < end; c++)
-      if (j->least[i * j->n_boxes + c] <= limit) {
-        fill(j, i, c, cz, cy, a, b, kind);
-        product(a, b, s);
-      }
+    const double *least = j->least + i * j->n_boxes;
+    for (i64 c = next_chunk(least, begin, end, limit), next; c < end; c = next) {
+      next = next_chunk(least, c + 1, end, limit);
+      if (next < end) fetch(chunk_of(j->z, next, NZ), NZ * C);
+      int n = near_points(j, q, chunk_of(j->z, c, NZ), cz, b + VC, e, from, kind);
+      if (!n) continue;
+      if (next < end) fetch(chunk_of(j->y, next, NY), NY * C);
+      fill(j, i, chunk_of(j->y, c, NY), cy, e, from, a, b, n, kind);
+      product(a, b, s, n);
+    }
     for (int k = 0; k < rows * cols; k++) LANES sums[k] += s[k][l];
   }
 }
@@ -245,9 +275,9 @@ def _block(rows: int, cols: int) -> str:
     """s[r, c] += sum over a chunk of a[r] b[c], in ``rows x cols`` registers."""
     pairs = [(r, c) for r in range(rows) for c in range(cols)]
     lines = [
-        f"INLINE void block_{rows}_{cols}(const V *a, const V *b, V *s, const int step) {{",
+        f"INLINE void block_{rows}_{cols}(const V *a, const V *b, V *s, int n, const int step) {{",
         *(f"  V s{r}_{c} = {{0}};" for r, c in pairs),
-        "  for (int v = 0; v < VC; v++) {",
+        "  for (int v = 0; v < n; v++) {",
         *(f"    V a{r} = a[{r} * VC + v];" for r in range(rows)),
         *(f"    V b{c} = b[{c} * VC + v];" for c in range(cols)),
         *(f"    s{r}_{c} = fused(a{r}, b{c}, s{r}_{c});" for r, c in pairs),
@@ -260,11 +290,11 @@ def _block(rows: int, cols: int) -> str:
 
 def _product(name: str, rows: int, cols: int, edge: int, *, lower: bool) -> str:
     """s += a b' (rows, cols) over a chunk, block by block; with ``lower`` up to the diagonal."""
-    lines = [f"static void product_{name}(const V *a, const V *b, V *s) {{"]
+    lines = [f"static void product_{name}(const V *a, const V *b, V *s, int n) {{"]
     for r in range(0, rows, edge):
         for c in range(0, r + edge if lower else cols, edge):
             if c < cols:
                 block = f"block_{min(edge, rows - r)}_{min(edge, cols - c)}"
                 at = r * cols + c
-                lines.append(f"  {block}(a + {r} * VC, b + {c} * VC, s + {at}, {cols});")
+                lines.append(f"  {block}(a + {r} * VC, b + {c} * VC, s + {at}, n, {cols});")
     return "\n".join((*lines, "}\n"))

@@ -28,9 +28,8 @@ def read_model(path: Path) -> Any:
     return model_of(read(path), path)
 
 
-def read_transitions(path: Path) -> Transitions:
-    """The transitions in a netCDF file; raises as :func:`read_model` does."""
-    dataset = read(path)
+def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
+    """The transitions in what :func:`read` gave of ``path``; raises as :func:`read_model` does."""
     kind = dataset.attrs["kind"]
     if kind != TRANSITIONS:
         raise ValueError(

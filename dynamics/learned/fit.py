@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynamics.contact.casadi_map import LearnedMap
-from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.samples import Samples
 
 if TYPE_CHECKING:
@@ -94,8 +93,7 @@ def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float,
         )
     if not len(held_out):
         raise ValueError("fit: no row is held out to compare the model with; hold some out")
-    z_scales = Normalisation.of(data.z, [signal.name for signal in data.origin.z])
-    y_scales = Normalisation.of(data.y, [signal.name for signal in data.origin.y])
+    z_scales, y_scales = data.scales
     rng = np.random.default_rng([seed, 2])
     z, y = data.z[held_out], data.y[held_out]
     noised = z + sigma * z_scales.scale * rng.standard_normal(z.shape)
@@ -105,14 +103,17 @@ def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float,
     )
     directions = rng.standard_normal((RAYS, data.z.shape[1]))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    along = _rays(learned, data, z_scales, y_scales, directions)
+    along = _rays(learned, data, directions)
     return Fit(float(sigma), y_scales.scale, clean_rms, noised_rms, np.array(DISTANCES), *along)
 
 
-def _rays(learned: LearnedMap, data: Samples, z_scales: Normalisation, y_scales: Normalisation,
-          directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def _rays(
+    learned: LearnedMap, data: Samples, directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """``displacement`` and ``outside`` at each of the distances."""
-    left = np.argmax(z_scales.normalised(data.z) @ directions.T, axis=0)
+    z_scales, y_scales = data.scales
+    z = z_scales.normalised(data.z)
+    left = np.array([np.argmax(z @ direction) for direction in directions])
     # Rounding of a mean of equal numbers must not count as leaving their range.
     slack = 1e-9 * y_scales.scale
     least, most = data.y.min(axis=0) - slack, data.y.max(axis=0) + slack

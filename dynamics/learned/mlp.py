@@ -10,7 +10,6 @@ import numpy as np
 
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
-from dynamics.systems.parameters import Signal
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,7 +22,7 @@ QUIETLY = np.errstate(over="ignore", invalid="ignore")
 """What is not finite is for the caller to count."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MlpModel:
     """``y = shift_y + scale_y (W_L a_L + b_L)``, ``a_{l+1} = elu(W_l a_l + b_l)``.
 
@@ -55,21 +54,6 @@ class MlpModel:
     def n_out(self) -> int:
         """Entries of y."""
         return self.weights[-1].shape[0]
-
-    @property
-    def states(self) -> tuple[Signal, ...]:
-        """What y is called."""
-        return self.origin.y
-
-    @property
-    def inputs(self) -> tuple[Signal, ...]:
-        """What the entries of z are called that are no states."""
-        return self.origin.inputs
-
-    @property
-    def data_hash(self) -> str:
-        """What tells its data from any other."""
-        return self.origin.data_hash
 
     @property
     def hidden(self) -> tuple[int, ...]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
 
 
@@ -38,6 +39,16 @@ class Samples:
                 )
 
     @property
+    def scales(self) -> tuple[Normalisation, Normalisation]:
+        """Of z and of y, over all rows; raises ``ValueError`` for a column that never varies."""
+        named = (self.z, "{}", self.origin.z), (self.y, "the next {}", self.origin.y)
+        z, y = (
+            Normalisation.of(rows, [form.format(signal.name) for signal in signals])
+            for rows, form, signals in named
+        )
+        return z, y
+
+    @property
     def hash(self) -> str:
         """SHA-256 over names, shapes and bytes."""
         digest = hashlib.sha256()
@@ -46,3 +57,13 @@ class Samples:
             digest.update(f"{rows.dtype.str}{rows.shape}".encode())
             digest.update(np.ascontiguousarray(rows).tobytes())
         return digest.hexdigest()
+
+
+def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row numbers of the rest and of the random ``fraction`` of n rows held out, each rising.
+
+    Whatever holds rows of the same data out at the same seed holds the same ones out.
+    """
+    order = np.random.default_rng([seed, 1]).permutation(n)
+    held = round(fraction * n)
+    return np.sort(order[held:]), np.sort(order[:held])

@@ -63,7 +63,7 @@ def _csv(path: Path) -> Table:
     import pandas as pd
 
     try:
-        frame = pd.read_csv(path, skipinitialspace=True, float_precision="round_trip")
+        frame = pd.read_csv(path, skipinitialspace=True)
     except pd.errors.EmptyDataError as error:
         raise ValueError(f"{path} is empty; the first line must name the columns") from error
     except pd.errors.ParserError as error:

@@ -12,8 +12,7 @@ import numpy as np
 
 from dynamics.learned.mlp import MlpModel
 from dynamics.learned.network import Network, Progress, arrays_of
-from dynamics.learned.normalisation import Normalisation
-from dynamics.learned.samples import Samples
+from dynamics.learned.samples import Samples, split_rows
 
 
 @dataclass(frozen=True)
@@ -85,16 +84,13 @@ class Training:
             raise ValueError(f"mlp: sigma must be at least 0 and finite, got {sigma}")
         self.data, self.sigma, self.seed = data, float(sigma), seed
         self.recipe = recipe or Recipe()
-        held = round(self.recipe.held_out * len(data.z))
-        if len(data.z) - held < 2 or (self.recipe.held_out and not held):
+        self.trained_on, self.held_out = split_rows(len(data.z), self.recipe.held_out, seed)
+        if len(self.trained_on) < 2 or (self.recipe.held_out and not len(self.held_out)):
             raise ValueError(
                 f"data: {len(data.z)} rows are too few to train on with"
                 f" {100 * self.recipe.held_out:g} % of them held out; collect more"
             )
-        names = [[signal.name for signal in signals] for signals in (data.origin.z, data.origin.y)]
-        self._scales = Normalisation.of(data.z, names[0]), Normalisation.of(data.y, names[1])
-        order = np.random.default_rng(seed).permutation(len(data.z))
-        self.held_out, self.trained_on = np.sort(order[:held]), np.sort(order[held:])
+        self._scales = data.scales
         self._network = Network(data.z.shape[1], data.y.shape[1], self.recipe, self.sigma, seed)
         self._now = self._started(state)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import SCHEMA, Origin
-from dynamics.learned.samples import Samples
+from dynamics.learned.samples import Samples, split_rows
 from dynamics.systems import Signal
 
 if TYPE_CHECKING:
@@ -109,14 +109,13 @@ class Transitions:
 
         Raises ``ValueError`` unless both have rows.
         """
-        n = round(fraction * len(self))
-        if not 0 < n < len(self):
+        rest, held_out = split_rows(len(self), fraction, seed)
+        if not (fraction > 0 and len(rest) and len(held_out)):
             raise ValueError(
                 f"data: a fraction {fraction:g} of {len(self)} rows leaves nothing on one side;"
                 " take one between 0 and 1"
             )
-        order = np.random.default_rng([seed, 1]).permutation(len(self))
-        return self._rows(np.sort(order[n:])), self._rows(np.sort(order[:n]))
+        return self._rows(rest), self._rows(held_out)
 
     def _rows(self, rows: np.ndarray) -> Transitions:
         return replace(self, x=self.x[rows], u=self.u[rows], x_next=self.x_next[rows])

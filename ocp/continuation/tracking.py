@@ -14,7 +14,7 @@ from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.routes.branches import Branches
 from ocp.routes.legs import Homotopy
-from ocp.routes.outcome import Outcome
+from ocp.routes.outcome import Outcome, lower
 from ocp.session import Session
 from ocp.stationarity.kkt import Curve, Held, regular
 
@@ -219,11 +219,6 @@ class Tracker:
             for pair in named
         ]
 
-    def warm(self) -> Point:
-        """The point at which the tracker stands."""
-        assert self.curve is not None
-        return self.curve.result(self.v)[0]
-
     def jumped(self, outcome: Outcome, value: float) -> bool:
         """Whether an outcome lies off the curve's tangent by more than twice the predicted way."""
         assert self.curve is not None
@@ -239,7 +234,7 @@ class Tracker:
             return None
         follower = Homotopy(session.nlp_of, session.solver, session.values)
         better = Branches(follower).improve(outcome.result)
-        if better.f >= outcome.result.f - _GAIN * abs(outcome.result.f):
+        if not lower(better, outcome.result, _GAIN):
             self.wasted += follower.trace.iterations
             return None
         follower.trace.absorb(outcome.trace)

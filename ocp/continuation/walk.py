@@ -22,6 +22,7 @@ from ocp.solution import Solution
 SMALLEST = 1e-3
 """The step along the curve is never smaller than this fraction of the asked one."""
 _EASY = 15
+_SCALES = {"linear": (float, float), "log": (math.exp, math.log)}
 _SMALL = 1 / 16
 
 
@@ -135,7 +136,10 @@ class _Walk:
         while self.at < 1 - 1e-12 and self.followed.broke is None:
             whole = math.floor(self.at / asked + 1e-9) + 1
             value = self._value(whole * asked if step == asked else self.at + step)
-            if self._tracked(value) or self._past_end():
+            tracker = self.tracker
+            if self._tracked(value) or (
+                tracker.stuck and self._solved(self._beyond(tracker.value))
+            ):
                 step = min(asked, 2 * step)
                 continue
             small = step <= _SMALL * asked
@@ -191,17 +195,11 @@ class _Walk:
         if better is not None:
             events = [*events, tracker.crossing(better, self.followed.points[-1].value)]
         if not self._add(better or outcome, value):
-            tracker.wasted += (better or outcome).trace.iterations
-            self._restart()
-            return False
+            return self._back(better or outcome)
         self.followed.events += events
         if better is not None:
             tracker.begin(better)
         return True
-
-    def _past_end(self) -> bool:
-        """Where a curve ends, solve just beyond its end."""
-        return self.tracker.stuck and self._solved(self._beyond(self.tracker.value))
 
     def _solved(self, value: float, small: bool = True, ended: bool = False) -> bool:
         """Let the solver find a point at a value, from where the tracker stands.
@@ -212,13 +210,11 @@ class _Walk:
         tracker, curve = self.tracker, self.tracker.curve
         if curve is not None and curve.own.size and not small:
             return False
-        warm = self.outcome.result.point if curve is None else tracker.warm()
+        warm = self.outcome.result.point if curve is None else curve.result(tracker.v)[0]
         tried = self._solve(value, warm)
         jumped = curve is not None and tracker.jumped(tried, value)
         if (jumped and not small) or not self._add(tried, value):
-            tracker.wasted += tried.trace.iterations
-            self._restart()
-            return False
+            return self._back(tried)
         self.followed.events += tracker.events
         if jumped or ended:
             self.followed.events.append(Event("switch", value, tried.result.f, "the curve ends"))
@@ -228,10 +224,12 @@ class _Walk:
             self.followed.events += tracker.changed(curve, tried)
         return True
 
-    def _restart(self) -> None:
-        """Put the tracker back to the last accepted point."""
+    def _back(self, *wasted: Outcome) -> bool:
+        """Put the tracker back to the last accepted point: what was tried leads nowhere."""
+        self.tracker.wasted += sum(outcome.trace.iterations for outcome in wasted)
         self.session.values[self.followed.parameter] = self.followed.points[-1].value
         self.tracker.begin(self.outcome)
+        return False
 
     def _turned(self, value: float) -> bool:
         """Step round folds; every stop on the way is a point."""
@@ -242,13 +240,10 @@ class _Walk:
         way = list(tracker.turn(math.copysign(1.0, end - start), start, value))
         folds = [event for stop in way for event in stop.events]
         if not folds:
-            tracker.wasted += sum(stop.outcome.trace.iterations for stop in way)
-            self._restart()
-            return False
+            return self._back(*(stop.outcome for stop in way))
         followed.events += [*before, *folds]
         if not tracker.around:
-            tracker.wasted += sum(stop.outcome.trace.iterations for stop in way)
-            self._restart()
+            self._back(*(stop.outcome for stop in way))
             return self._solved(self._beyond(folds[0].value), ended=True)
         for stop in way:
             if not self._add(stop.outcome, stop.value):
@@ -265,17 +260,11 @@ class _Walk:
 
     def _break(self, value: float) -> None:
         last, failed = self.followed.points[-1].value, self.failed
-        self.followed.broke = (
-            f"after {self.followed.parameter} = {last:g}, on the way to {value:g}:"
-            f" {failed.verdict}{_worst(failed)}"
-        )
-
-
-def _worst(solution: Solution) -> str:
-    if not solution.audit.worst:
-        return ""
-    worst = solution.audit.worst[0]
-    return f" Worst: {worst.name} of {worst.component} at step {worst.step}, {worst.amount:.1e}."
+        broke = f"after {self.followed.parameter} = {last:g}, on the way to {value:g}:"
+        self.followed.broke = f"{broke} {failed.verdict}"
+        for worst in failed.audit.worst[:1]:
+            where = f"{worst.name} of {worst.component} at step {worst.step}"
+            self.followed.broke += f" Worst: {where}, {worst.amount:.1e}."
 
 
 def check_range(
@@ -286,17 +275,15 @@ def check_range(
         raise InputError(f"--from and --to must be finite and differ, got {start} and {end}")
     if steps < 1:
         raise InputError(f"--steps must be 1 or more, got {steps}")
-    if scale == "linear":
-        return (lambda s: s), (lambda v: v)
-    if scale == "log":
-        if start * end <= 0 or start < 0:
-            raise InputError(f"a log scale needs positive ends, got {start} and {end}")
-        return math.exp, math.log
-    raise InputError(f"--scale must be log or linear, got {scale!r}")
+    if scale not in _SCALES:
+        raise InputError(f"--scale must be log or linear, got {scale!r}")
+    if scale == "log" and min(start, end) <= 0:
+        raise InputError(f"a log scale needs positive ends, got {start} and {end}")
+    return _SCALES[scale]
 
 
 def curve_dataset(curve: Continuation) -> Any:
-    """Points as one dataset over dimension ``point``, with every trajectory."""
+    """Cloud as one dataset over dimension ``point``, with every trajectory."""
     import xarray as xr
 
     keep = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")

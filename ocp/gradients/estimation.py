@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,8 @@ from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.interpolation import RULES, Choice, Evidence, Rule
 from ocp.gradients.known_gradient import KINDS, KnownGradient, kind_of, known_gradient, stream
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.sampling import Progress, Sampled, run_estimator
+from ocp.gradients.sampling import Keep, Progress, Sampled, run_estimator
 from ocp.gradients.verdict import Verdict, judge
-from ocp.store.checkpoint import Checkpoint
 
 JUMP_STREAM = 4
 ALPHA_PARTS = ("zobg-mean", "fobg")
@@ -86,10 +86,8 @@ class Estimate:
             "verdict": self.verdict.word,
             "wide": self.verdict.wide,
             "explanation": self.verdict.sentence,
-            "alpha": None if self.choice is None else self.choice.alpha,
-            "alpha_reason": None if self.choice is None else self.choice.reason,
-            "epsilon": None if self.choice is None else self.choice.epsilon,
-            "gamma": None if self.choice is None else self.choice.gamma,
+            "alpha_reason": getattr(self.choice, "reason", None),
+            **{key: getattr(self.choice, key, None) for key in ("alpha", "epsilon", "gamma")},
             "empirical_bias": None if self.bias is None else vars(self.bias),
             "nonfinite": 0 if self.nonfinite is None else len(self.nonfinite),
             "nonfinite_first": [] if self.nonfinite is None else self.nonfinite[:5].tolist(),
@@ -198,14 +196,14 @@ def carry_out(
     objective: SampledObjective,
     seed: np.random.SeedSequence,
     progress: Progress | None = None,
-    keep: tuple[Checkpoint, str] | None = None,
+    keep: Keep | None = None,
 ) -> dict[str, Estimate]:
     """Estimate one objective by ``sampling``, with the random streams of ``seed``.
 
     ``keep`` is where sums under way are saved, and the beginning of their keys.
     """
 
-    def kept(name: str) -> tuple[Checkpoint, str] | None:
+    def kept(name: str) -> Keep | None:
         return None if keep is None else (keep[0], f"{keep[1]}-{name}")
 
     kind_of(objective, sampling.sigma, sampling.reference)
@@ -227,8 +225,7 @@ def carry_out(
         if name in SAMPLED:
             answers[name] = judged.sampled(name, found[name])
         else:
-            parts = [found[part] for part in ALPHA_PARTS]
-            answers[name] = judged.interpolated(name, *parts)
+            answers[name] = judged.interpolated(name, *(found[part] for part in ALPHA_PARTS))
     return answers
 
 
@@ -240,40 +237,36 @@ class _Judge:
         known: KnownGradient | None,
     ) -> None:  # fmt: skip
         self._objective, self._sampling, self._seed, self._known = objective, sampling, seed, known
-        self._jump: Jump | None = None
 
     def sampled(self, name: str, found: Sampled) -> Estimate:
         pathwise = name == "fobg"
         mean = None if self._known is None or not pathwise else self._known.gradient
         bias = empirical_bias(found.kept, mean)
-        verdict = self._verdict(name, found.moments, bias if pathwise else None)
+        # What smooths over parameters has the reference only where these carry the noise.
+        same = len(self._objective.theta) == self._objective.n_noise
+        known = self._known if name != "es" or same else None
+        verdict = self._verdict(known, found.moments, bias if pathwise else None)
         cost = SAMPLED[name].evaluations * self._sampling.samples
-        return Estimate(name, found.moments, cost, self._known_for(name), verdict, bias, None,
-                        found.nonfinite)  # fmt: skip
+        return Estimate(name, found.moments, cost, known, verdict, bias, None, found.nonfinite)
 
     def interpolated(self, name: str, zeroth: Sampled, first: Sampled) -> Estimate:
-        evidence = evidence_of(zeroth, first)
-        choice = self._sampling.rule(name).choose(evidence)
+        choice = self._sampling.rule(name).choose(evidence_of(zeroth, first))
         moments = interpolate(choice.alpha, zeroth.moments, first.moments)
         cost = sum(SAMPLED[part].evaluations for part in ALPHA_PARTS) * self._sampling.samples
         bad = np.union1d(zeroth.nonfinite, first.nonfinite)
-        verdict = self._verdict(name, moments, None)
+        verdict = self._verdict(self._known, moments, None)
         return Estimate(name, moments, cost, self._known, verdict, None, choice, bad)
 
-    def _known_for(self, name: str) -> KnownGradient | None:
-        """What smooths over parameters has the reference only where these carry the noise."""
-        same = len(self._objective.theta) == self._objective.n_noise
-        return self._known if name != "es" or same else None
-
-    def _verdict(self, name: str, moments: Moments, bias: EmpiricalBias | None) -> Verdict:
-        known = self._known_for(name)
+    def _verdict(
+        self, known: KnownGradient | None, moments: Moments, bias: EmpiricalBias | None
+    ) -> Verdict:
         verdict = judge(moments, known)
-        if verdict.word != "biased":
-            return verdict
-        if self._jump is None:
-            noise = Gaussian(self._sampling.sigma, stream(self._seed, JUMP_STREAM))
-            self._jump = sharpest_change(self._objective, noise)
-        return judge(moments, known, self._jump, bias)
+        return judge(moments, known, self._jump, bias) if verdict.word == "biased" else verdict
+
+    @cached_property
+    def _jump(self) -> Jump:
+        noise = Gaussian(self._sampling.sigma, stream(self._seed, JUMP_STREAM))
+        return sharpest_change(self._objective, noise)
 
 
 def evidence_of(zeroth: Sampled, first: Sampled) -> Evidence:

@@ -11,15 +11,13 @@ import numpy as np
 
 from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError
-from ocp.gradients.objective import SampledObjective
+from ocp.gradients.objective import Bulk, SampledObjective
 
 CHUNK = 1 << 13
 """Samples that are worked on at once; fixed, since sums are taken chunk by chunk."""
 
 Contributions = Callable[[Gaussian, int], np.ndarray]
 """Maps (noise from its first sample on, m) to the estimates (m, d) of m single samples."""
-Bulk = Callable[[Gaussian, int], "tuple[Moments, np.ndarray] | None"]
-"""Maps the same to the moments of m samples and the indices of those left out, where it can."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,7 @@ class Sampler:
     """Gives single estimates when called, and moments of many at once by ``bulk``."""
 
     single: Contributions
-    bulk: Bulk = lambda noise, m: None
+    bulk: Callable[[Gaussian, int], Bulk | None] = lambda noise, m: None
 
     def __call__(self, noise: Gaussian, m: int) -> np.ndarray:
         """Single estimates (m, d) of the m samples from the noise's first on."""
@@ -83,7 +81,7 @@ class ZeroOrder(Estimator):
             found = objective.scored(g, m)
             return (factor * (found.cost - baseline))[:, None] * found.direction
 
-        def bulk(g: Gaussian, m: int) -> tuple[Moments, np.ndarray] | None:
+        def bulk(g: Gaussian, m: int) -> Bulk | None:
             found = objective.moments(g, m, "zeroth", baseline)
             if found is None:
                 return None

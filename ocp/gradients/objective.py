@@ -16,6 +16,10 @@ from dynamics.batch import BatchFunction, BatchWarning, Gaussian, Moments
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 
+Order = Literal["cost", "zeroth", "first"]
+Bulk = tuple[Moments, np.ndarray]
+"""Moments of many samples, and the indices of those left out as not finite."""
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -96,21 +100,17 @@ class SampledObjective(ABC):
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
         """Costs of n samples and their gradients by theta (pathologies, def. II.2)."""
 
-    @abstractmethod
     def perturbed(self, noise: Gaussian, n: int) -> Samples:
-        """Costs at ``theta + w`` without further noise, and ``w / sigma^2``."""
+        """Costs at ``theta + w`` without further noise, and ``w / sigma^2``.
 
-    def moments(
-        self,
-        noise: Gaussian,
-        n: int,
-        order: Literal["cost", "zeroth", "first"],
-        baseline: float = 0.0,
-    ) -> tuple[Moments, np.ndarray] | None:
+        Where the noise is added to the decision these are costs and scores.
+        """
+        return self.scored(noise, n)
+
+    def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
         """Moments over n samples of cost, of (cost - baseline) score, or of the gradient.
 
-        With the indices of samples that were left out as not finite. None where an objective can
-        do it no faster than sample by sample.
+        None where an objective can do it no faster than sample by sample.
         """
         return None
 
@@ -128,6 +128,7 @@ class StaticObjective(SampledObjective):
 
     ``cost`` is an expression in ``theta`` (d, 1) and the parameters. ``closed_form(values, sigma)``
     gives what is known of it, ``values`` holding the decision's components and the parameters.
+    ``engine`` is that of its :class:`~dynamics.batch.BatchFunction`.
 
     Raises :class:`~ocp.errors.InputError` where dimensions do not fit.
     """
@@ -141,9 +142,7 @@ class StaticObjective(SampledObjective):
         value: np.ndarray,
         parameters: ParameterTable,
         closed_form: Callable[[dict[str, float], float], ClosedForm] | None = None,
-        backend: str = "auto",
-        threads: int | None = None,
-        block: int = 32,
+        **engine: Any,
     ) -> None:
         given = np.atleast_1d(np.asarray(value, dtype=float))
         if theta.numel() != len(decision) or given.shape != (len(decision),) or cost.numel() != 1:
@@ -154,28 +153,24 @@ class StaticObjective(SampledObjective):
         self.name, self.decision, self.theta, self.n_noise = name, decision, given, len(decision)
         self.parameters, self._closed_form = parameters.defaults, closed_form
         arguments = [theta, parameters.vector]
-        options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
         both = [ca.densify(cost), ca.densify(ca.gradient(cost, theta))]
-        self._cost = BatchFunction(ca.Function("cost", arguments, both[:1]), **options)
-        self._both = BatchFunction(ca.Function("cost_and_gradient", arguments, both), **options)
+        self._cost = BatchFunction(ca.Function("cost", arguments, both[:1]), **engine)
+        self._both = BatchFunction(ca.Function("cost_and_gradient", arguments, both), **engine)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
         """Cost at theta plus the given noise."""
-        return self._evaluate(self._cost, self.theta + noise)[:, 0]
+        return quietly(self._cost, self.theta + noise, self.values)[:, 0]
 
     def scored(self, noise: Gaussian, n: int) -> Samples:
         """Costs, and w / sigma^2."""
-        w = self._draw(noise, n)
+        w = noise.draw(n, 1, self.n_noise)[:, 0]
         return Samples(self.costs(w), w / noise.scales(self.n_noise) ** 2)
 
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
         """Costs, and gradients at theta + w."""
-        cost, gradient = self._evaluate(self._both, self.theta + self._draw(noise, n))
+        theta = self.theta + noise.draw(n, 1, self.n_noise)[:, 0]
+        cost, gradient = quietly(self._both, theta, self.values)
         return Samples(cost[:, 0], gradient)
-
-    def perturbed(self, noise: Gaussian, n: int) -> Samples:
-        """Equal to a score, because the noise is added to the decision."""
-        return self.scored(noise, n)
 
     def closed_form(self, sigma: float) -> ClosedForm | None:
         """The closed form, where the objective was given one."""
@@ -183,12 +178,6 @@ class StaticObjective(SampledObjective):
             return None
         theta = {s.name: float(v) for s, v in zip(self.decision, self.theta, strict=True)}
         return self._closed_form({**theta, **self.parameters}, sigma)
-
-    def _evaluate(self, function: BatchFunction, theta: np.ndarray) -> Any:
-        return quietly(function, theta, self.values)
-
-    def _draw(self, noise: Gaussian, n: int) -> np.ndarray:
-        return noise.draw(n, 1, self.n_noise)[:, 0]
 
 
 def quietly(function: Callable[..., Any], *args: Any, **named: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine, open_loop
 from dynamics.contact import ContactLaw
 from dynamics.systems import Signal
-from ocp.gradients.objective import SampledObjective, Samples, quietly
+from ocp.gradients.objective import Bulk, Order, SampledObjective, Samples, quietly
 from ocp.policy import Feedback, OpenLoop, Policy
 from ocp.problem import Problem
 
@@ -39,9 +39,7 @@ class RolloutObjective(SampledObjective):
         law: ContactLaw,
         policy: Policy | None = None,
         theta: np.ndarray | None = None,
-        backend: str = "auto",
-        threads: int | None = None,
-        block: int = 32,
+        **engine: Any,
     ) -> None:
         policy = OpenLoop() if policy is None else policy
         self.problem, self.policy = problem, policy
@@ -49,7 +47,7 @@ class RolloutObjective(SampledObjective):
         self.name, self.n_noise = problem.name, problem.N * problem.system.nu
         # Shared by all copies that differ in values alone, so that nothing is compiled twice.
         self._compiled: list[RolloutFunction] = []
-        self._options: dict[str, Any] = {"backend": backend, "threads": threads, "block": block}
+        self._engine = engine
         self.parameters = self.step.p.defaults
         shape = self._policy.shape(problem.N)
         self.theta = (
@@ -61,50 +59,49 @@ class RolloutObjective(SampledObjective):
         """Cost at given noise (n, N nu), in the order of steps."""
         n, system = len(noise), self.problem.system
         given = np.ascontiguousarray(noise.reshape(n, self.problem.N, system.nu))
-        call = self._arguments(n, 0)
-        return quietly(self._forward, **call, noise=given, n_samples=n, gradient=False).cost
+        return self._rolled(n, 0, noise=given, gradient=False).cost
 
     def nominal(self) -> float:
         """Cost without noise, its mean over scenarios."""
         return float(self.costs(np.zeros((self.problem.scenarios.n, self.n_noise))).mean())
 
+    def slope(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
+        """Mean cost over the scenarios, without noise, at ``theta``, and its gradient."""
+        shaped = theta.reshape(self._policy.shape(self.problem.N))
+        found = self._rolled(self.problem.scenarios.n, 0, theta=shaped)
+        gradient = found.gradient.reshape(len(found.cost), -1)
+        return float(found.cost.mean()), gradient.mean(axis=0)
+
     def scored(self, noise: Gaussian, n: int) -> Samples:
         """Costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
-        call = self._arguments(n, noise.first)
-        found = quietly(self._forward, **call, noise=noise, n_samples=n, gradient=False, score=True)
+        found = self._rolled(n, noise.first, noise=noise, gradient=False, score=True)
         return Samples(found.cost, found.score.reshape(n, -1))
 
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
         """Costs and their exact gradients through contact."""
-        call = self._arguments(n, noise.first)
-        found = quietly(self._forward, **call, noise=noise, n_samples=n)
+        found = self._rolled(n, noise.first, noise=noise)
         return Samples(found.cost, found.gradient.reshape(n, -1))
 
     def perturbed(self, noise: Gaussian, n: int) -> Samples:
         """Costs of policies with disturbed parameters, which act without noise."""
         d = len(self.theta)
-        sigma = noise.scales(d)
         e = noise.draw(n, 1, d)[:, 0]
-        call = self._arguments(n, noise.first)
-        call["theta"] = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
-        found = quietly(self._forward, **call, n_samples=n, gradient=False)
-        return Samples(found.cost, e / sigma**2)
+        theta = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
+        found = self._rolled(n, noise.first, theta=theta, gradient=False)
+        return Samples(found.cost, e / noise.scales(d) ** 2)
 
-    def moments(
-        self,
-        noise: Gaussian,
-        n: int,
-        order: Literal["cost", "zeroth", "first"],
-        baseline: float = 0.0,
-    ) -> tuple[Moments, np.ndarray] | None:
+    def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
         """Moments computed inside the kernel that rolls out and draws the noise."""
         found = quietly(
-            self._forward.moments, **self._arguments(n, noise.first), noise=noise, n_samples=n,
+            self._forward.moments, **self._arguments(n, noise.first), noise=noise,
             gradient=order == "first", score=order == "zeroth", baseline=baseline,
         )  # fmt: skip
         part = {"cost": found.cost, "zeroth": found.zeroth, "first": found.gradient}[order]
         flat = Moments(part.n, np.ravel(part.mean), np.ravel(part.m2))
         return flat, found.nonfinite.indices
+
+    def _rolled(self, n: int, first: int, **how: Any) -> Any:
+        return quietly(self._forward, **self._arguments(n, first) | how)
 
     def _arguments(self, n: int, first: int) -> dict[str, Any]:
         problem = self.problem
@@ -112,6 +109,7 @@ class RolloutObjective(SampledObjective):
         x0 = problem.initial_states(physical)
         rows = (first + np.arange(n)) % len(x0)
         call: dict[str, Any] = {
+            "n_samples": n,
             "x0": x0[rows] if len(x0) > 1 else x0[0],
             "theta": self.theta.reshape(self._policy.shape(problem.N)),
             "p": self.values,
@@ -146,7 +144,7 @@ class RolloutObjective(SampledObjective):
                 ca.Function("stage_cost", [x, u, *changes, p], [_dense(problem.stage_cost)]),
                 ca.Function("terminal_cost", [x, p], [_dense(problem.terminal_cost)]),
             )
-            made = RolloutFunction(self.step, *costs, problem.N, self._policy, **self._options)
+            made = RolloutFunction(self.step, *costs, problem.N, self._policy, **self._engine)
             self._compiled.append(made)
         return self._compiled[0]
 

@@ -51,10 +51,12 @@ def audit(
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
     free = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
     smallest = np.minimum(plan.lam, plan.gap)
+    # A learned law has no pairs, which is not the same as pairs that are complementary.
+    pairs = nlp.step.n >= problem.system.nlam
     book = contact_book(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
     found = Audit(
-        complementarity=largest(sharp),
-        complementarity_min=largest(np.abs(smallest)),
+        complementarity=largest(sharp) if pairs else float("nan"),
+        complementarity_min=largest(np.abs(smallest)) if pairs else float("nan"),
         dynamics_residual=largest(moved),
         law_residual=largest(closed),
         constraint_violation=max(0.0, largest(free)),

@@ -59,11 +59,19 @@ def findings(found: Solution) -> list[str]:
             " bounds that keep the states where it stays one."
         ]
     lines = [] if found.success or not explained else [_sentence(explained)]
-    if found.status.label == "no-progress" and found.audit.active_steps == 0:
+    forceless = math.isnan(found.audit.complementarity)
+    if found.status.label == "no-progress" and found.audit.active_steps == 0 and not forceless:
         lines = [_sentence(f"the contacts never act; {explained}")]
     if found.certificate.reason != UNJUDGED:
         lines.append(_sentence(found.certificate.sentence))
-    said = (_gaps(found), _referee(found), _replay(found), found.referee.parting)
+    gaps = found.problem.system.gaps
+    model = "" if gaps is None else f"the model's gaps are {gaps}"
+    if forceless:
+        model = "the law is learned from data and knows no forces" + (model and f"; {model}")
+    others = found.record.get("learned_at", {}).items()
+    differs = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in others)
+    model += f"; its data were taken at {differs}" if differs else ""
+    said = (model, _referee(found), _replay(found), found.referee.parting)
     lines += [_sentence(line) for line in said if line]
     if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):
         lines.append("A second way of solving took too long beside the first and was given up.")
@@ -77,11 +85,6 @@ def findings(found: Solution) -> list[str]:
 
 UNJUDGED = "the point is not feasible"
 """The certificate's reason where there was nothing to certify."""
-
-
-def _gaps(found: Solution) -> str:
-    gaps = found.problem.system.gaps
-    return "" if gaps is None else f"the model's gaps are {gaps}"
 
 
 def _referee(found: Solution) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
 from ocp.problem import Problem
+from ocp.rollout import at_steps
 
 
 class Along:
@@ -20,18 +21,13 @@ class Along:
     def __init__(self, problem: Problem, system: ContactSystem, x: np.ndarray, u: np.ndarray,
                  lam: np.ndarray, physical: np.ndarray) -> None:  # fmt: skip
         self.symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
-        self.shape = u.shape[:2]
-        columns = (x[:, :-1], u, x[:, 1:], lam)
-        self.values = [value.reshape(-1, value.shape[2]).T for value in columns]
-        self.physical = physical
+        self.values, self.physical = (x[:, :-1], u, x[:, 1:], lam), physical
 
     def __call__(self, *expressions: ca.SX) -> list[np.ndarray]:
         """Evaluate the expressions at every scenario and step."""
         outputs = [ca.densify(expression) for expression in expressions]
         function = ca.Function("along", self.symbols, outputs)
-        count = int(np.prod(self.shape))
-        found = function.map(count).call([*map(ca.DM, self.values), ca.DM(self.physical)])
-        return [np.array(value).T.reshape(*self.shape, -1) for value in found]
+        return at_steps(function, *self.values, p=self.physical)
 
 
 def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:

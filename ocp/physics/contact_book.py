@@ -125,7 +125,12 @@ def _summaries(
     names: tuple[str, ...], force: np.ndarray, way: np.ndarray, acts: np.ndarray,
     slides: np.ndarray, weak: np.ndarray,
 ) -> list[ContactSummary]:  # fmt: skip
-    """Sum up forces [N], ways slid [m] and flags, each (S, N, points), for every contact."""
+    """Sum up forces [N], ways slid [m] and flags, each (S, N, points), for every contact.
+
+    Nothing where no force is a number: a learned law knows none.
+    """
+    if np.isnan(force).all():
+        return []
     return [
         ContactSummary(
             name=name,

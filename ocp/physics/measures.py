@@ -11,6 +11,7 @@ import numpy as np
 from dynamics.contact import Step
 from ocp.physics.along import distances, normal_impulses
 from ocp.problem import Constraint, Problem
+from ocp.rollout import at_steps
 from ocp.transcription.common import constraint_names
 
 ACTS = 1e-3
@@ -73,7 +74,7 @@ def measure(
     return Physics(
         _worst(-phi, names),
         _worst(-least_between(problem, x, physical), names),
-        _worst(acting, names),
+        None if np.isnan(impulse).all() else _worst(acting, names),
     )
 
 
@@ -200,11 +201,9 @@ def _constraints_off(
         [system.x, system.u, problem.parameters.vector],
         [ca.densify(part) for part in (ca.fmax(low - value, value - high), size)],
     )
-    states, inputs = x.reshape(-1, x.shape[2]).T, u.reshape(-1, u.shape[2]).T
-    off, sizes = function.map(states.shape[1])(states, inputs, physical)
-    shape = (*x.shape[:2], value.numel())
+    off, size = at_steps(function, x, u, p=physical)
     # Where nothing changes a constraint to first order, any violation of it is a large one.
-    return np.array(off).T.reshape(shape), np.fmax(np.array(sizes).T.reshape(shape), 1e-12)
+    return off, np.fmax(size, 1e-12)
 
 
 def _row_sizes(value: ca.SX, of: ca.SX, sizes: np.ndarray) -> ca.SX:

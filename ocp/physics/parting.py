@@ -8,6 +8,7 @@ import numpy as np
 
 from ocp.physics.along import Along
 from ocp.problem import Problem
+from ocp.rollout import at_steps
 
 APART = 1e-2
 """Share of the states' characteristic size from which on two ends of a step are two."""
@@ -52,11 +53,7 @@ def find_parting(
     step = problem.exact_step
     if lam.shape[2] != step.n:
         return None
-    p = step.p.pack(values)
-    S, N = u.shape[:2]
-    columns = [part.reshape(S * N, -1).T for part in (x[:, :-1], u)]
-    found = step.solve.map(S * N)(*columns, p)
-    x_next, other, _, error = (np.array(part).T.reshape(S, N, -1) for part in found)
+    x_next, other, _, error = at_steps(step.solve, x[:, :-1], u, p=step.p.pack(values))
     apart = np.abs(x_next - x[:, 1:])
     distance = (apart / problem.sizes.x).max(axis=2)
     solved = np.all(error <= SATISFIED, axis=2)

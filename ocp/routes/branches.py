@@ -92,9 +92,9 @@ class Branches:
         the radius, one that costs least. The radius grows tenfold until a branch is solved
         (Nurkanovic and Leyffer, arXiv 2501.13835, phase 1). None where none is.
         """
-        began, allowed = time.perf_counter(), self._seconds()
+        until = self._until()
         for radius in _REACHES:
-            left = allowed - (time.perf_counter() - began)
+            left = until - time.perf_counter()
             if left <= 0 or not self.program.pairs.size:
                 break
             found = self._proposed(start.x, radius, left)
@@ -129,9 +129,9 @@ class Branches:
         arXiv 2501.13835, phase 2).
         """
         best, radius = settled, _FIRST_RADIUS
-        began, allowed, before = time.perf_counter(), self._seconds(), self.follower.trace.seconds
+        began, until, before = time.perf_counter(), self._until(), self.follower.trace.seconds
         for _ in range(_EXCHANGES):
-            left = allowed - (time.perf_counter() - began)
+            left = until - time.perf_counter()
             if left <= 0 or radius < RADII[-1] or not self.program.pairs.size:
                 break
             model = linear_model(self.program, best.point.x, self.p, self.limits)
@@ -170,8 +170,9 @@ class Branches:
         found = self.solve(Point(there, best.point.lam_x, best.point.lam_g), active)
         return found if found.ok else None
 
-    def _seconds(self) -> float:
-        return float(np.clip(_SHARE * self.follower.trace.seconds, _LEAST_S, _MOST_S))
+    def _until(self) -> float:
+        spent = self.follower.trace.seconds
+        return time.perf_counter() + min(max(_SHARE * spent, _LEAST_S), _MOST_S)
 
     def wishes(self, found: Result, active: np.ndarray) -> np.ndarray:
         """Fall of the cost (m,) by a unit of each pair's held member, in natural units."""

@@ -38,11 +38,6 @@ def own_path(
     return Path(values, leg)
 
 
-def one_stage(name: str, options: dict[str, Any]) -> Path:
-    """A path of one stage, at the values as they are."""
-    return Path([0.0], lambda _: Leg(name, 0.0, options=options))
-
-
 def from_exact(
     follower: Homotopy, program: Program, x: np.ndarray, schedule: Schedule | None, value: float
 ) -> Result | None:

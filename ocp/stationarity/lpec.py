@@ -124,8 +124,8 @@ class LinearModel:
         y, reduced = multipliers / self.row_scale, self.reduced(multipliers)
         lower, upper = self.box(radius)
         gained = -np.minimum(reduced * lower, reduced * upper).sum()
-        ends = [y * _finite(end / radius) for end in (self.row_lower, self.row_upper)]
-        return float(gained + np.maximum(*ends).sum())
+        ends = np.clip([self.row_lower / radius, self.row_upper / radius], -1e12, 1e12)
+        return float(gained + (y * ends).max(axis=0).sum())
 
     def descend(
         self, radius: float, branching: bool, seconds: float, cut: float, first: bool = False
@@ -205,10 +205,6 @@ class Descent:
 def _active(negative_slack: np.ndarray) -> np.ndarray:
     """A lower end of a step: zero where the constraint is active or violated."""
     return np.where(negative_slack > -_SNAP, 0.0, negative_slack)
-
-
-def _finite(values: np.ndarray) -> np.ndarray:
-    return np.clip(values, -1e12, 1e12)
 
 
 def _solved(

@@ -29,7 +29,7 @@ class Checkpoint:
     def __init__(self, root: Path, problem: str, request: dict[str, Any]) -> None:
         text = json.dumps(plain(request), sort_keys=True)
         name = hashlib.sha256(text.encode()).hexdigest()[:16]
-        self._directory = root / problem / f".estimate-{name}"
+        self._directory = root / problem / f".unfinished-{name}"
         self._saved = time.monotonic()
 
     def rows(self, point: int) -> list[dict[str, Any]] | None:

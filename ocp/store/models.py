@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,28 +26,34 @@ def save(dataset: xr.Dataset, path: Path) -> None:
         whole.to_netcdf(draft, engine="netcdf4")
 
 
-def load(path: Path) -> xr.Dataset:
-    """What a file of transitions or of a model holds.
-
-    Raises :class:`~ocp.errors.InputError` with a sentence where it is not whole, or something else.
-    """
-    try:
-        return files.read(path)
-    except ValueError as error:
-        raise InputError(str(error)) from error
+def load_any(path: Path) -> Transitions | xr.Dataset:
+    """Transitions, or all that the file of a model holds; raises as :func:`load_model` does."""
+    with _told():
+        dataset = files.read(path)
+        if dataset.attrs["kind"] == files.TRANSITIONS:
+            return files.transitions_of(dataset, path)
+        files.model_of(dataset, path)
+    return dataset
 
 
 def load_transitions(path: Path) -> Transitions:
-    """Transitions from their file; raises as :func:`load` does."""
-    try:
-        return files.read_transitions(path)
-    except ValueError as error:
-        raise InputError(str(error)) from error
+    """Transitions from their file; raises as :func:`load_model` does."""
+    with _told():
+        return files.transitions_of(files.read(path), path)
 
 
 def load_model(path: Path) -> Any:
-    """A model from its file; raises as :func:`load` does."""
-    try:
+    """A model from its file.
+
+    Raises :class:`~ocp.errors.InputError` with a sentence where it is not whole, or something else.
+    """
+    with _told():
         return files.read_model(path)
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    try:
+        yield
     except ValueError as error:
         raise InputError(str(error)) from error

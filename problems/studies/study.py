@@ -2,40 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from ocp.errors import InputError
-from problems.parameters import Parameters
+from problems.parameters import Limits, Parameters, declared
 from problems.spec import Citation, check_parameters
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from ocp.store.checkpoint import Checkpoint
 
 PAPER, CODE, CHOICE = "paper", "authors' code", "our choice"
 """Where a study's value comes from: the paper's text, its authors' public code, or nowhere."""
 
 
 def setting(
-    default: float,
-    unit: str,
-    meaning: str,
-    origin: str = CHOICE,
-    *,
-    above: float | None = None,
-    least: float | None = None,
-    most: float | None = None,
+    default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Limits]
 ) -> Any:
     """Declare a study's parameter in SI ``unit``, with its range and its :data:`origin <PAPER>`."""
-    extra: dict[str, Any] = {"unit": unit, "origin": origin}
-    return Field(default, gt=above, ge=least, le=most, description=meaning, json_schema_extra=extra)
+    return declared(default, unit, meaning, limits, origin=origin)
 
 
 def origin_of(field: FieldInfo) -> str:
@@ -48,6 +41,22 @@ class StudyParams(Parameters):
     """Base of every study's parameters; a study without noise leaves the seed unused."""
 
     seed: int = setting(0, "1", "seed of everything random", least=0, most=2**31 - 1)
+
+
+class Pieces:
+    """Finished pieces of a study by their keys, kept by a checkpoint where there is one."""
+
+    def __init__(self, checkpoint: Checkpoint | None = None) -> None:
+        self._checkpoint = checkpoint
+
+    def get(self, key: str, make: Callable[[], Mapping[str, ArrayLike]]) -> dict[str, np.ndarray]:
+        """Arrays of a piece: those that were kept, or else made and kept now."""
+        found = self._checkpoint.state(key) if self._checkpoint else None
+        if found is None:
+            found = {name: np.asarray(array) for name, array in make().items()}
+            if self._checkpoint:
+                self._checkpoint.save_state(key, **found)
+        return found
 
 
 @dataclass(frozen=True)
@@ -74,7 +83,7 @@ class Study:
     which returns pure data, where every numeric variable and coordinate has ``units``
     (:func:`quantity_of`); its ``claims`` has ``claims(data)``, which reads that data, whose
     attributes hold the parameters. ``notes`` say on the page what a reader must know of choices and
-    corrections.
+    corrections. A long one ``resumes``: ``run(params, pieces)`` asks for each of them first.
     """
 
     id: str
@@ -82,6 +91,7 @@ class Study:
     citation: Citation
     folder: str
     notes: Sequence[str] = ()
+    resumes: bool = False
 
     @property
     def Params(self) -> type[StudyParams]:
@@ -99,14 +109,19 @@ class Study:
         """
         return check_parameters(self.id, self.Params, values)
 
-    def data(self, values: Mapping[str, Any] | None = None) -> xr.Dataset:
+    def data(
+        self, values: Mapping[str, Any] | None = None, kept: Checkpoint | None = None
+    ) -> xr.Dataset:
         """Run at ``values``, the rest at their defaults; the parameters become attributes.
+
+        Pieces of a study that resumes are taken from ``kept`` and put there.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter and ``ValueError`` where a
         variable has no units.
         """
         params = self.params(values or {})
-        found = import_module(".data", self.folder).run(params)
+        more = [Pieces(kept)] if self.resumes else []
+        found = import_module(".data", self.folder).run(params, *more)
         for name, array in found.variables.items():
             if array.dtype.kind in "fiu" and "units" not in array.attrs:
                 raise ValueError(f"study {self.id}: {name} has no units")

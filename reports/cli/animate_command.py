@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
+from reports.cli.declared import argument, option
 from reports.cli.options import RUN, Command, StoreOptions
 from reports.cli.output import Output
 
@@ -21,14 +20,12 @@ if TYPE_CHECKING:
 class AnimateOptions(StoreOptions):
     """Which run, the file, and how fast."""
 
-    run: Annotated[str, typer.Argument(help=RUN)]
-    file: Annotated[
-        Path, typer.Option("--output", "-o", help="The .gif, .mp4 or .html file to write.")
-    ]
-    fps: Annotated[int, typer.Option("--fps", min=1, max=100, help="Frames a second.")] = 25
-    speed: Annotated[
-        float, typer.Option("--speed", min=1e-3, max=1e3, help="1 is real time, 0.5 half as fast.")
-    ] = 1.0
+    run: str = argument(help=RUN)
+    file: Path = option(MISSING, "--output", "-o", help="The .gif, .mp4 or .html file to write.")
+    fps: int = option(25, "--fps", min=1, max=100, help="Frames a second.")
+    speed: float = option(
+        1.0, "--speed", min=1e-3, max=1e3, help="1 is real time, 0.5 half as fast."
+    )
 
 
 def check(options: AnimateOptions) -> RunView:

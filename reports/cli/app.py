@@ -24,6 +24,7 @@ from reports.cli import (
     show_command,
     solve_command,
 )
+from reports.cli.learning import collect_command, learn_command
 from reports.cli.options import register
 
 app = typer.Typer(
@@ -40,6 +41,8 @@ for name, command in {
     "replay": replay_command.COMMAND,
     "continue": continue_command.COMMAND,
     "estimate": estimate_command.COMMAND,
+    "collect": collect_command.COMMAND,
+    "learn": learn_command.COMMAND,
     "figure": figure_command.COMMAND,
     "report": report_command.COMMAND,
     "animate": animate_command.COMMAND,

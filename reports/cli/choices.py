@@ -87,3 +87,14 @@ def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) ->
         return cls(**typed)
     except (ValueError, TypeError) as error:
         raise InputError(str(error)) from error
+
+
+def whole(option: str, text: str) -> int:
+    """Read a count such as ``100000`` or ``1e5``; raises InputError for anything else."""
+    try:
+        value = float(text)
+        if value.is_integer():
+            return int(value)
+    except (ValueError, OverflowError):
+        pass
+    raise InputError(f"{option} must be a whole number such as 100000 or 1e5, got {text!r}")

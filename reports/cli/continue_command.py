@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import MISSING, dataclass
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from reports.cli.declared import option
 from reports.cli.options import Command, SolverOptions
 
 if TYPE_CHECKING:
@@ -21,13 +20,11 @@ SCALES = {"log": "in equal ratios", "linear": "in equal steps"}
 class ContinueOptions(SolverOptions):
     """What to follow, from where to where."""
 
-    over: Annotated[str, typer.Option("--over", help="Parameter, such as contact.mu or M.")]
-    start: Annotated[float, typer.Option("--from", help="First value.")]
-    end: Annotated[float, typer.Option("--to", help="Last value.")]
-    steps: Annotated[
-        int, typer.Option("--steps", min=1, max=100_000, help="Steps that are asked for.")
-    ] = 20
-    scale: Annotated[str, typer.Option("--scale", help="log or linear.")] = "linear"
+    over: str = option(MISSING, "--over", help="Parameter, such as contact.mu or M.")
+    start: float = option(MISSING, "--from", help="First value.")
+    end: float = option(MISSING, "--to", help="Last value.")
+    steps: int = option(20, "--steps", min=1, max=100_000, help="Steps that are asked for.")
+    scale: str = option("linear", "--scale", help="log or linear.")
 
 
 def check(options: ContinueOptions) -> Request:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
+from reports.cli.declared import option
 from reports.cli.options import Command, Options
 from reports.cli.output import Output
 
@@ -22,9 +21,9 @@ LINEAR_SOLVERS = ("mumps", "spral")
 class DoctorOptions(Options):
     """Whether to empty the cache."""
 
-    clear_cache: Annotated[
-        bool, typer.Option("--clear-cache", help="Empty the cache of compiled kernels first.")
-    ] = False
+    clear_cache: bool = option(
+        False, "--clear-cache", help="Empty the cache of compiled kernels first."
+    )
 
 
 def check(options: DoctorOptions) -> dict[str, Any]:

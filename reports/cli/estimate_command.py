@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from reports.cli.declared import option
 from reports.cli.options import Command, ProblemOptions
 
 if TYPE_CHECKING:
@@ -22,30 +21,23 @@ BACKENDS = ("auto", "c", "numpy", "casadi")
 class EstimateOptions(ProblemOptions):
     """Estimators, samples, noise, the sweep, and what computes."""
 
-    estimators: Annotated[
-        str, typer.Option("--estimators", help="Names with commas; ocp list shows them.")
-    ] = "zobg,fobg,alpha"
-    samples: Annotated[str, typer.Option("--samples", "-n", help="Of each estimator.")] = "1e5"
-    sweep: Annotated[
-        str | None, typer.Option("--sweep", metavar="NAME=A:B:n[:log]", help="Go along NAME.")
-    ] = None
-    sigma: Annotated[float | None, typer.Option("--sigma", help="Size of the noise.")] = None
-    reference: Annotated[
-        str,
-        typer.Option("--reference", help="auto, closed-form, quadrature, zobg or none."),
-    ] = "auto"
-    reference_samples: Annotated[
-        str | None, typer.Option("--reference-samples", help="Of a sampled reference.")
-    ] = None
-    at: Annotated[
-        str | None, typer.Option("--at", help="A stored run whose inputs are the decision.")
-    ] = None
-    backend: Annotated[
-        str, typer.Option("--backend", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}.")
-    ] = "auto"
-    threads: Annotated[
-        int | None, typer.Option("--threads", min=1, max=1024, help="CPUs to use.")
-    ] = None
+    estimators: str = option(
+        "zobg,fobg,alpha", "--estimators", help="Names with commas; ocp list shows them."
+    )
+    samples: str = option("1e5", "--samples", "-n", help="Of each estimator.")
+    sweep: str | None = option(None, "--sweep", metavar="NAME=A:B:n[:log]", help="Go along NAME.")
+    sigma: float | None = option(None, "--sigma", help="Size of the noise.")
+    reference: str = option(
+        "auto", "--reference", help="auto, closed-form, quadrature, zobg or none."
+    )
+    reference_samples: str | None = option(
+        None, "--reference-samples", help="Of a sampled reference."
+    )
+    at: str | None = option(None, "--at", help="A stored run whose inputs are the decision.")
+    backend: str = option(
+        "auto", "--backend", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}."
+    )
+    threads: int | None = option(None, "--threads", min=1, max=1024, help="CPUs to use.")
 
 
 def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoint]:

@@ -13,6 +13,7 @@ from reports.cli.choices import (
     contact_law,
     policy,
     split_policy_settings,
+    whole,
 )
 
 if TYPE_CHECKING:
@@ -240,14 +241,3 @@ def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
             raise InputError(f"-s {key} would change nothing: {rule} is not among --estimators")
         settings.setdefault(rule, {})[key.partition(".")[2]] = read(f"-s {key}", value, float)
     return [RULES[rule](**values) for rule, values in settings.items()]
-
-
-def whole(option: str, text: str) -> int:
-    """Read a count such as ``100000`` or ``1e5``; raises InputError for anything else."""
-    try:
-        value = float(text)
-        if value.is_integer():
-            return int(value)
-    except (ValueError, OverflowError):
-        pass
-    raise InputError(f"{option} must be a whole number such as 100000 or 1e5, got {text!r}")

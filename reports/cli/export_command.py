@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
+from reports.cli.declared import argument, option
 from reports.cli.options import Command, StoreOptions
 
 if TYPE_CHECKING:
@@ -25,26 +24,20 @@ if TYPE_CHECKING:
 class ExportOptions(StoreOptions):
     """What to export, where to, and the law if it is not the run's own."""
 
-    what: Annotated[
-        str,
-        typer.Argument(
-            metavar="RUN|PROBLEM",
-            help="A run: its path, or part of its name; or a problem: its name or file.",
-        ),
-    ]
-    file: Annotated[Path, typer.Option("--output", "-o", help="The C file to write.")]
-    params: Annotated[
-        list[str] | None,
-        typer.Option("--param", "-p", metavar="K=V", help="Parameter of the problem."),
-    ] = None
-    contact: Annotated[
-        str | None,
-        typer.Option("--contact", help="Contact law; a run's own or barrier if not said."),
-    ] = None
-    law_settings: Annotated[
-        list[str] | None,
-        typer.Option("--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."),
-    ] = None
+    what: str = argument(
+        metavar="RUN|PROBLEM",
+        help="A run: its path, or part of its name; or a problem: its name or file.",
+    )
+    file: Path = option(MISSING, "--output", "-o", help="The C file to write.")
+    params: list[str] | None = option(
+        None, "--param", "-p", metavar="K=V", help="Parameter of the problem."
+    )
+    contact: str | None = option(
+        None, "--contact", help="Contact law; a run's own or barrier if not said."
+    )
+    law_settings: list[str] | None = option(
+        None, "--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."
+    )
 
 
 @dataclass(frozen=True)
@@ -103,6 +96,20 @@ class Asked:
 
 
 def check(options: ExportOptions) -> Asked:
+    """Find what to export; raises InputError for a law that has no C."""
+    from dynamics.contact.learned_step import LearnedStep
+    from ocp.errors import InputError
+
+    asked = _asked(options)
+    if isinstance(asked.step, LearnedStep):
+        raise InputError(
+            f"contact law {asked.law.name}: a learned step is data, and has no C; name another"
+            " with --contact"
+        )
+    return asked
+
+
+def _asked(options: ExportOptions) -> Asked:
     """Find the problem or the run, and make the law; a run has its own parameters."""
     from ocp.errors import InputError
     from problems import names, spec

@@ -1,14 +1,13 @@
-"""``ocp figure ID``: reproduce a paper's figure, with its claims checked."""
+"""``ocp figure ID...``: reproduce figures of the papers, with their claims checked."""
 
 from __future__ import annotations
 
 import math
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from reports.cli.declared import argument, option
 from reports.cli.options import Command, StoreOptions
 
 if TYPE_CHECKING:
@@ -23,13 +22,12 @@ USUAL_S = 60.0
 class FigureOptions(StoreOptions):
     """Which figures, and their parameters."""
 
-    figure: Annotated[str | None, typer.Argument(help="Figure, such as P6; ocp list.")] = None
-    every: Annotated[bool, typer.Option("--all", help="Every figure there is.")] = False
-    params: Annotated[
-        list[str] | None,
-        typer.Option("--param", "-p", metavar="K=V", help="Parameter of the study."),
-    ] = None
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")] = 0
+    figures: list[str] | None = argument(default=None, help="Figures, such as P6; ocp list.")
+    every: bool = option(False, "--all", help="Every figure there is.")
+    params: list[str] | None = option(
+        None, "--param", "-p", metavar="K=V", help="Parameter of the study."
+    )
+    seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
 
 
 def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
@@ -40,15 +38,15 @@ def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
     from reports.cli.choices import assignments
     from reports.cli.places import check_places
 
-    if options.every == (options.figure is not None):
-        raise InputError(f"give one figure or --all; there are {', '.join(studies.ids())}")
+    asked_for = options.figures or []
+    if options.every == bool(asked_for):
+        raise InputError(f"give figures or --all; there are {', '.join(studies.ids())}")
     values: dict[str, Any] = assignments("-p", options.params)
-    if options.every and values:
-        raise InputError("-p belongs to one figure's study; name the figure instead of --all")
+    if values and len(asked_for) != 1:
+        raise InputError("-p belongs to one figure's study; name that figure alone")
     if "seed" in values and "seed" in options.given:
         raise InputError("--seed and -p seed say the same; drop one of them")
-    named = studies.ids() if options.figure is None else [options.figure]
-    chosen = [studies.get(name) for name in named]
+    chosen = [studies.get(name) for name in dict.fromkeys(asked_for) or studies.ids()]
     asked = {"seed": options.seed, **values}
     found = [(study, study.params(asked).model_dump()) for study in chosen]
     for study, params in found:
@@ -62,7 +60,7 @@ def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
 def run(options: FigureOptions, chosen: list[tuple[Study, dict[str, Any]]]) -> int:
     """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
     done = [_reproduce(study, asked, options) for study, asked in chosen]
-    options.output.document({"figures": done} if options.every else done[0])
+    options.output.document(done[0] if len(options.figures or ()) == 1 else {"figures": done})
     return 0
 
 
@@ -71,6 +69,7 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
 
     from ocp import store
     from ocp.store import atomic
+    from ocp.store.checkpoint import Checkpoint
     from problems.studies.study import did_hold
     from reports.pdf import write_pdf
     from reports.stored_tables import claim_table
@@ -78,7 +77,8 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
     out, output = options.out, options.output
     if not output.quiet:
         print(f"{study.id}: {study.title}", file=sys.stderr, flush=True)
-    data = study.data(asked)
+    kept = Checkpoint(out, study.id, asked) if study.resumes else None
+    data = study.data(asked, kept)
     claims = study.claims(data)
     meta = {
         "kind": "figure",
@@ -90,6 +90,8 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
         "status": "done",
     }
     stored = store.write(out, study.id, data, meta)
+    if kept is not None:
+        kept.discard()
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     write_pdf([store.load(stored)], pdf)
     # netCDF 3: HDF5 stamps its root group with the time of writing.

@@ -12,12 +12,14 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields
+from inspect import Parameter
 from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
+from reports.cli.declared import argument, option
 from reports.cli.output import Output
 
 T = TypeVar("T")
@@ -29,11 +31,9 @@ PROBLEM = "Registered name or path/to/file.py."
 class Options:
     """What every command takes; ``given`` names what stood on the command line."""
 
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = (
-        False
-    )
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no tables.")] = False
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False
+    as_json: bool = option(False, "--json", help="Print one JSON document on stdout.")
+    quiet: bool = option(False, "--quiet", "-q", help="No progress and no tables.")
+    debug: bool = option(False, "--debug", help="Show the traceback of an error.")
     given: frozenset[str] = frozenset()
 
     @property
@@ -51,48 +51,41 @@ class Options:
 class StoreOptions(Options):
     """Where runs are kept."""
 
-    out: Annotated[Path, typer.Option("--out", help="Directory of the run store.")] = Path("runs")
+    out: Path = option(Path("runs"), "--out", help="Directory of the run store.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class LawOptions(StoreOptions):
     """A contact law and its settings."""
 
-    contact: Annotated[str, typer.Option("--contact", help="Contact law; ocp list shows them.")] = (
-        "barrier"
+    contact: str = option("barrier", "--contact", help="Contact law; ocp list shows them.")
+    law_settings: list[str] | None = option(
+        None, "--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."
     )
-    law_settings: Annotated[
-        list[str] | None,
-        typer.Option("--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."),
-    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemOptions(LawOptions):
     """A problem under a law and a policy, and a report of what comes out."""
 
-    problem: Annotated[str, typer.Argument(help=PROBLEM)]
-    params: Annotated[
-        list[str] | None,
-        typer.Option("--param", "-p", metavar="K=V", help="Parameter of the problem."),
-    ] = None
-    policy: Annotated[str, typer.Option("--policy", help="open-loop or feedback.")] = "open-loop"
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--setting", "-s", metavar="K=V", help="Setting of the method or the solver."),
-    ] = None
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")] = 0
-    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write a report here.")] = None
+    problem: str = argument(help=PROBLEM)
+    params: list[str] | None = option(
+        None, "--param", "-p", metavar="K=V", help="Parameter of the problem."
+    )
+    policy: str = option("open-loop", "--policy", help="open-loop or feedback.")
+    settings: list[str] | None = option(
+        None, "--setting", "-s", metavar="K=V", help="Setting of the method or the solver."
+    )
+    seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
+    pdf: Path | None = option(None, "--pdf", help="Write a report here.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SolverOptions(ProblemOptions):
     """A method and a solver."""
 
-    method: Annotated[str, typer.Option("--method", help="direct, multiple-shooting, ...")] = (
-        "direct"
-    )
-    solver: Annotated[str, typer.Option("--solver", help="ipopt, fatrop, uno or sleqp.")] = "ipopt"
+    method: str = option("direct", "--method", help="direct, multiple-shooting, ...")
+    solver: str = option("ipopt", "--solver", help="ipopt, fatrop, uno or sleqp.")
 
 
 @dataclass(frozen=True)
@@ -120,13 +113,13 @@ def work(command: Command[T], options: Options, checked: T) -> int:
 
 def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
     """Add a command to the program: each field of its options is an option there."""
-    hints = get_type_hints(command.options, include_extras=True)
     shown = [field for field in fields(command.options) if field.name != "given"]
     # Those of all commands stand last, as they do in every help text.
     shown.sort(key=lambda field: field.name in {common.name for common in fields(Options)})
-    parameters = [inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY,
-                                    annotation=typer.Context)]  # fmt: skip
-    parameters += [_parameter(field, hints[field.name]) for field in shown]
+    hints = get_type_hints(command.options, include_extras=True)
+    parameters = {"context": (typer.Context, MISSING)} | {
+        field.name: (_annotation(hints[field.name], field), field.default) for field in shown
+    }
 
     def called(context: typer.Context, **values: Any) -> int:
         sources = {key: context.get_parameter_source(key) for key in values}
@@ -134,16 +127,17 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
         return carry_out(command, command.options(**values, given=frozenset(given)))
 
     called.__doc__ = command.run.__doc__
-    called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    called.__signature__ = inspect.Signature(parameters)
+    called.__annotations__ = {key: annotation for key, (annotation, _) in parameters.items()}
+    called.__signature__ = inspect.Signature([
+        Parameter(key, Parameter.KEYWORD_ONLY, annotation=annotation,
+                  default=Parameter.empty if default is MISSING else default)
+        for key, (annotation, default) in parameters.items()
+    ])  # fmt: skip
     app.command(name, cls=Strict)(called)
 
 
-def _parameter(field: Field[Any], annotation: Any) -> inspect.Parameter:
-    default = inspect.Parameter.empty if field.default is MISSING else field.default
-    return inspect.Parameter(
-        field.name, inspect.Parameter.KEYWORD_ONLY, annotation=annotation, default=default
-    )
+def _annotation(hint: Any, field: Field[Any]) -> Any:
+    return Annotated[hint, field.metadata["typer"]] if field.metadata else hint
 
 
 class Strict(TyperCommand):

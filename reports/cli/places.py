@@ -6,6 +6,8 @@ from pathlib import Path
 
 from ocp.errors import InputError
 
+EXAMPLES = {"PDF": "report.pdf", "C file": "rollout.c", "data": "data.nc", "model": "model.nc"}
+
 
 def check_places(out: Path, pdf: Path | None) -> None:
     """Raise InputError where runs could not be stored in ``out`` or a report written to ``pdf``."""
@@ -21,7 +23,7 @@ def check_place(file: Path, what: str) -> None:
     from ocp import store
 
     if file.is_dir():
-        example = {"PDF": "report.pdf", "C file": "rollout.c"}.get(what, "report.gif")
+        example = EXAMPLES.get(what, "report.gif")
         raise InputError(f"{file} is a directory; name a file such as {file / example}")
     try:
         store.check_writable(file.parent)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from reports.cli.declared import argument, option
 from reports.cli.options import RUN, Command, LawOptions
 
 if TYPE_CHECKING:
@@ -22,10 +21,8 @@ if TYPE_CHECKING:
 class ReplayOptions(LawOptions):
     """Which run."""
 
-    run: Annotated[str, typer.Argument(help=RUN)]
-    contact: Annotated[str, typer.Option("--contact", help="Contact law; ocp list shows them.")] = (
-        "exact"
-    )
+    run: str = argument(help=RUN)
+    contact: str = option("exact", "--contact", help="Contact law; ocp list shows them.")
 
 
 def check(options: ReplayOptions) -> Asked:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
+from reports.cli.declared import argument, option
 from reports.cli.options import Command, StoreOptions
 
 if TYPE_CHECKING:
@@ -18,8 +17,8 @@ if TYPE_CHECKING:
 class ReportOptions(StoreOptions):
     """Which runs, and the file."""
 
-    runs: Annotated[list[str], typer.Argument(help="Runs: paths, or parts of their names.")]
-    pdf: Annotated[Path, typer.Option("--output", "-o", help="The PDF to write.")]
+    runs: list[str] = argument(help="Runs: paths, or parts of their names.")
+    pdf: Path = option(MISSING, "--output", "-o", help="The PDF to write.")
 
 
 def check(options: ReportOptions) -> list[StoredRun]:

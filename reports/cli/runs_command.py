@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from reports.cli.declared import argument
 from reports.cli.options import RUN, Command, StoreOptions
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 class RunsOptions(StoreOptions):
     """One run, or all."""
 
-    run: Annotated[str | None, typer.Argument(help=RUN)] = None
+    run: str | None = argument(default=None, help=RUN)
 
 
 def check(options: RunsOptions) -> StoredRun | None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from reports.cli.declared import option
 from reports.cli.options import Command, SolverOptions
 from reports.cli.output import Output
 
@@ -25,20 +24,16 @@ REQUIREMENTS = {"survives": "the referee's replay stays with the plan"}
 class SolveOptions(SolverOptions):
     """Where to start, and what counts as done."""
 
-    start: Annotated[
-        str | None,
-        typer.Option("--from", metavar="RUN", help="Start at a stored run of the same problem."),
-    ] = None
-    starts: Annotated[
-        int, typer.Option("--starts", min=1, max=10_000, help="Perturbed guesses.")
-    ] = 1
-    rank: Annotated[
-        str, typer.Option("--rank", help="Several starts by their cost: planned or referee.")
-    ] = "planned"
-    require: Annotated[
-        str | None,
-        typer.Option("--require", metavar="survives", help="Exit 3 unless the plan survives."),
-    ] = None
+    start: str | None = option(
+        None, "--from", metavar="RUN", help="Start at a stored run of the same problem."
+    )
+    starts: int = option(1, "--starts", min=1, max=10_000, help="Perturbed guesses.")
+    rank: str = option(
+        "planned", "--rank", help="Several starts by their cost: planned or referee."
+    )
+    require: str | None = option(
+        None, "--require", metavar="survives", help="Exit 3 unless the plan survives."
+    )
 
 
 def check(options: SolveOptions) -> tuple[Request, Solution | None]:

@@ -71,7 +71,7 @@ SOLVER: Options = {
 }  # fmt: skip
 COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
     "list": (st.just([]), {}),
-    "show": (among(*PROBLEMS, *OBJECTIVES).map(lambda name: [name]), {}),
+    "show": (among(*PROBLEMS, *OBJECTIVES, "@data", "none.nc").map(lambda name: [name]), {}),
     "runs": (st.just([]) | among("@solve", "wall").map(lambda run: [run]), STORE),
     "doctor": (st.just([]), {}),
     "solve": (
@@ -134,6 +134,26 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
         ).map(lambda t: [t[0], "-o", t[1]]),
         {**STORE, **LAW, "-p": PROBLEM["-p"]},
     ),
+    "collect": (
+        st.tuples(among(*PROBLEMS, "heaviside"), among("a.nc", "new/b.nc")).map(
+            lambda t: [t[0], "-o", t[1]]
+        ),
+        {
+            "-p": PROBLEM["-p"], "--samples": number("100", "1e3", "1e30"),
+            "--seed": number("0", "3"),
+        },
+    ),
+    "learn": (
+        st.tuples(
+            among("@data", "none.nc", "own.csv"), among("ewda", "ewda", "mlp"),
+            among("a.nc", "new/b.nc"),
+        ).map(lambda t: [t[0], "--model", t[1], "-o", t[2]]),
+        {
+            "--noise": number("0.2", "1"), "--hidden": among("8", "4,4", "8,x"),
+            "--epochs": number("1", "2"), "--seed": number("0", "3"),
+            "--problem": among("push-1d", "wall-1d"), "--columns": among("qu=a,qa=b"),
+        },
+    ),
     "figure": (
         among("P6", "p1", "N2", "T1").map(lambda name: [name]) | st.just([]),
         {
@@ -148,7 +168,7 @@ OFTEN = (*COMMANDS, *3 * ("solve", "estimate"), "continue", "replay")
 
 @st.composite
 def lines(draw: st.DrawFn, commands: tuple[str, ...] = OFTEN) -> list[str]:
-    """A command line; ``@solve`` and ``@continue`` stand for runs of these commands."""
+    """A command line; ``@solve`` and ``@continue`` stand for runs, ``@data`` for collected data."""
     name = draw(st.sampled_from(commands))
     words, options = draw(COMMANDS[name][0]), {**COMMANDS[name][1], **COMMON}
     given = draw(st.lists(st.sampled_from(sorted(options)), max_size=5))

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from dynamics.contact import LAWS
+from dynamics.laws import LAWS
 from problems import names, spec
 
 SOLVE_KEYS = {

@@ -197,11 +197,11 @@ def test_a_stopped_sweep_goes_on_to_the_same_bits(tmp_path, signal_number):
     broken, whole = tmp_path / "broken", tmp_path / "whole"
     with subprocess.Popen(program(broken), stdout=subprocess.DEVNULL) as process:
         # Mid-way: something is kept, and the study is not finished.
-        wait_for(lambda: list(broken.glob("*/.estimate-*/*")))
+        wait_for(lambda: list(broken.glob("*/.unfinished-*/*")))
         os.kill(process.pid, signal_number)
         assert process.wait() != 0
     stopped = [run.path for run in store.list_runs(broken)]
-    assert list(broken.glob("*/.estimate-*/*"))
+    assert list(broken.glob("*/.unfinished-*/*"))
     for path in stopped:
         assert store.load(path).meta["status"] == "stopped"
         for file in path.iterdir():
@@ -209,7 +209,7 @@ def test_a_stopped_sweep_goes_on_to_the_same_bits(tmp_path, signal_number):
         path.rmdir()
     for out in (broken, whole):
         subprocess.run(program(out), stdout=subprocess.DEVNULL, check=True)
-    assert not list(broken.glob("*/.estimate-*"))
+    assert not list(broken.glob("*/.unfinished-*"))
     rows, arrays = final(broken)
     expected_rows, expected = final(whole)
     assert json.dumps(rows) == json.dumps(expected_rows)

@@ -64,8 +64,8 @@ def test_figures_are_listed(ocp: Ocp) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ((), "give one figure or --all"),
-        (("P6", "--all"), "give one figure or --all"),
+        ((), "give figures or --all"),
+        (("P6", "--all"), "give figures or --all"),
         (("--all", "-p", "m=2"), "-p belongs to one figure"),
         (("A2vv",), "unknown figure 'A2vv' (did you mean 'A2v'?); there are"),
         (("P6", "-p", "mas=2"), "unknown parameter 'mas'"),

@@ -24,7 +24,7 @@ class Case:
 
     shape: Shape
     surface: Callable[[], np.ndarray]
-    """Points of the body's surface in its frame, (n, 2), at most 1e-3 apart."""
+    """Cloud of the body's surface in its frame, (n, 2), at most 1e-3 apart."""
     inside: Callable[[np.ndarray], bool]
     smooth: Callable[[np.ndarray], bool]
     """Whether phi is differentiable around a centre given in the body's frame."""

@@ -13,7 +13,7 @@ SIZES = tuple(range(1, 9))
 MUS = 10.0 ** np.arange(-8, 1)
 GAINS = np.array([0.8, 1.0, 1.2])
 _POINTS = 5
-"""Points of each system's domain over which slope and supremum of thm. 4.5 are taken."""
+"""Cloud of each system's domain over which slope and supremum of thm. 4.5 are taken."""
 HORIZONS = np.array([2, 4, 6, 8, 10, 12, 14, 16, 18, 20])
 BOUNDS = ("4.5 as printed", "4.5, sign corrected", "4.5, l at the point", "1/lambda_min(S)",
           "5.1", "5.1 corrected", "A.26 for the slope")  # fmt: skip

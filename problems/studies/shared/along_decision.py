@@ -10,7 +10,7 @@ from scipy.stats import norm
 from dynamics.batch import Gaussian
 from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.sampling import run_estimator
+from ocp.gradients.sampling import Sampled, run_estimator
 
 _NODES = 4001
 
@@ -32,6 +32,17 @@ class Along:
     zeroth_variance: np.ndarray
 
 
+def both_orders(
+    objective: SampledObjective, sigma: float, n: int, seed: int, stream: int
+) -> list[Sampled]:
+    """FoBG and ZoBG with the mean as baseline, on independent noise of a ``stream``."""
+    seeds = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(2)
+    return [
+        run_estimator(objective, SAMPLED[name], Gaussian(sigma, own), n)
+        for name, own in zip(("fobg", "zobg-mean"), seeds, strict=True)
+    ]
+
+
 def along(objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, seed: int) -> Along:
     """Evaluate ``objective``, whose noise is added to its one decision, at ``theta`` (k,).
 
@@ -46,11 +57,7 @@ def along(objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, 
         cost = here.costs(w[:, None])
         middle = here.nominal()
         # Independent streams for every point, so that errors show as scatter, not as an offset.
-        seeds = np.random.SeedSequence(seed, spawn_key=(index,)).spawn(2)
-        found = [
-            run_estimator(here, SAMPLED[name], Gaussian(sigma, own), n).moments
-            for name, own in zip(("fobg", "zobg-mean"), seeds, strict=True)
-        ]
+        found = [sampled.moments for sampled in both_orders(here, sigma, n, seed, index)]
         rows.append([
             middle, weight @ cost, weight @ ((cost - middle) * w) / sigma**2,
             *(float(value) for m in found for value in (m.mean[0], m.standard_error[0],

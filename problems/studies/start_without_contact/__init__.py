@@ -1,4 +1,4 @@
-"""N2: does the object move? Planned from a start without contact, under four contact laws."""
+"""N2: does the object move, planned or learned from a start without contact?"""
 
 from problems.spec import Citation
 from problems.studies.study import Study
@@ -9,12 +9,15 @@ study = Study(
     citation=Citation("suh2023noising", "Fig. 2 and sec. V-B"),
     folder=__name__,
     notes=(
-        "Only the dynamics f and f_σ of the figure, beside two laws that the paper has not;"
-        " IPOPT over input sequences instead of Adam over gains, which are redundant along one"
-        " trajectory.",
-        "The cost shown is the object's part alone: under the exact law the actuator still goes to"
-        " its rest.",
-        "The average over noise of exact steps has kinks at which no gradient method can end; its"
-        " plan is found by direct transcription of the same average and rolled out.",
+        "Curves: gains K_t, k_t by Adam through each of the five dynamics; thin on the model, thick"
+        " replayed under the exact law, the band the range over seeds of data, networks and noise."
+        " Noise is in units of the data's standard deviations; half of the data lie near the line"
+        " from start to goal.",
+        "Bars: input sequences by IPOPT, the object's part of the cost alone: under the exact law"
+        " the actuator still goes to its rest. The average over noise of exact steps has kinks at"
+        " which no gradient method can end; its plan is found by direct transcription of the same"
+        " average and rolled out.",
+        "Adam knows no bound on how far a command may be from the actuator; IPOPT's plans keep it.",
     ),
+    resumes=True,
 )

@@ -6,9 +6,7 @@ import numpy as np
 import xarray as xr
 
 from dynamics.batch import Gaussian
-from ocp.gradients.estimators import SAMPLED
-from ocp.gradients.sampling import run_estimator
-from problems.studies.shared.along_decision import along
+from problems.studies.shared.along_decision import along, both_orders
 from problems.studies.study import CODE, StudyParams, quantity_of, setting
 from problems.studies.wall_corner.thrown_ball import ThrownBall, Wall
 
@@ -54,11 +52,8 @@ def _shrinking(params: Params, corner: float) -> dict:
     rows = []
     for index, value in enumerate(width):
         ball = thrown(params, True, float(value)).at({"theta": corner})
-        seeds = np.random.SeedSequence(params.seed, spawn_key=(index,)).spawn(2)
-        first, zeroth = (
-            run_estimator(ball, SAMPLED[name], Gaussian(params.sigma, own), 20 * params.n_samples)
-            for name, own in zip(("fobg", "zobg-mean"), seeds, strict=True)
-        )
+        n = 20 * params.n_samples
+        first, zeroth = both_orders(ball, params.sigma, n, params.seed, index)
         missed = np.abs(first.kept) <= smooth
         inside = first.kept[missed]
         mean = float(zeroth.moments.mean[0])

@@ -114,10 +114,6 @@ class ThrownBall(SampledObjective):
             state, tangent = self._both(state, tangent)
         return Samples(-state[:, 0], -tangent[:, :1])
 
-    def perturbed(self, noise: Gaussian, n: int) -> Samples:
-        """Equal to a score, because the noise is added to the decision."""
-        return self.scored(noise, n)
-
     def _start(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State and its derivative by theta at the throw, (n, 4) each."""
         angle = np.ravel(theta)

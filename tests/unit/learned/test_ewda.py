@@ -197,6 +197,22 @@ def test_neighbours_that_tie_share(engine):
     np.testing.assert_allclose(jacobians[0, 0], [2.0 / 0.09, 0.0], rtol=1e-14, atol=1e-14)
 
 
+def test_a_mean_where_no_data_are_bends_nonetheless(engine):
+    """Two points and a query between them: g = tanh(z / sigma²), whose second derivative is
+
+    -2 tanh(t) / cosh²(t) / sigma⁴ at t = z / sigma², though the weight of z itself is exp(-1250).
+    """
+    z, sigma, t = np.array([[-1.0], [1.0]]), 0.02, 0.3
+    unit = Normalisation(np.zeros(1), np.ones(1))
+    model = EwdaModel(z, z, unit, sigma, origin(1, 1), backend=engine)
+    at, only_g = np.array([[t * sigma**2]]), np.array([[1.0, 0.0]])
+    assert model.values(at)[0, 0] == pytest.approx(np.tanh(t), rel=1e-12)
+    slope = 1 / np.cosh(t) ** 2 / sigma**2
+    assert model.jacobians(at)[1][0, 0, 0] == pytest.approx(slope, rel=1e-12)
+    bend = -2 * np.tanh(t) * slope / sigma**2
+    assert model.curvatures(at, only_g)[0, 0, 0] == pytest.approx(bend, rel=1e-12)
+
+
 @pytest.mark.parametrize("at", [0.0, 0.7, 1e6])
 def test_one_point_is_a_constant_and_a_gaussian(engine, at):
     model = model_of(np.array([[2.0]]), np.array([[5.0]]), 0.5, backend=engine)

@@ -98,7 +98,7 @@ def test_without_a_compiler_numpy_answers(monkeypatch):
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 100, 1003])
 def test_chunks_hold_near_neighbours_each_once(n):
     points = np.random.default_rng(n).standard_normal((n, 3))
-    order = neighbourly(points, 8)
+    order = neighbourly(points, 8, 2)
     assert sorted(order) == list(range(n))
     rows, count = points[order], -(-n // 8)
     low, high = boxes(rows, 8, count + 2)
@@ -112,6 +112,15 @@ def test_chunks_hold_near_neighbours_each_once(n):
         assert np.array_equal(high[:, c], inside.max(axis=0))
     assert np.array_equal(low[:, count], low[:, count - 1])
     if n > 1000:
-        # A k-d tree of 126 leaves in three dimensions halves each of them twice.
-        shuffled = boxes(points, 8, count)
-        assert (high - low).mean() < 0.5 * (shuffled[1] - shuffled[0]).mean()
+
+        def extent(of: np.ndarray, chunk: int) -> float:
+            low, high = boxes(points[of], chunk, -(-n // chunk))
+            return float((high - low).mean())
+
+        # 126 leaves in three dimensions: each is halved twice and more, and again down to pairs.
+        assert extent(order, 8) < 0.5 * extent(np.arange(n), 8)
+        alone = neighbourly(points, 8, 8)
+        assert extent(order, 2) < 0.9 * extent(alone, 2)
+        assert {*map(frozenset, order[:1000].reshape(-1, 8))} == {
+            *map(frozenset, alone[:1000].reshape(-1, 8))
+        }

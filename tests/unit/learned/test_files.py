@@ -57,8 +57,8 @@ def test_what_is_written_is_read_back(file: Path) -> None:
     for one, other in zip(again.jacobians(z), made.jacobians(z), strict=True):
         assert np.array_equal(one, other)
     assert again.kind == file.stem
-    assert (again.states, again.inputs) == (signals("x [m]"), signals("u [N]"))
-    assert again.data_hash == transitions().hash
+    assert (again.origin.y, again.origin.inputs) == (signals("x [m]"), signals("u [N]"))
+    assert again.origin.data_hash == transitions().hash
 
 
 def test_the_same_is_the_same_file_to_the_last_bit(file: Path, tmp_path: Path) -> None:
@@ -72,28 +72,28 @@ def test_a_file_cut_short_or_changed_is_told(file: Path) -> None:
     for share in (0.5, 0.9, 0.99):
         file.write_bytes(content[: int(share * len(content))])
         with pytest.raises(InputError, match="cut short or"):
-            models.load(file)
+            models.load_any(file)
     # A bit of the numbers, which netCDF itself would never miss.
     place = content.index(np.float64(transitions().x[0, 0]).tobytes()) if file.stem != "mlp" else (
         content.index(np.float64(mlp().weights[0][0, 0]).tobytes())
     )  # fmt: skip
     file.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
     with pytest.raises(InputError, match="does not match its checksum: cut short or changed"):
-        models.load(file)
+        models.load_any(file)
 
 
 def test_files_of_something_else_are_told(file: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.nc"
     with pytest.raises(InputError, match="there is no such file; ocp collect makes data"):
-        models.load(other)
+        models.load_any(other)
     with pytest.raises(InputError, match="is a directory"):
-        models.load(tmp_path)
+        models.load_any(tmp_path)
     other.write_text("x,u\n1,2\n")
     with pytest.raises(InputError, match="is no netCDF file"):
-        models.load(other)
+        models.load_any(other)
     xr.Dataset({"a": 1.0}).to_netcdf(other)
     with pytest.raises(InputError, match="something else: its kind is None, expected transitions"):
-        models.load(other)
+        models.load_any(other)
     if file.stem == "transitions":
         with pytest.raises(InputError, match="holds transitions, no model; learn one"):
             models.load_model(file)

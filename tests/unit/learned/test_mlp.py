@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import islice, pairwise
 from pathlib import Path
 
+import casadi as ca
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,12 +15,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from dynamics.contact.casadi_map import CasadiMap
 from dynamics.learned.mlp import BLOCK, MlpModel
 from dynamics.learned.network import Network, evaluate
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
 from dynamics.learned.samples import Samples
 from dynamics.learned.training import Recipe, Training, train
+from dynamics.learned.transitions import Transitions
 from dynamics.systems.parameters import Signal
 
 LINE = Origin((Signal("q", "m"),), (Signal("q", "m"),))
@@ -111,6 +114,24 @@ def test_derivatives_are_differences() -> None:
     assert np.array_equal(curvatures, curvatures.swapaxes(1, 2))
 
 
+def test_in_a_graph_it_is_equinoxes_with_both_derivatives() -> None:
+    """CasADi's function against Equinox, its first and second derivative against differences."""
+    model, rng = a_model(), np.random.default_rng(5)
+    points, weights, h = rng.normal(size=(4, 3)), rng.normal(size=2), 1e-5
+    in_float = jax.vmap(in_equinox(model, np.float32))(jnp.asarray(points, np.float32))
+    network, z = CasadiMap(model).values(), ca.MX.sym("z", 3)
+    y = network(z)
+    hessian, slope = ca.hessian(ca.dot(weights, y), z)
+    derived = ca.Function("derived", [z], [y, ca.jacobian(y, z), slope, hessian])
+    for at, wanted in zip(points, in_float, strict=True):
+        value, J, _, H = (np.array(found) for found in derived(at))
+        assert np.abs(value[:, 0] - wanted).max() < 1e-6 * np.abs(in_float).max()
+        sides = [(derived(at + h * e), derived(at - h * e)) for e in np.eye(3)]
+        for found, result in ((J, 0), (H, 2)):
+            moved = [np.array(a[result] - b[result])[:, 0] / (2 * h) for a, b in sides]
+            np.testing.assert_allclose(found, np.stack(moved, axis=1), rtol=0, atol=1e-5)
+
+
 def test_a_single_layer_and_no_query() -> None:
     model = a_model((5,))
     for n in (0, 1):
@@ -144,8 +165,8 @@ def test_a_model_comes_back_from_its_file(tmp_path: Path) -> None:
         assert list(file["input"].values) == ["u"] and list(file["input_unit"].values) == ["m"]
     assert same_weights(model, back) and back.origin == model.origin
     assert (back.sigma, back.seed) == (0.2, 7)
-    assert [s.name for s in back.states] == ["q", "turn"] and back.data_hash == "0123"
-    assert [s.name for s in back.inputs] == ["u"]
+    assert [s.name for s in back.origin.y] == ["q", "turn"]
+    assert [s.name for s in back.origin.inputs] == ["u"]
     assert (told["kind"], told["schema"], told["data_hash"]) == ("mlp", 1, "0123")
     z = np.random.default_rng(0).normal(size=(4, 3))
     assert np.array_equal(back.values(z), model.values(z))
@@ -293,6 +314,19 @@ def test_held_out_rows_are_never_trained_on() -> None:
     assert seen[0][-1].clean != pytest.approx(seen[1][-1].clean, rel=1e-2)
 
 
+def test_training_holds_out_what_transitions_do() -> None:
+    """So that a network and an average of the same data are compared on rows neither has seen."""
+    drawn = pushed(100)
+    data = Transitions.checked(drawn.z[:, :2], drawn.z[:, 2:], drawn.y, PUSH.y, PUSH.inputs)
+    training = Training(data.samples(), 0.1, TINY, seed=5)
+    rest, held_out = data.split(TINY.held_out, seed=5)
+    assert np.array_equal(data.z[training.held_out], held_out.z)
+    assert np.array_equal(data.z[training.trained_on], rest.z)
+    assert training.model().origin.data_hash == data.hash
+    with pytest.raises(ValueError, match=r"a fraction -0\.1 of 100 rows"):
+        data.split(-0.1, seed=5)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -325,6 +359,8 @@ def test_data_that_cannot_be_learned_from_are_said() -> None:
     constant[:, 2] = 3.0
     with pytest.raises(ValueError, match="data: u never varies"):
         Training(replace(data, z=constant), 0.1)
+    with pytest.raises(ValueError, match="data: the next q, the next turn never varies"):
+        Training(replace(data, y=np.ones((50, 2))), 0.1)
 
 
 def test_training_that_diverges_is_said() -> None:

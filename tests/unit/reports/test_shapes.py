@@ -13,7 +13,7 @@ from reports import shapes
 
 
 def outline(shape) -> np.ndarray:
-    """Points of a drawn outline [m], shape (n, 2)."""
+    """Cloud of a drawn outline [m], shape (n, 2)."""
     axis = Figure().subplots()
     patch = shapes.draw(shape, axis, 1.0)
     to_metres = patch.get_transform() - axis.transData

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from reports.animation import Animation
-from reports.strides import is_periodic, repeated
+from reports.gallery import is_periodic, repeated
 from reports.strobe import strobe
 from tests.unit.reports.made import sliding_box
 

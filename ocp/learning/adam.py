@@ -1,0 +1,35 @@
+"""Adam: descent along a running mean of gradients over their running size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+Slope = Callable[[np.ndarray], tuple[float, np.ndarray]]
+"""Maps parameters to a cost and its gradient, which may be a sample of it."""
+
+
+def adam(
+    slope: Slope, theta: np.ndarray, rate: float, decay: tuple[float, float] = (0.9, 0.999)
+) -> Iterator[tuple[np.ndarray, float]]:
+    """Give theta and its cost, before each step, for ever (Kingma and Ba, 2015, algorithm 1).
+
+    ``m <- b1 m + (1 - b1) g``, ``v <- b2 v + (1 - b2) g²`` and
+    ``theta <- theta - rate m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + 1e-8)``, ``decay`` being (b1, b2).
+
+    Raises ``ValueError`` where a gradient is not finite.
+    """
+    theta = np.array(theta, dtype=float)
+    m, v = np.zeros_like(theta), np.zeros_like(theta)
+    count = 0
+    while True:
+        cost, gradient = slope(theta)
+        yield theta.copy(), cost
+        if not np.isfinite(gradient).all():
+            raise ValueError(f"adam: the gradient of step {count} is not finite; lower the rate")
+        count += 1
+        m = decay[0] * m + (1 - decay[0]) * gradient
+        v = decay[1] * v + (1 - decay[1]) * gradient**2
+        first, second = m / (1 - decay[0] ** count), v / (1 - decay[1] ** count)
+        theta -= rate * first / (np.sqrt(second) + 1e-8)

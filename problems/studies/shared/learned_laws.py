@@ -1,0 +1,29 @@
+"""Data of a problem at its defaults, and the laws that are learned from them."""
+
+from __future__ import annotations
+
+from dynamics.learned.collecting import collect
+from dynamics.learned.ewda import EwdaModel
+from dynamics.learned.laws import Ewda, Mlp
+from dynamics.learned.training import train
+from dynamics.learned.transitions import Transitions
+from problems.regions import region_of
+from problems.registry import spec
+
+
+def transitions(name: str, n: int, seed: int) -> Transitions:
+    """n transitions of a problem at its defaults, drawn in its own region."""
+    found = spec(name)
+    problem = found.problem()
+    return collect(problem.exact_step, region_of(found, found.params({}), problem), n, seed)
+
+
+def average(data: Transitions, sigma: float, seed: int, trust: float = 0.0) -> Ewda:
+    """The distance-weighted average g_sigma, sigma in normalised units."""
+    model = EwdaModel(data.z, data.x_next, data.normalisation, sigma, data.origin, seed)
+    return Ewda(model, trust)
+
+
+def network(data: Transitions, sigma: float, seed: int, epochs: int) -> Mlp:
+    """The network h_sigma, or h for sigma = 0, after all ``epochs``."""
+    return Mlp(train(data.samples(), sigma, seed, epochs=epochs, patience=epochs))

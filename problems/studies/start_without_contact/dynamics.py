@@ -1,0 +1,94 @@
+"""The five dynamics of noising, fig. 2, as laws that close a problem's system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import StepFunction
+from dynamics.contact import ContactLaw, Exact, Step
+from dynamics.contact.casadi_map import CasadiMap
+from dynamics.contact.closure import Branch, Closure
+from dynamics.contact.learned_step import LearnedStep
+from dynamics.learned.transitions import Transitions
+from dynamics.systems import ContactSystem, ParameterTable
+from problems.studies.shared.learned_laws import average, network
+
+DYNAMICS = ("f", "f_sigma", "g_sigma", "h", "h_sigma")
+
+
+@dataclass(eq=False)
+class Bundle:
+    """``E f(z + w)`` and ``E f'(z + w)``, w ~ N(0, diag(width)²), over ``samples`` draws a query.
+
+    Every evaluation draws anew, each draw with its mirror image, so that a slope is a sample of
+    that of f_sigma (paper's eq. 7). Draws whose step was not solved are left out.
+    """
+
+    step: Step
+    width: np.ndarray
+    samples: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        self.n_out = self.step.system.nx
+        self.n_in = self.n_out + self.step.system.nu
+        self._f, self._rng = StepFunction(self.step), np.random.default_rng(self.seed)
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """Mean next state (n, nx)."""
+        return self.jacobians(z)[0]
+
+    def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean next state (n, nx) and mean derivative (n, nx, nz)."""
+        half = self.width * self._rng.standard_normal((len(z), self.samples // 2, self.n_in))
+        drawn = (z[:, None] + np.concatenate([half, -half], axis=1)).reshape(-1, self.n_in)
+        steps, *parts = self._f.slopes(drawn[:, : self.n_out], drawn[:, self.n_out :])
+        shape = len(z), -1, self.n_out
+        slopes = np.concatenate(parts, axis=2).reshape(*shape, self.n_in)
+        return np.nanmean(steps.x_next.reshape(shape), axis=1), np.nanmean(slopes, axis=1)
+
+    def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Of no use: the exact step's second derivatives are zero but at its kinks."""
+        raise NotImplementedError("bundled slopes have no slopes of their own; use Adam")
+
+
+class Bundled(ContactLaw):
+    """The law of a :class:`Bundle`."""
+
+    name: ClassVar[str] = "bundled"
+    summary: ClassVar[str] = "mean of exact steps at random states and inputs"
+
+    def __init__(self, bundle: Bundle) -> None:
+        self.bundle = bundle
+
+    def knobs(self, system: ContactSystem) -> ParameterTable:
+        """None."""
+        return ParameterTable()
+
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+        """Nothing: the pairs were solved at every draw."""
+        return ca.SX(0, 1)
+
+    def closed(
+        self, system: ContactSystem, law: Closure, knobs: ParameterTable, nodes: tuple[Branch, ...]
+    ) -> Step:
+        """The step."""
+        return LearnedStep(system, law, knobs, nodes, CasadiMap(self.bundle))
+
+
+def dynamics(
+    kind: str, data: Transitions, sigma: float, epochs: int, seed: int, problem_step: Step,
+    samples: int = 100,
+) -> ContactLaw:  # fmt: skip
+    """The law called ``kind``, sigma in normalised units of the data."""
+    if kind == "f":
+        return Exact()
+    if kind == "f_sigma":
+        return Bundled(Bundle(problem_step, sigma * data.normalisation.scale, samples, seed))
+    if kind == "g_sigma":
+        return average(data, sigma, seed)
+    return network(data, sigma if kind == "h_sigma" else 0.0, seed, epochs)

@@ -1,0 +1,1 @@
+"""The commands of learned laws: data, and models of them."""

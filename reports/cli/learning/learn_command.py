@@ -1,0 +1,225 @@
+"""``ocp learn DATA --model NAME -o FILE``: a model of a step, from transitions."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from reports.cli.declared import argument, option
+from reports.cli.options import PROBLEM, Command, Options
+
+if TYPE_CHECKING:
+    from dynamics.learned.training import Training
+    from dynamics.learned.transitions import Transitions
+    from ocp.store.checkpoint import Checkpoint
+    from problems.spec import ProblemSpec
+
+MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
+NETWORK = ("hidden", "epochs")
+HELD_OUT = 0.1
+NOISE = 0.2
+_COPIES = 6
+"""Of all weights while they are trained: now and best, slopes, Adam's moments, what is to come."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnOptions(Options):
+    """From what, which model, and where to."""
+
+    data: Path = argument(help="What ocp collect wrote, a .csv or a .parquet.")
+    model: str = option(MISSING, "--model", help="ewda or mlp.")
+    file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
+    noise: float = option(NOISE, "--noise", help="sigma, in normalised units; 0: clean data (mlp).")
+    hidden: str = option(
+        "128,128,128,128", "--hidden", help="Units of each hidden layer of the mlp."
+    )
+    epochs: int = option(200, "--epochs", min=1, help="Most passes of training the mlp.")
+    seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
+    problem: str | None = option(None, "--problem", help=f"Whose data they are. {PROBLEM}")
+    columns: str | None = option(
+        None, "--columns", metavar="NAME=COLUMN,...", help="Names in a table."
+    )
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Data, and the training of a network on them where one is asked for."""
+
+    data: Transitions
+    training: Training | None
+    checkpoint: Checkpoint
+    resumed: int
+
+
+def check(options: LearnOptions) -> Asked:
+    """Read the data, and see that the model can be made of them."""
+    from ocp.errors import InputError, choose
+    from ocp.store.checkpoint import Checkpoint
+    from reports.cli.places import check_place
+
+    choose("model", options.model, MODELS)
+    network = options.model == "mlp"
+    foreign = [f"--{name}" for name in NETWORK if name in options.given and not network]
+    if foreign:
+        raise InputError(f"{foreign[0]} belongs to a network; drop it or say --model mlp")
+    if options.noise < 0 or (options.noise == 0 and not network):
+        least = "at least 0" if network else "above 0"
+        raise InputError(
+            f"--noise: sigma, in normalised units, must be {least}, got {options.noise:g};"
+            f" {NOISE:g} is a common choice"
+        )
+    if options.noise > 1e3:
+        raise InputError(
+            f"--noise: sigma {options.noise:g} is in standard deviations of the data, which it"
+            " would drown; give one such as 0.2"
+        )
+    hidden = _hidden(options.hidden)
+    data = _data(options)
+    check_place(options.file, "model")
+    request = {"data": data.hash, "sigma": options.noise, "hidden": hidden, "seed": options.seed}
+    checkpoint = Checkpoint(options.file.parent, "", request)
+    training = _training(options, data, hidden, checkpoint) if network else None
+    return Asked(data, training, checkpoint, training.epoch if training else 0)
+
+
+def _training(
+    options: LearnOptions, data: Transitions, hidden: tuple[int, ...], checkpoint: Checkpoint
+) -> Training:
+    from dynamics.learned.training import Recipe, Training
+    from ocp.effort import check_memory
+    from ocp.errors import InputError
+
+    layers = pairwise((data.z.shape[1], *hidden, data.x.shape[1]))
+    weights = sum(before * after for before, after in layers)
+    check_memory(f"--hidden: a network of {weights:.3g} weights", _COPIES * 4.0 * weights)
+    state = checkpoint.state("training")
+    try:
+        recipe = Recipe(hidden, options.epochs, held_out=HELD_OUT)
+        return Training(data.samples(), options.noise, recipe, options.seed, state)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def _hidden(text: str) -> tuple[int, ...]:
+    from ocp.errors import InputError
+
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isascii() and part.isdigit() and 0 < int(part) <= 100_000 for part in parts):
+        raise InputError(
+            f"--hidden: expected whole numbers from 1 to 100000 with commas, such as 128,128, got"
+            f" {text!r}"
+        )
+    return tuple(map(int, parts))
+
+
+def _data(options: LearnOptions) -> Transitions:
+    """Read the data; those of a problem must be of its states and inputs."""
+    from dynamics.learned.tables import TABLES, read_table
+    from ocp.errors import InputError
+    from ocp.store import models
+    from reports.cli.choices import assignments
+
+    spec = _spec(options)
+    system = None if spec is None else spec.problem().system
+    signals = None if system is None else (system.states, system.inputs)
+    if options.data.suffix not in TABLES:
+        if options.columns is not None:
+            raise InputError(
+                f"--columns maps those of a table, and {options.data} is none; drop it"
+            )
+        data = models.load_transitions(options.data)
+    else:
+        pairs = None if options.columns is None else options.columns.split(",")
+        columns = assignments("--columns", pairs)
+        told = {} if spec is None else {"problem": spec.name}
+        try:
+            data = read_table(options.data, columns, signals, told)
+        except ValueError as error:
+            raise InputError(str(error)) from error
+    if spec is not None and signals is not None:
+        try:
+            data.check_signals(*signals, spec.name)
+        except ValueError as error:
+            raise InputError(f"{options.data}: {error}") from error
+    return data
+
+
+def _spec(options: LearnOptions) -> ProblemSpec | None:
+    from problems import spec
+
+    return None if options.problem is None else spec(options.problem)
+
+
+def run(options: LearnOptions, asked: Asked) -> int:
+    """Learn a step from transitions: their weighted average, or a network on noised inputs.
+
+    A tenth of the rows is held out, and tells how well the model fits. What a network has learned
+    is kept: the same command goes on after Ctrl-C.
+    """
+    import time
+
+    from dynamics.learned.fit import fit
+    from ocp.store import models
+    from reports import learned
+
+    began, data = time.perf_counter(), asked.data
+    if asked.training is None:
+        model, held_out = _averaged(options, data)
+    else:
+        model, held_out = _trained(options, asked, asked.training)
+    sigma = options.noise or NOISE
+    fitted = fit(model, data.samples(), held_out, sigma, options.seed)
+    parts = model.dataset(), fitted.dataset()
+    dataset = learned.model_dataset(*parts, data, len(held_out))
+    models.save(dataset, options.file)
+    asked.checkpoint.discard()
+    document = learned.model_document(dataset)
+    for table in (learned.fit_table, learned.outside_table):
+        options.output.note(table(document))
+    seconds = time.perf_counter() - began
+    epochs = None if asked.training is None else asked.training.epoch
+    if asked.resumed:
+        options.output.say(f"went on after epoch {asked.resumed}")
+    how = "" if epochs is None else f", {epochs} epochs"
+    options.output.say(f"model: {options.file} ({options.model}{how}, {seconds:.1f} s)")
+    options.output.document(
+        {
+            **{"file": str(options.file), **document, "seconds": seconds},
+            **{"epochs": epochs, "resumed": asked.resumed},
+        }
+    )
+    return 0
+
+
+def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:
+    """The average of all rows but those held out, and which those are."""
+    from dynamics.learned.ewda import EwdaModel
+    from dynamics.learned.samples import split_rows
+
+    kept, held_out = split_rows(len(data), HELD_OUT, options.seed)
+    z, y = data.z[kept], data.x_next[kept]
+    scales, sigma = data.normalisation, options.noise
+    return EwdaModel(z, y, scales, sigma, data.origin, options.seed), held_out
+
+
+def _trained(options: LearnOptions, asked: Asked, training: Training) -> tuple[Any, Any]:
+    """The network after its last epoch, and the rows that it was not trained on."""
+    from reports import learned
+    from reports.cli import interrupt
+
+    try:
+        with learned.training_progress(options.quiet, training.epoch, options.epochs) as report:
+            for epoch in training.epochs():
+                report(epoch)
+                interrupt.check()
+                if asked.checkpoint.due():
+                    asked.checkpoint.save_state("training", **training.state)
+    except KeyboardInterrupt:
+        asked.checkpoint.save_state("training", **training.state)
+        raise
+    return training.model(), training.held_out
+
+
+COMMAND = Command(LearnOptions, check, run)

@@ -1,0 +1,232 @@
+"""Transitions and models for people and programs: what they hold, how well they fit."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Group
+
+from reports.console import number, table_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from dynamics.learned.training import Epoch
+    from dynamics.learned.transitions import Transitions
+
+
+def data_document(data: Transitions) -> dict[str, Any]:
+    """What ``ocp collect --json`` and ``ocp show data.nc --json`` print of transitions."""
+    known = data.provenance
+    return {
+        "kind": "transitions",
+        "problem": known.get("problem"),
+        "params": known.get("parameters"),
+        "rows": len(data),
+        "hash": data.hash,
+        **_origin(known),
+        "coordinates": _coordinates(
+            data.names, data.units, len(data.states), data.z,
+            data.normalisation.shift, data.normalisation.scale,
+        ),
+    }  # fmt: skip
+
+
+def _origin(provenance: Mapping[str, Any]) -> dict[str, Any]:
+    keys = ("seed", "how", "in_tube", "unsolved", "region")
+    return {key: provenance.get(key) for key in keys}
+
+
+def model_dataset(
+    model: xr.Dataset, fitted: xr.Dataset, data: Transitions, held_out: int
+) -> xr.Dataset:
+    """A model's file: the model, its fit, and what its data were."""
+    ranges = {"z_least": ("z", data.z.min(axis=0)), "z_most": ("z", data.z.max(axis=0))}
+    told = {
+        "data_rows": len(data),
+        "held_out": held_out,
+        "provenance": json.dumps(dict(data.provenance), sort_keys=True),
+    }
+    return model.merge(fitted).assign(ranges).assign_attrs(told)
+
+
+def model_document(dataset: xr.Dataset) -> dict[str, Any]:
+    """What ``ocp learn --json`` and ``ocp show model.nc --json`` print of a model.
+
+    ``data`` and ``fit`` are None for a model that was made without the command.
+    """
+    attributes = dataset.attrs
+    sigma, scale = float(attributes["sigma"]), dataset["z_scale"].values
+    names, units = ([str(n) for n in dataset[key].values] for key in ("z", "z_unit"))
+    whole = "data_rows" in attributes
+    # Where the ranges were not kept nobody knows them.
+    unknown = np.full(len(names), np.nan)
+    ends = [dataset[name].values if whole else unknown for name in ("z_least", "z_most")]
+    shift, nx = dataset["z_shift"].values, dataset.sizes["state"]
+    coordinates = _coordinates(names, units, nx, np.stack(ends), shift, scale)
+    layers = int(attributes.get("layers", 0))
+    return {
+        "kind": attributes["kind"],
+        "problem": attributes["problem"] or None,
+        "params": json.loads(attributes["parameters"]) or None,
+        "sigma": sigma,
+        "seed": int(attributes["seed"]),
+        "hidden": [dataset.sizes[f"unit_{layer}"] for layer in range(layers - 1)] or None,
+        "hash": attributes["data_hash"],
+        "data": None if not whole else {
+            "rows": int(attributes["data_rows"]),
+            "held_out": int(attributes["held_out"]),
+            **_origin(json.loads(attributes["provenance"])),
+        },
+        "coordinates": [{**row, "noise": sigma * row["scale"]} for row in coordinates],
+        "fit": _fit(dataset, names[:nx], units[:nx]) if whole else None,
+    }  # fmt: skip
+
+
+def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, Any]:
+    """Errors on held-out rows in the states' units, and relative to their standard deviations."""
+    from dynamics.learned.fit import Fit
+
+    found = Fit.of(dataset)
+    errors = (found.clean_physical, found.noised_physical, found.clean, found.noised)
+    keys = ("name", "unit", "clean", "noised", "clean_relative", "noised_relative")
+    rays = (found.distances, found.displacement, found.outside)
+    return {
+        "sigma": found.sigma,
+        "states": [
+            dict(zip(keys, row, strict=True)) for row in zip(names, units, *errors, strict=True)
+        ],
+        "outside": [
+            dict(zip(("distance", "displacement", "beyond"), row, strict=True))
+            for row in zip(*rays, strict=True)
+        ],
+    }
+
+
+def _coordinates(
+    names: list[str], units: list[str], nx: int, z: np.ndarray, shift: np.ndarray, scale: np.ndarray
+) -> list[dict[str, Any]]:
+    columns = zip(names, units, z.min(axis=0), z.max(axis=0), shift, scale, strict=True)
+    return [
+        {
+            **{"name": name, "unit": unit, "role": "state" if i < nx else "input"},
+            **{"least": float(least), "most": float(most)},
+            **{"shift": float(centre), "scale": float(width)},
+        }
+        for i, (name, unit, least, most, centre, width) in enumerate(columns)
+    ]
+
+
+def document(found: Transitions | xr.Dataset) -> dict[str, Any]:
+    """What is told of transitions, or of a model's file."""
+    from dynamics.learned.transitions import Transitions
+
+    return data_document(found) if isinstance(found, Transitions) else model_document(found)
+
+
+def lines(told: Mapping[str, Any]) -> list[str]:
+    """Where transitions or a model come from, line by line."""
+    whose = told["problem"] or "a system without a name"
+    known = f"data {told['hash'][:16]}"
+    if told["kind"] == "transitions":
+        return [f"{told['rows']} transitions of {whose}, {told['how'] or 'from elsewhere'}",
+                *_drawn(told), known]  # fmt: skip
+    data, sizes = told["data"], told["hidden"]
+    shape = f", hidden layers of {', '.join(map(str, sizes))}" if sizes else ""
+    head = f"{told['kind']} of {whose}{shape}: sigma {told['sigma']:g}, normalised"
+    if data is None:
+        return [head, known]
+    seen = (
+        f"learned from {data['rows'] - data['held_out']} transitions, {data['held_out']} held out"
+    )
+    how = _drawn(data) or [data["how"] or "from elsewhere"]
+    return [head, f"{seen}, seed {told['seed']}", *how, known]
+
+
+def _drawn(told: Mapping[str, Any]) -> list[str]:
+    """How collected data were drawn; nothing of data from elsewhere."""
+    if told.get("in_tube") is None:
+        return []
+    tube = f"{told['in_tube']} in the tube around the task"
+    return [f"drawn with seed {told['seed']}: {tube}; {told['unsolved']} unsolved, left out"]
+
+
+def tables(told: Mapping[str, Any]) -> list[Group]:
+    """Ranges and scales of the data; of a model its fit, and what it says far from the data."""
+    fitted = [fit_table(told), outside_table(told)] if told.get("fit") is not None else []
+    return [coordinate_table(told), *fitted]
+
+
+def coordinate_table(told: Mapping[str, Any]) -> Group:
+    """A line a coordinate of z: its range, and the scale that normalises it."""
+    keys = [key for key in ("least", "most", "shift", "scale", "noise")
+            if key in told["coordinates"][0]]  # fmt: skip
+    heads = [(key, "right") for key in keys]
+    table = table_of(("", "left"), ("", "left"), ("unit", "left"), *heads)
+    for row in told["coordinates"]:
+        table.add_row(row["role"], row["name"], row["unit"], *(number(row[k], 4) for k in keys))
+    noise = f"; noise = {told['sigma']:g} scale" if "noise" in keys else ""
+    return Group(table, f"normalised: (value - shift) / scale{noise}")
+
+
+def fit_table(told: Mapping[str, Any]) -> Group:
+    """Errors on held-out rows, state by state."""
+    keys = ("clean", "noised", "clean_relative", "noised_relative")
+    heads = [(key.replace("_relative", "/scale"), "right") for key in keys]
+    table = table_of(("held-out error", "left"), ("unit", "left"), *heads)
+    for row in told["fit"]["states"]:
+        table.add_row(row["name"], row["unit"], *(number(row[key], 3) for key in keys))
+    rows, sigma = told["data"]["held_out"], told["fit"]["sigma"]
+    return Group(table, f"root mean square of {rows} rows; noised: inputs moved by {sigma:g} scale")
+
+
+def outside_table(told: Mapping[str, Any]) -> Group:
+    """What the model says where there were no data."""
+    heads = ("distance from the data", "displacement", "beyond the data")
+    table = table_of(*((head, "right") for head in heads))
+    for row in told["fit"]["outside"]:
+        share = f"{100 * row['beyond']:.0f} %"
+        table.add_row(number(row["distance"]), number(row["displacement"], 3), share)
+    return Group(
+        table,
+        "normalised; displacement: how far the answer is from that at the data's edge,",
+        "where an average stays and a network leaves; beyond: outside the data's range",
+    )
+
+
+@contextmanager
+def training_progress(quiet: bool, first: int, epochs: int) -> Iterator[Callable[[Epoch], None]]:
+    """Yield what is called after each epoch: a bar on a terminal, else every tenth in a line."""
+    if quiet:
+        yield lambda _: None
+        return
+    if not sys.stderr.isatty():
+        yield lambda epoch: _print(epoch, epochs)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    console = Console(stderr=True, highlight=False)
+    with Progress(*columns, console=console, transient=True) as shown:
+        task = shown.add_task("training", total=epochs, completed=first)
+
+        def report(epoch: Epoch) -> None:
+            shown.update(task, completed=epoch.number, description=_line(epoch, epochs))
+
+        yield report
+
+
+def _print(epoch: Epoch, epochs: int) -> None:
+    if epoch.number % 10 == 0 or epoch.number == epochs:
+        print(_line(epoch, epochs), file=sys.stderr, flush=True)
+
+
+def _line(epoch: Epoch, epochs: int) -> str:
+    error = number(epoch.noised, 3)
+    return f"epoch {epoch.number} of {epochs}, loss {number(epoch.train, 3)}, held out {error}"
