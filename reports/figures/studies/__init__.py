@@ -19,8 +19,10 @@ from reports.figures.studies import (
     interpolated_gradients,
     jumping_objectives,
     landing_variance,
+    noised_contact,
     start_without_contact,
     stiff_pushing,
+    theory_of_noising,
     wall_corner,
 )
 
@@ -33,6 +35,8 @@ class Drawing(Protocol):
 
 
 DRAWINGS: dict[str, Drawing] = {
+    "N0": theory_of_noising,
+    "N1": noised_contact,
     "N2": start_without_contact,
     "P1": jumping_objectives,
     "P2": heaviside_bias,
