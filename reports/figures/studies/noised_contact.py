@@ -22,7 +22,7 @@ _EDGE = 1.0
 
 def draw(data: xr.Dataset) -> Figure:
     """Rows: what is learned, sparse data, dense data, rollouts; pusher left, block right."""
-    figure = Figure(figsize=(WIDTH, 9.0))
+    figure = Figure(figsize=(WIDTH, 7.7))
     rows = figure.subplots(4, 2, height_ratios=(0.42, 1, 1, 1))
     _pusher_scene(rows[0, 0])
     _block_scene(rows[0, 1])
@@ -53,7 +53,7 @@ def _pusher_scene(axis: Axes) -> None:
     _box(axis, 0.0, 0.3, 0.45, VERMILLION, "pusher")
     _box(axis, 1.4, 0.7, 0.6, BLUE, "block, $y$")
     axis.annotate("", (1.3, 0.22), (0.35, 0.22), arrowprops={"arrowstyle": "->", "color": INK})
-    axis.text(0.84, 0.28, "command $u$", ha="center", va="bottom", fontsize=8)
+    axis.text(0.84, 0.28, "$u$", ha="center", va="bottom", fontsize=8)
     axis.set_xlim(-0.6, 2.9)
 
 

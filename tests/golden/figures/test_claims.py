@@ -83,6 +83,12 @@ def test_seeds_flip_no_verdict_on_the_theory(seed: int) -> None:
     assert verdicts("T1", seed=seed) == VERDICTS["T1"]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("identifier", ["N0", "N1"])
+def test_seeds_flip_no_verdict_on_noised_data(identifier: str) -> None:
+    assert verdicts(identifier, seed=1) == VERDICTS[identifier]
+
+
 def calls_of_claim() -> list[tuple[str, dict[str, ast.expr]]]:
     """Where every claim is made, and what each of its fields is written as."""
     found = []

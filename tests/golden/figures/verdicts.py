@@ -52,7 +52,7 @@ VERDICTS: dict[str, dict[str, bool]] = {
         "Dense: so is h_sigma": True,
         "Dense: at the upper end g_sigma is off f_sigma": True,
         "Dense: there h_sigma goes with g_sigma": True,
-        "Sparse: h_sigma matches g_sigma, and neither is f_sigma": True,
+        "Sparse: h_sigma goes with g_sigma, and neither is f_sigma": True,
         "Trained network and average show a good match, sparse and dense": True,
         "Sparse: g_sigma climbs in steps": True,
         "Dense: penetrating states are moved inside by the average at the next step": True,
