@@ -19,6 +19,7 @@ from reports.figures.studies import (
     interpolated_gradients,
     jumping_objectives,
     landing_variance,
+    smoothings_compared,
     start_without_contact,
     stiff_pushing,
     wall_corner,
@@ -34,6 +35,7 @@ class Drawing(Protocol):
 
 DRAWINGS: dict[str, Drawing] = {
     "N2": start_without_contact,
+    "N3": smoothings_compared,
     "P1": jumping_objectives,
     "P2": heaviside_bias,
     "P3": friction_bias,
