@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
 from problems.studies.smoothings_compared.laws import ANALYTIC, LEARNED, WITHIN, excess, gap
-from problems.studies.study import Claim, listed, over
+from problems.studies.study import Claim, over
 
 _PROGRESS = 0.8
 """Part of the cost at rest that a plan saves on its own model, to have made progress."""
@@ -14,6 +16,8 @@ _SAME = 0.01
 """Costs that differ by no more than this are the same."""
 _SPREAD = 1.5
 """Largest exact cost over seeds by the smallest, of plans that are about the same."""
+_MOSTLY = 0.75
+"""Share of the plans for which a sentence about all of them is said."""
 _SHARP = ("barrier", "sharp barrier", "adaptive")
 _PLACE = "our check"
 
@@ -26,6 +30,11 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 def _names(data: xr.Dataset) -> list[str]:
     return [str(name) for name in data["problem"].values]
+
+
+def _each(names: Sequence[str], values: np.ndarray, form: str) -> str:
+    """Every name with its value: ``push-1d +1.4%, push-disc +44%``."""
+    return ", ".join(f"{name} {format(v, form)}" for name, v in zip(names, values, strict=True))
 
 
 def _middle(values: xr.DataArray) -> xr.DataArray:
@@ -42,7 +51,7 @@ def _progress(data: xr.Dataset) -> list[Claim]:
             moved = shares >= _PROGRESS
             found.append(
                 Claim(f"{name}: every {kind} makes progress from a start without contact", _PLACE,
-                      expected, f"{over(laws, moved)}: {listed(shares, '.0%')}",
+                      expected, _each(laws, shares, ".0%"),
                       bool(np.all(moved)))
             )  # fmt: skip
     return found
@@ -56,14 +65,15 @@ def _close(data: xr.Dataset) -> list[Claim]:
     found = [
         Claim("No law's plan is cheaper under the exact law than the exact law's own", _PLACE,
               f"by more than {_SAME:.0%}, on any problem",
-              f"cheapest of the others: {listed(others, '+.1%')}", bool(np.all(others >= -_SAME)))
+              f"cheapest of the others: {_each(names, others, '+.1%')}",
+              bool(np.all(others >= -_SAME)))
     ]  # fmt: skip
     for law in ANALYTIC:
         shares = dear.sel(law=law).values
         near = shares <= WITHIN
         found.append(
             Claim(f"{law}: the plan is close to the exact optimum", _PLACE, expected,
-                  f"{over(names, near)}: {listed(shares, '+.1%')}", bool(np.all(near)))
+                  _each(names, shares, "+.1%"), bool(np.all(near)))
         )  # fmt: skip
     by_mu = dear.sel(law=["gentle barrier", "barrier", "sharp barrier"]).transpose("problem", ...)
     falls = np.all(np.diff(by_mu.values) <= _SAME, axis=1)
@@ -75,7 +85,7 @@ def _close(data: xr.Dataset) -> list[Claim]:
               bool(np.all(falls))),
         Claim("planar-hand: no smoothing comes close to the exact optimum", _PLACE,
               f"each costs more than {WITHIN:.0%} more",
-              f"{listed(hand, '+.0%')} for {', '.join(ANALYTIC)}", bool(np.all(hand > WITHIN))),
+              _each(ANALYTIC, hand, "+.0%"), bool(np.all(hand > WITHIN))),
     ]  # fmt: skip
 
 
@@ -89,13 +99,13 @@ def _learned(data: xr.Dataset) -> list[Claim]:
     return [
         Claim("Every learned law's plan costs more under the exact law than analytic ones", _PLACE,
               f"the cheapest of them more than the dearest of {', '.join(_SHARP)}",
-              f"{over(names, worse)}: times {listed(1 + cheapest, '.3g')} against"
-              f" {listed(1 + sharp, '.3g')}",
+              f"times the optimum: {_each(names, 1 + cheapest, '.3g')}; against"
+              f" {_each(names, 1 + sharp, '.3g')}",
               bool(np.all(worse))),
         Claim("Noise on its data makes a network's plan cheaper under the exact law",
               "Noising data, sec. V-B", "on every problem",
-              f"{over(names, better)}: times {listed(1 + noised, '.3g')} the optimum against"
-              f" {listed(1 + clean, '.3g')} clean", bool(np.all(better))),
+              f"times the optimum: {_each(names, 1 + noised, '.3g')}; clean"
+              f" {_each(names, 1 + clean, '.3g')}", bool(np.all(better))),
     ]  # fmt: skip
 
 
@@ -110,7 +120,7 @@ def _seeds(data: xr.Dataset) -> list[Claim]:
             Claim(f"Another seed of {kind} gives a plan of about the same exact cost", _PLACE,
                   f"the dearest of {data.sizes['seed']} is at most {_SPREAD:g} times the cheapest,"
                   " on every problem",
-                  f"{over(laws, alike)}: times {listed(worst, '.3g')} at worst",
+                  f"times, at worst: {_each(laws, worst, '.3g')}",
                   bool(np.all(alike)))
         )  # fmt: skip
     return found
@@ -143,8 +153,8 @@ def _survivors(survives: xr.DataArray, shares: xr.DataArray) -> np.ndarray:
 
 def _trust(data: xr.Dataset) -> list[Claim]:
     names, cost, shares = _names(data), data["trusting_cost"], data["share"].values
-    apart = _middle(gap(cost)).transpose("problem", "share").values
-    narrower = apart[:, -1] < apart[:, 0]
+    apart = gap(cost).transpose("share", "problem", "seed").values
+    narrower = apart[-1] < apart[0]
     plan, replay = (_middle(cost.sel(motion=m)).transpose("problem", "share").values
                     for m in ("plan", "exact replay"))  # fmt: skip
     ratio = replay[:, 1:] / replay[:, :1]
@@ -153,15 +163,17 @@ def _trust(data: xr.Dataset) -> list[Claim]:
     given_up = plan[:, -1] / plan[:, 0]
     return [
         Claim("Trust brings the replay nearer to the plan", _PLACE,
-              "at its largest weight the gap is smaller than without",
-              f"{over(names, narrower)}: {listed(apart[:, -1], '+.0%')} instead of"
-              f" {listed(apart[:, 0], '+.0%')}", bool(np.all(narrower))),
+              f"at its largest weight the gap is smaller than without in {_MOSTLY:.0%} of plans",
+              f"{narrower.sum()} of {narrower.size}; medians"
+              f" {_each(names, np.median(apart[-1], axis=1), '+.0%')}; without"
+              f" {_each(names, np.median(apart[0], axis=1), '+.0%')}",
+              bool(np.mean(narrower) >= _MOSTLY)),
         Claim("Trust makes the plan cheaper under the exact law", _PLACE,
               f"by {WITHIN:.0%} or more, at one weight at least, on every problem",
-              f"{over(names, helped)}: {listed(ratio.min(axis=1) - 1, '+.0%')} at"
-              f" {', '.join(at)}", bool(np.all(helped))),
+              f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(at)}",
+              bool(np.all(helped))),
         Claim("Too much trust gives the task up for the data", _PLACE,
               f"at its largest weight the plan costs {WITHIN:.0%} or more more on its own model",
-              f"{over(names, given_up >= 1 + WITHIN)}: times {listed(given_up, '.3g')}",
+              f"times: {_each(names, given_up, '.3g')}",
               bool(np.all(given_up >= 1 + WITHIN))),
     ]  # fmt: skip

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from problems.studies.smoothings_compared.laws import ANALYTIC, WITHIN, described, excess, gap
 from reports.smoothings import dearer, seconds_of, short
@@ -102,7 +102,8 @@ def _over_share(axis: Axes, data: xr.Dataset, values: xr.DataArray, label: str) 
                           linewidth=0)  # fmt: skip
     axis.axhline(1, color=GREY, linewidth=0.8, linestyle="--")
     axis.set_yscale("log")
-    for which in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
-        which(LogFormatter(minor_thresholds=(1, 0.4)))
+    axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.yaxis.set_minor_locator(NullLocator())
     axis.set_xticks(places, [f"{share:g}" for share in shares])
     axis.set(xlabel="weight of trust", ylabel=label)

@@ -120,7 +120,7 @@ def test_claims_follow_the_data() -> None:
         ("push-randomized-1", (1.0, 1.7), "Another seed of the randomized law"),
         ("push-clean-mlp-1", (2.0, 8.0), "Another seed of a learned law"),
         ("1d-randomized", (1.5, 1.5), "A surviving plan of an analytic law"),
-        ("push-trust-1-", (2.4, 24.0), "Trust brings the replay nearer"),
+        ("-trust-1-", (2.4, 24.0), "Trust brings the replay nearer"),
         ("push-trust-", (2.5, 4.9), "Trust makes the plan cheaper"),
         ("push-trust-1-", (2.1, 3.0), "Too much trust"),
     ],
