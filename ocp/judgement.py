@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dynamics.learned.laws import LearnedLaw
 from ocp.judges.audit import audit, feasible
 from ocp.judges.findings import Audit, Refereed
 from ocp.judges.referee import Hearing, hear
@@ -235,6 +236,7 @@ def status_of(
 def record(session: Session, seed: int) -> dict[str, Any]:
     """Everything that tells how an answer came about, ready for JSON."""
     problem, policy = session.problem, session.policy
+    learned = session.law if isinstance(session.law, LearnedLaw) else None
     return {
         "problem": problem.name,
         "contact": session.law.name,
@@ -253,6 +255,7 @@ def record(session: Session, seed: int) -> dict[str, Any]:
         "knobs": {name: session.values[name] for name in session.step.p.names
                   if name not in problem.parameters},
         "N": problem.N,
+        "learned_at": learned.learned_at(problem.system, session.values) if learned else {},
         "seed": seed,
         "versions": versions(),
         "citation": problem.citation,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -61,6 +62,18 @@ class LearnedLaw(ContactLaw):
                     f" {', '.join(s.name for s in asked)}; give a model of this problem"
                 )
         return ParameterTable()
+
+    def learned_at(
+        self, system: ContactSystem, values: Mapping[str, float]
+    ) -> dict[str, tuple[float, float]]:
+        """Parameters of the motion that were others when the data were taken: then, and now."""
+        moving = {str(symbol) for symbol in ca.symvar(ca.vertcat(system.residual, system.gap))}
+        then = self.model.origin.parameters
+        return {
+            name: (float(then[name]), values[name])
+            for name in system.parameters.names
+            if name in moving and name in then and float(then[name]) != values[name]
+        }
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
         """Nothing: no pairs are left."""

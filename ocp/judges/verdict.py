@@ -68,6 +68,9 @@ def findings(found: Solution) -> list[str]:
     model = "" if gaps is None else f"the model's gaps are {gaps}"
     if forceless:
         model = "the law is learned from data and knows no forces" + (model and f"; {model}")
+    others = found.record.get("learned_at", {}).items()
+    differs = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in others)
+    model += f"; its data were taken at {differs}" if differs else ""
     said = (model, _referee(found), _replay(found), found.referee.parting)
     lines += [_sentence(line) for line in said if line]
     if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):

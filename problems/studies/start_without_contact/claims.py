@@ -15,6 +15,8 @@ _PROGRESS = 0.8
 """Part of the object's cost at rest that a plan saves, to have made progress."""
 
 
+_SMOOTH = ("g_sigma", "h", "h_sigma")
+"""Dynamics with second derivatives."""
 _FLAT = 0.01
 """Part of the cost at the start that a descent saves, to have moved anything."""
 
@@ -49,6 +51,11 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
     swept, widths = data["final"], data["width"].values
     noised = [kind for kind in ("g_sigma", "h_sigma") if final[kind] < final["h"]]
     before = swept.sel(swept="g_sigma") < swept.sel(swept="h_sigma")
+    steps = int(data["step"].values[-1])
+    gains = {kind: float(data["gains"].sel(dynamics=kind, end="model")) for kind in _SMOOTH}
+    work = {kind: int(data["work"].sel(dynamics=kind)) for kind in _SMOOTH}
+    better = [gains[k] <= (1 + COST_SHARE) * own[k] and work[k] < steps for k in _SMOOTH]
+    found = ", ".join(f"{k} {gains[k]:.4g} after {work[k]}, Adam {own[k]:.4g}" for k in _SMOOTH)
     moves = swept.sel(swept="g_sigma").isel(amount=-1).values <= (1 - _PROGRESS) * start
     return [
         Claim(f"{name}: f makes no progress with the object", place,
@@ -70,6 +77,9 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
               "less than half of its cost is saved" if name == PROBLEMS[0]
               else "more than a tenth of its cost is saved", f"{1 - h:.1%}",
               bool(h > 0.5 if name == PROBLEMS[0] else h < 0.9)),
+        Claim(f"{name}: IPOPT finds gains as good on the model with fewer evaluations", "our check",
+              f"within {COST_SHARE:.0%} of Adam's {steps} iterations, where the model is smooth",
+              f"{over(_SMOOTH, better)}: {found}", bool(np.all(better))),
         Claim(f"{name}: what is learned through g_sigma works under the exact law", "our check",
               f"{_PROGRESS:.0%} of the cost are saved at every width, with all data",
               over(list(widths), moves), bool(moves.all())),

@@ -19,9 +19,11 @@ from reports.figures.studies import (
     interpolated_gradients,
     jumping_objectives,
     landing_variance,
+    noised_contact,
     smoothings_compared,
     start_without_contact,
     stiff_pushing,
+    theory_of_noising,
     wall_corner,
 )
 
@@ -34,6 +36,8 @@ class Drawing(Protocol):
 
 
 DRAWINGS: dict[str, Drawing] = {
+    "N0": theory_of_noising,
+    "N1": noised_contact,
     "N2": start_without_contact,
     "N3": smoothings_compared,
     "P1": jumping_objectives,

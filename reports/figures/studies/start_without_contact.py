@@ -15,7 +15,8 @@ from reports.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WI
 
 caption = (
     "Top: cost over Adam's iterations through each of the five dynamics, thin on the model, thick "
-    "replayed under the exact law, medians over seeds and their range. Then: what the last "
+    "replayed under the exact law, medians over seeds and their range; circles at the right are "
+    "gains by IPOPT, open on the model, full replayed. Then: what the last "
     "policies do under the exact law. Then: final exact cost of policies learned through the "
     "average of data and through the noised network, over the width of the noise and the amount "
     "of data, as a multiple of what standing still costs: less is blue, more is red. Bottom: the "
@@ -60,7 +61,10 @@ def _curves(axis: Axes, data: xr.Dataset) -> None:
                           linewidth=0)  # fmt: skip
         axis.plot(step, np.median(exact, axis=0), color=color, linewidth=1.8,
                   label=_LABELS[str(kind)])  # fmt: skip
-    axis.set(yscale="log", xlabel="iteration of Adam", xlim=(step[0], step[-1]))
+        planned, replayed = data["gains"].sel(dynamics=kind).values
+        axis.plot(1.05 * step[-1], planned, "o", color=color, markerfacecolor="white")
+        axis.plot(1.05 * step[-1], replayed, "o", color=color)
+    axis.set(yscale="log", xlabel="iteration of Adam", xlim=(step[0], 1.08 * step[-1]))
 
 
 def _strobes(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
@@ -88,7 +92,8 @@ def _maps(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
                     aspect="auto")  # fmt: skip
         for i, j in np.ndindex(ratio.shape):
             strong = abs(np.log10(ratio[i, j])) > 0.9
-            axis.text(j, i, f"{ratio[i, j]:.2g}", ha="center", va="center", fontsize=7,
+            value = f"{ratio[i, j]:.2g}" if ratio[i, j] < 30 else ">30"
+            axis.text(j, i, value, ha="center", va="center", fontsize=7,
                       color="white" if strong else INK)  # fmt: skip
         axis.set_xticks(range(ratio.shape[1]), [f"{n:.0e}".replace("e+0", "e")
                                                 for n in data["amount"].values])  # fmt: skip

@@ -15,10 +15,9 @@ import problems.studies
 from problems import studies
 from problems.studies.start_without_contact import claims as n2
 from problems.studies.study import Claim, largest, over
-from tests.golden.figures.verdicts import SMALL, VERDICTS
+from tests.golden.figures.verdicts import SLOW, SMALL, VERDICTS
 
 FILES = sorted(Path(problems.studies.__path__[0]).rglob("*.py"))
-SLOW = {"N2", "N3"}
 BUILTINS = {"bool", "np", "abs", "all", "any", "min", "max", "float", "int"}
 VARIED = [
     # Those named because their verdicts once flipped there.
@@ -81,6 +80,12 @@ def test_seeds_and_settings_flip_no_verdict(identifier: str, changed: dict[str, 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_seeds_flip_no_verdict_on_the_theory(seed: int) -> None:
     assert verdicts("T1", seed=seed) == VERDICTS["T1"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("identifier", ["N0", "N1"])
+def test_seeds_flip_no_verdict_on_noised_data(identifier: str) -> None:
+    assert verdicts(identifier, seed=1) == VERDICTS[identifier]
 
 
 def calls_of_claim() -> list[tuple[str, dict[str, ast.expr]]]:

@@ -6,6 +6,8 @@ One that does not hold has its reason in what it measures: the errata of the pap
 from __future__ import annotations
 
 SMALL: dict[str, dict[str, float]] = {
+    "N0": {},
+    "N1": {},
     "N2": {},
     "N3": {},
     "P1": {"points": 81, "n_samples": 500},
@@ -22,7 +24,50 @@ SMALL: dict[str, dict[str, float]] = {
     "T1": {"draws": 60, "sweep": 8, "pairs": 20, "n_samples": 5000},
 }
 
+SLOW = {"N0", "N1", "N2", "N3"}
+"""Those that take minutes."""
+
 VERDICTS: dict[str, dict[str, bool]] = {
+    "N0": {
+        "On uniform data g_sigma is f_sigma": True,
+        "g_sigma minimises the noised risk of a density": True,
+        "The weighted average minimises the noised risk of data": True,
+        "f, f_sigma and the nearest datum have a higher noised risk": True,
+        "For f(x) = x, g_sigma = x + sigma² grad log p_sigma": True,
+        "Between walls g_sigma is the mean of a truncated normal": True,
+        "A penetrating state is mapped back inside in one step": True,
+        "The slope of g_sigma tends to 0 outside": True,
+        "Uniform data have one fixed point, the middle of the walls": True,
+        "So have random states between the walls": False,
+        "Every step of theirs climbs the density of the noised data": True,
+        "Networks trained on noised data converge to g_sigma": True,
+        "The more pairs the nearer": True,
+        "A network too narrow stays away, however many pairs": True,
+        "g_sigma differs from f_sigma within 2 sigma of the ends of the data": True,
+        "It does at both ends": False,
+        "The data near a query fall off with the dimension d as sigma^d": True,
+        "Uniform data are too sparse for the average in the dimensions of pushing": True,
+        "With half of the data in the tube there are more": True,
+        "That is enough": False,
+    },
+    "N1": {
+        "Monte Carlo estimates f_sigma": True,
+        "Dense: g_sigma is f_sigma away from the ends": True,
+        "Dense: so is h_sigma": True,
+        "Dense: at the upper end g_sigma is off f_sigma": True,
+        "Dense: there h_sigma goes with g_sigma": True,
+        "Sparse: h_sigma goes with g_sigma, and neither is f_sigma": True,
+        "Trained network and average show a good match, sparse and dense": True,
+        "Sparse: g_sigma climbs in steps": True,
+        "Dense: penetrating states are moved inside by the average at the next step": True,
+        "Dense: the average is that of uniform states": True,
+        "Dense: the network moves them inside too": False,
+        "Dense: the network moves them towards the inside": True,
+        "Smaller sigma leaves them nearer to the wall": True,
+        "Sparse: the average behaves as if walls stood at the ends of the data": True,
+        "Sparse: so does the network, sigma beyond the ends": True,
+        "Rollouts that begin in penetration come back and stay": True,
+    },
     "N2": {
         "planar-push: the exact dynamics make no progress from a start without contact": True,
         "planar-push: randomized smoothing makes progress": True,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -171,3 +173,13 @@ def test_settings_make_the_same_law_again():
     law: ContactLaw = Ewda(Wavy(PROBLEM.system), trust=0.2)
     assert law.at(trust=0.5).settings()["trust"] == 0.5
     assert law.settings() == {"model": "wavy", "trust": 0.2}
+
+
+def test_a_verdict_says_where_the_data_were_taken_at_other_parameters():
+    """Those of the motion, that is: a weight of the cost may be what it likes."""
+    model = Wavy(PROBLEM.system)
+    told = {"friction": 0.5, "m": 5.0, "w_du": 1.0}
+    model.origin = replace(model.origin, parameters=told)
+    answer = solve(PROBLEM, contact=Ewda(model))
+    assert "its data were taken at friction = 0.5, not 0.666667." in answer.verdict
+    assert answer.record["learned_at"] == {"friction": (0.5, 2 / 3)}

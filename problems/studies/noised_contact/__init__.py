@@ -1,0 +1,20 @@
+"""N1: a pusher and a block between walls, learned from noised data, sparse and dense."""
+
+from problems.spec import Citation
+from problems.studies.study import Study
+
+study = Study(
+    id="N1",
+    title="What noised data make of contact along a line",
+    citation=Citation("suh2023noising", "Fig. 1, sec. IV-B and IV-C"),
+    folder=__name__,
+    notes=(
+        "The paper gives no numbers: the pusher's spring is stiff, so that the slope in contact is"
+        " 0.99; data are uniform and random, 10 and 1000 commands, 5 and 1000 states.",
+        "In contact the slope is rho = h² K/(m + h² K), not 1.",
+        "Networks: two layers, fresh noise in every minibatch; the rms in the legend is of the"
+        " network drawn against the average, over the density of the noised data.",
+        "What depends on which data were drawn is judged over many sets of them, and networks over"
+        " several starts of their weights.",
+    ),
+)

@@ -1,0 +1,170 @@
+"""What N1's data say of fig. 1 and of sec. IV-B, IV-C."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from problems.studies.study import Claim, largest, listed, over
+
+_PLACE = "Noising data, "
+_MATCH = 1 / 2
+"""A good match: off by less than this part of the distance from what is to be told apart."""
+_MOST = 0.8
+"""Part of the sets of data in which a sentence must be true to be one about them."""
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """The pusher where data are dense and where they are few, then the block."""
+    return [*_dense(data), *_sparse(data), *_penetrating(data), *_support(data), *_rollouts(data)]
+
+
+def _rms(off: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(off**2, axis=-1))
+
+
+def _dense(data: xr.Dataset) -> list[Claim]:
+    """Dots, the average and the networks against f_sigma, in the middle and at the upper end."""
+    sigma, u, widths = data.attrs["sigma"], data["u"].values, list(data["width"].values)
+    score = ((data["sampled"] - data["true_dots"]) / data["sampled_error"]).values
+    # Beyond six sigma of the kink no draw tells anything, and no error either.
+    score = score[np.abs(data["sampled_error"].values) > 1e-6]
+    square = data["score_square"].mean("set").values
+    rms, error = data["dense_rms"].values, data["dense_error"].values
+    at = data.sel(regime="dense")
+    kink, ends = np.abs(u) <= sigma, (u >= 1 - sigma) & (u <= 1)
+    apart = _rms((at["pusher_h"].values - data["f_sigma"].values)[:, kink])
+    effect = _rms((data["f"] - data["f_sigma"]).values[kink])
+    off_g = _rms((at["pusher_h"] - at["pusher_g"]).values[:, ends])
+    off_f = _rms((at["pusher_h"] - data["f_sigma"]).values[:, ends])
+    end = data["end_score"].values
+    return [
+        Claim("Monte Carlo estimates f_sigma", _PLACE + "fig. 1 and eq. 2",
+              "within 5 standard errors of the closed form",
+              f"{largest(np.abs(score)):.2g} at most, at {score.size} dots",
+              bool(score.size and np.all(np.abs(score) < 5))),
+        Claim("Dense: g_sigma is f_sigma away from the ends", _PLACE + "sec. IV-B",
+              "apart by the standard error of g_sigma: the mean square over it is 0.5 to 1.5,"
+              " 3 sigma off the ends",
+              f"{listed(square, '.2f')} over {data.sizes['set']} sets at sigma = "
+              + listed(widths, "g") + f" m; apart by {rms.max():.2g} m at most, expected"
+              f" {error.max():.2g} m", bool(np.all((square > 0.5) & (square < 1.5)))),
+        Claim("Dense: so is h_sigma", _PLACE + "sec. IV-B",
+              "within sigma of the kink, where smoothing acts, apart by less than half of it",
+              f"{listed(apart, '.2g')} m of {effect:.2g} m", bool(np.all(apart < _MATCH * effect))),
+        Claim("Dense: at the upper end g_sigma is off f_sigma", "our check",
+              "below it by 5 standard errors or more in every set",
+              f"by {-end.max():.3g} or more over {end.size} sets and widths",
+              bool(np.all(end < -5))),
+        Claim("Dense: there h_sigma goes with g_sigma", "our check",
+              "within sigma of the end less than half as far from g_sigma as from f_sigma",
+              f"{listed(off_g, '.2g')} m against {listed(off_f, '.2g')} m",
+              bool(np.all(off_g < _MATCH * off_f))),
+    ]  # fmt: skip
+
+
+def _sparse(data: xr.Dataset) -> list[Claim]:
+    """The pusher with few data, within the first and the last."""
+    at, u, widths = data.sel(regime="sparse"), data["u"].values, data["width"].values
+    few = data["pusher_data_sparse"].values
+    within = (u >= max(few.min(), 0.0)) & (u <= few.max())
+    h, g = at["pusher_h"].values[:, within], at["pusher_g"].values[within]
+    f_sigma = data["f_sigma"].values[within]
+    near, far = _rms(h - g), np.minimum(_rms(h - f_sigma), _rms(g - f_sigma))
+    steep, flat = data["steepest"].values, data["flattest"].values
+    stairs = np.mean((steep > 1.5) & (flat < 0.5), axis=1)
+    narrow = widths <= data.attrs["sigma"]
+    rms, effect = data["pusher_rms"].values, data["pusher_effect"].values
+    return [
+        Claim("Sparse: h_sigma goes with g_sigma, and neither is f_sigma", _PLACE + "sec. IV-B",
+              "in contact, within the data: nearer to each other than either to f_sigma",
+              f"{listed(near, '.2g')} m against {listed(far, '.2g')} m",
+              bool(np.all(near < far))),
+        Claim("Trained network and average show a good match, sparse and dense",
+              _PLACE + "sec. IV-B",
+              "rms over the noised data less than half of that of g_sigma - f",
+              f"sparse {listed(rms[0], '.2g')} m of {effect[0]:.2g} m,"
+              f" dense {listed(rms[1], '.2g')} m of {effect[1]:.2g} m",
+              bool(np.all(rms < _MATCH * effect[:, None]))),
+        Claim("Sparse: g_sigma climbs in steps", "our check",
+              "slopes in contact below 0.5 rho and above 1.5 rho, where f_sigma has at most rho,"
+              f" in {_MOST:.0%} of the sets, up to the figure's sigma",
+              f"in {listed(stairs, '.0%')} at sigma = {listed(widths, 'g')} m",
+              bool(np.all(stairs[narrow] >= _MOST) and narrow.any())),
+    ]  # fmt: skip
+
+
+def _penetrating(data: xr.Dataset) -> list[Claim]:
+    """The block with dense data, outside of the walls."""
+    at, x, sigma = data.sel(regime="dense"), data["x"].values, data.attrs["sigma"]
+    inside, widths = data["least_inside"].values, list(data["width"].values)
+    outside = np.abs(x) > 1
+    h = at["block_h"].values
+    back = np.all(np.abs(h) <= 1, axis=0)
+    deep = np.abs(x) - 1
+    first = deep[outside & ~back].min(initial=deep.max())
+    nearer = np.abs(h[:, outside]) < np.abs(x[outside])
+    closed = _rms((at["block_g"] - data["uniform_block"]).values)
+    return [
+        Claim("Dense: penetrating states are moved inside by the average at the next step",
+              _PLACE + "sec. IV-C", "inside in every set, at every depth",
+              f"inside by {inside.min():.1e} m or more over {inside.size} sets and widths",
+              bool(np.all(inside > 0))),
+        Claim("Dense: the average is that of uniform states", "our check",
+              "rms below half of sigma from the closed form", f"{closed:.2g} m",
+              bool(closed < _MATCH * sigma)),
+        Claim("Dense: the network moves them inside too", _PLACE + "sec. IV-C, fig. 1",
+              f"up to {deep.max():g} m deep, as in the figure",
+              f"up to {first / sigma:.2g} sigma; {np.mean(back[outside]):.0%} of the states drawn",
+              bool(np.all(back[outside]))),
+        Claim("Dense: the network moves them towards the inside", "our check",
+              "every penetrating state less far out after a step, by every network",
+              f"{np.mean(nearer):.1%} of them", bool(np.all(nearer))),
+        Claim("Smaller sigma leaves them nearer to the wall", "our check",
+              "the least way inside grows with sigma, in the mean over sets",
+              listed(inside.mean(axis=1), ".1e") + " m at sigma = " + listed(widths, "g") + " m",
+              bool(np.all(np.diff(inside.mean(axis=1)) > 0))),
+    ]  # fmt: skip
+
+
+def _support(data: xr.Dataset) -> list[Claim]:
+    """The block with few data: walls where the data end."""
+    x, sigma = data["x"].values, data.attrs["sigma"]
+    at, few = data.sel(regime="sparse"), data["block_data_sparse"].values
+    low, high = few.min(), few.max()
+    outside = (x < low) | (x > high)
+    g, h = at["block_g"].values, at["block_h"].values
+    back = (g[outside] >= low) & (g[outside] <= high)
+    edge = np.where(x < low, low, high)
+    way = np.abs(g - edge)[outside]
+    slope = np.abs(np.diff(g) / np.diff(x))[outside[1:] & (np.abs(x - edge) > 5 * sigma)[1:]]
+    near = outside & (np.abs(x - edge) <= sigma)
+    beyond = largest(np.maximum(low - h, h - high)[:, near])
+    return [
+        Claim("Sparse: the average behaves as if walls stood at the ends of the data",
+              _PLACE + "sec. IV-C",
+              "what lies beyond is put between the ends, within sigma of the nearer one, and the"
+              " slope from 5 sigma on is below 0.05",
+              f"{np.mean(back):.0%} of the states, up to {largest(way) / sigma:.2g} sigma from the"
+              f" end; slope up to {largest(slope):.2g}",
+              bool(np.all(back) and largest(way) < sigma and largest(slope) < 0.05)),
+        Claim("Sparse: so does the network, sigma beyond the ends", "our check",
+              "between them, or less than half of sigma outside",
+              f"{beyond / sigma:.2g} sigma outside at most", bool(beyond < _MATCH * sigma)),
+    ]  # fmt: skip
+
+
+def _rollouts(data: xr.Dataset) -> list[Claim]:
+    """Step after step from a penetrating state."""
+    names = [f"{regime} {map_}" for regime in data["regime"].values for map_ in data["map"].values]
+    path = np.abs(data["rollout"].values.reshape(len(names), -1, data.sizes["step"]))
+    last = path[..., -1].max(axis=1) <= 1
+    stay = np.array([np.all(np.diff((one <= 1).astype(int)) >= 0) and end
+                     for one, end in zip(path, last, strict=True)])  # fmt: skip
+    most = (path > 1).sum(axis=-1).max(axis=1)
+    return [
+        Claim("Rollouts that begin in penetration come back and stay", _PLACE + "sec. IV-C",
+              f"inside the walls after {data['step'].values[-1]} steps, and never out again",
+              f"{over(names, stay)}: after at most {listed(most, 'd')} steps",
+              bool(np.all(stay) and np.all(np.isfinite(path)))),
+    ]  # fmt: skip

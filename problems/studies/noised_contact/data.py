@@ -1,0 +1,137 @@
+"""N1: a pusher and a block between walls, learned from noised data, sparse and dense."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dynamics.learned.ewda import EwdaModel
+from dynamics.learned.mlp import MlpModel
+from problems.studies.noised_contact.many_sets import SETS, WIDTHS, many_sets
+from problems.studies.shared.noised_line import Pusher, Walls, answers, average_of, network_of
+from problems.studies.study import CODE, StudyParams, quantity_of, setting
+
+REGIMES = ("sparse", "dense")
+STARTS = np.array([-1.6, -1.25, -1.05, 1.05, 1.25, 1.6])
+"""States in penetration [m], at most six sigma deep."""
+DOTS = np.linspace(-1.4, 1.4, 29)
+"""Commands at which f_sigma is sampled [m]."""
+SPARSE_STATES, SPARSE_REACH = 5, 0.5
+STEPS = 12
+_ROWS, _HELD_IN = 2000, 1600
+"""Rows of data, few data repeated, so that a minibatch averages over noise, and those trained on.
+
+The rest, which repeat them too, choose among the epochs: the last weights still jitter."""
+
+
+class Params(StudyParams):
+    """Parameters of N1; the paper's text has none."""
+
+    rho: float = setting(0.99, "1", "slope of the pusher's step in contact", above=0, most=1)
+    sigma: float = setting(0.1, "m", "standard deviation of the noise", CODE, above=0)
+    sparse: int = setting(10, "1", "commands in sparse data", least=3)
+    dense: int = setting(1000, "1", "commands and states in dense data", least=100)
+    draws: int = setting(1000, "1", "draws of noise for a dot of f_sigma", least=10)
+    networks: int = setting(3, "1", "networks of each kind, of other seeds", least=1)
+    units: int = setting(128, "1", "units in each of two layers", least=1)
+    epochs: int = setting(2000, "1", "passes over 2000 rows of data in training", least=1)
+
+
+def run(params: Params) -> xr.Dataset:
+    """Curves of fig. 1 and rollouts; sampling errors over many sets of data beside them."""
+    pusher, walls, sigma = Pusher(params.rho), Walls(), params.sigma
+    rng = np.random.default_rng([params.seed, 0])
+    u, x = np.linspace(-1.4, 1.4, 421), np.linspace(-2, 2, 401)
+    commands = {"sparse": rng.uniform(-1, 1, params.sparse),
+                "dense": rng.uniform(-1, 1, params.dense)}  # fmt: skip
+    states = {"sparse": rng.uniform(-SPARSE_REACH, SPARSE_REACH, SPARSE_STATES),
+              "dense": rng.uniform(walls.low, walls.high, params.dense)}  # fmt: skip
+    noise = sigma * rng.standard_normal((params.draws, len(DOTS)))
+    drawn = pusher.step(DOTS + noise)
+    found = {
+        **_learned("pusher", "u", commands, u, pusher.step, params),
+        **_learned("block", "x", states, x, lambda rest: rest, params),
+        "f": quantity_of("u", pusher.step(u), "m", "block after a step, exact"),
+        "f_sigma": quantity_of("u", pusher.smoothed(u, sigma), "m", "closed form"),
+        "uniform_pusher": quantity_of("u", pusher.noised(u, sigma, -1, 1), "m",
+                                      "g_sigma of uniform data, closed form"),
+        "uniform_block": quantity_of("x", walls.noised(x, sigma), "m",
+                                     "g_sigma of uniform states, closed form"),
+        "sampled": quantity_of("dot", drawn.mean(axis=0), "m", "f_sigma, mean of draws"),
+        "sampled_error": quantity_of("dot", drawn.std(axis=0, ddof=1) / np.sqrt(params.draws),
+                                     "m", "standard error of that mean"),
+        "true_dots": quantity_of("dot", pusher.smoothed(DOTS, sigma), "m", "closed form"),
+        **many_sets(pusher, params.sparse, params.dense, params.seed),
+    }  # fmt: skip
+    return xr.Dataset(found, {
+        "u": quantity_of("u", u, "m", "commanded pusher"),
+        "x": quantity_of("x", x, "m", "block before a step"),
+        "dot": quantity_of("dot", DOTS, "m", "commanded pusher"),
+        "regime": ("regime", list(REGIMES)),
+        "start": quantity_of("start", STARTS, "m", "block at first"),
+        "step": quantity_of("step", np.arange(STEPS + 1), "1", "steps"),
+        "width": quantity_of("width", WIDTHS, "m", "sigma"),
+        "set": quantity_of("set", np.arange(SETS), "1", "set of data"),
+        "map": ("map", ["g_sigma", "h_sigma"]),
+    })  # fmt: skip
+
+
+def _learned(
+    name: str, along: str, data: dict[str, np.ndarray], at: np.ndarray,
+    f: Callable[[np.ndarray], np.ndarray], params: Params,
+) -> dict[str, Any]:  # fmt: skip
+    """g_sigma and networks h_sigma over ``at`` (k,), and their distance, in both regimes.
+
+    ``rms`` is over the noised data, whose density p_sigma is: where they never come nothing is
+    learned. ``effect`` is the same of g_sigma - f.
+    """
+    g = np.empty((len(REGIMES), len(at)))
+    h = np.empty((len(REGIMES), params.networks, len(at)))
+    rms, effect = np.empty(h.shape[:2]), np.empty(len(REGIMES))
+    paths = np.empty((len(REGIMES), 2, len(STARTS), STEPS + 1))
+    found = {}
+    for row, regime in enumerate(REGIMES):
+        z = data[regime]
+        average = average_of(z, f(z), params.sigma)
+        g[row], log_density = average.values(at[:, None]).T
+        density = np.exp(log_density) / np.exp(log_density).sum()
+        effect[row] = np.sqrt(density @ (g[row] - f(at)) ** 2)
+        models: list[EwdaModel | MlpModel] = [average]
+        for i in range(params.networks):
+            models.append(_network(z, f(z), params, params.seed + i))
+            h[row, i] = answers(models[-1], at)
+            rms[row, i] = np.sqrt(density @ (h[row, i] - g[row]) ** 2)
+        paths[row] = [rollout(model) for model in models[:2]]
+        found[f"{name}_data_{regime}"] = quantity_of(
+            f"{name}_{regime}", np.sort(z), "m", f"{regime} data"
+        )
+    if name == "block":
+        found["rollout"] = quantity_of(("regime", "map", "start", "step"), paths, "m",
+                                       "block, step after step")  # fmt: skip
+    return {
+        **found,
+        f"{name}_g": quantity_of(("regime", along), g, "m", "g_sigma of random data"),
+        f"{name}_h": quantity_of(("regime", "network", along), h, "m", "h_sigma"),
+        f"{name}_rms": quantity_of(("regime", "network"), rms, "m", "of h_sigma - g_sigma"),
+        f"{name}_effect": quantity_of("regime", effect, "m", "rms of g_sigma - f"),
+    }
+
+
+def _network(z: np.ndarray, y: np.ndarray, params: Params, seed: int) -> MlpModel:
+    times = max(1, _ROWS // len(z))
+    return network_of(
+        np.tile(z, times), np.tile(y, times), params.sigma, seed,
+        hidden=(params.units, params.units), epochs=params.epochs, batch=_HELD_IN // 2, rate=3e-3,
+        held_out=1 - _HELD_IN / _ROWS, patience=params.epochs,
+    )  # fmt: skip
+
+
+def rollout(model: EwdaModel | MlpModel) -> np.ndarray:
+    """States (n_starts, STEPS + 1) from :data:`STARTS`, each the model's answer to the last."""
+    path = [STARTS]
+    for _ in range(STEPS):
+        path.append(answers(model, path[-1]))
+    return np.transpose(path)

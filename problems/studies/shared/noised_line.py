@@ -1,0 +1,123 @@
+"""Contact along a line, and what noised data make of it; sigma in metres, as no scale is applied.
+
+Two systems of noising, sec. IV: a block that a pusher moves, and a block at rest between two walls.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import erfcx
+from scipy.stats import norm
+
+from dynamics.learned.ewda import EwdaModel
+from dynamics.learned.mlp import MlpModel
+from dynamics.learned.normalisation import Normalisation
+from dynamics.learned.origin import Origin
+from dynamics.learned.samples import Samples
+from dynamics.learned.training import train
+from dynamics.systems.parameters import Signal
+from ocp.errors import InputError
+
+ORIGIN = Origin((Signal("z", "m"),), (Signal("y", "m"),))
+_METRES = Normalisation(np.zeros(1), np.ones(1))
+
+
+@dataclass(frozen=True)
+class Pusher:
+    """``q+ = q + rho max(0, u - c)``: where a block at q is after a pusher was sent to u.
+
+    The pusher meets it at c; ``rho = h² K/(m + h² K)`` is what a mass m leaves of the command of a
+    spring K over a step h. This is noising, eq. 13, without friction, solved.
+    """
+
+    rho: float = 0.99
+    q: float = 0.0
+    c: float = 0.0
+
+    def step(self, u: ArrayLike) -> np.ndarray:
+        """f(u) [m]."""
+        return self.q + self.rho * np.maximum(0, np.asarray(u) - self.c)
+
+    def smoothed(self, u: ArrayLike, sigma: float) -> np.ndarray:
+        """f_sigma(u) = E f(u + w), w ~ N(0, sigma²), noising, eq. 2."""
+        away = (np.asarray(u) - self.c) / sigma
+        return self.q + self.rho * sigma * (away * norm.cdf(away) + norm.pdf(away))
+
+    def noised(self, u: ArrayLike, sigma: float, low: float, high: float) -> np.ndarray:
+        """g_sigma(u), noising, eq. 7, for data that are uniform on [low, high], low <= c <= high.
+
+        The mean of f over a Gaussian around u of which the ends cut off the rest.
+        """
+        u = np.asarray(u)
+        ends = [(end - u) / sigma for end in (low, self.c, high)]
+        below, kink, above = norm.cdf(ends)
+        bells = norm.pdf(ends)
+        part = (u - self.c) * (above - kink) + sigma * (bells[1] - bells[2])
+        return self.q + self.rho * part / (above - below)
+
+
+@dataclass(frozen=True)
+class Walls:
+    """A block that rests where it is put, ``f(x) = x``, in ``[low, high]`` between two walls."""
+
+    low: float = -1.0
+    high: float = 1.0
+
+    def noised(self, x: ArrayLike, sigma: float) -> np.ndarray:
+        """g_sigma(x) [m] for data uniform between the walls: the mean of a truncated normal."""
+        return np.asarray(x) + self.displacement(x, sigma)
+
+    def displacement(self, x: ArrayLike, sigma: float) -> np.ndarray:
+        """``g_sigma(x) - x = sigma (pdf(a) - pdf(b))/(cdf(b) - cdf(a))``, a, b the walls from x."""
+        side, ratio, mass, _, _ = self._seen(x, sigma)
+        return -side * sigma * (1 - ratio) / mass
+
+    def slope(self, x: ArrayLike, sigma: float) -> np.ndarray:
+        """``dg_sigma/dx``: the variance of that normal over sigma²."""
+        _, ratio, mass, near, far = self._seen(x, sigma)
+        return 1 + (near - far * ratio) / mass - ((1 - ratio) / mass) ** 2
+
+    def _seen(self, x: ArrayLike, sigma: float) -> tuple[np.ndarray, ...]:
+        """Side of x, pdf ratio of the walls, mass between them over the nearer pdf, the walls.
+
+        From the nearer wall, and over its density, nothing underflows however far outside x is.
+        """
+        off = np.asarray(x) - 0.5 * (self.low + self.high)
+        half, away = 0.5 * (self.high - self.low), np.abs(off)
+        near, far = (away - half) / sigma, (away + half) / sigma
+        ratio = np.exp(0.5 * (near - far) * (near + far))
+        mass = _mills(near) - ratio * _mills(far)
+        return np.sign(off), ratio, mass, near, far
+
+
+def _mills(s: np.ndarray) -> np.ndarray:
+    """Upper tail of the standard normal at s over its density there."""
+    return np.sqrt(np.pi / 2) * erfcx(s / np.sqrt(2))
+
+
+def average_of(z: np.ndarray, y: np.ndarray, sigma: float) -> EwdaModel:
+    """g_sigma, noising, eq. 11, of pairs z, y (n,) [m]."""
+    return EwdaModel(z[:, None], y[:, None], _METRES, sigma, ORIGIN)
+
+
+def network_of(z: np.ndarray, y: np.ndarray, sigma: float, seed: int, **recipe: Any) -> MlpModel:
+    """h_sigma, noising, eq. 3, of pairs z, y (n,) [m].
+
+    ``recipe`` is that of :class:`~dynamics.learned.training.Recipe`. Raises
+    :class:`~ocp.errors.InputError` where the libraries for training are not installed.
+    """
+    pairs = Samples(z[:, None], y[:, None], ORIGIN)
+    try:
+        # Training measures noise in deviations of its inputs, and here it is in metres.
+        return train(pairs, sigma / float(z.std()), seed, **recipe)
+    except ValueError as error:
+        raise InputError(f"this figure trains networks: {error}") from error
+
+
+def answers(model: EwdaModel | MlpModel, z: ArrayLike) -> np.ndarray:
+    """The model's y (n,) at z (n,), both [m]."""
+    return model.values(np.asarray(z, dtype=float).reshape(-1, 1))[:, 0]
