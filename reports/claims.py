@@ -1,6 +1,7 @@
 """Write the tables of claims into the README from what ``ocp figure --all --json`` printed.
 
-``python -m reports.claims FIGURES.json README.md`` rewrites what is between the two markers;
+``python -m reports.claims FIGURES.json README.md`` rewrites what is between the two markers, and
+between those of the table :mod:`reports.smoothings` where N3 is among the figures;
 ``make claims`` makes the figures first.
 """
 
@@ -13,7 +14,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
+
 from ocp.errors import InputError
+from reports import smoothings
 
 BEGIN, END = "<!-- made by make claims -->", "<!-- end of make claims -->"
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
@@ -43,15 +47,31 @@ def _row(claim: Mapping[str, Any]) -> list[str]:
 
 
 def rewritten(text: str, figures: Sequence[Mapping[str, Any]]) -> str:
-    """Put the block of ``figures`` between the markers of ``text``.
+    """Put the block of ``figures`` between the markers of ``text``, as :func:`replaced` does."""
+    return replaced(text, block(figures), BEGIN, END)
+
+
+def replaced(text: str, block: str, begin: str, end: str) -> str:
+    """Put ``block`` between the markers ``begin`` and ``end`` of ``text``.
 
     Raises :class:`~ocp.errors.InputError` where they are not there once each, in this order.
     """
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end or BEGIN in rest or END in after:
-        raise InputError(f"expected {BEGIN} and then {END}, once each")
-    return f"{before}{BEGIN}\n{block(figures)}{END}{after}"
+    before, found, rest = text.partition(begin)
+    _, last, after = rest.partition(end)
+    if not found or not last or begin in rest or end in after:
+        raise InputError(f"expected {begin} and then {end}, once each")
+    return f"{before}{begin}\n{block}{end}{after}"
+
+
+def with_table(text: str, figures: Sequence[Mapping[str, Any]]) -> str:
+    """Put the table of N3 between its markers; ``text`` as it is where N3 is not in ``figures``."""
+    for figure in figures:
+        if figure["id"] == "N3":
+            file = next(name for name in figure["files"] if name.endswith(".nc"))
+            with xr.open_dataset(file, engine="scipy") as data:
+                block = smoothings.table(data)
+            return replaced(text, block, smoothings.BEGIN, smoothings.END)
+    return text
 
 
 def main() -> None:
@@ -62,7 +82,8 @@ def main() -> None:
     asked = parser.parse_args()
     figures = json.loads(asked.figures.read_text())["figures"]
     try:
-        asked.page.write_text(rewritten(asked.page.read_text(), figures))
+        page = with_table(rewritten(asked.page.read_text(), figures), figures)
+        asked.page.write_text(page)
     except InputError as error:
         sys.exit(f"error: {asked.page}: {error}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dynamics.learned.collecting import collect
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.laws import Ewda, Mlp
-from dynamics.learned.training import train
+from dynamics.learned.training import Recipe, train
 from dynamics.learned.transitions import Transitions
 from problems.regions import region_of
 from problems.registry import spec
@@ -24,6 +24,9 @@ def average(data: Transitions, sigma: float, seed: int, trust: float = 0.0) -> E
     return Ewda(model, trust)
 
 
-def network(data: Transitions, sigma: float, seed: int, epochs: int) -> Mlp:
-    """The network h_sigma, or h for sigma = 0, after all ``epochs``."""
-    return Mlp(train(data.samples(), sigma, seed, epochs=epochs, patience=epochs))
+def network(
+    data: Transitions, sigma: float, seed: int, epochs: int, batch: int = Recipe.batch
+) -> Mlp:
+    """The network h_sigma, or h for sigma = 0, the best of all ``epochs``."""
+    model = train(data.samples(), sigma, seed, epochs=epochs, patience=epochs, batch=batch)
+    return Mlp(model)

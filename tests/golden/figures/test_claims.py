@@ -15,10 +15,9 @@ import problems.studies
 from problems import studies
 from problems.studies.start_without_contact import claims as n2
 from problems.studies.study import Claim, largest, over
-from tests.golden.figures.verdicts import SMALL, VERDICTS
+from tests.golden.figures.verdicts import SLOW, SMALL, VERDICTS
 
 FILES = sorted(Path(problems.studies.__path__[0]).rglob("*.py"))
-SLOW = {"N0", "N1", "N2"}
 BUILTINS = {"bool", "np", "abs", "all", "any", "min", "max", "float", "int"}
 VARIED = [
     # Those named because their verdicts once flipped there.

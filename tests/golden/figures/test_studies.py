@@ -14,10 +14,10 @@ from problems import studies
 from problems.studies.study import CHOICE, CODE, PAPER, did_hold
 from reports.figures.studies import DRAWINGS
 from reports.style import styled, to_svg
-from tests.golden.figures.verdicts import SMALL
+from tests.golden.figures.verdicts import SLOW, SMALL
 
 
-@pytest.mark.parametrize("identifier", [name for name in SMALL if name not in {"N0", "N1", "N2"}])
+@pytest.mark.parametrize("identifier", [name for name in SMALL if name not in SLOW])
 def test_data_carry_units_and_are_drawn(identifier: str) -> None:
     found = studies.get(identifier).data(SMALL[identifier])
     for name, variable in found.variables.items():

@@ -9,6 +9,7 @@ SMALL: dict[str, dict[str, float]] = {
     "N0": {},
     "N1": {},
     "N2": {},
+    "N3": {},
     "P1": {"points": 81, "n_samples": 500},
     "P2": {"n_samples": 2000},
     "P3": {"tolerances": 41, "many": 50000},
@@ -22,6 +23,9 @@ SMALL: dict[str, dict[str, float]] = {
     "A6": {},
     "T1": {"draws": 60, "sweep": 8, "pairs": 20, "n_samples": 5000},
 }
+
+SLOW = {"N0", "N1", "N2", "N3"}
+"""Those that take minutes."""
 
 VERDICTS: dict[str, dict[str, bool]] = {
     "N0": {
@@ -73,6 +77,29 @@ VERDICTS: dict[str, dict[str, bool]] = {
         "planar-hand: randomized smoothing makes progress": True,
         "planar-hand: so do the barrier and the adaptive law": True,
         "planar-hand: the plan keeps its cost under the exact law": False,
+    },
+    "N3": {
+        "planar-push: every analytic smoothing makes progress from a start without contact": True,
+        "planar-push: every learned law makes progress from a start without contact": False,
+        "planar-hand: every analytic smoothing makes progress from a start without contact": True,
+        "planar-hand: every learned law makes progress from a start without contact": False,
+        "No law's plan is cheaper under the exact law than the exact law's own": True,
+        "gentle barrier: the plan is close to the exact optimum": False,
+        "barrier: the plan is close to the exact optimum": False,
+        "sharp barrier: the plan is close to the exact optimum": False,
+        "adaptive: the plan is close to the exact optimum": False,
+        "randomized: the plan is close to the exact optimum": False,
+        "The smaller mu, the closer the barrier's plan is to the exact optimum": True,
+        "planar-hand: no smoothing comes close to the exact optimum": True,
+        "Every learned law's plan costs more under the exact law than analytic ones": True,
+        "Noise on its data makes a network's plan cheaper under the exact law": False,
+        "Another seed of the randomized law gives a plan of about the same exact cost": False,
+        "Another seed of a learned law gives a plan of about the same exact cost": False,
+        "A surviving plan of an analytic law is close to the exact optimum": True,
+        "A surviving plan of a learned law is close to the exact optimum": False,
+        "Trust brings the replay nearer to the plan": True,
+        "Trust makes the plan cheaper under the exact law": False,
+        "Too much trust gives the task up for the data": True,
     },
     "P1": {
         "The objectives of all three systems jump": True,

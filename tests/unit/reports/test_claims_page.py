@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from ocp.errors import InputError
-from reports.claims import BEGIN, END, rewritten
+from reports import smoothings
+from reports.claims import BEGIN, END, rewritten, with_table
+from tests.golden.figures.compared import compared
 from tests.golden.figures.verdicts import VERDICTS
 
 README = Path(__file__).parents[3] / "README.md"
@@ -38,6 +40,21 @@ def test_the_block_is_replaced_and_nothing_else() -> None:
 def test_a_page_without_its_markers_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="once each"):
         rewritten(text, FIGURES)
+
+
+def test_the_table_of_smoothings_is_read_from_its_file(tmp_path: Path) -> None:
+    made = compared(lambda key: (1.0, 1.0 if "exact" in key else 1.05))
+    file = tmp_path / "N3.nc"
+    made.to_netcdf(file, engine="scipy", format="NETCDF3_64BIT")
+    figures = [*FIGURES, {"id": "N3", "files": [str(tmp_path / "N3.pdf"), str(file)]}]
+    text = f"before\n{smoothings.BEGIN}\nstale\n{smoothings.END}\nafter\n"
+    page = with_table(text, figures)
+    inside = smoothings.table(made)
+    assert page == f"before\n{smoothings.BEGIN}\n{inside}{smoothings.END}\nafter\n"
+    assert with_table(page, figures) == page
+    assert with_table(text, FIGURES) == text
+    with pytest.raises(InputError, match="once each"):
+        with_table("no markers", figures)
 
 
 def test_the_readme_has_the_claims_and_verdicts_of_the_studies() -> None:

@@ -1,0 +1,179 @@
+"""What N3's data say to somebody who asks which smoothing to trust."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from problems.studies.smoothings_compared.laws import ANALYTIC, LEARNED, WITHIN, excess, gap
+from problems.studies.study import Claim, over
+
+_PROGRESS = 0.8
+"""Part of the cost at rest that a plan saves on its own model, to have made progress."""
+_SAME = 0.01
+"""Costs that differ by no more than this are the same."""
+_SPREAD = 1.5
+"""Largest exact cost over seeds by the smallest, of plans that are about the same."""
+_MOSTLY = 0.75
+"""Share of the plans for which a sentence about all of them is said."""
+_SHARP = ("barrier", "sharp barrier", "adaptive")
+_PLACE = "our check"
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """Progress, closeness to the exact optimum, learned against analytic, and what trust does."""
+    return [*_progress(data), *_close(data), *_learned(data), *_seeds(data), *_surviving(data),
+            *_trust(data)]  # fmt: skip
+
+
+def _names(data: xr.Dataset) -> list[str]:
+    return [str(name) for name in data["problem"].values]
+
+
+def _each(names: Sequence[str], values: np.ndarray, form: str) -> str:
+    """Every name with its value: ``push-1d +1.4%, push-disc +44%``."""
+    return ", ".join(f"{name} {format(v, form)}" for name, v in zip(names, values, strict=True))
+
+
+def _middle(values: xr.DataArray) -> xr.DataArray:
+    return values.median("seed", skipna=False)
+
+
+def _progress(data: xr.Dataset) -> list[Claim]:
+    saved = _middle(1 - data["cost"].sel(motion="plan") / data["rest"])
+    expected = f"on its own model it saves {_PROGRESS:.0%} or more of the cost at rest"
+    found = []
+    for name in ("planar-push", "planar-hand"):
+        for kind, laws in (("analytic smoothing", ANALYTIC), ("learned law", LEARNED)):
+            shares = saved.sel(problem=name, law=list(laws)).values
+            moved = shares >= _PROGRESS
+            found.append(
+                Claim(f"{name}: every {kind} makes progress from a start without contact", _PLACE,
+                      expected, _each(laws, shares, ".0%"),
+                      bool(np.all(moved)))
+            )  # fmt: skip
+    return found
+
+
+def _close(data: xr.Dataset) -> list[Claim]:
+    """Which laws come close to the exact optimum, and what mu does."""
+    names, dear = _names(data), _middle(excess(data))
+    others = dear.drop_sel(law="exact").min("law", skipna=False).values
+    expected = f"its exact replay costs at most {WITHIN:.0%} more, on every problem"
+    found = [
+        Claim("No law's plan is cheaper under the exact law than the exact law's own", _PLACE,
+              f"by more than {_SAME:.0%}, on any problem",
+              f"cheapest of the others: {_each(names, others, '+.1%')}",
+              bool(np.all(others >= -_SAME)))
+    ]  # fmt: skip
+    for law in ANALYTIC:
+        shares = dear.sel(law=law).values
+        near = shares <= WITHIN
+        found.append(
+            Claim(f"{law}: the plan is close to the exact optimum", _PLACE, expected,
+                  _each(names, shares, "+.1%"), bool(np.all(near)))
+        )  # fmt: skip
+    by_mu = dear.sel(law=["gentle barrier", "barrier", "sharp barrier"]).transpose("problem", ...)
+    falls = np.all(np.diff(by_mu.values) <= _SAME, axis=1)
+    hand = dear.sel(problem="planar-hand", law=list(ANALYTIC)).values
+    return [
+        *found,
+        Claim("The smaller mu, the closer the barrier's plan is to the exact optimum", _PLACE,
+              f"the excess never rises by more than {_SAME:.0%}", over(names, falls),
+              bool(np.all(falls))),
+        Claim("planar-hand: no smoothing comes close to the exact optimum", _PLACE,
+              f"each costs more than {WITHIN:.0%} more",
+              _each(ANALYTIC, hand, "+.0%"), bool(np.all(hand > WITHIN))),
+    ]  # fmt: skip
+
+
+def _learned(data: xr.Dataset) -> list[Claim]:
+    names, dear = _names(data), _middle(excess(data))
+    cheapest = dear.sel(law=list(LEARNED)).min("law", skipna=False).values
+    sharp = dear.sel(law=list(_SHARP)).max("law", skipna=False).values
+    worse = cheapest > sharp
+    clean, noised = (dear.sel(law=f"{kind} mlp").values for kind in ("clean", "noised"))
+    better = noised < clean
+    return [
+        Claim("Every learned law's plan costs more under the exact law than analytic ones", _PLACE,
+              f"the cheapest of them more than the dearest of {', '.join(_SHARP)}",
+              f"times the optimum: {_each(names, 1 + cheapest, '.3g')}; against"
+              f" {_each(names, 1 + sharp, '.3g')}",
+              bool(np.all(worse))),
+        Claim("Noise on its data makes a network's plan cheaper under the exact law",
+              "Noising data, sec. V-B", "on every problem",
+              f"times the optimum: {_each(names, 1 + noised, '.3g')}; clean"
+              f" {_each(names, 1 + clean, '.3g')}", bool(np.all(better))),
+    ]  # fmt: skip
+
+
+def _seeds(data: xr.Dataset) -> list[Claim]:
+    """Whether other data, other weights at the start or other noise give another plan."""
+    replay, found = data["cost"].sel(motion="exact replay"), []
+    spread = replay.max("seed", skipna=False) / replay.min("seed", skipna=False)
+    for kind, laws in (("the randomized law", ("randomized",)), ("a learned law", LEARNED)):
+        worst = spread.sel(law=list(laws)).max("problem", skipna=False).values
+        alike = (worst <= _SPREAD) & (data.sizes["seed"] > 1)
+        found.append(
+            Claim(f"Another seed of {kind} gives a plan of about the same exact cost", _PLACE,
+                  f"the dearest of {data.sizes['seed']} is at most {_SPREAD:g} times the cheapest,"
+                  " on every problem",
+                  f"times, at worst: {_each(laws, worst, '.3g')}",
+                  bool(np.all(alike)))
+        )  # fmt: skip
+    return found
+
+
+def _surviving(data: xr.Dataset) -> list[Claim]:
+    """Whether survival, which needs no exact optimum, says that a plan is good."""
+    best = data["cost"].sel(law="exact", motion="exact replay")
+    trusting = data["trusting_cost"].sel(motion="exact replay") / best - 1
+    analytic, learned = (
+        _survivors(data["survives"].sel(law=list(laws)), excess(data).sel(law=list(laws)))
+        for laws in (ANALYTIC, LEARNED)
+    )
+    learned = np.append(learned, _survivors(data["trusting_survives"], trusting))
+    found = []
+    for kind, shares in (("an analytic law", analytic), ("a learned law", learned)):
+        good = int(np.sum(shares <= WITHIN))
+        found.append(
+            Claim(f"A surviving plan of {kind} is close to the exact optimum", _PLACE,
+                  f"its exact replay costs at most {WITHIN:.0%} more, trust of any weight included",
+                  f"{good} of {len(shares)} surviving plans", bool(0 < len(shares) == good))
+        )  # fmt: skip
+    return found
+
+
+def _survivors(survives: xr.DataArray, shares: xr.DataArray) -> np.ndarray:
+    """Excesses of the plans that survive."""
+    return shares.transpose(*survives.dims).values[survives.values == 1]
+
+
+def _trust(data: xr.Dataset) -> list[Claim]:
+    names, cost, shares = _names(data), data["trusting_cost"], data["share"].values
+    apart = gap(cost).transpose("share", "problem", "seed").values
+    narrower = apart[-1] < apart[0]
+    plan, replay = (_middle(cost.sel(motion=m)).transpose("problem", "share").values
+                    for m in ("plan", "exact replay"))  # fmt: skip
+    ratio = replay[:, 1:] / replay[:, :1]
+    helped = ratio.min(axis=1) <= 1 - WITHIN
+    at = [f"{shares[1:][i]:g}" for i in ratio.argmin(axis=1)]
+    given_up = plan[:, -1] / plan[:, 0]
+    return [
+        Claim("Trust brings the replay nearer to the plan", _PLACE,
+              f"at its largest weight the gap is smaller than without in {_MOSTLY:.0%} of plans",
+              f"{narrower.sum()} of {narrower.size}; medians"
+              f" {_each(names, np.median(apart[-1], axis=1), '+.0%')}; without"
+              f" {_each(names, np.median(apart[0], axis=1), '+.0%')}",
+              bool(np.mean(narrower) >= _MOSTLY)),
+        Claim("Trust makes the plan cheaper under the exact law", _PLACE,
+              f"by {WITHIN:.0%} or more, at one weight at least, on every problem",
+              f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(at)}",
+              bool(np.all(helped))),
+        Claim("Too much trust gives the task up for the data", _PLACE,
+              f"at its largest weight the plan costs {WITHIN:.0%} or more more on its own model",
+              f"times: {_each(names, given_up, '.3g')}",
+              bool(np.all(given_up >= 1 + WITHIN))),
+    ]  # fmt: skip

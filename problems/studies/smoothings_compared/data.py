@@ -1,0 +1,176 @@
+"""N3: plans under every contact law, and what they cost under the exact one.
+
+Pieces, each kept as soon as it is done: of one problem, one law and one seed the plan's cost and
+its replay's, whether it survives, iterations, and seconds of learning and of solving.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
+from dynamics.learned.transitions import Transitions
+from ocp import Direct, Solution, solve
+from ocp.rollout import roll_out
+from problems.registry import get
+from problems.studies.shared.learned_laws import average, network, transitions
+from problems.studies.smoothings_compared.laws import DRAWN, LAWS, TENFOLD
+from problems.studies.study import Pieces, StudyParams, quantity_of, setting
+
+PROBLEMS = ("push-1d", "push-disc", "planar-push", "planar-hand")
+SHARES = (0.001, 0.01, 0.1, 1.0)
+"""Weights of the data's log-density, as shares of a step's cost at rest."""
+TRUSTED = 0.001
+"""The one of them that stands among the laws: of all, its replays cost the least."""
+
+
+class Params(StudyParams):
+    """Parameters of N3; those of the problems are the problems' own defaults."""
+
+    mu: float = setting(1e-3, "N s m", "central-path parameter of the barrier law", above=0)
+    spread: float = setting(0.02, "m", "width of the adaptive law", above=0)
+    sigma: float = setting(0.1, "m or rad", "noise on the input, randomized law", above=0)
+    samples: int = setting(8, "1", "samples of the randomized law, even", least=2)
+    data: int = setting(100_000, "1", "transitions", "paper", least=1000)
+    width: float = setting(0.1, "1", "noise on the data, in their scales", above=0)
+    wide: float = setting(0.2, "1", "wider noise on the data, in their scales", above=0)
+    epochs: int = setting(15, "1", "passes over the data in training", least=1)
+    batch: int = setting(512, "1", "transitions a step of training", least=1)
+    seeds: int = setting(3, "1", "seeds of data, networks and noise", least=1, most=50)
+
+
+class Source:
+    """One problem and one seed: data, and laws made of them, when first asked for."""
+
+    def __init__(self, name: str, seed: int, params: Params) -> None:
+        self.name, self.seed, self.params, self.problem = name, seed, params, get(name)
+        self._data: Transitions | None = None
+        self._bare: Solution | None = None
+
+    @property
+    def data(self) -> Transitions:
+        """The transitions."""
+        if self._data is None:
+            self._data = transitions(self.name, self.params.data, self.seed)
+        return self._data
+
+    def law(self, name: str) -> ContactLaw:
+        """The law called ``name``, but the one with trust, which starts at the one without."""
+        params, seed = self.params, self.seed
+        makers: dict[str, Callable[[], ContactLaw]] = {
+            "exact": Exact,
+            "gentle barrier": lambda: Barrier(mu=params.mu * TENFOLD),
+            "barrier": lambda: Barrier(mu=params.mu),
+            "sharp barrier": lambda: Barrier(mu=params.mu / TENFOLD),
+            "adaptive": lambda: Adaptive(sigma=params.spread),
+            "randomized": lambda: Randomized(params.sigma, params.samples, seed),
+            "ewda": lambda: average(self.data, params.width, seed),
+            "wide ewda": lambda: average(self.data, params.wide, seed),
+            "clean mlp": lambda: self._network(0.0),
+            "noised mlp": lambda: self._network(params.width),
+        }
+        return makers[name]()
+
+    def _network(self, sigma: float) -> ContactLaw:
+        params = self.params
+        return network(self.data, sigma, self.seed, params.epochs, params.batch)
+
+    def planned(self, name: str) -> dict[str, np.ndarray]:
+        """One plan from the problem's guess."""
+        _loaded()
+        self._data = None
+        began = time.process_time()
+        law = self.law(name)
+        learned = time.process_time()
+        found = solve(self.problem, law, Direct())
+        if name == "ewda":
+            self._bare = found
+        return _told(found, learned - began, time.process_time() - learned)
+
+    def trusting(self, share: float) -> dict[str, np.ndarray]:
+        """One plan that stays where the data are, from the one that need not."""
+        _loaded()
+        if self._bare is None:
+            self._bare = solve(self.problem, self.law("ewda"), Direct())
+        bare = self._bare
+        beta = share * rest_cost(self.name) / self.problem.N
+        law = average(self.data, self.params.width, self.seed, beta)
+        began = time.process_time()
+        found = solve(self.problem, law, Direct(), start=bare)
+        return _told(found, 0.0, time.process_time() - began)
+
+
+def rest_cost(name: str) -> float:
+    """Cost of standing still under the exact law."""
+    problem = get(name)
+    held = np.array(problem.limits(problem.parameters.values)[1]).ravel()
+    return roll_out(problem, np.tile(held, (1, problem.N, 1)), problem.parameters.defaults).cost
+
+
+def run(params: Params, pieces: Pieces) -> xr.Dataset:
+    """All pieces of the study, those that are kept not anew."""
+    shape, shares = (len(PROBLEMS), len(LAWS), params.seeds), (0.0, *SHARES)
+    told = np.full((*shape, 6), np.nan)
+    trust = np.full((len(PROBLEMS), len(shares), params.seeds, 6), np.nan)
+    for i, name in enumerate(PROBLEMS):
+        for k in range(params.seeds):
+            seed = params.seed + k
+            source = Source(name, seed, params)
+            for j, law in enumerate(LAWS):
+                if law == "trusting ewda":
+                    continue
+                at = seed if law in DRAWN else params.seed
+                key = f"{name}-{law.replace(' ', '-')}-{at}"
+                told[i, j, k] = pieces.get(key, lambda s=source, w=law: s.planned(w))["told"]
+            trust[i, 0, k] = told[i, LAWS.index("ewda"), k]
+            for j, share in enumerate(SHARES, 1):
+                key = f"{name}-trust-{share:g}-{seed}"
+                trust[i, j, k] = pieces.get(key, lambda s=source, b=share: s.trusting(b))["told"]
+            chosen = trust[i, shares.index(TRUSTED), k].copy()
+            chosen[-2:] += trust[i, 0, k, -2:]
+            told[i, LAWS.index("trusting ewda"), k] = chosen
+    return xr.Dataset(
+        {
+            **_labelled(("problem", "law", "seed"), told, ""),
+            **_labelled(("problem", "share", "seed"), trust, "trusting_"),
+            "rest": quantity_of("problem", [rest_cost(name) for name in PROBLEMS], "1",
+                                "cost of standing still under the exact law"),
+        },
+        {
+            "problem": list(PROBLEMS),
+            "law": list(LAWS),
+            "seed": ("seed", params.seed + np.arange(params.seeds), {"units": "1"}),
+            "share": ("share", list(shares), {"units": "1"}),
+            "motion": ["plan", "exact replay"],
+            "part": ["learning", "solving"],
+        },
+    )  # fmt: skip
+
+
+def _labelled(dims: tuple[str, ...], told: np.ndarray, prefix: str) -> dict[str, Any]:
+    """Variables of a dataset from rows of :func:`_told`."""
+    columns = {
+        "cost": ((*dims, "motion"), told[..., :2], "1", "cost of the plan and of its replay"),
+        "survives": (dims, told[..., 2], "1", "whether the referee lets the plan survive, 1 or 0"),
+        "iterations": (dims, told[..., 3], "1", "iterations of the solver"),
+        "seconds": ((*dims, "part"), told[..., 4:], "s", "time of the processor"),
+    }
+    return {prefix + name: quantity_of(*column) for name, column in columns.items()}
+
+
+def _told(found: Solution, learning: float, solving: float) -> dict[str, np.ndarray]:
+    costs = found.cost, found.audit.exact_cost
+    row = [*costs, bool(found.referee.survives), found.iterations, learning, solving]
+    return {"told": np.array(row, dtype=float)}
+
+
+@cache
+def _loaded() -> None:
+    """Load what the first solve loads: it belongs to none of the laws."""
+    solve(get("push-1d", N=2), Exact(), Direct())

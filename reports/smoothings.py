@@ -1,0 +1,56 @@
+"""The table "which smoothing to trust" as Markdown, from the data of study N3."""
+
+from __future__ import annotations
+
+import math
+
+import xarray as xr
+
+from problems.studies.smoothings_compared.laws import WITHIN, described, excess
+
+BEGIN, END = "<!-- made by make claims: N3 -->", "<!-- end of N3 -->"
+
+
+def dearer(share: float) -> str:
+    """Write an excess: in percent up to threefold, then as a factor; a dash where there is none."""
+    if not math.isfinite(share):
+        return "–"
+    if share >= 2:
+        return f"×{1 + share:.3g}"
+    if abs(share) < 0.0005:
+        return "0.0%"
+    return f"{share:+.1%}" if abs(share) < 0.0995 else f"{share:+.0%}"
+
+
+def short(problem: str) -> str:
+    """Break a problem's name at its dash, so that it stands over a narrow column."""
+    return problem.replace("-", "-\n")
+
+
+def seconds_of(data: xr.Dataset) -> xr.DataArray:
+    """Seconds of learning and solving together, median over seeds (problem, law)."""
+    return data["seconds"].sum("part").median("seed")
+
+
+def table(data: xr.Dataset) -> str:
+    """Markdown: one row a law, a problem's cells with excess, survival and seconds."""
+    names = [str(name) for name in data["problem"].values]
+    dear, spent = excess(data).median("seed"), seconds_of(data)
+    survives, of = data["survives"].sum("seed"), data.sizes["seed"]
+    rows = [["law", *names, "seconds"], ["---"] * (len(names) + 2)]
+    for law, text in described(data.attrs).items():
+        cells = [
+            _cell(float(dear.sel(law=law, problem=p)), int(survives.sel(law=law, problem=p)), of)
+            for p in names
+        ]
+        own = spent.sel(law=law)
+        rows.append([text, *cells, f"{float(own.min()):.2g} to {float(own.max()):.2g}"])
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _cell(share: float, lives: int, of: int) -> str:
+    """Bold within the margin; a check mark where plans survive, with their number if not all do."""
+    word = f"**{dearer(share)}**" if share <= WITHIN else dearer(share)
+    if lives == 0:
+        return word
+    return f"{word} ✓" if lives == of else f"{word} ✓ {lives}/{of}"
