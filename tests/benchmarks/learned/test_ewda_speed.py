@@ -36,10 +36,8 @@ def model(z: np.ndarray, y: np.ndarray, sigma: float, **options) -> EwdaModel:
     return EwdaModel(z, y, scales, sigma, origin(z.shape[1], y.shape[1]), **options)
 
 
-# Where every point counts, as they do at sigma = 1, nothing can be passed over and all that is read
-# comes from memory: there less is asked.
-@pytest.mark.parametrize(("sigma", "least"), [(0.2, 3.0), (1.0, 2.0)])
-def test_value_and_jacobian_along_steps(sigma, least):
+@pytest.mark.parametrize("sigma", [0.2, 1.0])
+def test_value_and_jacobian_along_steps(sigma):
     z, y, path = data(NZ, NY)
     one, two = (model(z, y, sigma, threads=k) for k in (1, 2))
     peer = Average(one.scales.normalised(z), y, sigma)
@@ -67,7 +65,7 @@ def test_value_and_jacobian_along_steps(sigma, least):
     rows = [Row(name, 1e3 * seconds[name].wall, " ms") for name in peers]
     rows += [Row(f"C, {name}", 1e3 * seconds[name].wall, " ms") for name in ours]
     fast = min(seconds[name].wall for name in ours)
-    rows.append(Row(f"best of the others ({best}) / C", seconds[best].wall / fast, "x", least))
+    rows.append(Row(f"best of the others ({best}) / C", seconds[best].wall / fast, "x", 3.0))
     alone = min(seconds[name].processor for name in peers) / seconds["one"].processor
     rows.append(Row("the same in time of all processors, C on one thread", alone, "x"))
     tell(f"value and Jacobian, {STEPS} steps over {N:,} points, sigma = {sigma}", rows)
