@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.learned.region import Region
+from dynamics.systems import ContactSystem
 from ocp.errors import InputError
 from ocp.problem import Problem
 from problems.spec import ProblemSpec, where
@@ -44,7 +45,8 @@ def around_task(problem: Problem) -> Region:
 
     The goal is the least point of the terminal cost, taken as quadratic at the start; coordinates
     that it leaves open stay where they start. Inputs without bounds have the guess's range, wider
-    by their reference size; states keep to their bounds.
+    by their reference size; states keep to their bounds. A state that no step changes, such as a
+    step size that is chosen, has what its start may be, and in the tube what the guess has.
     """
     p, sizes, system = problem.parameters.values, problem.sizes, problem.system
     x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p))
@@ -54,6 +56,9 @@ def around_task(problem: Problem) -> Region:
     nodes = np.vstack([X, x0, goal])
     low = np.maximum(nodes.min(axis=0) - sizes.x, x_low)
     high = np.minimum(nodes.max(axis=0) + sizes.x, x_high)
+    kept, chosen = _unchanging(system), [np.array(v).ravel() for v in problem.start_limits(p)]
+    low, high = (np.where(kept, end, own) for end, own in zip(chosen, (low, high), strict=True))
+    goal = np.where(kept, x0, goal)
     u_low = np.where(np.isfinite(u_low), u_low, U.min(axis=0) - sizes.u)
     u_high = np.where(np.isfinite(u_high), u_high, U.max(axis=0) + sizes.u)
     return Region(
@@ -61,8 +66,16 @@ def around_task(problem: Problem) -> Region:
         _ranges([s.name for s in system.inputs], u_low, u_high),
         x0.tolist(),
         goal.tolist(),
-        (_SPREAD * sizes.x).tolist(),
+        np.where(kept, 0.0, _SPREAD * sizes.x).tolist(),
     )
+
+
+def _unchanging(system: ContactSystem) -> np.ndarray:
+    """Which states (nx,) the residual only carries on."""
+    pairs = zip(*(ca.vertsplit(part) for part in (system.x, system.x_next)), strict=True)
+    still = [after - before for before, after in pairs]
+    rows = ca.vertsplit(system.residual)
+    return np.array([ca.is_equal(*pair, 3) for pair in zip(rows, still, strict=True)])
 
 
 def _goal(problem: Problem, x0: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -135,3 +135,15 @@ def test_a_region_around_the_task_holds_start_goal_and_guess() -> None:
     widths = task.sizes.x
     np.testing.assert_allclose(found.states["x"], [-0.5 - widths[0], 1.0 + widths[0]])
     assert found.inputs["u"] == (-1.0, 1.0)
+
+
+def test_a_state_that_no_step_changes_has_what_its_start_may_be() -> None:
+    """half-cheetah carries its step size as a state: drawn around its start it were negative."""
+    chosen = get("half-cheetah")
+    where = around_task(chosen)
+    low, high = (np.array(v).ravel() for v in chosen.start_limits(chosen.parameters.values))
+    names = [signal.name for signal in chosen.system.states]
+    at = names.index("h")
+    assert where.states["h"] == (low[at], high[at]) and low[at] > 0
+    assert where.goal[at] == where.start[at] and where.spread[at] == 0
+    assert where.states["v_torso_x"][0] < where.start[names.index("v_torso_x")]
