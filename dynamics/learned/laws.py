@@ -10,12 +10,12 @@ import casadi as ca
 
 from dynamics.contact.casadi_map import CasadiMap
 from dynamics.contact.closure import Branch, Closure
-from dynamics.contact.law import ContactLaw, knob
+from dynamics.contact.law import ContactLaw
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.step import Step
 from dynamics.learned.files import read_model
 from dynamics.learned.model import StepModel
-from dynamics.systems import KNOB, ContactSystem, ParameterTable
+from dynamics.systems import KNOB, ContactSystem, Parameter, ParameterTable
 
 
 class LearnedLaw(ContactLaw):
@@ -109,12 +109,10 @@ class Ewda(LearnedLaw):
         return {**super().settings(), "trust": self.trust}
 
     def knobs(self, system: ContactSystem) -> ParameterTable:
-        """``contact.trust``, where it is not zero."""
-        none = super().knobs(system)
-        if self.trust == 0:
-            return none
-        weight = knob("trust", self.trust, "1", "weight of -log p of the data in the stage cost")
-        return ParameterTable([weight])
+        """``contact.trust``."""
+        meaning = "weight of -log p of the data in the stage cost"
+        weight = Parameter(KNOB + "trust", self.trust, "1", meaning)
+        return super().knobs(system) + ParameterTable([weight])
 
 
 class Mlp(LearnedLaw):
