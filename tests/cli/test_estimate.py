@@ -185,6 +185,10 @@ def wait_for(found, seconds: float = 60.0) -> None:
     assert found()
 
 
+def kept(out: Path) -> list[Path]:
+    return list(out.glob("*/.unfinished-*/[!.]*"))
+
+
 def final(out: Path) -> tuple[list, dict]:
     (run,) = store.list_runs(out)
     stored = store.load(run.path)
@@ -196,12 +200,12 @@ def final(out: Path) -> tuple[list, dict]:
 def test_a_stopped_sweep_goes_on_to_the_same_bits(tmp_path, signal_number):
     broken, whole = tmp_path / "broken", tmp_path / "whole"
     with subprocess.Popen(program(broken), stdout=subprocess.DEVNULL) as process:
-        # Mid-way: something is kept, and the study is not finished.
-        wait_for(lambda: list(broken.glob("*/.unfinished-*/*")))
+        # Mid-way: something is kept, no draft of it any more, and the study is not finished.
+        wait_for(lambda: kept(broken))
         os.kill(process.pid, signal_number)
         assert process.wait() != 0
     stopped = [run.path for run in store.list_runs(broken)]
-    assert list(broken.glob("*/.unfinished-*/*"))
+    assert kept(broken)
     for path in stopped:
         assert store.load(path).meta["status"] == "stopped"
         for file in path.iterdir():
