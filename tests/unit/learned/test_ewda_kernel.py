@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import shutil
 
 import numpy as np
 import pytest
@@ -16,38 +15,12 @@ from dynamics.learned.ewda_order import boxes, chunked, neighbourly
 from dynamics.learned.ewda_source import ewda_source
 from tests.unit.learned.ewda_reference import model_of
 
-STRICT = ("-Wall", "-Wextra", "-Werror")
-COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
-# What a CPU with a row's instruction set can run: itself and the rows before it.
-MARCHES = {"SSE2": "-march=x86-64", "AVX2": "-march=x86-64-v3", "AVX-512": "-march=native"}
 # A way for the test to call what the kernel calls.
 _CALLED = """
 void weights_of(const double *x, double *w, i64 n) {
   for (i64 i = 0; i + W <= n; i += W) *(VU *)(w + i) = weight(*(const VU *)(x + i));
 }
 """
-
-
-def runnable() -> list[str]:
-    """The `-march` flags that this machine can run, none where it is no x86."""
-    has = compiler.find_compiler().instruction_set
-    names = list(MARCHES)
-    return [MARCHES[name] for name in names[: names.index(has) + 1]] if has in names else []
-
-
-VARIANTS = [(cc, march) for cc in COMPILERS for march in (runnable() if COMPILERS else [])]
-
-
-@pytest.fixture(params=VARIANTS, ids=" ".join)
-def strict(request, monkeypatch) -> compiler.Compiler:
-    """A compiler that takes a warning for an error, and code for one instruction set."""
-    cc, march = request.param
-    monkeypatch.setattr(compiler, "CANDIDATES", (cc,))
-    monkeypatch.setattr(compiler, "NATIVE_FLAGS", ((march,),))
-    monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, *STRICT))
-    compiler._probe.cache_clear()
-    yield compiler.find_compiler()
-    compiler._probe.cache_clear()
 
 
 @pytest.mark.parametrize("shape", [(11, 7), (1, 1), (7, 5), (2, 6)])
