@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dynamics.batch import (
     DensePolicy,
@@ -16,34 +14,13 @@ from dynamics.batch import (
     EpisodeFunction,
     EpisodeMoments,
     Episodes,
-    Gaussian,
     RolloutPolicy,
-    constant,
-    dense,
 )
+from dynamics.batch.graphs.objective import DISCOUNT
 from dynamics.contact import ContactLaw
 from ocp.gradients.objective import quietly
+from ocp.learning.normaliser import Normaliser
 from ocp.task import Task
-
-
-@dataclass(frozen=True)
-class Normaliser:
-    """What observations are normalised by, ``(o - mean) / scale``; both (n_o,)."""
-
-    mean: np.ndarray
-    scale: np.ndarray
-
-    @classmethod
-    def none(cls, n: int) -> Normaliser:
-        """Leave n observations as they are."""
-        return cls(np.zeros(n), np.ones(n))
-
-
-def policy_of(task: Task, hidden: Sequence[int] | None) -> RolloutPolicy:
-    """A policy with these hidden layers, () an affine one, None the same inputs at every step."""
-    if hidden is None:
-        return constant(task.system.nx, task.lower, task.upper)
-    return dense(task.observe, hidden, task.lower, task.upper)
 
 
 class TaskRollouts:
@@ -73,40 +50,45 @@ class TaskRollouts:
         self,
         x0: np.ndarray,
         theta: np.ndarray,
-        *,
-        values: Mapping[str, ArrayLike] | None = None,
         normaliser: Normaliser | None = None,
-        noise: Gaussian | np.ndarray | None = None,
+        *,
+        discount: float = 1.0,
+        psi: np.ndarray | None = None,
         **asked: Any,
     ) -> Episodes:
         """Episodes from ``x0`` (n, nx); ``asked`` as :class:`~dynamics.batch.EpisodeFunction`.
 
-        ``values`` are parameters by name, a number or (n,); those not named keep their default.
-        Samples that could not be solved have no finite return, and are named by ``nonfinite``.
+        ``psi`` (np,) or (n, np) are the task's parameters, by default its own. Samples that could
+        not be solved have no finite return, and are named by ``nonfinite``.
         """
-        p = self.pack(values, normaliser)
-        return quietly(self.function, x0, theta, p, noise, len(x0), **asked)
+        p = self._packed(normaliser, discount, psi)
+        return quietly(self.function, x0, theta, p, **asked)
 
     def moments(
         self,
         x0: np.ndarray,
         theta: np.ndarray,
-        *,
-        values: Mapping[str, ArrayLike] | None = None,
         normaliser: Normaliser | None = None,
-        noise: Gaussian | np.ndarray | None = None,
+        *,
+        discount: float = 1.0,
+        psi: np.ndarray | None = None,
         **asked: Any,
     ) -> EpisodeMoments:
         """Moments over samples, with nothing kept of single ones but the steps they lived."""
-        p = self.pack(values, normaliser)
-        return quietly(self.function.moments, x0, theta, p, noise, len(x0), **asked)
+        p = self._packed(normaliser, discount, psi)
+        return quietly(self.function.moments, x0, theta, p, **asked)
 
-    def pack(
-        self, values: Mapping[str, ArrayLike] | None, normaliser: Normaliser | None
+    def _packed(
+        self, normaliser: Normaliser | None, discount: float, psi: np.ndarray | None
     ) -> np.ndarray:
-        """Values of :attr:`parameters`, (np,), or (n, np) where one differs over samples."""
-        told: dict[str, ArrayLike] = dict(values or {})
+        """Values of :attr:`parameters`, (np,), or (n, np) where psi differs over samples."""
+        own = self.task.parameters.values if psi is None else np.asarray(psi, dtype=float)
+        told = {DISCOUNT: discount}
         if normaliser is not None and isinstance(self.policy, DensePolicy):
             pairs = ("mean", normaliser.mean), ("scale", normaliser.scale)
             told |= {f"{name}[{i}]": v for name, of in pairs for i, v in enumerate(of.tolist())}
-        return self.parameters.pack(told)
+        whole = self.parameters.pack(told)
+        rest = whole[own.shape[-1] :]
+        if own.ndim == 1:
+            return np.concatenate([own, rest])
+        return np.hstack([own, np.broadcast_to(rest, (len(own), len(rest)))])
