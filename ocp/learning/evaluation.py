@@ -69,7 +69,7 @@ def judged(
     experiment: Experiment, trained: Trained, states: np.ndarray, lived: np.ndarray
 ) -> Evaluation:
     """What ``states`` (n, N+1, nx) of episodes that ``lived`` (n,) steps are worth."""
-    task, (n, nodes, nx) = experiment.task, states.shape
+    task, (n, nodes) = experiment.task, states.shape[:2]
     steps = np.arange(nodes - 1)
     ok = np.isfinite(states[:, 1:]).all(axis=2)
     reached = np.where(ok.all(axis=1), nodes - 1, np.argmin(ok, axis=1))
