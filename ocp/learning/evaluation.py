@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from dynamics.batch import BatchFunction, BatchWarning
+from dynamics.batch import BatchFunction
 from dynamics.contact import ContactLaw
 from ocp.learning.experiment import Experiment, at_least
 from ocp.learning.protocol import Trained
@@ -57,11 +56,9 @@ def evaluate(
     at_least(1, "episodes", episodes)
     task = experiment.task
     x0 = task.reset(episodes, np.random.default_rng(seed))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BatchWarning)
-        found = experiment.rollouts(task.horizon, law)(
-            x0, trained.theta, trained.normaliser, n_samples=episodes, states=True
-        )
+    found = experiment.rollouts(task.horizon, law)(
+        x0, trained.theta, normaliser=trained.normaliser, states=True
+    )
     return judged(experiment, trained, found.states, found.lived.astype(int))
 
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant, dense
+from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
-from ocp.learning.rollouts import TaskRollouts
+from ocp.learning.rollouts import TaskRollouts, policy_of
 from ocp.task import Task
 
 if TYPE_CHECKING:
@@ -81,10 +81,7 @@ class Experiment:
     @cached_property
     def policy(self) -> RolloutPolicy:
         """The policy as the engine takes it."""
-        task = self.task
-        if self.hidden is None:
-            return constant(task.system.nx, task.lower, task.upper)
-        return dense(task.observe, self.hidden, task.lower, task.upper)
+        return policy_of(self.task, self.hidden)
 
     def rollouts(self, horizon: int, law: ContactLaw | None = None) -> TaskRollouts:
         """Unrolls of ``horizon`` steps, compiled once; through ``law``, by default the model's."""
@@ -114,6 +111,11 @@ class Experiment:
     def physics(self) -> np.ndarray:
         """``psi``, or the task's own parameters."""
         return self.task.parameters.values if self.psi is None else np.asarray(self.psi, float)
+
+    def named(self, psi: np.ndarray) -> dict[str, float]:
+        """Physical parameters by name."""
+        names = (parameter.name for parameter in self.task.parameters)
+        return dict(zip(names, psi.tolist(), strict=True))
 
     def rng(self, k: int, purpose: str) -> np.random.Generator:
         """Numbers of iteration ``k`` for one purpose, the same however often they are asked."""

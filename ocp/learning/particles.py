@@ -112,10 +112,9 @@ class _Model:
 
     def __init__(self, experiment: Experiment) -> None:
         task = experiment.task
-        step = experiment.law.close(task.system)
+        step = experiment.law.close(replace(task.system, parameters=task.parameters))
         self.experiment, self.p = experiment, experiment.physics
-        self.whole = step.p.values
-        self.whole[: len(self.p)] = self.p
+        self.whole = step.p.pack(experiment.named(self.p))
         self.take = StepFunction(step, threads=experiment.threads)
         self.observe = with_jacobians(task.observe, 1)
         self.reward = with_jacobians(task.rewards, 3)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynamics.batch import BatchWarning, Episodes, Gaussian
+from dynamics.batch import Episodes, Gaussian
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, NotConverged
-from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.seen import Seen
 from ocp.learning.starts import Starts
 
 if TYPE_CHECKING:
@@ -22,12 +21,12 @@ if TYPE_CHECKING:
 def begun(experiment: Experiment) -> State:
     """The policy to start from and its observations, none yet."""
     size = len(experiment.task.observations)
-    return {"theta": experiment.first_theta(), **Normaliser.identity(size).arrays()}
+    return {"theta": experiment.first_theta(), **Seen.nothing(size).arrays()}
 
 
 def trained(state: State) -> Trained:
     """The policy of a state."""
-    return Trained(state["theta"], Normaliser.of(state))
+    return Trained(state["theta"], Seen.of(state).normaliser)
 
 
 def roll(
@@ -46,24 +45,22 @@ def roll(
     """Unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
 
     ``theta`` (n, n_theta) are other parameters for each sample, ``law`` another contact law than
-    the model's; physical parameters are the state's ``psi`` where it has any; states are kept. Samples that are not finite, where a contact found no solution or
-    a motion overflowed, are left to :func:`finite`.
+    the model's; physical parameters are the state's ``psi`` where it has any; states are kept.
+    Samples that are not finite, where a contact found no solution or a motion overflowed, are left
+    to :func:`finite`.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BatchWarning)
-        return experiment.rollouts(horizon, law)(
-            x0,
-            state["theta"] if theta is None else theta,
-            Normaliser.of(state),
-            discount=experiment.discount,
-            psi=state.get("psi", experiment.physics),
-            noise=noise,
-            n_samples=len(x0),
-            gradient=gradient,
-            score=score,
-            states=True,
-            along=along,
-        )
+    psi = state.get("psi", experiment.physics)
+    return experiment.rollouts(horizon, law)(
+        x0,
+        state["theta"] if theta is None else theta,
+        values={**experiment.named(psi), "discount": experiment.discount},
+        normaliser=Seen.of(state).normaliser,
+        noise=noise,
+        gradient=gradient,
+        score=score,
+        states=True,
+        along=along,
+    )
 
 
 def finite(experiment: Experiment, episodes: Episodes, k: int) -> np.ndarray:
@@ -109,7 +106,7 @@ def remembered(experiment: Experiment, state: State, episodes: Episodes, good: n
     alive = good[:, None] & (steps < episodes.lived[:, None])
     seen = experiment.observations(episodes.states[:, :-1][alive])
     seen = seen[np.isfinite(seen).all(axis=1)]
-    return Normaliser.of(state).after(seen).arrays()
+    return Seen.of(state).after(seen).arrays()
 
 
 def told(episodes: Episodes, good: np.ndarray) -> Row:
