@@ -57,7 +57,7 @@ def evaluate(
     task = experiment.task
     x0 = task.reset(episodes, np.random.default_rng(seed))
     found = experiment.rollouts(task.horizon, law)(
-        x0, trained.theta, normaliser=trained.normaliser, states=True
+        x0, trained.theta, trained.normaliser, n_samples=episodes, states=True
     )
     return judged(experiment, trained, found.states, found.lived.astype(int))
 

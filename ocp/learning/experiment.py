@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy
+from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant, dense
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
-from ocp.learning.rollouts import TaskRollouts, policy_of
+from ocp.learning.rollouts import TaskRollouts
 from ocp.task import Task
 
 if TYPE_CHECKING:
@@ -81,7 +81,10 @@ class Experiment:
     @cached_property
     def policy(self) -> RolloutPolicy:
         """The policy as the engine takes it."""
-        return policy_of(self.task, self.hidden)
+        task = self.task
+        if self.hidden is None:
+            return constant(task.system.nx, task.lower, task.upper)
+        return dense(task.observe, self.hidden, task.lower, task.upper)
 
     def rollouts(self, horizon: int, law: ContactLaw | None = None) -> TaskRollouts:
         """Unrolls of ``horizon`` steps, compiled once; through ``law``, by default the model's."""

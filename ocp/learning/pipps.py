@@ -11,10 +11,10 @@ from ocp.errors import InputError, NotConverged, choose
 from ocp.learning.ascent import RULES, ascend
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.fopg import unroll_of
+from ocp.learning.normaliser import Normaliser
 from ocp.learning.particles import Particles, scatter
 from ocp.learning.protocol import Row, State, Trained
 from ocp.learning.sampling import begun, trained
-from ocp.learning.seen import Seen
 from ocp.learning.starts import Starts
 
 
@@ -73,7 +73,7 @@ class PIPPS:
         seen = part.seen[part.alive]
         changed = {
             **ascend(self.optimiser, state, gradient, self.rate),
-            **(Seen.of(state).after(seen).arrays() if experiment.normalise else {}),
+            **(Normaliser.of(state).after(seen).arrays() if experiment.normalise else {}),
             **starts.after(experiment, found.states, found.lived, k).arrays(),
         }
         row = {

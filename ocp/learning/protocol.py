@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from ocp.learning.rollouts import Normaliser
+from ocp.learning.normaliser import Normaliser
 
 if TYPE_CHECKING:
     from ocp.learning.experiment import Experiment
@@ -21,7 +21,7 @@ Row = dict[str, float]
 
 
 class Trained(NamedTuple):
-    """Parameters ``theta`` (n_theta,) of a policy, and what its observations are normalised by."""
+    """Parameters ``theta`` (n_theta,) of a policy, and what it has seen."""
 
     theta: np.ndarray
     normaliser: Normaliser

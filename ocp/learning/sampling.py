@@ -10,8 +10,8 @@ import numpy as np
 from dynamics.batch import Episodes, Gaussian
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, NotConverged
+from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.seen import Seen
 from ocp.learning.starts import Starts
 
 if TYPE_CHECKING:
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 def begun(experiment: Experiment) -> State:
     """The policy to start from and its observations, none yet."""
     size = len(experiment.task.observations)
-    return {"theta": experiment.first_theta(), **Seen.nothing(size).arrays()}
+    return {"theta": experiment.first_theta(), **Normaliser.identity(size).arrays()}
 
 
 def trained(state: State) -> Trained:
     """The policy of a state."""
-    return Trained(state["theta"], Seen.of(state).normaliser)
+    return Trained(state["theta"], Normaliser.of(state))
 
 
 def roll(
@@ -49,13 +49,14 @@ def roll(
     Samples that are not finite, where a contact found no solution or a motion overflowed, are left
     to :func:`finite`.
     """
-    psi = state.get("psi", experiment.physics)
     return experiment.rollouts(horizon, law)(
         x0,
         state["theta"] if theta is None else theta,
-        values={**experiment.named(psi), "discount": experiment.discount},
-        normaliser=Seen.of(state).normaliser,
+        Normaliser.of(state),
+        discount=experiment.discount,
+        psi=state.get("psi", experiment.physics),
         noise=noise,
+        n_samples=len(x0),
         gradient=gradient,
         score=score,
         states=True,
@@ -106,7 +107,7 @@ def remembered(experiment: Experiment, state: State, episodes: Episodes, good: n
     alive = good[:, None] & (steps < episodes.lived[:, None])
     seen = experiment.observations(episodes.states[:, :-1][alive])
     seen = seen[np.isfinite(seen).all(axis=1)]
-    return Seen.of(state).after(seen).arrays()
+    return Normaliser.of(state).after(seen).arrays()
 
 
 def told(episodes: Episodes, good: np.ndarray) -> Row:
