@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from dynamics.batch import BatchFunction, BatchWarning
+from dynamics.batch import BatchFunction
 from dynamics.contact import ContactLaw
 from ocp.learning.experiment import Experiment, at_least
 from ocp.learning.protocol import Trained
@@ -57,11 +56,9 @@ def evaluate(
     at_least(1, "episodes", episodes)
     task = experiment.task
     x0 = task.reset(episodes, np.random.default_rng(seed))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BatchWarning)
-        found = experiment.rollouts(task.horizon, law)(
-            x0, trained.theta, trained.normaliser, n_samples=episodes, states=True
-        )
+    found = experiment.rollouts(task.horizon, law)(
+        x0, trained.theta, trained.normaliser, n_samples=episodes, states=True
+    )
     return judged(experiment, trained, found.states, found.lived.astype(int))
 
 
@@ -69,10 +66,10 @@ def judged(
     experiment: Experiment, trained: Trained, states: np.ndarray, lived: np.ndarray
 ) -> Evaluation:
     """What ``states`` (n, N+1, nx) of episodes that ``lived`` (n,) steps are worth."""
-    task, (n, nodes, nx) = experiment.task, states.shape
+    task, (n, nodes) = experiment.task, states.shape[:2]
     steps = np.arange(nodes - 1)
-    ok = np.isfinite(states[:, 1:]).all(axis=2)
-    reached = np.where(ok.all(axis=1), nodes - 1, np.argmin(ok, axis=1))
+    ok = np.isfinite(states[:, 1:]).all(axis=-1)
+    reached = np.where(ok.all(axis=-1), nodes - 1, np.argmin(ok, axis=1))
     lost = np.flatnonzero(reached < lived)
     unsolved = np.column_stack([lost, reached[lost]])
     lengths = np.minimum(lived, reached)

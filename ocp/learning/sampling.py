@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynamics.batch import BatchWarning, Episodes, Gaussian
+from dynamics.batch import Episodes, Gaussian
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, NotConverged
 from ocp.learning.normaliser import Normaliser
@@ -45,24 +45,23 @@ def roll(
     """Unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
 
     ``theta`` (n, n_theta) are other parameters for each sample, ``law`` another contact law than
-    the model's; states are kept. Samples that are not finite, where a contact found no solution or
-    a motion overflowed, are left to :func:`finite`.
+    the model's; physical parameters are the state's ``psi`` where it has any; states are kept.
+    Samples that are not finite, where a contact found no solution or a motion overflowed, are left
+    to :func:`finite`.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BatchWarning)
-        return experiment.rollouts(horizon, law)(
-            x0,
-            state["theta"] if theta is None else theta,
-            Normaliser.of(state),
-            discount=experiment.discount,
-            psi=experiment.psi,
-            noise=noise,
-            n_samples=len(x0),
-            gradient=gradient,
-            score=score,
-            states=True,
-            along=along,
-        )
+    return experiment.rollouts(horizon, law)(
+        x0,
+        state["theta"] if theta is None else theta,
+        Normaliser.of(state),
+        discount=experiment.discount,
+        psi=state.get("psi", experiment.physics),
+        noise=noise,
+        n_samples=len(x0),
+        gradient=gradient,
+        score=score,
+        states=True,
+        along=along,
+    )
 
 
 def finite(experiment: Experiment, episodes: Episodes, k: int) -> np.ndarray:
@@ -93,8 +92,8 @@ def finite(experiment: Experiment, episodes: Episodes, k: int) -> np.ndarray:
 
 def _step_without_reward(experiment: Experiment, states: np.ndarray) -> int | str:
     """The first step whose reward is not finite without input, or the last, that of ``final``."""
-    task, p = experiment.task, experiment.task.parameters.values
-    for t, (x, after) in enumerate(zip(states[:-1], states[1:], strict=True)):
+    task, p = experiment.task, experiment.physics
+    for t, (x, after) in enumerate(pairwise(states)):
         if not np.isfinite(float(task.rewards(x, (task.lower + task.upper) / 2, after, p))):
             return t
     return len(states) - 1
