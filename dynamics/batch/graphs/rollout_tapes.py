@@ -32,6 +32,7 @@ from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.path import Path
+from dynamics.contact.reduced_path import path_of
 from dynamics.systems.elimination import solve_without_pivoting
 
 
@@ -218,7 +219,7 @@ class _Closed:
             path = Path(sum((F.sparsity() for _, F, _ in problems), ca.Sparsity(n, n)), step.exact)
             columns = [path.opening(*problem) for problem in problems]
         else:
-            path = Path.of_system(step.system, step.exact)
+            path = path_of(step.system, step.exact)
             columns = self._openings(path)
         guesses = ca.vertcat(*[guess(path, column) for column in columns])
         return InnerLoop(
@@ -278,7 +279,7 @@ class _Closed:
         inner = step.inner
         carried = ca.dot(xbar[:nx], step.following) + ca.dot(xbar[nx:], self.x_next[nx:])
         by_inner = ca.densify(ca.gradient(carried, inner))
-        v = solve_without_pivoting(step.relation_jacobian.T, by_inner)
+        v = step.solve_relation(by_inner, transposed=True)
         held_v = ca.SX.sym("v", inner.numel())
         value = self._closed(self.stage_cost + carried - ca.dot(held_v, relation))[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
