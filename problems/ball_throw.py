@@ -76,7 +76,7 @@ def build(params: Params) -> Problem:
     Paoli and Schatzman, SIAM J. Numer. Anal. 40(2), 702-733, 2002 (paoli2002numerical).
     """
     p = table(params)
-    system = _system(p)
+    system = thrown_ball(p)
     theta, speed = ca.vertsplit(system.u)
     hand = system.x[4]
     goal = ca.vertcat(*(p[f"goal_{key}"] for key in ("x", "z", "vx", "vz")))
@@ -98,14 +98,17 @@ def build(params: Params) -> Problem:
     )
 
 
-def _system(p: ParameterTable) -> ContactSystem:
+def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactSystem:
+    """The ball, see :func:`build`; with a ``fixed_speed`` [m/s] the angle is the only input."""
     x, x_next = ca.SX.sym("x", 6), ca.SX.sym("x_next", 6)
-    u, lam = ca.SX.sym("u", 2), ca.SX.sym("lam")
+    theta, lam = ca.SX.sym("theta"), ca.SX.sym("lam")
+    speed = ca.SX.sym("speed") if fixed_speed is None else fixed_speed
+    inputs = signals("theta [rad] angle of the throw; speed [m/s] of the throw")
     q, v, hand, fall = x[:2], x[2:4], x[4], x[5]
     q_next, v_next = x_next[:2], x_next[2:4]
     m, g, h, e = p["m"], p["g"], p["h"], p["restitution"]
     lift = ca.vertcat(0, g * h / 2)
-    thrown = v + hand * (u[1] * ca.vertcat(ca.cos(u[0]), ca.sin(u[0])) + lift)
+    thrown = v + hand * (speed * ca.vertcat(ca.cos(theta), ca.sin(theta)) + lift)
     push = ca.vertcat(0, lam - h * m * g)
     last = q[1] - h * thrown[1]
     # Just after a bounce there is no fall to speak of, and its square can even be negative.
@@ -113,7 +116,7 @@ def _system(p: ParameterTable) -> ContactSystem:
     return ContactSystem(
         name=name,
         x=x,
-        u=u,
+        u=ca.vertcat(theta, speed) if fixed_speed is None else theta,
         x_next=x_next,
         lam=lam,
         residual=ca.vertcat(
@@ -127,7 +130,7 @@ def _system(p: ParameterTable) -> ContactSystem:
             "x [m]; z [m] height; vx [m/s]; vz [m/s]; hand [1] 1 before the throw;"
             " fall [m^2/s^2] speed at the floor, squared"
         ),
-        inputs=signals("theta [rad] angle of the throw; speed [m/s] of the throw"),
+        inputs=inputs if fixed_speed is None else inputs[:1],
         contacts=signals("floor [N s] impulse of the floor"),
         h=h,
         parameters=p,

@@ -34,7 +34,7 @@ min 1 / N sum_(k=0)^(N-1) (w_u norm(u_k)^2 + w_v norm(v_k)^2), quad abs(u) <= u_
 "over a stride," x_N = x_0 + ("speed" N h, 0, dots); "start and step size" h "are chosen too"
 """
 _PARTS = ("thigh", "shin", "foot")
-_SPHERES = {
+SPHERES = {
     "legs": ("bshin", "bfoot", "fshin", "ffoot"),
     "all": ("fore end", "hind end", "head", *(f"{end}{part}" for end in "bf" for part in _PARTS)),
     "feet": ("bfoot", "ffoot"),
@@ -66,7 +66,7 @@ class Params(Parameters):
         1.0, "1", "largest input, a unit is 30 to 120 N m; not kept in the source", above=0
     )
     spheres: str = choice(
-        tuple(_SPHERES), "which parts may touch: shins and feet, all nine, or the feet"
+        tuple(SPHERES), "which parts may touch: shins and feet, all nine, or the feet"
     )
     cone: Cone = choice(
         ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
@@ -93,7 +93,7 @@ def build(params: Params) -> Problem:
         base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits)
     )
     system = machine.system(
-        name, p, h=step, friction=friction, spheres=_SPHERES[params.spheres], free_step=True,
+        name, p, h=step, friction=friction, spheres=SPHERES[params.spheres], free_step=True,
         cone=params.cone,
     )  # fmt: skip
     x, nx = system.x, system.nx
@@ -142,4 +142,4 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Return where each sphere touches the ground, and the joint limits nowhere."""
-    return machine_frames(_PICTURED, state, _SPHERES[params.spheres], params.friction)
+    return machine_frames(_PICTURED, state, SPHERES[params.spheres], params.friction)

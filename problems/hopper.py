@@ -39,7 +39,7 @@ golden = {
 }
 _PICTURED = machine_of()
 _STANDING = 1.21
-_SPHERES = {
+SPHERES = {
     "outer": ("torso", "leg", "toe", "heel"),
     "all": ("torso", "thigh", "leg", "toe", "heel"),
     "foot": ("toe", "heel"),
@@ -62,7 +62,7 @@ class Params(Parameters):
         1.0, "1", "largest input, a unit is 200 N m; the source has no bound", above=0
     )
     spheres: str = choice(
-        tuple(_SPHERES), "which parts may touch: all but the hip, all, or toe and heel"
+        tuple(SPHERES), "which parts may touch: all but the hip, all, or toe and heel"
     )
     cone: Cone = choice(
         ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
@@ -82,7 +82,7 @@ class Params(Parameters):
     def _start_is_possible(self) -> Params:
         machine = machine_of(limits=bool(self.limits))
         angles = [self.pitch0, self.thigh0, self.leg0, self.foot0]
-        machine.check_start([0.0, self.z0, *angles], _SPHERES[self.spheres])
+        machine.check_start([0.0, self.z0, *angles], SPHERES[self.spheres])
         return self
 
 
@@ -94,7 +94,7 @@ def build(params: Params) -> Problem:
         limits=bool(params.limits),
     )  # fmt: skip
     system = machine.system(
-        name, p, h=p["h"], friction=friction, spheres=_SPHERES[params.spheres],
+        name, p, h=p["h"], friction=friction, spheres=SPHERES[params.spheres],
         cone=params.cone,
     )  # fmt: skip
     x, nq = system.x, system.nx // 2
@@ -139,4 +139,4 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Contacts of the spheres with the ground."""
-    return machine_frames(_PICTURED, state, _SPHERES[params.spheres], params.friction)
+    return machine_frames(_PICTURED, state, SPHERES[params.spheres], params.friction)

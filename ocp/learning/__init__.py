@@ -1,1 +1,1 @@
-"""Learning of policies."""
+"""Learning of policies, and of models for them."""

@@ -1,0 +1,94 @@
+"""Physical parameters psi of a model from transitions of the system that it is of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.learning.buffer import Buffer
+from ocp.learning.identification.one_step import OneStepLoss
+from ocp.learning.identification.random_search import Cloud, RandomSearch
+
+DRAWS, ROWS = 1, 2
+"""Streams of random numbers: of candidates, of the transitions that judge them."""
+
+Report = Callable[[int, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """psi as found, ``values`` (n,) in the order of ``names``, and how the search came there.
+
+    ``loss`` is eq. 4.1's over all transitions, over their number; ``psi`` (k+1, n) are the means of
+    the cloud, first its start, and ``spread`` (k+1, n) its standard deviations of log psi.
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    loss: float
+    start_loss: float
+    psi: np.ndarray = field(repr=False)
+    spread: np.ndarray = field(repr=False)
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The found values by name."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
+
+
+def search_on(
+    loss: OneStepLoss, buffer: Buffer, search: RandomSearch, cloud: Cloud, seed: int, rows: int
+) -> Cloud:
+    """One iteration of the search: candidates, judged alike by ``rows`` transitions drawn anew.
+
+    Random numbers depend on the seed and the number of the iteration alone.
+    """
+    count = int(cloud["count"])
+    judges = buffer
+    if rows < len(buffer):
+        drawn = np.random.default_rng([seed, count, ROWS]).choice(len(buffer), rows, replace=False)
+        judges = buffer[np.sort(drawn)]
+    rng = np.random.default_rng([seed, count, DRAWS])
+    return search.iterate(cloud, lambda candidates: loss(candidates, judges), rng)
+
+
+def identify(
+    loss: OneStepLoss,
+    buffer: Buffer,
+    start: np.ndarray,
+    search: RandomSearch | None = None,
+    seed: int = 0,
+    rows: int = 256,
+    report: Report | None = None,
+) -> Identification:
+    """Minimise ``loss`` over log psi from ``start`` (n_psi,) by random search [abs eq. 4.1].
+
+    Every iteration is judged by ``rows`` transitions; at the end all of them choose between the
+    last mean of the cloud and the start. ``report`` is told the iteration and the largest standard
+    deviation of the cloud.
+
+    Raises :class:`~ocp.errors.InputError` without transitions and for ``rows`` below 1.
+    """
+    if not len(buffer) or rows < 1:
+        raise InputError(f"psi is learned from transitions: got {len(buffer)}, {rows} at a time")
+    search = search or RandomSearch()
+    cloud = search.begin(start)
+    clouds = [cloud]
+    while not search.done(cloud):
+        cloud = search_on(loss, buffer, search, cloud, seed, rows)
+        clouds.append(cloud)
+        if report:
+            report(int(cloud["count"]), float(np.max(search.deviations(cloud))))
+    ends = np.array([cloud["mean"], start])
+    losses = loss(ends, buffer) / len(buffer)
+    return Identification(
+        names=loss.names,
+        values=np.exp(ends[np.argmin(losses)]),
+        loss=float(losses.min()),
+        start_loss=float(losses[1]),
+        psi=np.exp([each["mean"] for each in clouds]),
+        spread=np.array([search.deviations(each) for each in clouds]),
+    )

@@ -1,0 +1,110 @@
+"""Random search for a minimum: Gaussian candidates, whose cloud follows those that did well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocp.errors import InputError
+
+Cloud = dict[str, np.ndarray]
+"""``mean`` (n,), ``width`` and ``shape`` (n, n), means of its steps ``turn``, ``drift`` (n,)."""
+
+
+@dataclass(frozen=True)
+class RandomSearch:
+    """Evolution of a Gaussian cloud's mean, width and covariance (CMA-ES), without gradients.
+
+    Hansen, The CMA evolution strategy: a tutorial, 2016, with its weights and rates, negative
+    weights left out: ``candidates`` y_i ~ N(0, C) at ``mean + width y_i``, the better half
+    recombined. Begun with ``C = I`` and ``width``, a standard deviation; ended after ``iterations``
+    or when no standard deviation of the cloud is above ``narrow``.
+
+    Candidates that follow a fixed N(0, I) with a width that decays, the best kept, are what the
+    cloud is when its covariance never learns; masses and inertias that move alike need it.
+    """
+
+    candidates: int = 32
+    width: float = 0.3
+    iterations: int = 200
+    narrow: float = 1e-4
+
+    def __post_init__(self) -> None:
+        if self.candidates < 4 or self.iterations < 1:
+            raise InputError(
+                f"random search needs at least 4 candidates and 1 iteration, got"
+                f" {self.candidates} and {self.iterations}"
+            )
+        if not (0 <= self.narrow < self.width < np.inf):
+            raise InputError(
+                f"random search ends at a width below that of its start, got {self.width:g} to"
+                f" {self.narrow:g}"
+            )
+
+    def begin(self, mean: np.ndarray) -> Cloud:
+        """The cloud around ``mean`` (n,)."""
+        n = len(mean)
+        return {
+            "mean": np.array(mean, float), "width": np.array(self.width), "shape": np.eye(n),
+            "turn": np.zeros(n), "drift": np.zeros(n), "count": np.array(0),
+        }  # fmt: skip
+
+    def iterate(
+        self, cloud: Cloud, losses: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator
+    ) -> Cloud:
+        """Draw candidates (k, n), ask for their ``losses`` (k,), and move the cloud."""
+        n = len(cloud["mean"])
+        lengths, axes = np.linalg.eigh(cloud["shape"])
+        lengths = np.sqrt(np.maximum(lengths, 0.0))
+        y = (rng.standard_normal((self.candidates, n)) * lengths) @ axes.T
+        found = losses(cloud["mean"] + cloud["width"] * y)
+        best = np.argsort(np.where(np.isfinite(found), found, np.inf), kind="stable")
+        weights = self.weights
+        y = y[best[: len(weights)]]
+        step = weights @ y
+        # A direction of no length gives no whitened step either.
+        white = axes @ (np.divide(1, lengths, out=np.zeros(n), where=lengths > 0) * (axes.T @ step))
+        return self.moved(cloud, y, step, white)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Of the better half, best first; their sum is 1."""
+        half = self.candidates // 2
+        found = np.log((self.candidates + 1) / 2) - np.log(np.arange(1, half + 1))
+        return found / found.sum()
+
+    def moved(self, cloud: Cloud, y: np.ndarray, step: np.ndarray, white: np.ndarray) -> Cloud:
+        """The cloud after a step, its recombined ``step`` (n,) and ``C^(-1/2) step`` given."""
+        n, w = len(step), self.weights
+        mass = 1 / np.sum(w**2)
+        c_s = (mass + 2) / (n + mass + 5)
+        damping = 1 + 2 * max(0.0, np.sqrt((mass - 1) / (n + 1)) - 1) + c_s
+        c_c = (4 + mass / n) / (n + 4 + 2 * mass / n)
+        c_1 = 2 / ((n + 1.3) ** 2 + mass)
+        c_mu = min(1 - c_1, 2 * (mass - 2 + 1 / mass) / ((n + 2) ** 2 + mass))
+        expected = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))
+        count = cloud["count"] + 1
+        turn = (1 - c_s) * cloud["turn"] + np.sqrt(c_s * (2 - c_s) * mass) * white
+        length = np.linalg.norm(turn)
+        # While the width still grows fast the drift waits, else C would grow with it.
+        going = length / np.sqrt(1 - (1 - c_s) ** (2 * count)) < (1.4 + 2 / (n + 1)) * expected
+        drift = (1 - c_c) * cloud["drift"] + going * np.sqrt(c_c * (2 - c_c) * mass) * step
+        kept = 1 - c_1 - c_mu + (not going) * c_1 * c_c * (2 - c_c)
+        shape = kept * cloud["shape"] + c_1 * np.outer(drift, drift) + c_mu * (y.T * w) @ y
+        return {
+            "mean": cloud["mean"] + cloud["width"] * step,
+            "width": cloud["width"] * np.exp(c_s / damping * (length / expected - 1)),
+            "shape": (shape + shape.T) / 2, "turn": turn, "drift": drift, "count": count,
+        }  # fmt: skip
+
+    def deviations(self, cloud: Cloud) -> np.ndarray:
+        """Standard deviations (n,) of the cloud."""
+        return cloud["width"] * np.sqrt(np.diag(cloud["shape"]))
+
+    def done(self, cloud: Cloud) -> bool:
+        """Whether the search is over."""
+        return bool(
+            cloud["count"] >= self.iterations or np.max(self.deviations(cloud)) <= self.narrow
+        )

@@ -1,0 +1,85 @@
+"""The ball throw as a task: an angle and a speed at the first step, and the flight's end."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import ParameterTable
+from ocp.task import Task
+from problems import ball_throw as problem
+from problems.drawing import ContactFrame, Shape
+from problems.parameters import Parameters, quantity, structure, table
+from problems.spec import Citation
+
+name = "ball-throw"
+title = "Ball throw: arrive at a goal by way of the floor"
+citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 7a; numbers are ours")
+axes = problem.axes
+decisions = 1
+equations = r"""
+max -norm(q_N - q_"goal")^2 - w_v norm(v_N - v_"goal")^2, quad "dynamics as the problem ball-throw"
+"over angle" theta "and speed" s "of the first input; later ones move nothing"
+theta "in" [-1.5, 1.5] "rad," quad s "in" [0, s_"max"], "or a fixed speed"
+"""
+_STEEPEST = 1.5
+
+
+class Params(Parameters):
+    """Parameters of ``ball-throw``; the goal is the state that theta = 0.6 at 3 m/s leads to."""
+
+    m: float = quantity(1.0, "kg", "mass", above=0)
+    g: float = quantity(9.81, "m/s^2", "gravity", above=0)
+    restitution: float = quantity(0.7, "1", "velocity after a bounce over that before", least=0,
+                                  most=1)  # fmt: skip
+    h: float = quantity(0.02, "s", "step size", above=0)
+    horizon: int = structure(50, "steps of the flight", least=2)
+    x0: float = quantity(0.0, "m", "the hand, x")
+    z0: float = quantity(1.0, "m", "the hand, height above the floor", least=0)
+    goal_x: float = quantity(2.476, "m", "goal, x")
+    goal_z: float = quantity(0.5547, "m", "goal, height", least=0)
+    goal_vx: float = quantity(2.476, "m/s", "velocity at the goal, x")
+    goal_vz: float = quantity(0.4327, "m/s", "velocity at the goal, upwards")
+    w_v: float = quantity(0.1, "s^2/m^2", "weight of the velocity's error", least=0)
+    speed_max: float = structure(10.0, "fastest throw", unit="m/s", above=0)
+    fixed_speed: int = structure(0, "1 where the angle alone is chosen, as in the paper", most=1)
+    speed: float = quantity(3.0, "m/s", "speed of the throw where it is fixed", least=0)
+
+
+def build(params: Params) -> Task:
+    """Build the task: nothing is gained on the way; the state is (x, z, vx, vz, hand, fall)."""
+    p = table(params)
+    if not params.fixed_speed:
+        p = ParameterTable(parameter for parameter in p if parameter.name != "speed")
+    system = problem.thrown_ball(p, p["speed"] if params.fixed_speed else None)
+    x = system.x
+    off = x[:4] - ca.vertcat(*(p[f"goal_{key}"] for key in ("x", "z", "vx", "vz")))
+    return Task(
+        name=name,
+        system=system,
+        parameters=p,
+        horizon=params.horizon,
+        start=ca.vertcat(p["x0"], p["z0"], 0, 0, 1, 2 * p["g"] * p["z0"]),
+        chance=ca.SX(0, 1),
+        reward=ca.SX(0),
+        final=-ca.sumsqr(off[:2]) - p["w_v"] * ca.sumsqr(off[2:]),
+        observation=x[:5],
+        observations=system.states[:5],
+        lower=np.array([-_STEEPEST, 0.0][: system.nu]),
+        upper=np.array([_STEEPEST, params.speed_max][: system.nu]),
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Floor, hand, goal and the ball, whose size is for the eye only."""
+    return problem.draw(_thrown(params), state)
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """The floor pushes upwards."""
+    return problem.frames(_thrown(params), state)
+
+
+def _thrown(params: Params) -> problem.Params:
+    """What the drawing asks for."""
+    return problem.Params(x0=params.x0, z0=params.z0, goal_x=params.goal_x, goal_z=params.goal_z)

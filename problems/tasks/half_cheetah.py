@@ -1,0 +1,108 @@
+"""The half-cheetah's task: run."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems.contact_rows import Cone
+from ocp.task import Task
+from problems.drawing import ContactFrame, Shape
+from problems.half_cheetah import SPHERES
+from problems.machines.half_cheetah import half_cheetah as machine_of
+from problems.machines.picture import machine_frames, machine_shapes
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
+from problems.spec import Citation
+from problems.tasks.running import inertia, mass, measures, start, tame, weighed
+
+name = "half-cheetah"
+title = "Half-cheetah: run"
+citation = Citation(
+    "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward and reset of Dojo's"
+)
+axes = ("x [m]", "z [m]")
+equations = """
+max "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) - 0.1 norm(u_t)^2
+q = (x, z, theta, "three joints of the hind leg, three of the fore leg"), quad
+  "dynamics as those of the problem half-cheetah with" h "fixed"
+q_0 = q_"standing" + (0, 0.25 "m", 0, dots) + 0.1 xi, quad v_0 = 0.1 xi', quad
+  xi, xi' "uniform on" [-1, 1]
+"ends at a state that is not finite only"
+"seen: all but" x; quad abs(u) <= 1 "(the source means it and does not enforce it)"
+"""
+_LARGEST = float(np.finfo(float).max)
+_MACHINE = machine_of()
+_ORDER = ("all", "legs", "feet")
+
+
+class Params(Parameters):
+    """Parameters of ``half-cheetah``; masses and inertias are symbols, to be learned."""
+
+    h: float = quantity(_MACHINE.h, "s", "step size", above=0)
+    horizon: int = structure(100, "steps of an episode, 80 in the source's training", least=1)
+    friction: float = quantity(
+        _MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0
+    )
+    spring_scale: float = quantity(
+        1.0, "1", "factor of the joints' springs, 60 to 240 N m/rad", least=0
+    )
+    damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
+    base_damping: float = quantity(0.0, "N s/m", "drag on the torso, none in nature", least=0)
+    mass_torso: float = mass(_MACHINE, "torso")
+    mass_bthigh: float = mass(_MACHINE, "bthigh")
+    mass_bshin: float = mass(_MACHINE, "bshin")
+    mass_bfoot: float = mass(_MACHINE, "bfoot")
+    mass_fthigh: float = mass(_MACHINE, "fthigh")
+    mass_fshin: float = mass(_MACHINE, "fshin")
+    mass_ffoot: float = mass(_MACHINE, "ffoot")
+    inertia_torso: float = inertia(_MACHINE, "torso")
+    inertia_bthigh: float = inertia(_MACHINE, "bthigh")
+    inertia_bshin: float = inertia(_MACHINE, "bshin")
+    inertia_bfoot: float = inertia(_MACHINE, "bfoot")
+    inertia_fthigh: float = inertia(_MACHINE, "fthigh")
+    inertia_fshin: float = inertia(_MACHINE, "fshin")
+    inertia_ffoot: float = inertia(_MACHINE, "ffoot")
+    spheres: str = choice(_ORDER, "which parts may touch: all nine, shins and feet, or the feet")
+    cone: Cone = choice(
+        ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
+    )
+    limits: int = structure(1, "1 for joint limits, 0 for none", most=1)
+
+
+def build(params: Params) -> Task:
+    """Build the task; the state is (q, v), the reward [1] adds a speed [m/s] to numbers."""
+    p, friction = friction_of(table(params))
+    machine = machine_of(
+        base_damping=p["base_damping"], spring_scale=p["spring_scale"], damping=p["damping"],
+        limits=bool(params.limits),
+    )  # fmt: skip
+    system = weighed(machine, p).system(
+        name, p, h=p["h"], friction=friction, spheres=SPHERES[params.spheres], cone=params.cone
+    )
+    x, nq = system.x, system.nx // 2
+    first, chance = start(machine)
+    return Task(
+        name=name,
+        system=system,
+        parameters=p,
+        horizon=params.horizon,
+        start=first,
+        chance=chance,
+        reward=system.x_next[nq] - 0.1 * ca.sumsqr(system.u),
+        done=ca.logic_not(tame(x, _LARGEST)),
+        observation=x[1:],
+        observations=system.states[1:],
+        lower=-np.ones(system.nu),
+        upper=np.ones(system.nu),
+        measures=measures(system, p["h"]),
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Links, spheres and the ground."""
+    return machine_shapes(_MACHINE, state)
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """Return where each sphere touches the ground, and the joint limits nowhere."""
+    return machine_frames(_MACHINE, state, SPHERES[params.spheres], params.friction)

@@ -1,0 +1,107 @@
+"""The hopper's task: run without falling."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems.contact_rows import Cone
+from ocp.task import Task
+from problems.drawing import ContactFrame, Shape
+from problems.hopper import SPHERES
+from problems.machines.hopper import hopper as machine_of
+from problems.machines.picture import machine_frames, machine_shapes
+from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
+from problems.spec import Citation
+from problems.tasks.running import inertia, mass, measures, start, tame, weighed
+
+name = "hopper"
+title = "Hopper: run without falling"
+citation = Citation(
+    "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward, reset and end of Dojo's"
+)
+axes = ("x [m]", "z [m]")
+equations = """
+max "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) + 0.1 - 10^(-4) norm(u_t)^2
+q = (x, z, theta, "thigh, leg, foot"), quad "dynamics as those of the problem hopper"
+q_0 = q_"upright" + (0, 0.25 "m", 0, dots) + 0.005 xi, quad v_0 = 0.005 xi', quad
+  xi, xi' "uniform on" [-1, 1]
+"ends where" z <= 0.7 "m or" abs(theta) >= 0.2 "or a state's entry is not below 100"
+"seen: all but" x, "velocities clipped to" plus.minus 10; quad abs(u) <= 1 "(the bound is ours)"
+"""
+_LOWEST, _STEEPEST, _WILDEST, _FASTEST_SEEN = 0.7, 0.2, 100.0, 10.0
+_MACHINE = machine_of()
+_ORDER = ("all", "outer", "foot")
+
+
+class Params(Parameters):
+    """Parameters of ``hopper``; masses and inertias are symbols, so that they can be learned."""
+
+    h: float = quantity(_MACHINE.h, "s", "step size", above=0)
+    horizon: int = structure(100, "steps of an episode", least=1)
+    friction: float = quantity(
+        _MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0
+    )
+    spring: float = quantity(10.0, "N m/rad", "stiffness of each joint", least=0)
+    damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
+    base_damping: float = quantity(
+        0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0
+    )
+    mass_torso: float = mass(_MACHINE, "torso")
+    mass_thigh: float = mass(_MACHINE, "thigh")
+    mass_leg: float = mass(_MACHINE, "leg")
+    mass_foot: float = mass(_MACHINE, "foot")
+    inertia_torso: float = inertia(_MACHINE, "torso")
+    inertia_thigh: float = inertia(_MACHINE, "thigh")
+    inertia_leg: float = inertia(_MACHINE, "leg")
+    inertia_foot: float = inertia(_MACHINE, "foot")
+    spheres: str = choice(_ORDER, "which parts may touch: all, all but the hip, or toe and heel")
+    cone: Cone = choice(
+        ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
+    )
+    limits: int = structure(0, "1 for joint limits, as in the source's later version", most=1)
+
+
+def build(params: Params) -> Task:
+    """Build the task; the state is (q, v), the reward [1] adds a speed [m/s] to numbers.
+
+    The source leaves the inputs unbounded; the bounds of one unit, 200 N m, are ours. A state that
+    is not finite ends the episode too.
+    """
+    p, friction = friction_of(table(params))
+    machine = machine_of(
+        base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"],
+        limits=bool(params.limits),
+    )  # fmt: skip
+    system = weighed(machine, p).system(
+        name, p, h=p["h"], friction=friction, spheres=SPHERES[params.spheres], cone=params.cone
+    )
+    x, u, nq = system.x, system.u, system.nx // 2
+    first, chance = start(machine)
+    standing = ca.logic_and(x[1] > _LOWEST, ca.fabs(x[2]) < _STEEPEST)
+    seen = ca.fmax(-_FASTEST_SEEN, ca.fmin(x[nq:], _FASTEST_SEEN))
+    return Task(
+        name=name,
+        system=system,
+        parameters=p,
+        horizon=params.horizon,
+        start=first,
+        chance=chance,
+        reward=system.x_next[nq] + 0.1 - 1e-4 * ca.sumsqr(u),
+        done=ca.logic_not(ca.logic_and(standing, tame(x, _WILDEST))),
+        observation=ca.vertcat(x[1:nq], seen),
+        observations=system.states[1:],
+        lower=-np.ones(system.nu),
+        upper=np.ones(system.nu),
+        measures=measures(system, p["h"]),
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Links, spheres and the ground."""
+    return machine_shapes(_MACHINE, state)
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """Contacts of the spheres with the ground."""
+    return machine_frames(_MACHINE, state, SPHERES[params.spheres], params.friction)
