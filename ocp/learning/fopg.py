@@ -74,7 +74,7 @@ class FOPG:
         if self.smoothing == "gradient":
             followed = roll(experiment, state, x0, steps, law=SHARP, noise=noise)
         found = roll(experiment, state, x0, steps, noise=noise, gradient=True, along=followed)
-        good = finite(experiment, found, k)
+        good = finite(experiment, state, found, k)
         assert found.gradient is not None
         gradients = found.gradient[good]
         lived = found if followed is None else followed

@@ -65,7 +65,7 @@ class ZOPG:
         steps = unroll_of(experiment, self.unroll)
         noise = experiment.noise(self.sigma, k, "actions")
         pair = mirrored(experiment, state, state["starts.x"], steps, noise)
-        good = np.logical_and(*(finite(experiment, each, k) for each in pair))
+        good = np.logical_and(*(finite(experiment, state, each, k) for each in pair))
         gradients = likelihood_ratio(pair, good)
         changed = {
             **ascend(self.optimiser, state, gradients.mean(axis=0), self.rate),
