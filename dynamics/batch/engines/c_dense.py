@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from dynamics.batch.graphs.rollout_tapes import Layers
+from dynamics.batch.graphs.step_graphs import Layers
 
 # Outputs summed abreast, so that enough sums are under way to hide an operation's latency.
 _ABREAST = 4

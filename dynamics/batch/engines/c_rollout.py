@@ -10,7 +10,7 @@ from __future__ import annotations
 from dynamics.batch.engines import c_dense, c_random, c_steps
 from dynamics.batch.engines.c_prelude import prelude
 from dynamics.batch.engines.compiler import Compiler
-from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.graphs.step_graphs import RolloutTapes
 
 # Operations up to which the registers of a block are worked on without a loop around them: more
 # would not find room in the processor at once, and take the compiler long.
