@@ -13,7 +13,8 @@ from ocp.learning.ascent import RULES, ascend
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.fopg import unroll_of
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.sampling import (
+from ocp.learning.starts import Starts
+from ocp.learning.unrolling import (
     begun,
     finite,
     next_starts,
@@ -23,7 +24,6 @@ from ocp.learning.sampling import (
     told_gradient,
     trained,
 )
-from ocp.learning.starts import Starts
 from ocp.learning.zopg import likelihood_ratio
 
 

@@ -14,8 +14,8 @@ from ocp.learning.fopg import unroll_of
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.particles import Particles, scatter
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.sampling import begun, no_number, trained
 from ocp.learning.starts import Starts
+from ocp.learning.unrolling import begun, no_number, trained
 
 
 @dataclass(frozen=True, kw_only=True)
