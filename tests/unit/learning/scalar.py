@@ -30,7 +30,7 @@ def scalar(
     x_next, u = system.x_next, system.u
     reward = -((x_next - p["goal"]) ** 2) - 0.1 * u**2
     if broken is not None:
-        reward += 0.0 * ca.log(broken - x_next)
+        reward += 1e-3 * ca.log(broken - x_next)
     return Task(
         name="scalar",
         system=system,

@@ -13,7 +13,7 @@ from dynamics.systems import Signal
 from ocp.learning.experiment import Experiment
 from ocp.learning.fopg import FOPG
 from ocp.learning.protocol import State
-from ocp.learning.sampling import roll
+from ocp.learning.unrolling import roll
 from ocp.task import Task
 from tests.unit.batch.rollout_cases import wall
 
