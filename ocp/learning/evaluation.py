@@ -68,8 +68,8 @@ def judged(
     """What ``states`` (n, N+1, nx) of episodes that ``lived`` (n,) steps are worth."""
     task, (n, nodes) = experiment.task, states.shape[:2]
     steps = np.arange(nodes - 1)
-    ok = np.isfinite(states[:, 1:]).all(axis=2)
-    reached = np.where(ok.all(axis=1), nodes - 1, np.argmin(ok, axis=1))
+    ok = np.isfinite(states[:, 1:]).all(axis=-1)
+    reached = np.where(ok.all(axis=-1), nodes - 1, np.argmin(ok, axis=1))
     lost = np.flatnonzero(reached < lived)
     unsolved = np.column_stack([lost, reached[lost]])
     lengths = np.minimum(lived, reached)
