@@ -15,9 +15,10 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from dynamics.batch import NonFinite, StepFunction, Steps
+from dynamics.batch import NonFinite, StepFunction, Steps, dense
 from dynamics.laws import LAWS
 from ocp.errors import InputError
+from ocp.learning.rollouts import TaskRollouts
 from problems.tasks import registry
 from reports import environments
 from reports.environments import world as world_module
@@ -109,6 +110,44 @@ def test_one_and_many_agree_with_the_tasks_own_step(task: str, given: dict[str, 
             assert gained == pytest.approx(reward, abs=1e-9)
             assert rewards[k][i] == pytest.approx(reward, abs=1e-9)
             assert info["height"] == pytest.approx(x[1], abs=1e-9)
+
+
+def test_many_are_gymnasiums_own_row_of_single_ones_over_falls_and_new_starts():
+    row = gymnasium.make_vec(IDS["hopper"], num_envs=4, vectorization_mode="sync")
+    together = many("hopper", 4)
+    seen = [env.reset(seed=1)[0] for env in (row, together)]
+    np.testing.assert_array_equal(*seen)
+    rng, falls = np.random.default_rng(0), 0
+    for _ in range(40):
+        actions = rng.uniform(-0.02, 0.02, (4, 3))
+        (*ours, told), (*theirs, said) = together.step(actions), row.step(actions)
+        for mine, other in zip(ours, theirs, strict=True):
+            np.testing.assert_allclose(mine, other, rtol=0, atol=1e-9)
+        assert set(told) == set(said)
+        for key, values in told.items():
+            np.testing.assert_allclose(values, said[key], rtol=0, atol=1e-9)
+        falls += int(ours[2].sum())
+    assert falls > 5
+
+
+def test_returns_are_those_of_the_engines_episodes():
+    """An affine policy, twice: by hand on the environments, and compiled into rollouts."""
+    env, n = many("hopper", 16, horizon=25), 16
+    world = env.world
+    task, nu, no = world.task, 3, world.observation_space.shape[0]
+    policy = dense(task.observe, hidden=(), lower=task.lower, upper=task.upper)
+    theta = np.random.default_rng(4).normal(0, 0.01, nu * (no + 1))
+    seen, _ = env.reset(seed=0)
+    expected = TaskRollouts(task, world.law, policy, task.horizon)(env.state, theta)
+    W, b = theta[: nu * no].reshape(nu, no), theta[nu * no :]
+    returns, lived, going = np.zeros(n), np.zeros(n, int), np.ones(n, bool)
+    while going.any():
+        seen, reward, terminated, truncated, _ = env.step(np.tanh(seen @ W.T + b))
+        returns, lived = returns + going * reward, lived + going
+        going &= ~(terminated | truncated)
+    assert lived.min() < task.horizon
+    np.testing.assert_array_equal(lived, expected.lived)
+    np.testing.assert_allclose(returns, expected.value, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("contact", ["exact", *SOFT])
