@@ -15,12 +15,12 @@ from problems.parameters import quantity
 
 
 def mass(machine: PublishedMachine, link: str) -> Any:
-    """Declare ``mass_<link>``, by default the table's."""
+    """Declare the parameter ``mass_<link>``, as in the table."""
     return quantity(_weights(machine, link)[0], "kg", f"mass of the {link}", above=0)
 
 
 def inertia(machine: PublishedMachine, link: str) -> Any:
-    """Declare ``inertia_<link>``, about the centre of mass, by default the table's."""
+    """Declare the parameter ``inertia_<link>``, about its centre of mass, as in the table."""
     return quantity(_weights(machine, link)[1], "kg m^2", f"inertia of the {link}", above=0)
 
 

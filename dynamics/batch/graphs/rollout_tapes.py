@@ -34,6 +34,7 @@ from dynamics.batch.graphs.step_graphs import Layers, RolloutTapes
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.path import Path
+from dynamics.contact.reduced_path import path_of
 from dynamics.systems import ParameterTable
 from dynamics.systems.elimination import solve_without_pivoting
 
@@ -106,7 +107,7 @@ class _Closed:
             rest["forward"], rest["adjoint"] = carried(rest["forward"], rest["adjoint"])
         else:
             around = replace(around, **{name: rest[name] for name in around.with_p})
-        layers = None
+        layers, over = None, self.objective.over
         if isinstance(self.policy, DensePolicy):
             layers = Layers(self.policy.sizes, rest["observe"], rest["observe_adjoint"])
         return RolloutTapes(
@@ -123,6 +124,7 @@ class _Closed:
             terminal_adjoint=rest["terminal_adjoint"],
             derived=derived,
             layers=layers,
+            weight=None if over is None else self.step.system.nx + over,
         )
 
     def _observing(self) -> dict[str, tuple[ca.Function, int]]:
@@ -189,7 +191,7 @@ class _Closed:
             path = Path(sum((F.sparsity() for _, F, _ in problems), ca.Sparsity(n, n)), step.exact)
             columns = [path.opening(*problem) for problem in problems]
         else:
-            path = Path.of_system(step.system, step.exact)
+            path = path_of(step.system, step.exact)
             columns = self._openings(path)
         guesses = ca.vertcat(*[guess(path, column) for column in columns])
         return InnerLoop(
@@ -254,7 +256,7 @@ class _Closed:
         x_next, cost = self.objective.outcome(step, step.following)
         gained = cost + ca.dot(xbar, x_next)
         by_inner = ca.densify(ca.gradient(gained, inner))
-        v = solve_without_pivoting(step.relation_jacobian.T, by_inner)
+        v = step.solve_relation(by_inner, transposed=True)
         held_v = ca.SX.sym("v", inner.numel())
         value = self._closed(gained - ca.dot(held_v, relation))[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]

@@ -41,6 +41,8 @@ class RolloutTapes:
     - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w
     - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
 
+    A sample whose entry `weight` of x is zero has come to its end: nothing of it changes any more.
+
     With `layers` theta is the mean action, which those compute.
 
     In all of these p stands for the `np` values `derived: parameters -> p`, which hold whatever
@@ -60,3 +62,4 @@ class RolloutTapes:
     terminal_adjoint: ca.Function
     derived: ca.Function
     layers: Layers | None = None
+    weight: int | None = None
