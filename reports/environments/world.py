@@ -71,7 +71,9 @@ class World:
         decisions = self.spec.decisions
         self.hold = 1 if decisions is None else -(-task.horizon // decisions)
         self.action_space = Box(-1.0, 1.0, (task.system.nu,), np.float64)
-        self.observation_space = Box(-LARGEST, LARGEST, (len(task.observations),), np.float64)
+        ends = [self.spec.known.get(o.name, (-LARGEST, LARGEST)) for o in task.observations]
+        low, high = np.array(ends).T
+        self.observation_space = Box(low, high, dtype=np.float64)
 
     @property
     def seconds(self) -> float:

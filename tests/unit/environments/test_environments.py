@@ -191,6 +191,23 @@ def test_a_throw_is_one_action_scaled_to_angle_and_speed():
     np.testing.assert_allclose(fixed.step(action[:1])[0], seen, atol=1e-12)
 
 
+def test_spaces_are_as_wide_as_what_is_acted_and_seen():
+    env = made("hopper").unwrapped
+    low, high = env.observation_space.low, env.observation_space.high
+    assert env.action_space == gymnasium.spaces.Box(-1, 1, (3,), np.float64)
+    np.testing.assert_array_equal(-low, high)
+    np.testing.assert_array_equal(high, [LARGEST] * 5 + [10.0] * 6)
+    env.reset(seed=0)
+    seen, *_ = env.step(np.ones(3))
+    assert seen in env.observation_space and np.abs(seen[5:]).max() == 10
+    env = many("ball-throw", 2)
+    assert env.action_space.shape == (2, 2) and env.observation_space.shape == (2, 5)
+    assert env.single_observation_space.low[4] == 0 and env.single_observation_space.high[4] == 1
+    first, _ = env.reset(seed=0)
+    assert first in env.observation_space and first[0, 4] == 1
+    assert env.step(np.zeros((2, 2)))[0] in env.observation_space
+
+
 def test_actions_beyond_the_bounds_are_clamped():
     env = made("hopper").unwrapped
     ends = []
