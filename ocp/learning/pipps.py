@@ -14,8 +14,8 @@ from ocp.learning.fopg import unroll_of
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.particles import Particles, scatter
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.sampling import begun, trained
 from ocp.learning.starts import Starts
+from ocp.learning.unrolling import begun, no_number, trained
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +61,10 @@ class PIPPS:
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
         found = scatter(experiment, trained(state), starts.x, self.sigma * noise)
+        lost = np.argwhere(found.good & ~np.isfinite(found.rewards))
+        if len(lost):
+            step, sample = lost[0].tolist()
+            raise InputError(no_number(experiment, step, f"sample {sample} in iteration {k}"))
         good = found.good
         if good.sum() < 2:
             raise NotConverged(

@@ -64,7 +64,7 @@ def roll(
     )
 
 
-def finite(experiment: Experiment, episodes: Episodes, k: int) -> np.ndarray:
+def finite(experiment: Experiment, state: State, episodes: Episodes, k: int) -> np.ndarray:
     """Which samples (n,) count.
 
     Raises :class:`~ocp.errors.InputError` that names step and sample where states are finite and a
@@ -75,13 +75,7 @@ def finite(experiment: Experiment, episodes: Episodes, k: int) -> np.ndarray:
         if part is not None:
             good &= np.isfinite(part).all(axis=1)
     for sample in np.flatnonzero(~np.isfinite(episodes.value)):
-        states = episodes.states[sample]
-        if np.isfinite(states).all():
-            step = _step_without_reward(experiment, states)
-            raise InputError(
-                f"{experiment.task.name}: the reward of step {step} of sample {sample} in"
-                f" iteration {k} is not a number, though its states are; mend the reward"
-            )
+        check_rewards(experiment, trained(state), episodes.states[sample], int(sample), k)
     if not good.any():
         raise NotConverged(
             f"{experiment.task.name}: no sample of iteration {k} stayed finite; lower the learning"
@@ -90,13 +84,31 @@ def finite(experiment: Experiment, episodes: Episodes, k: int) -> np.ndarray:
     return good
 
 
-def _step_without_reward(experiment: Experiment, states: np.ndarray) -> int | str:
-    """The first step whose reward is not finite without input, or the last, that of ``final``."""
-    task, p = experiment.task, experiment.physics
+def check_rewards(
+    experiment: Experiment, policy: Trained, states: np.ndarray, sample: int, k: int
+) -> None:
+    """Raise :class:`~ocp.errors.InputError` where all ``states`` (H+1, nx) are finite: why else?
+
+    The step is the first whose reward is not finite under the inputs without noise, and the last,
+    where ``final`` counts, if there is none.
+    """
+    if not np.isfinite(states).all():
+        return
+    task, inputs = experiment.task, experiment.inputs(policy, states[:-1])
+    step = len(states) - 1
     for t, (x, after) in enumerate(pairwise(states)):
-        if not np.isfinite(float(task.rewards(x, (task.lower + task.upper) / 2, after, p))):
-            return t
-    return len(states) - 1
+        if not np.isfinite(float(task.rewards(x, inputs[t], after, experiment.physics))):
+            step = t
+            break
+    raise InputError(no_number(experiment, step, f"sample {sample} in iteration {k}"))
+
+
+def no_number(experiment: Experiment, step: int, where: str) -> str:
+    """That a reward is not a number, and where."""
+    return (
+        f"{experiment.task.name}: the reward of step {step} of {where} is not a number, though the"
+        " states are; mend the reward, or end the episode before"
+    )
 
 
 def remembered(experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray) -> State:
