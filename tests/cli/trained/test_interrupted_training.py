@@ -23,7 +23,7 @@ EAGER = "from ocp.store import checkpoint; checkpoint.EVERY_S = 0.0"
 PROGRAM = [sys.executable, "-c",
            f"{EAGER}; import sys; from reports.cli.app import main; sys.exit(main())"]  # fmt: skip
 ROOT = Path(__file__).parents[3]
-LONG = ["train", "ball-throw", "-s", "unroll=50", "-s", "samples=4", "-s", "rate=0.01",
+LONG = ["train", "ball-throw", "-s", "samples=4", "-s", "rate=0.01",
         "-s", "evaluate_every=50", "-s", "hidden=4", "--iterations", "150", "--quiet"]  # fmt: skip
 
 
