@@ -20,7 +20,7 @@ def mass(machine: PublishedMachine, link: str) -> Any:
 
 
 def inertia(machine: PublishedMachine, link: str) -> Any:
-    """Declare the parameter ``inertia_<link>``, about the centre of mass, by default the table's."""
+    """Declare the parameter ``inertia_<link>``, about its centre of mass, as in the table."""
     return quantity(_weights(machine, link)[1], "kg m^2", f"inertia of the {link}", above=0)
 
 
