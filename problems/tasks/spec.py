@@ -21,6 +21,8 @@ class TaskSpec(Spec):
     state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes`` label
     the drawing. ``decisions`` is how many inputs of an episode matter, None for one a step: of a
     throw the first. ``known`` bounds observations by name, those that do not reach any number.
+    ``training`` are settings by which an algorithm learns this task, of the
+    algorithm called so, and under ``"all"`` of every one; others are at their own defaults.
     """
 
     build: Callable[[Any], Task]
@@ -29,6 +31,7 @@ class TaskSpec(Spec):
     axes: tuple[str, str]
     decisions: int | None = None
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    training: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def task(self, values: Mapping[str, Any] | None = None) -> Task:
         """Build the task at ``values``, the rest at their defaults.
