@@ -1,9 +1,18 @@
 """Many samples at once: CasADi graphs over arrays, compiled where there is a compiler."""
 
 from dynamics.batch.engines.compiler import CompilerError
+from dynamics.batch.episodes import EpisodeFunction, EpisodeMoments, Episodes
 from dynamics.batch.export import TabulatedPolicy, exported, identifier
 from dynamics.batch.function import BatchFunction
-from dynamics.batch.graphs.policy import RolloutPolicy, affine, open_loop
+from dynamics.batch.graphs.objective import Episode
+from dynamics.batch.graphs.policy import (
+    DensePolicy,
+    RolloutPolicy,
+    affine,
+    constant,
+    dense,
+    open_loop,
+)
 from dynamics.batch.graphs.tape import UnsupportedOperation
 from dynamics.batch.moments import Moments
 from dynamics.batch.nonfinite import BatchWarning, NonFinite
@@ -15,6 +24,11 @@ __all__ = [
     "BatchFunction",
     "BatchWarning",
     "CompilerError",
+    "DensePolicy",
+    "Episode",
+    "EpisodeFunction",
+    "EpisodeMoments",
+    "Episodes",
     "Gaussian",
     "Moments",
     "NonFinite",
@@ -27,6 +41,8 @@ __all__ = [
     "TabulatedPolicy",
     "UnsupportedOperation",
     "affine",
+    "constant",
+    "dense",
     "exported",
     "identifier",
     "open_loop",

@@ -11,11 +11,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from textwrap import wrap
 
-import casadi as ca
 import numpy as np
 
 from dynamics.batch.engines import c_source, c_steps
 from dynamics.batch.engines.c_prelude import scalar_prelude
+from dynamics.batch.graphs.objective import free_of_cost
 from dynamics.batch.graphs.policy import open_loop
 from dynamics.batch.graphs.rollout_tapes import build_tapes
 from dynamics.batch.graphs.tape import tape_of
@@ -128,14 +128,7 @@ def exported(
     Raises `ValueError` where sizes do not fit.
     """
     system, name = step.system, identifier(name)
-    x, u, p = system.x, system.u, step.p.vector
-    nothing = ca.SX(0)
-    tapes = build_tapes(
-        step,
-        ca.Function("stage", [x, u, p], [nothing]),
-        ca.Function("terminal", [x, p], [nothing]),
-        open_loop(system.nx, system.nu),
-    )
+    tapes = build_tapes(step, free_of_cost(step), open_loop(system.nx, system.nu))
     functions = {**c_steps.graphs(tapes), "adjoint": tapes.adjoint}
     body = "".join(
         (

@@ -2,42 +2,21 @@
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.arguments import (
-    BLOCK,
-    as_doubles,
-    as_output,
-    as_rows,
-    checked_block,
-    common_length,
-)
-from dynamics.batch.engines.casadi_kernel import CasadiKernel
-from dynamics.batch.engines.choice import choose
-from dynamics.batch.engines.numpy_kernel import NumpyKernel
-from dynamics.batch.engines.parallel import checked_threads
-from dynamics.batch.engines.rollout_engines import (
-    Call,
-    ChunkEngine,
-    RolloutEngine,
-    c_rollout_engine,
-)
-from dynamics.batch.graphs.asked import Asked
+from dynamics.batch.arguments import BLOCK, as_output, as_rows, common_length
+from dynamics.batch.engines.rollout_engines import Results
+from dynamics.batch.graphs.objective import Costs
 from dynamics.batch.graphs.policy import RolloutPolicy
-from dynamics.batch.graphs.rollout_tapes import build_tapes
-from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
-from dynamics.batch.moments import Moments, merge_chunks
-from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
+from dynamics.batch.moments import Moments
+from dynamics.batch.nonfinite import NonFinite
 from dynamics.batch.random import Gaussian
+from dynamics.batch.rolling import Rolling
 from dynamics.contact import Step
-
-# Moments are kept for each chunk until this many samples, and then merged into the total.
-STRIDE = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -65,7 +44,7 @@ class RolloutMoments:
     nonfinite: NonFinite
 
 
-class RolloutFunction:
+class RolloutFunction(Rolling):
     """Cost of closed-loop rollouts through contact, and its exact gradient, for many samples.
 
         cost = sum_{t<N} stage_cost(x_t, u_t, p) + terminal_cost(x_N, p)
@@ -96,27 +75,8 @@ class RolloutFunction:
         threads: int | None = None,
         block: int = BLOCK,
     ) -> None:
-        if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
-            raise ValueError(f"horizon must be a whole number of steps, at least 1, not {horizon}")
-        self.horizon, self.policy = horizon, policy
-        self.threads, self.block = checked_threads(threads), checked_block(block)
-        self.default_p = step.p.values
-        self.tapes = build_tapes(step, stage_cost, terminal_cost, policy)
-        self._derive = NumpyKernel(tape_of(self.tapes.derived))
-        self.backend, self._engine = choose(backend, self._makers(), "the rollout")
-
-    def _makers(self) -> dict[str, Any]:
-        def chunks(make: Any) -> RolloutEngine:
-            return ChunkEngine(self.tapes, self.horizon, self.policy.per_step, self.threads, make)
-
-        makers: dict[str, Any] = {
-            "c": lambda: c_rollout_engine(self.tapes, self.threads, self.block),
-            "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
-            "casadi": lambda: chunks(CasadiKernel),
-        }
-        if isinstance(self.tapes.forward, Asked):
-            del makers["c"]
-        return makers
+        costs = Costs(stage_cost, terminal_cost)
+        super().__init__(step, costs, horizon, policy, backend, threads, block)
 
     def __call__(
         self,
@@ -141,20 +101,16 @@ class RolloutFunction:
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        q = self._request(x0, theta, p, noise, n_samples, u_before, gradient, score)
+        start = self._start(x0, u_before)
+        q = self._request(start, theta, p, noise, n_samples, gradient=gradient, score=score)
         shape = (q.n, *self.policy.shape(self.horizon))
         cost = as_output(out and out.cost, (q.n,), "cost")
         parts = [
             as_output(out and getattr(out, name), shape, name) if wanted else None
             for name, wanted in (("gradient", gradient), ("score", score))
         ]
-        rows = [None if a is None else a.reshape(q.n, q.theta.shape[1]) for a in parts]
-        bad = self._engine.samples(q, cost.reshape(-1, 1), rows[0], rows[1]) if q.n else 0
-        nonfinite = NonFinite()
-        if bad:
-            nonfinite = non_finite_rows([cost, *[a for a in parts if a is not None]])
-        if nonfinite:
-            warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=2)
+        slopes, scores = (None if a is None else a.reshape(q.n, q.theta.shape[1]) for a in parts)
+        nonfinite = self._sampled(q, Results(cost.reshape(-1, 1), slopes, scores))
         return Rollouts(cost, parts[0], parts[1], nonfinite)
 
     def moments(
@@ -175,101 +131,17 @@ class RolloutFunction:
         Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
         gradient (cost - baseline) * score. Raises `ValueError` as a call does.
         """
-        q = self._request(x0, theta, p, noise, n_samples, u_before, gradient, score)
-        q = replace(q, baseline=float(baseline))
-        total: Moments | None = None
-        bad: list[np.ndarray] = []
-        for begin in range(0, q.n, STRIDE):
-            part = q.part(begin, min(begin + STRIDE, q.n))
-            merged, indices = self._stride(part)
-            bad.append(begin + indices)
-            total = merged if total is None else total.merged(merged)
-        total = total or merge_chunks(*(np.zeros((0, q.n_values)),) * 3)
-        indices = np.concatenate([*bad, np.empty(0, dtype=np.int64)])
-        nonfinite = NonFinite(len(indices), indices)
-        if nonfinite:
-            warnings.warn(f"rollout: {nonfinite}; left out", BatchWarning, stacklevel=2)
-        return self._named(total, q, nonfinite)
-
-    def _stride(self, q: Call) -> tuple[Moments, np.ndarray]:
-        chunk = self._engine.chunk
-        table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
-        bad = self._engine.moments(q, table)
-        indices = self._find_bad(q, table[:, 0], chunk) if bad else np.empty(0, dtype=np.int64)
-        split = 1 + q.n_values
-        return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
-
-    def _find_bad(self, q: Call, counts: np.ndarray, chunk: int) -> np.ndarray:
-        """Roll the chunks that lost samples out again, to say which samples they were."""
-        found = []
-        for i, count in enumerate(counts):
-            begin, end = i * chunk, min((i + 1) * chunk, q.n)
-            if count < end - begin:
-                part, size = q.part(begin, end), q.theta.shape[1]
-                values = [np.empty((part.n, 1)), *np.empty((2, part.n, size))]
-                asked = [values[1] if q.gradient else None, values[2] if q.score else None]
-                self._engine.samples(part, values[0], asked[0], asked[1])
-                rows = non_finite_rows([values[0], *[a for a in asked if a is not None]])
-                found.append(begin + rows.indices)
-        return np.concatenate(found)
-
-    def _named(self, total: Moments, q: Call, nonfinite: NonFinite) -> RolloutMoments:
-        shape, size = self.policy.shape(self.horizon), q.theta.shape[1]
-
-        def block(begin: int, end: int, to: tuple[int, ...]) -> Moments:
-            mean, m2 = total.mean[begin:end].reshape(to), total.m2[begin:end].reshape(to)
-            return Moments(total.n, mean, m2)
-
-        after = 1 + size * q.gradient
-        return RolloutMoments(
-            cost=block(0, 1, ()),
-            gradient=block(1, 1 + size, shape) if q.gradient else None,
-            zeroth=block(after, after + size, shape) if q.score else None,
-            nonfinite=nonfinite,
-        )
-
-    def _request(
-        self,
-        x0: Any,
-        theta: Any,
-        p: Any,
-        noise: Any,
-        n_samples: int | None,
-        u_before: Any | None,
-        gradient: bool,
-        score: bool,
-    ) -> Call:
-        what, tapes = "the rollout", self.tapes
-        start = self._start(x0, u_before)
-        thetas = self._theta_rows(theta)
-        parameters = as_rows(self.default_p if p is None else p, len(self.default_p), "p", what)
-        derived = np.empty((tapes.np, len(parameters)))
-        self._derive.run([np.ascontiguousarray(parameters.T)], [derived])
-        w = None
-        gaussian = noise if isinstance(noise, Gaussian) else None
-        if score and gaussian is None:
-            raise ValueError("a score needs Gaussian noise; give noise=Gaussian(sigma, seed)")
-        if gaussian is not None:
-            gaussian.scales(tapes.nu)
-        elif noise is not None:
-            w = self._noise_rows(noise)
-        n = _sample_count({"x0": start, "theta": thetas, "p": parameters, "noise": w}, n_samples)
-        return Call(
-            n=n,
-            horizon=self.horizon,
-            parts=self.horizon if self.policy.per_step else 1,
-            x0=start,
-            theta=thetas,
-            p=np.ascontiguousarray(derived.T),
-            w=w,
-            gaussian=gaussian,
-            gradient=gradient,
-            score=score,
-        )
+        q = self._request(
+            self._start(x0, u_before), theta, p, noise, n_samples,
+            gradient=gradient, score=score, baseline=float(baseline),
+        )  # fmt: skip
+        (cost, slope, zeroth), nonfinite = self._summed(q)
+        assert cost is not None
+        return RolloutMoments(cost, slope, zeroth, nonfinite)
 
     def _start(self, x0: Any, u_before: Any | None) -> np.ndarray:
         """Initial states, with the input before beside them where the cost asks for it."""
-        n_before = self.tapes.n_before
+        n_before = self.tapes.n_carried
         if (u_before is not None) != (n_before > 0):
             raise ValueError(
                 "the stage cost is of (x, u, du, p): give u_before, the input before the first"
@@ -282,40 +154,3 @@ class RolloutFunction:
         before = as_rows(u_before, n_before, "u_before", "the rollout")
         n = common_length([states, before], ["x0", "u_before"], "the rollout")
         return np.hstack([np.broadcast_to(a, (n, a.shape[1])) for a in (states, before)])
-
-    def _theta_rows(self, theta: Any) -> np.ndarray:
-        shape = self.policy.shape(self.horizon)
-        array = as_doubles(theta, "theta", "the rollout")
-        if array.shape[-len(shape) :] != shape or array.ndim > len(shape) + 1:
-            raise ValueError(
-                f"theta has shape {array.shape}; expected {shape}, shared by all samples, "
-                f"or (n_samples, {', '.join(map(str, shape))})"
-            )
-        return np.ascontiguousarray(array.reshape(-1, self.policy.total(self.horizon)))
-
-    def _noise_rows(self, noise: Any) -> np.ndarray:
-        shape = (self.horizon, self.tapes.nu)
-        array = as_doubles(noise, "noise", "the rollout")
-        if array.ndim != 3 or array.shape[1:] != shape:
-            raise ValueError(
-                f"noise has shape {array.shape}; expected (n_samples, {shape[0]}, {shape[1]}): "
-                "samples, steps, inputs"
-            )
-        return np.ascontiguousarray(array.reshape(len(array), -1))
-
-
-def _sample_count(rows: dict[str, np.ndarray | None], n_samples: int | None) -> int:
-    """How many samples the arrays and `n_samples` agree on; `ValueError` where they do not."""
-    lengths = {
-        name: len(a)
-        for name, a in rows.items()
-        if a is not None and (len(a) != 1 or name == "noise")
-    }
-    if n_samples is not None:
-        if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
-            raise ValueError(f"n_samples must be a whole number of at least 0, not {n_samples!r}")
-        lengths["n_samples"] = int(n_samples)
-    if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} has {length}" for name, length in lengths.items())
-        raise ValueError(f"the rollout's arrays disagree along axis 0 (samples): {told}")
-    return next(iter(lengths.values()), 1)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from dynamics.batch.arguments import BLOCK, as_rows, checked_block, common_length
@@ -16,6 +15,7 @@ from dynamics.batch.engines.numpy_kernel import NumpyKernel
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.engines.step_engines import ChunkStepEngine, c_step_engine
 from dynamics.batch.function import BatchFunction
+from dynamics.batch.graphs.objective import free_of_cost
 from dynamics.batch.graphs.policy import open_loop
 from dynamics.batch.graphs.rollout_tapes import build_tapes
 from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
@@ -49,15 +49,10 @@ class StepFunction:
     def __init__(
         self, step: Step, backend: str = "auto", threads: int | None = None, block: int = BLOCK
     ) -> None:
-        system, p, nothing = step.system, step.p.vector, ca.SX(0)
+        system = step.system
         self.threads, self.block = checked_threads(threads), checked_block(block)
         self.default_p = step.p.values
-        self.tapes = build_tapes(
-            step,
-            ca.Function("stage", [system.x, system.u, p], [nothing]),
-            ca.Function("terminal", [system.x, p], [nothing]),
-            open_loop(system.nx, system.nu),
-        )
+        self.tapes = build_tapes(step, free_of_cost(step), open_loop(system.nx, system.nu))
         self._derive = NumpyKernel(tape_of(self.tapes.derived))
         self.backend, self._engine = choose(backend, self._makers(), "the step")
 

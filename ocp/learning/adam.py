@@ -1,4 +1,4 @@
-"""Adam: descent along a running mean of gradients over their running size."""
+"""Adam: steps along a running mean of gradients over their running size."""
 
 from __future__ import annotations
 
@@ -9,14 +9,31 @@ import numpy as np
 Slope = Callable[[np.ndarray], tuple[float, np.ndarray]]
 """Maps parameters to a cost and its gradient, which may be a sample of it."""
 
+DECAY = (0.9, 0.999)
+
+
+def adam_step(
+    gradient: np.ndarray,
+    m: np.ndarray,
+    v: np.ndarray,
+    count: int,
+    decay: tuple[float, float] = DECAY,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Step ``count`` = 1, 2, ... at rate 1, and the next m and v (Kingma and Ba, algorithm 1).
+
+    ``m <- b1 m + (1 - b1) g``, ``v <- b2 v + (1 - b2) g²`` and the step
+    ``m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + 1e-8)``, ``decay`` being (b1, b2).
+    """
+    m = decay[0] * m + (1 - decay[0]) * gradient
+    v = decay[1] * v + (1 - decay[1]) * gradient**2
+    first, second = m / (1 - decay[0] ** count), v / (1 - decay[1] ** count)
+    return first / (np.sqrt(second) + 1e-8), m, v
+
 
 def adam(
-    slope: Slope, theta: np.ndarray, rate: float, decay: tuple[float, float] = (0.9, 0.999)
+    slope: Slope, theta: np.ndarray, rate: float, decay: tuple[float, float] = DECAY
 ) -> Iterator[tuple[np.ndarray, float]]:
-    """Give theta and its cost, before each step, for ever (Kingma and Ba, 2015, algorithm 1).
-
-    ``m <- b1 m + (1 - b1) g``, ``v <- b2 v + (1 - b2) g²`` and
-    ``theta <- theta - rate m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + 1e-8)``, ``decay`` being (b1, b2).
+    """Give theta and its cost, before each step down by ``rate``, for ever.
 
     Raises ``ValueError`` where a gradient is not finite.
     """
@@ -29,7 +46,5 @@ def adam(
         if not np.isfinite(gradient).all():
             raise ValueError(f"adam: the gradient of step {count} is not finite; lower the rate")
         count += 1
-        m = decay[0] * m + (1 - decay[0]) * gradient
-        v = decay[1] * v + (1 - decay[1]) * gradient**2
-        first, second = m / (1 - decay[0] ** count), v / (1 - decay[1] ** count)
-        theta -= rate * first / (np.sqrt(second) + 1e-8)
+        step, m, v = adam_step(gradient, m, v, count, decay)
+        theta -= rate * step

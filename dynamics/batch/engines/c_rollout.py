@@ -7,7 +7,7 @@ first-level cache for problems of ordinary size.
 
 from __future__ import annotations
 
-from dynamics.batch.engines import c_random, c_steps
+from dynamics.batch.engines import c_dense, c_random, c_steps
 from dynamics.batch.engines.c_prelude import prelude
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.graphs.rollout_tapes import RolloutTapes
@@ -22,11 +22,20 @@ _JOB = """\
 enum { WANT_GRADIENT = 1, WANT_SCORE = 2, WANT_MOMENTS = 4 };
 typedef struct {
   i64 horizon, parts, want, shared_x0, shared_theta, shared_p, noise, key0, key1, first;
-  const double *x0, *theta, *p, *w, *sigma, *precision;
-  double *cost, *gradient, *score, *moments;
+  const double *x0, *theta, *p, *w, *along, *sigma, *precision;
+  double *cost, *gradient, *score, *last, *trail, *moments;
   double baseline;
 } job;
-typedef struct { V *x, *lam, *w, *theta, *p, *gradient, *score, *cost; i64 w_step, ts; } memory;
+#if DENSE && !OWN
+typedef const double *weights_at;
+#else
+typedef V *weights_at;
+#endif
+typedef struct {
+  V *x, *lam, *w, *theta, *p, *gradient, *score, *cost, *after;
+  weights_at weights;
+  i64 w_step, ts, theta_step;
+} memory;
 """
 
 # Entry k of what register j of a block has is number k U + j, so that all registers of a block
@@ -43,8 +52,8 @@ INLINE const char *next_stop(lines f) { return f.at + f.each < f.stop ? f.at + f
   for (const char *stop = next_stop(f); f.at < stop; f.at += 64) __builtin_prefetch(f.at, write)
 static void forward(const job *q, const memory *a, i64 next, i64 end) {
   i64 ahead = next + U * W < end ? next + U * W : end, n = q->horizon, ts = a->ts;
-  i64 theta_step = q->parts > 1 ? NT * ts : 0;
-  lines theta_lines = lines_of(q->theta, q->parts * NT, next, q->shared_theta ? next : ahead, n);
+  i64 theta_step = a->theta_step, rows = q->shared_theta || DENSE ? next : ahead;
+  lines theta_lines = lines_of(q->theta, q->parts * NT, next, rows, n);
   lines noise_lines = lines_of(q->w, n * NU, next, q->noise == 1 ? ahead : next, n);
   V p[NP * PS + 1], cost[U];
   UNROLL for (int k = 0; k < NP * PS; k++) p[k] = a->p[k];
@@ -52,12 +61,14 @@ static void forward(const job *q, const memory *a, i64 next, i64 end) {
   V *x = a->x, *lam = a->lam;
   const V *theta = a->theta, *w = a->w;
   for (i64 t = 0; t < n; t++, x += NX * U, lam += NL * U, theta += theta_step, w += a->w_step) {
+    V *after = q->along ? a->after : x + NX * U;
     FETCH(theta_lines, 0);
     FETCH(noise_lines, 0);
+    choose_actions(a, t);
     EACH for (int j = 0; j < U; j += A) {
       V stage[A];
       const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j};
-      V *out[] = {x + NX * U + j, lam + j, stage};
+      V *out[] = {after + j, lam + j, stage};
       one_step(in, out, ts);
       UNROLL for (int r = 0; r < A; r++) cost[j + r] += stage[r];
     }
@@ -72,10 +83,10 @@ static void forward(const job *q, const memory *a, i64 next, i64 end) {
 }
 static void backward(const job *q, const memory *a, i64 row, i64 end) {
   i64 last = row + U * W < end ? row + U * W : end, n = q->horizon, ts = a->ts;
-  i64 theta_step = q->parts > 1 ? NT * ts : 0;
-  lines gradient_lines = lines_of(q->gradient, q->parts * NT, row,
+  i64 theta_step = a->theta_step;
+  lines gradient_lines = lines_of(q->gradient, q->parts * GT, row,
                                   q->want & WANT_MOMENTS ? row : last, n);
-  V bars[(NX + 1) * U], p[NP * PS + 1];
+  V bars[(NX + 1) * U], p[NP * PS + 1], action_bar[NT * U + 1];
   UNROLL for (int k = 0; k < NP * PS; k++) p[k] = a->p[k];
   V *x = a->x + n * NX * U, *lam = a->lam + n * NL * U, *g = a->gradient + (n - 1) * NT * U;
   const V *theta = a->theta + n * theta_step, *w = a->w + n * a->w_step;
@@ -85,8 +96,8 @@ static void backward(const job *q, const memory *a, i64 row, i64 end) {
     terminal_adjoint(in, out);
   }
   if (q->parts == 1) {
-    g = a->gradient;
-    for (int k = 0; k < NT * U; k++) g[k] = (V){};
+    g = DENSE ? action_bar : a->gradient;
+    for (i64 k = 0; k < GT * U; k++) a->gradient[k] = (V){};
   }
   for (i64 t = 0; t < n; t++) {
     x -= NX * U, lam -= NL * U, theta -= theta_step, w -= a->w_step;
@@ -97,26 +108,31 @@ static void backward(const job *q, const memory *a, i64 row, i64 end) {
       V *out[] = {before, part};
       adjoint(in, out, ts);
       UNROLL for (int k = 0; k < NX * A; k++) bars[k / A * U + j + k % A] = before[k];
-      if (q->parts > 1) UNROLL for (int k = 0; k < NT * A; k++) g[k / A * U + j + k % A] = part[k];
+      if (q->parts > 1 || DENSE)
+        UNROLL for (int k = 0; k < NT * A; k++) g[k / A * U + j + k % A] = part[k];
       else UNROLL for (int k = 0; k < NT * A; k++) g[k / A * U + j + k % A] += part[k];
     }
     if (q->parts > 1) g -= NT * U;
+    if (DENSE) blame(a, n - 1 - t, action_bar, bars, a->gradient);
   }
 }
 static void scores(const job *q, const memory *a) {
-  i64 ts = a->ts, theta_step = q->parts > 1 ? NT * ts : 0, to = q->parts > 1 ? NT * U : 0;
-  V part[NT * A + 1], weighed[NU * A + 1];
-  for (i64 k = 0; k < q->parts * NT * U; k++) a->score[k] = (V){};
-  for (i64 t = 0; t < q->horizon; t++)
+  i64 ts = a->ts, theta_step = a->theta_step, to = q->parts > 1 ? NT * U : 0;
+  V part[NT * A + 1], weighed[NU * A + 1], action_bar[NT * U + 1];
+  for (i64 k = 0; k < q->parts * GT * U; k++) a->score[k] = (V){};
+  for (i64 t = 0; t < q->horizon; t++) {
     for (int j = 0; j < U; j += A) {
       const V *w = a->w + t * a->w_step + j, *x = a->x + t * NX * U + j;
-      V *s = a->score + t * to + j;
+      V *s = DENSE ? action_bar + j : a->score + t * to + j;
       for (int k = 0; k < NU * A; k++) weighed[k] = w[k / A * U + k % A] * q->precision[k / A];
       const V *in[] = {x, a->theta + t * theta_step + (ts > 1) * j, weighed};
       V *out[] = {part};
       score(in, out, ts);
-      for (int k = 0; k < NT * A; k++) s[k / A * U + k % A] += part[k];
+      for (int k = 0; k < NT * A; k++)
+        s[k / A * U + k % A] = DENSE ? part[k] : s[k / A * U + k % A] + part[k];
     }
+    if (DENSE) blame(a, t, action_bar, 0, a->score);
+  }
 }
 """
 
@@ -130,17 +146,21 @@ _STRIDES = {
     "score": (("U", "ts", "A"), ("A",)),
     "terminal": (("U", "PS"), ("A",)),
     "terminal_adjoint": (("U", "PS"), ("U",)),
+    "observe": (("U", "PS"), ("U",)),
+    "observe_adjoint": (("U", "PS", "U"), ("A",)),
 }
 
 _LOAD = """\
 static void load_block(const job *q, const memory *a, i64 row, i64 end) {
-  i64 nw = q->horizon * NU, nt = q->parts * NT;
+  i64 nw = q->horizon * NU, nt = q->parts * GT, nx = (q->horizon + 1) * NX;
   Q keys[2 * ROUNDS];
   if (q->noise == 2) schedule(q->key0, q->key1, keys);
   for (int j = 0; j < U; j++, row += W) {
     if (!q->shared_x0) load_rows(q->x0, NX, row, end, a->x + j, U);
     else for (int k = 0; k < NX; k++) a->x[k * U + j] = SPLAT(q->x0[k]);
-    if (!q->shared_theta) load_rows(q->theta, nt, row, end, a->theta + j, U);
+    if (q->along) load_rows(q->along, nx, row, end, a->x + j, U);
+    if (!q->shared_theta)
+      load_rows(q->theta, nt, row, end, (DENSE ? (V *)a->weights : a->theta) + j, U);
     if (PS > 1) load_rows(q->p, NP, row, end, a->p + j, U);
     if (q->noise == 1) load_rows(q->w, nw, row, end, a->w + j, U);
     if (q->noise == 2)
@@ -195,22 +215,33 @@ static void finish(const accumulator *c, i64 n, double *out) {
 _RUN = """\
 INLINE M inside(i64 row, i64 end) { M m; LANES m[l] = -(i64)(row + l < end); return m; }
 static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
-  i64 N = q->horizon, nt = q->parts * NT;
+  i64 N = q->horizon, nt = q->parts * GT;
   int gradient = (q->want & WANT_GRADIENT) != 0, score = (q->want & WANT_SCORE) != 0;
-  int moments = (q->want & WANT_MOMENTS) != 0, in_place = !q->shared_theta && q->parts > 1;
+  int moments = (q->want & WANT_MOMENTS) != 0;
+  int in_place = !DENSE && !q->shared_theta && q->parts > 1;
   i64 values = 1 + nt * (gradient + score), w_step = q->noise ? NU * U : 0;
   i64 sizes[] = {(N + 1) * NX * U, N * NL * U, w_step ? N * w_step : NU * U,
-                 nt * (q->shared_theta ? 1 : U), NP * PS, in_place ? 0 : nt * U,
-                 score ? nt * U : 0, U, 3 * values};
+                 DENSE ? N * NU * U : nt * (q->shared_theta ? 1 : U), NP * PS,
+                 in_place ? 0 : nt * U, score ? nt * U : 0, U, q->along ? NX * U : 0,
+                 DENSE && OWN ? nt * U : 0, 3 * values};
+  enum { PARTS = sizeof(sizes) / sizeof(sizes[0]) };
   i64 size = 0;
-  for (int k = 0; k < 9; k++) size += sizes[k];
-  V *all = aligned_alloc(sizeof(V), sizeof(V) * size), *parts[9], *top = all;
+  for (int k = 0; k < PARTS; k++) size += sizes[k];
+  V *all = aligned_alloc(sizeof(V), sizeof(V) * size), *parts[PARTS], *top = all;
   if (!all) return -1;
-  for (int k = 0; k < 9; k++) parts[k] = top, top += sizes[k];
+  for (int k = 0; k < PARTS; k++) parts[k] = top, top += sizes[k];
+  i64 ts = q->shared_theta && !DENSE ? 1 : U;
   memory a = {parts[0], parts[1], parts[2], parts[3], parts[4], parts[in_place ? 3 : 5],
-              parts[6], parts[7], w_step, q->shared_theta ? 1 : U};
-  top = parts[8];
-  if (q->shared_theta) load_shared(q->theta, nt, a.theta, 1);
+              parts[6], parts[7], parts[8],
+#if DENSE && !OWN
+              q->theta,
+#else
+              parts[9],
+#endif
+              w_step, ts, DENSE ? NU * U : q->parts > 1 ? NT * ts : 0};
+  top = parts[10];
+  if (q->shared_theta && !DENSE) load_shared(q->theta, nt, a.theta, 1);
+  if (DENSE && OWN && q->shared_theta) load_shared(q->theta, nt, (V *)a.weights, U);
   if (PS == 1) load_shared(q->p, NP, a.p, 1);
   if (!q->noise) for (i64 k = 0; k < NU * U; k++) a.w[k] = (V){};
   accumulator sums = {top, top + values, top + 2 * values, {}};
@@ -231,6 +262,8 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
       V *g = a.gradient + j, *s = a.score + j, *cost = a.cost + j;
       M ok = total[j] - total[j] == 0.0;
       bad += count_rows(~ok, row, end);
+      if (q->last) store_rows(q->last, NX, row, end, a.x + N * NX * U + j, U);
+      if (q->trail) store_rows(q->trail, (N + 1) * NX, row, end, a.x + j, U);
       if (!moments) {
         store_rows(q->cost, 1, row, end, cost, U);
         if (gradient) store_rows(q->gradient, nt, row, end, g, U);
@@ -265,20 +298,31 @@ i64 run(i64 *next, i64 n, i64 chunk, const job *q) {
 """
 
 
-def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = False) -> str:
+def source(
+    tapes: RolloutTapes,
+    block: int,
+    machine: Compiler,
+    own_p: bool = False,
+    own_theta: bool = False,
+) -> str:
     """The C text of a rollout on this machine, for blocks of about `block` samples.
 
-    With `own_p` every sample has parameters of its own; else they may stay in registers.
+    With `own_p` every sample has parameters of its own; else they may stay in registers. With
+    `own_theta` so it is for the weights of dense layers.
     """
-    functions = c_steps.graphs(tapes)
+    functions, layers = c_steps.graphs(tapes), tapes.layers
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         functions[name] = getattr(tapes, name)
+    if layers is not None:
+        functions |= {"observe": layers.observe, "observe_adjoint": layers.observe_adjoint}
     length = sum(fn.n_instructions() for fn in functions.values())
     abreast = 2 if UNROLLED < length <= LONG else 1
     constants = {
         "EACH": "UNROLL" if length <= UNROLLED else "",
         "U": abreast * max(1, block // (abreast * machine.width)),
         "PS": "U" if own_p else "1",
+        "GT": tapes.n_theta if layers is None else layers.n_weights,
+        **c_dense.constants(layers, own_theta),
     }
     return "".join(
         (
@@ -288,6 +332,7 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler, own_p: bool = Fal
             c_steps.one_step(tapes, with_ts=True),
             c_random.source(),
             _JOB,
+            c_dense.source(layers),
             _SWEEPS,
             _LOAD,
             _MOMENTS,

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
 
+from dynamics.batch.engines.chunk_network import ChunkNetwork, Kernel
 from dynamics.batch.engines.scratch import Scratch
 from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.rollout_tapes import RolloutTapes
 
 Array = np.ndarray
-
-
-class Kernel(Protocol):
-    """Evaluates one short graph over samples: arrays `(nnz, m)` in and out, samples last."""
-
-    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
-        """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
-        ...
 
 
 class ChunkRollout:
@@ -41,6 +33,7 @@ class ChunkRollout:
         self.scratch = Scratch()
         self.adjoint, self.score = make(tapes.adjoint), make(tapes.score)
         self.terminal, self.terminal_adjoint = make(tapes.terminal), make(tapes.terminal_adjoint)
+        self.network = None if tapes.layers is None else ChunkNetwork(tapes.layers, make)
         loop = tapes.forward
         if isinstance(loop, Asked):
             self.queries, self.closing = make(loop.queries), make(loop.closing)
@@ -52,22 +45,33 @@ class ChunkRollout:
             self.step = make(loop)
 
     def forward(
-        self, x0: Array, theta: Array, p: Array, w: Array, m: int, slopes: bool = True
+        self,
+        x0: Array,
+        theta: Array,
+        p: Array,
+        w: Array,
+        m: int,
+        slopes: bool = True,
+        along: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """States `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
 
         They are lost at the next call. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and
         `w` (N, nu, m) may each have 1 in place of m, for one that all samples share. Without
-        ``slopes`` no adjoint can follow.
+        ``slopes`` no adjoint can follow. Every step starts at ``along`` (N + 1, nx, m), where
+        given.
         """
         x = self.scratch.array("x", self.horizon + 1, self.tapes.nx, m)
+        after = self.scratch.array("after", self.tapes.nx, m)
         lam = self.scratch.array("lam", self.horizon, self.tapes.nlam, m)
         cost, stage = self.scratch.array("costs", 2, 1, m)
         cost[...] = 0.0
         x[0] = x0
+        if along is not None:
+            x[...] = along
         for t in range(self.horizon):
-            arguments = [x[t], self._theta(theta, t), w[t], p]
-            results = [x[t + 1], lam[t], stage]
+            arguments = [x[t], self._theta(theta, x[t], p, t), w[t], p]
+            results = [x[t + 1] if along is None else after, lam[t], stage]
             if isinstance(self.tapes.forward, Asked):
                 evaluated = self._evaluate(self.tapes.forward, arguments, slopes)
                 self.closing.run([*arguments, evaluated], results)
@@ -80,7 +84,10 @@ class ChunkRollout:
         cost += stage
         return x, lam, cost[0]
 
-    def _theta(self, theta: Array, t: int) -> Array:
+    def _theta(self, theta: Array, x: Array, p: Array, t: int) -> Array:
+        """What the graphs of step t take for theta."""
+        if self.network is not None:
+            return self.network.actions(theta[0], x, p)
         return theta[t] if self.per_step else theta[0]
 
     def _evaluate(self, asked: Asked, arguments: list[Array], slopes: bool) -> Array:
@@ -149,16 +156,21 @@ class ChunkRollout:
             gradient[...] = 0.0
         self.terminal_adjoint.run([x[-1], p], [xbar])
         for t in reversed(range(self.horizon)):
-            arguments = [x[t], self._theta(theta, t), w[t], p, lam[t], xbar]
+            arguments = [x[t], self._theta(theta, x[t], p, t), w[t], p, lam[t], xbar]
             self.adjoint.run(arguments, [before, gradient[t] if self.per_step else part])
-            if not self.per_step:
+            if self.network is not None:
+                before += self.network.pulled_back(theta[0], x[t], p, part, gradient[0])
+            elif not self.per_step:
                 gradient[0] += part
             xbar, before = before, xbar
 
-    def scores(self, x: Array, theta: Array, w: Array, score: Array) -> None:
+    def scores(self, x: Array, theta: Array, p: Array, w: Array, score: Array) -> None:
         """Fill `score` (N or 1, n_theta, m) with the sum over steps of D_theta law' w."""
         part = np.empty((self.tapes.n_theta, x.shape[-1]))
         score[...] = 0.0
         for t in range(self.horizon):
-            self.score.run([x[t], self._theta(theta, t), w[t]], [part])
-            score[t if self.per_step else 0] += part
+            self.score.run([x[t], self._theta(theta, x[t], p, t), w[t]], [part])
+            if self.network is not None:
+                self.network.pulled_back(theta[0], x[t], p, part, score[0])
+            else:
+                score[t if self.per_step else 0] += part

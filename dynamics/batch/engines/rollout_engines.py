@@ -26,7 +26,8 @@ class Call:
 
     `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is given noise,
     `gaussian` noise to be drawn, both None for none. `baseline` is subtracted from the cost before
-    it multiplies the score, in moments.
+    it multiplies the score, in moments. `along` (n, (horizon + 1) * nx), where given, is where
+    every step starts.
     """
 
     n: int
@@ -37,6 +38,7 @@ class Call:
     p: Array
     w: Array | None = None
     gaussian: Gaussian | None = None
+    along: Array | None = None
     gradient: bool = True
     score: bool = False
     baseline: float = 0.0
@@ -53,13 +55,31 @@ class Call:
             for name, value in (("x0", self.x0), ("theta", self.theta), ("p", self.p))
         }
         gaussian = None if self.gaussian is None else self.gaussian.after(begin)
-        w = None if self.w is None else self.w[begin:end]
+        own = {
+            name: None if value is None else value[begin:end]
+            for name, value in (("w", self.w), ("along", self.along))
+        }
         same = {
             f.name: getattr(self, f.name)
             for f in fields(self)
-            if f.name not in (*rows, "n", "w", "gaussian")
+            if f.name not in (*rows, *own, "n", "gaussian")
         }
-        return Call(n=end - begin, w=w, gaussian=gaussian, **rows, **same)
+        return Call(n=end - begin, gaussian=gaussian, **own, **rows, **same)
+
+
+@dataclass(frozen=True)
+class Results:
+    """Arrays to fill with values of n samples, all but the first where wanted.
+
+    `cost` (n, 1), `gradient` and `score` (n, parts * n_theta), `last` (n, nx) what is carried at
+    the end, `trail` (n, (horizon + 1) * nx) what is carried at every step.
+    """
+
+    cost: Array
+    gradient: Array | None = None
+    score: Array | None = None
+    last: Array | None = None
+    trail: Array | None = None
 
 
 class RolloutEngine(Protocol):
@@ -67,12 +87,15 @@ class RolloutEngine(Protocol):
 
     chunk: int
 
-    def samples(self, q: Call, cost: Array, gradient: Array | None, score: Array | None) -> int:
-        """Fill `cost` (n, 1), and `gradient` and `score` (n, parts * n_theta) where asked."""
+    def samples(self, q: Call, results: Results) -> int:
+        """Fill the results, the gradient and the score as `q` asks for them."""
         ...
 
-    def moments(self, q: Call, table: Array) -> int:
-        """Fill a row `(count, means, second moments)` of `table` for each chunk of samples."""
+    def moments(self, q: Call, table: Array, last: Array | None = None) -> int:
+        """Fill a row `(count, means, second moments)` of `table` for each chunk of samples.
+
+        `last` (n, nx), where given, gets what is carried at the end.
+        """
         ...
 
 
@@ -90,8 +113,8 @@ class Job(ctypes.Structure):
         *(
             (name, ctypes.c_void_p)
             for name in (
-                *("x0", "theta", "p", "w", "sigma", "precision"),
-                *("cost", "gradient", "score", "moments"),
+                *("x0", "theta", "p", "w", "along", "sigma", "precision"),
+                *("cost", "gradient", "score", "last", "trail", "moments"),
             )
         ),
         ("baseline", ctypes.c_double),
@@ -101,31 +124,34 @@ class Job(ctypes.Structure):
 class CompiledRolloutEngine:
     """Rollouts by a driver `run(next, n, chunk, job)` in machine code.
 
-    `make(own_p)` builds the driver for parameters that all samples share, or for parameters of
-    each sample's own, which is built when first asked for.
+    `make(own_p, own_theta)` builds the driver for parameters that all samples share, or for
+    parameters of each sample's own, which is built when first asked for; `dense` says that the
+    same goes for theta.
     """
 
     chunk = 1024
 
-    def __init__(self, nu: int, threads: int, make: Callable[[bool], Any]) -> None:
-        self._nu, self._threads, self._make = nu, threads, make
-        self._runs = {False: make(False)}
+    def __init__(
+        self, nu: int, threads: int, make: Callable[[bool, bool], Any], dense: bool
+    ) -> None:
+        self._nu, self._threads, self._make, self._dense = nu, threads, make, dense
+        self._runs = {(False, False): make(False, False)}
 
-    def samples(self, q: Call, cost: Array, gradient: Array | None, score: Array | None) -> int:
+    def samples(self, q: Call, results: Results) -> int:
         """Fill the arrays sample by sample."""
-        want = (gradient is not None) + 2 * (score is not None)
-        return self._all(q, want, cost=cost, gradient=gradient, score=score)
+        want = (results.gradient is not None) + 2 * (results.score is not None)
+        return self._all(q, want, **vars(results))
 
-    def moments(self, q: Call, table: Array) -> int:
-        """Fill the table chunk by chunk; nothing is kept of single samples."""
-        return self._all(q, q.gradient + 2 * q.score + 4, moments=table)
+    def moments(self, q: Call, table: Array, last: Array | None = None) -> int:
+        """Fill the table chunk by chunk; nothing else is kept of single samples."""
+        return self._all(q, q.gradient + 2 * q.score + 4, moments=table, last=last)
 
     def _all(self, q: Call, want: int, **results: Array | None) -> int:
         job, _alive = self._job(q, want, results)
-        own_p = len(q.p) > 1
-        if own_p not in self._runs:
-            self._runs[own_p] = self._make(own_p)
-        run = self._runs[own_p]
+        own = len(q.p) > 1, self._dense and len(q.theta) > 1
+        if own not in self._runs:
+            self._runs[own] = self._make(*own)
+        run = self._runs[own]
         run.restype = ctypes.c_int64
         run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
         return run_chunks(run, q.n, self.chunk, self._threads, ctypes.addressof(job))
@@ -138,7 +164,7 @@ class CompiledRolloutEngine:
         elif q.gaussian is not None:
             noise, key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(self._nu)
         arrays = {
-            **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w},
+            **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w, "along": q.along},
             **{"sigma": sigma, "precision": 1.0 / sigma**2, **results},
         }
         job = Job(
@@ -162,10 +188,10 @@ def c_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> CompiledR
     """The engine of backend `c`. Raises `CompilerError` where the rollout cannot be compiled."""
     machine = compiler.find_compiler()
 
-    def make(own_p: bool) -> Any:
-        return compiler.load(c_rollout.source(tapes, block, machine, own_p)).run
+    def make(own_p: bool, own_theta: bool) -> Any:
+        return compiler.load(c_rollout.source(tapes, block, machine, own_p, own_theta)).run
 
-    return CompiledRolloutEngine(tapes.nu, threads, make)
+    return CompiledRolloutEngine(tapes.nu, threads, make, tapes.layers is not None)
 
 
 _SHORT = 300
@@ -190,29 +216,33 @@ class ChunkEngine:
         self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
         self._rollout = ChunkRollout(tapes, horizon, per_step, make)
 
-    def samples(self, q: Call, cost: Array, gradient: Array | None, score: Array | None) -> int:
+    def samples(self, q: Call, results: Results) -> int:
         """Fill the arrays sample by sample."""
         bad: list[int] = []
+        targets = results.gradient, results.score, results.last, results.trail
 
         def work(begin: int, end: int) -> None:
-            chunk_cost, *rest = self._chunk(q.part(begin, end))
-            cost[begin:end, 0] = chunk_cost
-            for target, value in zip((gradient, score), rest, strict=True):
+            cost, gradient, score, trail = self._chunk(q.part(begin, end))
+            results.cost[begin:end, 0] = cost
+            kept = gradient, score, trail[-1], trail.reshape(-1, trail.shape[-1])
+            for target, value in zip(targets, kept, strict=True):
                 if target is not None:
                     transpose(value.T, target[begin:end])
             # A sum is finite only if all its terms are.
-            total = chunk_cost + sum(value.sum(axis=0) for value in rest)
+            total = cost + gradient.sum(axis=0) + score.sum(axis=0)
             bad.append(end - begin - int(np.count_nonzero(np.isfinite(total))))
 
         over_chunks(q.n, self.chunk, self._threads, work)
         return sum(bad)
 
-    def moments(self, q: Call, table: Array) -> int:
-        """Fill the table chunk by chunk; nothing is kept of single samples."""
+    def moments(self, q: Call, table: Array, last: Array | None = None) -> int:
+        """Fill the table chunk by chunk; nothing else is kept of single samples."""
         bad: list[int] = []
 
         def work(begin: int, end: int) -> None:
-            cost, gradient, score = self._chunk(q.part(begin, end))
+            cost, gradient, score, trail = self._chunk(q.part(begin, end))
+            if last is not None:
+                last[begin:end] = trail[-1].T
             values = np.vstack((cost[None], gradient, score * (cost - q.baseline)))
             values = values[:, np.isfinite(values).all(axis=0)]
             n = values.shape[1]
@@ -224,25 +254,29 @@ class ChunkEngine:
         over_chunks(q.n, self.chunk, self._threads, work)
         return sum(bad)
 
-    def _chunk(self, q: Call) -> tuple[Array, Array, Array]:
-        """Cost (m,), gradient and score (parts * n_theta or 0, m) of one chunk, until the next."""
+    def _chunk(self, q: Call) -> tuple[Array, Array, Array, Array]:
+        """Of one chunk, until the next: cost (m,), gradient and score (parts * n_theta or 0, m),
+        and all that was carried (N + 1, nx, m)."""
         tapes, m = self._tapes, q.n
-        scratch = self._rollout.scratch
+        scratch, rollout = self._rollout.scratch, self._rollout
         given = {"x0": q.x0, "theta": q.theta, "p": q.p, "w": self._noise(q)}
         x0, theta, p, w = (scratch.columns(name, a) for name, a in given.items())
-        theta = theta.reshape(q.parts, tapes.n_theta, -1)
+        theta = theta.reshape(q.parts, -1, theta.shape[-1])
         w = w.reshape(q.horizon, tapes.nu, -1)
-        x, lam, cost = self._rollout.forward(x0, theta, p, w, m, q.gradient)
-        shape = (q.parts, tapes.n_theta, m)
+        along = None
+        if q.along is not None:
+            along = scratch.columns("along", q.along).reshape(-1, tapes.nx, m)
+        x, lam, cost = rollout.forward(x0, theta, p, w, m, q.gradient, along)
+        shape = (q.parts, theta.shape[1], m)
         gradient, score = np.empty((0, m)), np.empty((0, m))
         if q.gradient:
             gradient = scratch.array("gradient", *shape)
-            self._rollout.backward(x, lam, theta, p, w, gradient)
+            rollout.backward(x, lam, theta, p, w, gradient)
         if q.score and q.gaussian is not None:
             score = scratch.array("score", *shape)
             precision = 1.0 / q.gaussian.scales(tapes.nu) ** 2
-            self._rollout.scores(x, theta, w * precision[:, None], score)
-        return cost, gradient.reshape(-1, m), score.reshape(-1, m)
+            rollout.scores(x, theta, p, w * precision[:, None], score)
+        return cost, gradient.reshape(-1, m), score.reshape(-1, m), x
 
     def _noise(self, q: Call) -> Array:
         if q.w is not None:

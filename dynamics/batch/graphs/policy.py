@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import casadi as ca
+import numpy as np
+
+from dynamics.systems import ParameterTable
+from dynamics.systems.parameters import entries
 
 
 @dataclass(frozen=True)
 class RolloutPolicy:
-    """u_t = law(x_t, theta) + w_t, theta the parameters that gradients are taken by.
+    """u_t = actuate(law(x_t, theta) + w_t), theta the parameters that gradients are taken by.
 
-    `law` is a CasADi function `(x, theta) -> u`. With `per_step` every step has parameters of its
-    own, so that theta is `(horizon, n_theta)`; without, one `(n_theta,)` serves all steps.
+    `law` is a CasADi function `(x, theta) -> a`, `actuate` one `a -> u`, nothing where None. With
+    `per_step` every step has parameters of its own, so that theta is `(horizon, n_theta)`; without,
+    one `(n_theta,)` serves all steps.
     """
 
     law: ca.Function
     per_step: bool
+    actuate: ca.Function | None = None
 
     def __post_init__(self) -> None:
         if self.law.n_in() != 2 or self.law.n_out() != 1:
@@ -30,6 +40,11 @@ class RolloutPolicy:
         """Parameters of one step."""
         return self.law.nnz_in(1)
 
+    @cached_property
+    def parameters(self) -> ParameterTable:
+        """What a rollout under the policy has of parameters beside the step's; none here."""
+        return ParameterTable()
+
     def total(self, horizon: int) -> int:
         """Parameters of a whole rollout."""
         return self.n_theta * (horizon if self.per_step else 1)
@@ -39,10 +54,59 @@ class RolloutPolicy:
         return (horizon, self.n_theta) if self.per_step else (self.n_theta,)
 
 
+@dataclass(frozen=True, kw_only=True)
+class DensePolicy(RolloutPolicy):
+    """A network of dense layers, tanh between them, on normalised observations.
+
+        o = (observe(x, p) - mean) / scale
+        a = W_L tanh(... tanh(W_1 o + b_1) ...) + b_L + w,    u = actuate(a)
+
+    `sizes` are the lengths of o, of the hidden layers and of a; theta holds W_1 row by row, b_1,
+    W_2, and so on. `law` is of the mean action itself, which loops over the layers compute: no
+    graph grows with the sizes. Raises `ValueError` for sizes that are no whole numbers above 0.
+    """
+
+    observe: ca.Function
+    sizes: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if any(isinstance(n, bool) or n != int(n) or n < 1 for n in self.sizes):
+            raise ValueError(f"layers must have whole sizes of at least 1, got {self.sizes}")
+
+    @property
+    def n_theta(self) -> int:
+        """Weights and offsets of all layers."""
+        return sum((before + 1) * after for before, after in pairwise(self.sizes))
+
+    @cached_property
+    def parameters(self) -> ParameterTable:
+        """`mean[i]` and `scale[i]` of the observations."""
+        n = self.sizes[0]
+        return ParameterTable([*entries("mean", np.zeros(n)), *entries("scale", np.ones(n))])
+
+    def layers(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """W (after, before) and b (after,) of every layer out of theta (..., n_theta), as views."""
+        found, at = [], 0
+        for before, after in pairwise(self.sizes):
+            middle, end = at + before * after, at + (before + 1) * after
+            shape = (*theta.shape[:-1], after, before)
+            found.append((theta[..., at:middle].reshape(shape), theta[..., middle:end]))
+            at = end
+        return found
+
+    def means(self, theta: np.ndarray, observations: np.ndarray) -> np.ndarray:
+        """Mean action a (n, n_a) at normalised observations (n, n_o), one theta for all."""
+        *hidden, (W, b) = self.layers(theta)
+        values = observations
+        for weights, offsets in hidden:
+            values = np.tanh(values @ weights.T + offsets)
+        return values @ W.T + b
+
+
 def open_loop(nx: int, nu: int) -> RolloutPolicy:
     """u_t = theta_t: the inputs themselves, theta (horizon, nu)."""
-    x, theta = ca.SX.sym("x", nx), ca.SX.sym("theta", nu)
-    return RolloutPolicy(ca.Function("open_loop", [x, theta], [theta]), per_step=True)
+    return RolloutPolicy(_own(nx, nu, "open_loop"), per_step=True)
 
 
 def affine(nx: int, nu: int, per_step: bool = False) -> RolloutPolicy:
@@ -51,3 +115,40 @@ def affine(nx: int, nu: int, per_step: bool = False) -> RolloutPolicy:
     gain = ca.reshape(theta[: nu * nx], nx, nu).T
     law = ca.Function("affine", [x, theta], [gain @ x + theta[nu * nx :]])
     return RolloutPolicy(law, per_step)
+
+
+def constant(nx: int, lower: Any, upper: Any) -> RolloutPolicy:
+    """The same inputs at every step, u = middle + half tanh(theta + w), between the bounds."""
+    squash = squashed(lower, upper)
+    law = _own(nx, squash.numel_in(0), "constant")
+    return RolloutPolicy(law, per_step=False, actuate=squash)
+
+
+def dense(observe: ca.Function, hidden: Sequence[int], lower: Any, upper: Any) -> DensePolicy:
+    """A network with these hidden layers, u = middle + half tanh(a); without any an affine policy.
+
+    `observe: (x, p) -> o`, p as in `Episode`.
+    """
+    squash = squashed(lower, upper)
+    return DensePolicy(
+        law=_own(observe.numel_in(0), squash.numel_in(0), "action"),
+        per_step=False,
+        actuate=squash,
+        observe=observe,
+        sizes=(observe.numel_out(0), *hidden, squash.numel_in(0)),
+    )
+
+
+def squashed(lower: Any, upper: Any) -> ca.Function:
+    """`a -> (lower + upper) / 2 + (upper - lower) / 2 tanh(a)`."""
+    low, high = (np.atleast_1d(np.asarray(end, dtype=float)) for end in (lower, upper))
+    if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
+        raise ValueError(f"inputs need finite bounds, lower below upper, got {low} and {high}")
+    a = ca.SX.sym("a", len(low))
+    return ca.Function("actuate", [a], [ca.DM(low + high) / 2 + ca.DM(high - low) / 2 * ca.tanh(a)])
+
+
+def _own(nx: int, n: int, name: str) -> ca.Function:
+    """The law that is its own parameters."""
+    x, theta = ca.SX.sym("x", nx), ca.SX.sym("theta", n)
+    return ca.Function(name, [x, theta], [theta])

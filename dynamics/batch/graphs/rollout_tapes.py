@@ -16,6 +16,7 @@ Where the contact is no LCP the same goes through the relation that the step's i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import casadi as ca
 
@@ -28,19 +29,38 @@ from dynamics.batch.graphs.inner import (
     guess,
     loop_graphs,
 )
-from dynamics.batch.graphs.policy import RolloutPolicy
+from dynamics.batch.graphs.objective import Objective, expanded, fits, of_first
+from dynamics.batch.graphs.policy import DensePolicy, RolloutPolicy
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.path import Path
+from dynamics.systems import ParameterTable
 from dynamics.systems.elimination import solve_without_pivoting
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Dense layers of `sizes` between an observation and the mean action.
+
+    - `observe: (x, p) -> o`, and `observe_adjoint: (x, p, obar) -> xbar`
+    """
+
+    sizes: tuple[int, ...]
+    observe: ca.Function
+    observe_adjoint: ca.Function
+
+    @property
+    def n_weights(self) -> int:
+        """Weights and offsets of all layers."""
+        return sum((before + 1) * after for before, after in pairwise(self.sizes))
 
 
 @dataclass(frozen=True)
 class RolloutTapes:
     """CasADi functions of one step; all SX, all arguments dense columns.
 
-    Here x is what is carried from step to step: the system's state and, where the stage cost asks
-    for du, the input before (`nx` counts both, `n_before` the latter).
+    Here x is what goes from step to step: the system's state and what the objective carries beside
+    it (`nx` counts both, `n_carried` the latter).
 
     - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no
       closed form for lam
@@ -48,12 +68,14 @@ class RolloutTapes:
     - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w
     - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
 
+    With `layers` theta is the mean action, which those compute.
+
     In all of these p stands for the `np` values `derived: parameters -> p`, which hold whatever
     the graphs need that depends on parameters alone.
     """
 
     nx: int
-    n_before: int
+    n_carried: int
     nu: int
     np: int
     nlam: int
@@ -64,102 +86,83 @@ class RolloutTapes:
     terminal: ca.Function
     terminal_adjoint: ca.Function
     derived: ca.Function
+    layers: Layers | None = None
 
 
-def build_tapes(
-    step: Step,
-    stage_cost: ca.Function,
-    terminal_cost: ca.Function,
-    policy: RolloutPolicy,
-) -> RolloutTapes:
+def build_tapes(step: Step, objective: Objective, policy: RolloutPolicy) -> RolloutTapes:
     """Close the step under the policy and differentiate it once.
 
-    `stage_cost: (x, u, p) -> l`, or `(x, u, du, p) -> l` with du_t = u_t - u_{t-1}, and
-    `terminal_cost: (x, p) -> l` are scalar. The tapes take in place of p the derived values that
-    `RolloutTapes.derived` makes of it. Raises `ValueError`
-    where the dimensions of costs, policy and step do not fit.
+    The tapes take in place of the parameters, which are those of the step, of the objective and of
+    the policy in turn, the derived values that `RolloutTapes.derived` makes of them. Raises
+    `ValueError` where the dimensions of objective, policy and step do not fit.
     """
-    _check(step, stage_cost, terminal_cost, policy)
-    return _Closed(step, stage_cost, terminal_cost, policy).tapes()
+    objective.check(step)
+    _check(step, policy)
+    return _Closed(step, objective, policy).tapes()
 
 
-def _check(
-    step: Step,
-    stage_cost: ca.Function,
-    terminal_cost: ca.Function,
-    policy: RolloutPolicy,
-) -> None:
-    nx, nu, np = step.system.nx, step.system.nu, len(step.p)
-    with_du = stage_cost.n_in() == 4
-    stage = ((nx, nu, nu, np), "(x, u, du, p)") if with_du else ((nx, nu, np), "(x, u, p)")
-    expected = (
-        ("stage cost", stage_cost, *stage),
-        ("terminal cost", terminal_cost, (nx, np), "(x, p)"),
-        ("policy", policy.law, (nx, policy.n_theta), "(x, theta)"),
-    )
-    for what, fn, sizes, arguments in expected:
-        given = tuple(fn.numel_in(k) for k in range(fn.n_in()))
-        if given != sizes:
-            raise ValueError(
-                f"the {what} must be a function of {arguments} with sizes {sizes}, "
-                f"but '{fn.name()}' takes sizes {given}"
-            )
-    for what, fn, size in (
-        ("stage cost", stage_cost, 1),
-        ("terminal cost", terminal_cost, 1),
-        ("policy", policy.law, nu),
-    ):
-        if fn.n_out() != 1 or fn.numel_out(0) != size:
-            raise ValueError(f"the {what} '{fn.name()}' must have one output with {size} entries")
+def parameters_of(step: Step, objective: Objective, policy: RolloutPolicy) -> ParameterTable:
+    """All parameters of a rollout."""
+    return step.p + objective.parameters + policy.parameters
+
+
+def _check(step: Step, policy: RolloutPolicy) -> None:
+    nx, nu = step.system.nx, step.system.nu
+    n = policy.law.numel_in(1)
+    n_out = policy.actuate.numel_in(0) if policy.actuate else nu
+    fits("policy", policy.law, (nx, n), "(x, theta)", n_out)
+    if policy.actuate is not None:
+        fits("actuation", policy.actuate, (n_out,), "(a,)", nu)
+    if n_out != nu:
+        raise ValueError(f"the policy has {n_out} actions for {nu} inputs")
+    if isinstance(policy, DensePolicy):
+        np = min(len(step.p), policy.observe.numel_in(1))
+        fits("observation", policy.observe, (nx, np), "(x, p)", policy.sizes[0])
 
 
 class _Closed:
     """One step closed by a policy, in fresh symbols."""
 
-    def __init__(
-        self,
-        step: Step,
-        stage_cost: ca.Function,
-        terminal_cost: ca.Function,
-        policy: RolloutPolicy,
-    ) -> None:
+    def __init__(self, step: Step, objective: Objective, policy: RolloutPolicy) -> None:
         system = step.system
-        self.step, self.law = step, _expanded(policy.law)
-        self.p, self.theta = step.p.vector, ca.SX.sym("theta", policy.n_theta)
+        self.step, self.objective, self.policy = step, objective, policy
+        self.law = expanded(policy.law)
+        self.n_parameters = len(parameters_of(step, objective, policy))
+        self.p = parameters_of(step, objective, policy).vector
+        self.theta = ca.SX.sym("theta", policy.law.nnz_in(1))
         self.w = ca.SX.sym("w", system.nu)
-        stage = _expanded(stage_cost)
-        self.before = ca.SX.sym("before", system.nu if stage.n_in() == 4 else 0)
-        self.x = ca.vertcat(system.x, self.before)
-        change = [system.u - self.before] if stage.n_in() == 4 else []
-        self.stage_cost = stage(system.x, system.u, *change, self.p)
-        self.terminal_cost = _expanded(terminal_cost)(system.x, self.p)
-        carried = system.u if stage.n_in() == 4 else ca.SX(0, 1)
-        self.x_next = ca.vertcat(step.landing, carried)
+        self.x = ca.vertcat(system.x, objective.carried)
+        self.x_next, self.stage_cost = objective.outcome(step, step.landing)
+        self.terminal_cost = objective.terminal(step)
         self.arguments = [self.x, self.theta, self.w, self.p]
 
     def tapes(self) -> RolloutTapes:
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
-        score = ca.jtimes(law, self.theta, self.w, True)
+        score = self.objective.counted(ca.jtimes(law, self.theta, self.w, True))
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
         around = self._around()
         with_p = {
             "adjoint": (self._adjoint(), 3),
             "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
             "terminal_adjoint": (_function("terminal_adjoint", at_end, [terminal_bar]), 1),
+            **self._observing(),
         }
         if around is None:
             assert isinstance(self.step, AffineStep)
             with_p["forward"] = (self._forward(self.step), 3)
         else:
             with_p |= {name: (getattr(around, name), 3) for name in around.with_p}
-        derived, rest = hoisted(with_p, len(self.step.p))
+        derived, rest = hoisted(with_p, self.n_parameters)
         if around is None:
             rest["forward"], rest["adjoint"] = carried(rest["forward"], rest["adjoint"])
         else:
             around = replace(around, **{name: rest[name] for name in around.with_p})
+        layers = None
+        if isinstance(self.policy, DensePolicy):
+            layers = Layers(self.policy.sizes, rest["observe"], rest["observe_adjoint"])
         return RolloutTapes(
             nx=self.x.numel(),
-            n_before=self.before.numel(),
+            n_carried=self.objective.carried.numel(),
             nu=self.step.system.nu,
             np=derived.numel_out(0),
             nlam=rest["adjoint"].numel_in(4),
@@ -170,17 +173,36 @@ class _Closed:
             terminal=rest["terminal"],
             terminal_adjoint=rest["terminal_adjoint"],
             derived=derived,
+            layers=layers,
         )
+
+    def _observing(self) -> dict[str, tuple[ca.Function, int]]:
+        """Graphs of normalised observations, where the policy has any."""
+        policy = self.policy
+        if not isinstance(policy, DensePolicy):
+            return {}
+        table, n = policy.parameters, policy.sizes[0]
+        mean, scale = table.vector[:n], table.vector[n:]
+        seen = (of_first(policy.observe, self.step.system.x, p=self.step.p.vector) - mean) / scale
+        obar = ca.SX.sym("obar", n)
+        back = self.objective.counted(ca.gradient(ca.dot(obar, seen), self.x))
+        return {
+            "observe": (_function("observe", [self.x, self.p], [seen]), 1),
+            "observe_adjoint": (_function("observe_adjoint", [self.x, self.p, obar], [back]), 1),
+        }
 
     def _closed(self, *expressions: ca.SX) -> list[ca.SX]:
         """Expressions in the step's own (x, u, p), with the policy's input put in for u."""
         u = self.law(self.step.system.x, self.theta) + self.w
+        if self.policy.actuate is not None:
+            u = expanded(self.policy.actuate)(u)
         return ca.substitute(list(expressions), [self.step.system.u], [u])
 
     def _effects(self, lam: ca.SX) -> list[ca.SX]:
         """Next state, multiplier and stage cost, given the multiplier."""
         x_next, cost = self._closed(self.x_next, self.stage_cost)
-        return [ca.substitute(x_next, self.step.lam, lam), lam, cost]
+        x_next, cost = ca.substitute([x_next, cost], [self.step.lam], [lam])
+        return [x_next, lam, cost]
 
     def _contacts(self, step: AffineStep) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
         """The problems (z, F, mu) of the branches, which do not touch each other."""
@@ -253,13 +275,18 @@ class _Closed:
         value = self.stage_cost + ca.dot(xbar, self.x_next)
         frozen, meant = [ca.SX(0, 1)], [ca.SX(0, 1)]
         if step.n:
-            frozen, meant, through_contact = self._implicit(step, step.B.T @ xbar[: step.system.nx])
+            frozen, meant, through_contact = self._implicit(step, ca.gradient(value, step.lam))
             value += through_contact
         value = self._closed(value)[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         # Where contact moves no state the multiplier's cotangent has no entries.
         bars = ca.substitute(bars, frozen, [ca.densify(each) for each in self._closed(*meant)])
-        return _function("adjoint", [*self.arguments, step.lam, xbar], bars)
+        return self._adjoint_function(step.lam, xbar, bars)
+
+    def _adjoint_function(self, lam: ca.SX, xbar: ca.SX, bars: list[ca.SX]) -> ca.Function:
+        kept = self.objective.kept(ca.densify(bars[0]), xbar)
+        bars = [kept, self.objective.counted(bars[1])]
+        return _function("adjoint", [*self.arguments, lam, xbar], bars)
 
     def _adjoint_of_model(self, step: LearnedStep, xbar: ca.SX) -> ca.Function:
         """Gradient of ``l + xbar' x_next + b' z``, b the derivative by the queries z, held."""
@@ -269,18 +296,18 @@ class _Closed:
         value += ca.dot(held, queries)
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         bars = ca.substitute(bars, [held], [ca.densify(back)])
-        return _function("adjoint", [*self.arguments, step.evaluated, xbar], bars)
+        return self._adjoint_function(step.evaluated, xbar, bars)
 
     def _adjoint_of_relation(self, xbar: ca.SX) -> ca.Function:
         """Gradient of ``l + xbar' x_next - v' R(inner)``, v solving the transposed relation."""
-        step, nx = self.step, self.step.system.nx
+        step, inner = self.step, self.step.inner
         relation = step.differentiable_relation
-        inner = step.inner
-        carried = ca.dot(xbar[:nx], step.following) + ca.dot(xbar[nx:], self.x_next[nx:])
-        by_inner = ca.densify(ca.gradient(carried, inner))
+        x_next, cost = self.objective.outcome(step, step.following)
+        gained = cost + ca.dot(xbar, x_next)
+        by_inner = ca.densify(ca.gradient(gained, inner))
         v = solve_without_pivoting(step.relation_jacobian.T, by_inner)
         held_v = ca.SX.sym("v", inner.numel())
-        value = self._closed(self.stage_cost + carried - ca.dot(held_v, relation))[0]
+        value = self._closed(gained - ca.dot(held_v, relation))[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         meant = [v]
         symbols = [held_v]
@@ -289,7 +316,7 @@ class _Closed:
             meant.append(step.held[1])
         bars = ca.substitute(bars, [ca.vertcat(*symbols)], self._closed(ca.vertcat(*meant)))
         bars = ca.substitute(bars, [step.states], self._closed(step.landings))
-        return _function("adjoint", [*self.arguments, step.lam, xbar], ca.cse(bars))
+        return self._adjoint_function(step.lam, xbar, ca.cse(bars))
 
     def _implicit(self, step: AffineStep, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
         """What contact adds to the function whose gradient is the adjoint.
@@ -323,10 +350,6 @@ def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
 
 def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     return ca.sqrt(z * z + 4 * F * mu)
-
-
-def _expanded(fn: ca.Function) -> ca.Function:
-    return fn if fn.is_a("SXFunction") else fn.expand()
 
 
 def _function(name: str, arguments: list[ca.SX], results: list[ca.SX]) -> ca.Function:

@@ -18,6 +18,7 @@ import numpy as np
 from dynamics.batch import open_loop
 from dynamics.batch.engines.compiler import find_compiler
 from dynamics.batch.graphs.inner import InnerLoop
+from dynamics.batch.graphs.objective import Costs
 from dynamics.batch.graphs.rollout_tapes import build_tapes
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.interior_point import scalar_solution
@@ -107,11 +108,11 @@ def _by_adjoint(
 ) -> ca.Function:
     """Forward through the steps, then back through the adjoint of each."""
     system = step.system
-    tapes = build_tapes(step, stage, terminal, open_loop(system.nx, system.nu))
+    tapes = build_tapes(step, Costs(stage, terminal), open_loop(system.nx, system.nu))
     p, still, loop = tapes.derived(step.p.values), ca.DM.zeros(system.nu), tapes.forward
     x0, before = kind.sym("x0", system.nx), kind.sym("before", system.nu)
     U = kind.sym("U", system.nu, horizon)
-    x, cost, passed = ca.vertcat(x0, before) if tapes.n_before else x0, kind(0), []
+    x, cost, passed = ca.vertcat(x0, before) if tapes.n_carried else x0, kind(0), []
     for t in range(horizon):
         given = x, U[:, t], still, p
         if solve is None:

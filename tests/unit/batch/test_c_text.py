@@ -113,6 +113,7 @@ def test_random_numbers_are_the_same_everywhere(strict):
 
 def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
     """Every kind of source for a machine."""
+    from dynamics.batch.graphs.objective import Costs
     from dynamics.batch.graphs.rollout_tapes import build_tapes
 
     made: dict[str, Callable[[], str]] = {
@@ -122,7 +123,9 @@ def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
     for name, parts in systems().items():
         for own_p in (False, True):
             made[f"{name}, own p: {own_p}"] = functools.partial(
-                lambda parts, own_p: c_rollout.source(build_tapes(*parts), 32, machine, own_p),
+                lambda parts, own_p: c_rollout.source(
+                    build_tapes(parts[0], Costs(*parts[1:3]), parts[3]), 32, machine, own_p
+                ),
                 parts,
                 own_p,
             )

@@ -1,0 +1,142 @@
+"""C source of a policy's dense layers: loops over their entries, whatever their sizes.
+
+What one register of samples has of a value lies `U` registers from its next entry, as in
+:mod:`dynamics.batch.engines.c_rollout`; weights are doubles that all samples share, or, with `own`,
+registers of each sample's own.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from dynamics.batch.graphs.rollout_tapes import Layers
+
+# Outputs summed abreast, so that enough sums are under way to hide an operation's latency.
+_ABREAST = 4
+
+_HOOKS_OF_TAPES = """\
+INLINE void choose_actions(const memory *a, i64 t) { (void)a; (void)t; }
+INLINE void blame(const memory *a, i64 t, const V *action_bar, V *bars, V *total) {
+  (void)a; (void)t; (void)action_bar; (void)bars; (void)total;
+}
+"""
+
+_LOOPS = """\
+#if OWN
+typedef V weight;
+#define WEIGHT(w, k, j) w[(k) * U + (j)]
+#else
+typedef double weight;
+#define WEIGHT(w, k, j) SPLAT(w[k])
+#endif
+enum { LAYERS = %(layers)d, HIDDEN = %(hidden)d };
+static const i64 layer_sizes[] = {%(sizes)s};
+INLINE void some_rows(const weight *w, const weight *b, i64 n, const V *x, V *y, const int rows) {
+  V sum[%(abreast)d * U];
+  UNROLL for (int r = 0; r < rows; r++)
+    UNROLL for (int j = 0; j < U; j++) sum[r * U + j] = WEIGHT(b, r, j);
+  for (i64 i = 0; i < n; i++)
+    UNROLL for (int r = 0; r < rows; r++)
+      UNROLL for (int j = 0; j < U; j++)
+        sum[r * U + j] = fused(WEIGHT(w, r * n + i, j), x[i * U + j], sum[r * U + j]);
+  UNROLL for (int k = 0; k < rows * U; k++) y[k] = sum[k];
+}
+static NOINLINE void layer(const weight *w, i64 n, i64 m, const V *x, V *y) {
+  const i64 S = OWN ? U : 1;
+  const weight *b = w + n * m * S;
+  i64 o = 0;
+  for (; o + %(abreast)d <= m; o += %(abreast)d)
+    some_rows(w + o * n * S, b + o * S, n, x, y + o * U, %(abreast)d);
+  for (; o < m; o++) some_rows(w + o * n * S, b + o * S, n, x, y + o * U, 1);
+}
+static NOINLINE void layer_back(const weight *w, i64 n, i64 m, const V *x, const V *ybar, V *wbar,
+                                V *xbar) {
+  V *bbar = wbar + n * m * U;
+  for (i64 k = 0; k < n * U; k++) xbar[k] = (V){};
+  for (i64 o = 0; o < m; o++) {
+    V bar[U];
+    UNROLL for (int j = 0; j < U; j++) bbar[o * U + j] += bar[j] = ybar[o * U + j];
+    for (i64 i = 0; i < n; i++)
+      UNROLL for (int j = 0; j < U; j++) {
+        i64 k = (o * n + i) * U + j;
+        wbar[k] = fused(bar[j], x[i * U + j], wbar[k]);
+        xbar[i * U + j] = fused(WEIGHT(w, o * n + i, j), bar[j], xbar[i * U + j]);
+      }
+  }
+}
+static void layers_up(const weight *w, V *values, V *action) {
+  for (int k = 0; k < LAYERS; k++) {
+    i64 n = layer_sizes[k], m = layer_sizes[k + 1];
+    V *next = k + 1 < LAYERS ? values + n * U : action;
+    layer(w, n, m, values, next);
+    if (k + 1 < LAYERS) for (i64 i = 0; i < m * U; i++) next[i] = vtanh(next[i]);
+    values = next;
+    w += (n + 1) * m * (OWN ? U : 1);
+  }
+}
+/* Adds D_theta a' bar to wbar; bar, of WIDEST entries, becomes that of the observation. */
+static void layers_down(const weight *w, const V *values, V *bar, V *wbar) {
+  V other[WIDEST * U];
+  i64 at = NOBS + HIDDEN, place = NWEIGHTS;
+  for (int k = LAYERS - 1; k >= 0; k--) {
+    i64 n = layer_sizes[k], m = layer_sizes[k + 1];
+    at -= n, place -= (n + 1) * m;
+    layer_back(w + place * (OWN ? U : 1), n, m, values + at * U, bar, wbar + place * U, other);
+    for (i64 i = 0; i < n * U; i++) {
+      V v = values[at * U + i];
+      bar[i] = k ? other[i] * (1.0 - v * v) : other[i];
+    }
+  }
+}
+INLINE void look(const memory *a, i64 t, V *values, V *action) {
+  for (int j = 0; j < U; j += A) {
+    const V *in[] = {a->x + t * NX * U + j, a->p + (PS > 1) * j};
+    V *out[] = {values + j};
+    observe(in, out);
+  }
+  layers_up(a->weights, values, action);
+}
+static void choose_actions(const memory *a, i64 t) {
+  V values[(NOBS + HIDDEN) * U];
+  look(a, t, values, a->theta + t * NU * U);
+}
+/* Takes what a step says of the action back to the weights, and to the state in `bars`. */
+static void blame(const memory *a, i64 t, const V *action_bar, V *bars, V *total) {
+  V values[(NOBS + HIDDEN) * U], action[NU * U], bar[WIDEST * U];
+  look(a, t, values, action);
+  for (int k = 0; k < NU * U; k++) bar[k] = action_bar[k];
+  layers_down(a->weights, values, bar, total);
+  if (bars)
+    for (int j = 0; j < U; j += A) {
+      V more[NX * A];
+      const V *in[] = {a->x + t * NX * U + j, a->p + (PS > 1) * j, bar + j};
+      V *out[] = {more};
+      observe_adjoint(in, out);
+      for (int k = 0; k < NX * A; k++) bars[k / A * U + j + k %% A] += more[k];
+    }
+}
+"""
+
+
+def constants(layers: Layers | None, own: bool) -> dict[str, object]:
+    """Sizes that the text of rollouts names: zero of everything without layers."""
+    sizes = (0, 0) if layers is None else layers.sizes
+    return {
+        "DENSE": int(layers is not None),
+        "OWN": int(own),
+        "NOBS": sizes[0],
+        "NWEIGHTS": 0 if layers is None else layers.n_weights,
+        "WIDEST": max(sizes),
+    }
+
+
+def source(layers: Layers | None) -> str:
+    """C text of `choose_actions` and, with layers, of `blame`, after the kernels they call."""
+    if layers is None:
+        return _HOOKS_OF_TAPES
+    return _LOOPS % {
+        "layers": len(list(pairwise(layers.sizes))),
+        "hidden": sum(layers.sizes[1:-1]),
+        "sizes": ", ".join(map(str, layers.sizes)),
+        "abreast": _ABREAST,
+    }

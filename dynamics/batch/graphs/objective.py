@@ -1,0 +1,193 @@
+"""What a rollout adds up, step by step, and what it carries along for that beside the state."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from dynamics.contact import Step
+from dynamics.systems import Parameter, ParameterTable
+
+DISCOUNT = "discount"
+
+
+class Objective(ABC):
+    """The sum of a rollout, in symbols of its own beside those of a step."""
+
+    @cached_property
+    @abstractmethod
+    def carried(self) -> ca.SX:
+        """Symbols of what goes from step to step beside the system's state."""
+
+    @cached_property
+    def parameters(self) -> ParameterTable:
+        """Parameters of its own, none by default."""
+        return ParameterTable()
+
+    @abstractmethod
+    def check(self, step: Step) -> None:
+        """Raise `ValueError` where the dimensions do not fit those of the step."""
+
+    @abstractmethod
+    def outcome(self, step: Step, following: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """What is carried on (nx + carried, 1), and the cost of a step, that ends at `following`.
+
+        Expressions in (x, u, carried, p) and in whatever `following` (nx, 1) is an expression in.
+        """
+
+    @abstractmethod
+    def terminal(self, step: Step) -> ca.SX:
+        """The cost at the end, in (x, carried, p)."""
+
+    def kept(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
+        """The cotangent of what is carried, from that of a step, `bars`, and the one after it."""
+        return bars
+
+    def counted(self, bars: ca.SX) -> ca.SX:
+        """What of a step's contribution to gradient or score counts; all by default."""
+        return bars
+
+
+@dataclass(frozen=True, eq=False)
+class Costs(Objective):
+    """`sum_{t<N} stage(x_t, u_t, p) + terminal(x_N, p)`.
+
+    A stage cost with four arguments is of (x_t, u_t, u_t - u_{t-1}, p), and carries the input
+    before.
+    """
+
+    stage: ca.Function
+    final: ca.Function
+
+    @property
+    def with_change(self) -> bool:
+        """Whether the stage cost is of the change of inputs too."""
+        return self.stage.n_in() == 4
+
+    @cached_property
+    def carried(self) -> ca.SX:
+        """The input before."""
+        return ca.SX.sym("before", self.stage.numel_in(2) if self.with_change else 0)
+
+    def check(self, step: Step) -> None:
+        """Raise `ValueError` for costs that are no functions of state, input and parameters."""
+        nx, nu, np = step.system.nx, step.system.nu, len(step.p)
+        sizes, arguments = (nx, nu, np), "(x, u, p)"
+        if self.with_change:
+            sizes, arguments = (nx, nu, nu, np), "(x, u, du, p)"
+        fits("stage cost", self.stage, sizes, arguments, 1)
+        fits("terminal cost", self.final, (nx, np), "(x, p)", 1)
+
+    def outcome(self, step: Step, following: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """The next state, with the input behind it where that is carried, and the stage cost."""
+        system, p = step.system, step.p.vector
+        change = [system.u - self.carried] if self.with_change else []
+        cost = expanded(self.stage)(system.x, system.u, *change, p)
+        return ca.vertcat(following, system.u if self.with_change else ca.SX(0, 1)), cost
+
+    def terminal(self, step: Step) -> ca.SX:
+        """The terminal cost."""
+        return expanded(self.final)(step.system.x, step.p.vector)
+
+
+def free_of_cost(step: Step) -> Costs:
+    """No costs at all, for who wants the step alone."""
+    system, p, nothing = step.system, step.p.vector, ca.SX(0)
+    return Costs(
+        ca.Function("stage", [system.x, system.u, p], [nothing]),
+        ca.Function("terminal", [system.x, p], [nothing]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Episode(Objective):
+    """Minus the return `sum_t d^t a_t reward(x_t, u_t, x_{t+1}, p) + d^N a_N final(x_N, p)`.
+
+    d is the parameter `discount`. a_t is 1 until the first state at which `done(x, p)` is not zero,
+    that of the start left out, and 0 from there on: the state then stays as it is, nothing is added
+    and nothing has a gradient. p are the first parameters of the step, as many as a function takes.
+    """
+
+    reward: ca.Function
+    final: ca.Function
+    done: ca.Function
+
+    @cached_property
+    def carried(self) -> ca.SX:
+        """`d^t a_t`, and the number of steps until the end."""
+        return ca.vertcat(ca.SX.sym("weight"), ca.SX.sym("lived"))
+
+    @cached_property
+    def parameters(self) -> ParameterTable:
+        """The discount."""
+        return ParameterTable([Parameter(DISCOUNT, 1.0, "1", "worth of a reward one step later")])
+
+    def check(self, step: Step) -> None:
+        """Raise `ValueError` for functions of other dimensions than the step's."""
+        nx, nu = step.system.nx, step.system.nu
+        for what, fn, sizes, arguments in (
+            ("reward", self.reward, (nx, nu, nx), "(x, u, x_next, p)"),
+            ("final", self.final, (nx,), "(x, p)"),
+            ("done", self.done, (nx,), "(x, p)"),
+        ):
+            np = min(len(step.p), fn.numel_in(fn.n_in() - 1))
+            fits(what, fn, (*sizes, np), arguments, 1)
+
+    def outcome(self, step: Step, following: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """The next state, or this one where the episode is over, and minus the reward."""
+        x, u, p = step.system.x, step.system.u, step.p.vector
+        weight, lived = ca.vertsplit(self.carried)
+        over = of_first(self.done, following, p=p) != 0
+        after = ca.if_else(over, 0, self.parameters[DISCOUNT] * weight)
+        stays = [ca.if_else(self.alive, new, old) for new, old in
+                 zip(ca.vertsplit(following), ca.vertsplit(x), strict=True)]  # fmt: skip
+        gain = ca.if_else(self.alive, weight * of_first(self.reward, x, u, following, p=p), 0)
+        on = ca.if_else(self.alive, after, 0)
+        return ca.vertcat(*stays, on, lived + self.alive), -gain
+
+    def terminal(self, step: Step) -> ca.SX:
+        """Minus what is gained at the end by those who reach it."""
+        gain = of_first(self.final, step.system.x, p=step.p.vector)
+        return -ca.if_else(self.alive, self.carried[0] * gain, 0)
+
+    @property
+    def alive(self) -> ca.SX:
+        """Whether the episode has not ended before."""
+        return self.carried[0] > 0
+
+    def kept(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
+        """A state that stays has the cotangent of the one after it, and the weight has none."""
+        n = bars.numel() - self.carried.numel()
+        chosen = [ca.if_else(self.alive, bars[k], xbar[k]) for k in range(n)]
+        return ca.vertcat(*chosen, ca.SX.zeros(self.carried.numel()))
+
+    def counted(self, bars: ca.SX) -> ca.SX:
+        """Nothing once the episode is over, finite or not."""
+        return ca.vertcat(ca.SX(0, 1), *(
+            ca.if_else(self.alive, bar, 0) for bar in ca.vertsplit(ca.densify(bars))
+        ))  # fmt: skip
+
+
+def expanded(fn: ca.Function) -> ca.Function:
+    """The function as one of scalar operations."""
+    return fn if fn.is_a("SXFunction") else fn.expand()
+
+
+def fits(what: str, fn: ca.Function, sizes: tuple[int, ...], arguments: str, n_out: int) -> None:
+    """Raise `ValueError` where a function takes other sizes, or gives not `n_out` entries."""
+    given = tuple(fn.numel_in(k) for k in range(fn.n_in()))
+    if given != sizes:
+        raise ValueError(
+            f"the {what} must be a function of {arguments} with sizes {sizes}, "
+            f"but '{fn.name()}' takes sizes {given}"
+        )
+    if fn.n_out() != 1 or fn.numel_out(0) != n_out:
+        raise ValueError(f"the {what} '{fn.name()}' must have one output with {n_out} entries")
+
+
+def of_first(fn: ca.Function, *arguments: ca.SX, p: ca.SX) -> ca.SX:
+    """The value at the first entries of p, as many as the function takes."""
+    return ca.densify(expanded(fn)(*arguments, p[: fn.numel_in(fn.n_in() - 1)]))

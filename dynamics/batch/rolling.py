@@ -1,0 +1,222 @@
+"""What every kind of rollout shares: tapes, engine, checked arguments, moments by strides."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from dynamics.batch.arguments import as_doubles, as_rows, checked_block
+from dynamics.batch.engines.casadi_kernel import CasadiKernel
+from dynamics.batch.engines.choice import choose
+from dynamics.batch.engines.numpy_kernel import NumpyKernel
+from dynamics.batch.engines.parallel import checked_threads
+from dynamics.batch.engines.rollout_engines import (
+    Call,
+    ChunkEngine,
+    Results,
+    RolloutEngine,
+    c_rollout_engine,
+)
+from dynamics.batch.graphs.asked import Asked
+from dynamics.batch.graphs.objective import Objective
+from dynamics.batch.graphs.policy import RolloutPolicy
+from dynamics.batch.graphs.rollout_tapes import build_tapes, parameters_of
+from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
+from dynamics.batch.moments import Moments, merge_chunks
+from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
+from dynamics.batch.random import Gaussian
+from dynamics.contact import Step
+
+# Moments are kept for each chunk until this many samples, and then merged into the total.
+STRIDE = 1 << 22
+
+
+class Rolling:
+    """A step under a policy, rolled out over `horizon` steps for many samples.
+
+    `parameters` are those of the step, then the objective's and the policy's own.
+    """
+
+    def __init__(
+        self,
+        step: Step,
+        objective: Objective,
+        horizon: int,
+        policy: RolloutPolicy,
+        backend: str,
+        threads: int | None,
+        block: int,
+    ) -> None:
+        if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
+            raise ValueError(f"horizon must be a whole number of steps, at least 1, not {horizon}")
+        self.horizon, self.policy = horizon, policy
+        self.threads, self.block = checked_threads(threads), checked_block(block)
+        self.parameters = parameters_of(step, objective, policy)
+        self.default_p = self.parameters.values
+        self.tapes = build_tapes(step, objective, policy)
+        self._derive = NumpyKernel(tape_of(self.tapes.derived))
+        self.backend, self._engine = choose(backend, self._makers(), "the rollout")
+
+    def _makers(self) -> dict[str, Any]:
+        def chunks(make: Any) -> RolloutEngine:
+            return ChunkEngine(self.tapes, self.horizon, self.policy.per_step, self.threads, make)
+
+        makers: dict[str, Any] = {
+            "c": lambda: c_rollout_engine(self.tapes, self.threads, self.block),
+            "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
+            "casadi": lambda: chunks(CasadiKernel),
+        }
+        if isinstance(self.tapes.forward, Asked):
+            del makers["c"]
+        return makers
+
+    def _sampled(self, q: Call, results: Results) -> NonFinite:
+        """Fill the results sample by sample, and warn of those that are not finite."""
+        bad = self._engine.samples(q, results) if q.n else 0
+        nonfinite = NonFinite()
+        if bad:
+            asked = (results.cost, results.gradient, results.score)
+            nonfinite = non_finite_rows([a for a in asked if a is not None])
+        if nonfinite:
+            warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=3)
+        return nonfinite
+
+    def _summed(
+        self, q: Call, last: np.ndarray | None = None
+    ) -> tuple[list[Moments | None], NonFinite]:
+        """Moments of cost, gradient and zeroth-order gradient, None for what is not asked for.
+
+        `last` (n, nx) is filled with what every sample carries at the end.
+        """
+        total: Moments | None = None
+        bad: list[np.ndarray] = []
+        for begin in range(0, q.n, STRIDE):
+            end = min(begin + STRIDE, q.n)
+            ends = None if last is None else last[begin:end]
+            merged, indices = self._stride(q.part(begin, end), ends)
+            bad.append(begin + indices)
+            total = merged if total is None else total.merged(merged)
+        total = total or merge_chunks(*(np.zeros((0, q.n_values)),) * 3)
+        indices = np.concatenate([*bad, np.empty(0, dtype=np.int64)])
+        nonfinite = NonFinite(len(indices), indices)
+        if nonfinite:
+            warnings.warn(f"rollout: {nonfinite}; left out", BatchWarning, stacklevel=3)
+        return self._named(total, q), nonfinite
+
+    def _stride(self, q: Call, last: np.ndarray | None) -> tuple[Moments, np.ndarray]:
+        chunk = self._engine.chunk
+        table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
+        bad = self._engine.moments(q, table, last)
+        indices = self._find_bad(q, table[:, 0], chunk) if bad else np.empty(0, dtype=np.int64)
+        split = 1 + q.n_values
+        return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
+
+    def _find_bad(self, q: Call, counts: np.ndarray, chunk: int) -> np.ndarray:
+        """Roll the chunks that lost samples out again, to say which samples they were."""
+        found = []
+        for i, count in enumerate(counts):
+            begin, end = i * chunk, min((i + 1) * chunk, q.n)
+            if count < end - begin:
+                part = q.part(begin, end)
+                values = np.empty((part.n, 1)), *np.empty((2, part.n, q.theta.shape[1]))
+                asked = [values[0]]
+                asked += [a for a, on in zip(values[1:], (q.gradient, q.score), strict=True) if on]
+                gradient, score = values[1] if q.gradient else None, values[2] if q.score else None
+                self._engine.samples(part, Results(values[0], gradient, score))
+                found.append(begin + non_finite_rows(asked).indices)
+        return np.concatenate(found)
+
+    def _named(self, total: Moments, q: Call) -> list[Moments | None]:
+        shape, size = self.policy.shape(self.horizon), q.theta.shape[1]
+
+        def block(begin: int, end: int, to: tuple[int, ...]) -> Moments:
+            mean, m2 = total.mean[begin:end].reshape(to), total.m2[begin:end].reshape(to)
+            return Moments(total.n, mean, m2)
+
+        after = 1 + size * q.gradient
+        return [
+            block(0, 1, ()),
+            block(1, 1 + size, shape) if q.gradient else None,
+            block(after, after + size, shape) if q.score else None,
+        ]
+
+    def _request(
+        self,
+        start: np.ndarray,
+        theta: Any,
+        p: Any,
+        noise: Any,
+        n_samples: int | None,
+        *,
+        gradient: bool,
+        score: bool,
+        along: np.ndarray | None = None,
+        baseline: float = 0.0,
+    ) -> Call:
+        what, tapes = "the rollout", self.tapes
+        thetas = self._theta_rows(theta)
+        parameters = as_rows(self.default_p if p is None else p, len(self.default_p), "p", what)
+        derived = np.empty((tapes.np, len(parameters)))
+        self._derive.run([np.ascontiguousarray(parameters.T)], [derived])
+        w = None
+        gaussian = noise if isinstance(noise, Gaussian) else None
+        if score and gaussian is None:
+            raise ValueError("a score needs Gaussian noise; give noise=Gaussian(sigma, seed)")
+        if gaussian is not None:
+            gaussian.scales(tapes.nu)
+        elif noise is not None:
+            w = self._noise_rows(noise)
+        rows = {"x0": start, "theta": thetas, "p": parameters, "noise": w, "along": along}
+        return Call(
+            n=_sample_count(rows, n_samples),
+            horizon=self.horizon,
+            parts=self.horizon if self.policy.per_step else 1,
+            x0=start,
+            theta=thetas,
+            p=np.ascontiguousarray(derived.T),
+            w=w,
+            gaussian=gaussian,
+            along=along,
+            gradient=gradient,
+            score=score,
+            baseline=baseline,
+        )
+
+    def _theta_rows(self, theta: Any) -> np.ndarray:
+        shape = self.policy.shape(self.horizon)
+        array = as_doubles(theta, "theta", "the rollout")
+        if array.shape[-len(shape) :] != shape or array.ndim > len(shape) + 1:
+            raise ValueError(
+                f"theta has shape {array.shape}; expected {shape}, shared by all samples, "
+                f"or (n_samples, {', '.join(map(str, shape))})"
+            )
+        return np.ascontiguousarray(array.reshape(-1, self.policy.total(self.horizon)))
+
+    def _noise_rows(self, noise: Any) -> np.ndarray:
+        shape = (self.horizon, self.tapes.nu)
+        array = as_doubles(noise, "noise", "the rollout")
+        if array.ndim != 3 or array.shape[1:] != shape:
+            raise ValueError(
+                f"noise has shape {array.shape}; expected (n_samples, {shape[0]}, {shape[1]}): "
+                "samples, steps, inputs"
+            )
+        return np.ascontiguousarray(array.reshape(len(array), -1))
+
+
+def _sample_count(rows: dict[str, np.ndarray | None], n_samples: int | None) -> int:
+    """How many samples the arrays and `n_samples` agree on; `ValueError` where they do not."""
+    lengths = {
+        name: len(a)
+        for name, a in rows.items()
+        if a is not None and (len(a) != 1 or name in ("noise", "along"))
+    }
+    if n_samples is not None:
+        if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
+            raise ValueError(f"n_samples must be a whole number of at least 0, not {n_samples!r}")
+        lengths["n_samples"] = int(n_samples)
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} has {length}" for name, length in lengths.items())
+        raise ValueError(f"the rollout's arrays disagree along axis 0 (samples): {told}")
+    return next(iter(lengths.values()), 1)

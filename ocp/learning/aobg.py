@@ -1,0 +1,125 @@
+"""Alpha-order batched gradient: first and zeroth order mixed by their variances, bias bounded."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from math import log, sqrt
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ocp.errors import InputError, choose
+from ocp.learning.ascent import RULES, ascend
+from ocp.learning.experiment import Experiment, at_least, positive
+from ocp.learning.fopg import unroll_of
+from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.sampling import (
+    begun,
+    finite,
+    next_starts,
+    remembered,
+    roll,
+    told,
+    told_gradient,
+    trained,
+)
+from ocp.learning.starts import Starts
+from ocp.learning.zopg import likelihood_ratio
+
+
+@dataclass(frozen=True, kw_only=True)
+class AoBG:
+    """``g = alpha g1 + (1 - alpha) g0``, alpha the weight of the *first* order (:func:`mixing`).
+
+    g1 and g0 are of two independent batches of ``samples``. ``gamma`` bounds the bias; None is a
+    tenth of |g0| above what the zeroth order is off by itself, so that the bound can be met.
+    ``delta`` is the probability of failure. Other settings are those of ``FOPG``.
+
+    Source: Suh, Simchowitz, Zhang and Tedrake (ICML 2022), algorithm 1.
+    """
+
+    name: ClassVar[str] = "aobg"
+    summary: ClassVar[str] = "alpha-order batched gradient, first and zeroth order mixed"
+
+    samples: int = 128
+    unroll: int = 32
+    sigma: float = 0.1
+    rate: float = 0.01
+    optimiser: str = "adam"
+    gamma: float | None = None
+    delta: float = 0.05
+
+    def settings(self) -> dict[str, Any]:
+        """All of them."""
+        return asdict(self)
+
+    def begin(self, experiment: Experiment) -> State:
+        """The first policy and a buffer of first states."""
+        if self.samples == 1:
+            raise InputError("samples is 1, but mixing weighs variances; give at least 2")
+        at_least(2, "samples", self.samples)
+        at_least(1, "unroll", self.unroll)
+        positive("sigma", self.sigma)
+        positive("rate", self.rate)
+        if self.gamma is not None:
+            positive("gamma", self.gamma)
+        if not 0 < self.delta < 1:
+            raise InputError(f"delta is a probability between 0 and 1, got {self.delta:g}")
+        choose("optimiser", self.optimiser, RULES)
+        starts = Starts.first(experiment, self.samples, unroll_of(experiment, self.unroll))
+        return {**begun(experiment), **starts.arrays()}
+
+    def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
+        """One step along the mixture."""
+        x0, steps = state["starts.x"], unroll_of(experiment, self.unroll)
+        noises = [experiment.noise(self.sigma, k, order) for order in ("first", "zeroth")]
+        first = roll(experiment, state, x0, steps, noise=noises[0], gradient=True)
+        zeroth = roll(experiment, state, x0, steps, noise=noises[1], score=True)
+        good = finite(experiment, first, k)
+        assert first.gradient is not None
+        gradients = first.gradient[good], likelihood_ratio([zeroth], finite(experiment, zeroth, k))
+        alpha, bias = mixing(*gradients, self.gamma, self.delta)
+        g1, g0 = (each.mean(axis=0) for each in gradients)
+        mixed = alpha * g1 + (1 - alpha) * g0
+        changed = {
+            **ascend(self.optimiser, state, mixed, self.rate),
+            **remembered(experiment, state, first, good),
+            **next_starts(experiment, state, first, k),
+        }
+        row = {**told(first, good), **told_gradient(gradients[0]), "alpha": alpha, "bias": bias}
+        row["gradient_norm"] = float(np.linalg.norm(mixed))
+        row["gradient_variance"] = sum(
+            weight**2 * float(each.var(axis=0, ddof=1).sum())
+            for weight, each in zip((alpha, 1 - alpha), gradients, strict=True)
+        )
+        row["env_steps"] += float(zeroth.lived.sum())
+        return changed, row
+
+    def policy(self, experiment: Experiment, state: State) -> Trained:
+        """The policy of the state."""
+        return trained(state)
+
+
+def mixing(
+    first: np.ndarray, zeroth: np.ndarray, gamma: float | None, delta: float
+) -> tuple[float, float]:
+    """Weight alpha of ``first`` (n, d) against ``zeroth`` (m, d), samples, and B = |g1 - g0|.
+
+    ``alpha* = s0² / (s0² + s1²)``, the variances of both means, minimises the variance. The bias is
+    at most gamma with probability 1 - delta where ``alpha B + eps <= gamma``, with the vector
+    Bernstein bound ``eps = sqrt(2 v l / m) + 2 L l / (3 m)`` of the zeroth order's mean, ``l =
+    log((d + 1) / delta)``, v the variance of a sample and L its largest deviation in the batch:
+    alpha = alpha* where that holds, (gamma - eps) / B where not, and 0 where eps > gamma.
+    """
+    (n, d), m = first.shape, len(zeroth)
+    g1, g0 = first.mean(axis=0), zeroth.mean(axis=0)
+    v1, v0 = (float(each.var(axis=0, ddof=1).sum()) for each in (first, zeroth))
+    largest = float(np.linalg.norm(zeroth - g0, axis=1).max())
+    level = log((d + 1) / delta)
+    eps = sqrt(2 * v0 * level / m) + 2 * largest * level / (3 * m)
+    allowed = eps + 0.1 * float(np.linalg.norm(g0)) if gamma is None else gamma
+    bias, total = float(np.linalg.norm(g1 - g0)), v0 / m + v1 / n
+    best = v0 / m / total if total > 0 else 1.0
+    if eps > allowed:
+        return 0.0, bias
+    return (best if best * bias <= allowed - eps else (allowed - eps) / bias), bias

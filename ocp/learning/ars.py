@@ -1,0 +1,80 @@
+"""Augmented random search: finite differences of the return along the best random directions."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.learning.experiment import Experiment, at_least, positive
+from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.sampling import begun, finite, remembered, roll, told, trained
+
+
+@dataclass(frozen=True, kw_only=True)
+class ARS:
+    """V2-t of Mania, Guy and Recht (2018): normalised observations, top directions, sigma_R.
+
+    ``theta <- theta + rate / (top sigma_R) sum_i (r_i+ - r_i-) delta_i`` over the ``top`` of
+    ``directions`` delta_i ~ N(0, 1) by max(r_i+, r_i-), with returns r_i± of whole episodes at
+    ``theta ± spread delta_i`` from the same start, and sigma_R their standard deviation over the 2
+    top used. An episode that is not finite counts as the worst finite one.
+    """
+
+    name: ClassVar[str] = "ars"
+    summary: ClassVar[str] = "augmented random search, V2-t"
+
+    directions: int = 16
+    top: int = 8
+    spread: float = 0.1
+    rate: float = 0.05
+
+    def settings(self) -> dict[str, Any]:
+        """All of them."""
+        return asdict(self)
+
+    def begin(self, experiment: Experiment) -> State:
+        """The first policy."""
+        at_least(1, "directions", self.directions)
+        at_least(1, "top", self.top)
+        if self.top > self.directions:
+            raise InputError(
+                f"top is {self.top}, more than the {self.directions} directions; take fewer"
+            )
+        positive("spread", self.spread)
+        positive("rate", self.rate)
+        return begun(experiment)
+
+    def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
+        """One step along the best directions."""
+        theta, n = state["theta"], self.directions
+        delta = experiment.rng(k, "directions").standard_normal((n, theta.size))
+        starts = experiment.first_states(n, experiment.rng(k, "starts"))
+        found = roll(
+            experiment,
+            state,
+            np.vstack([starts, starts]),
+            experiment.task.horizon,
+            theta=theta + self.spread * np.vstack([delta, -delta]),
+        )
+        good = finite(experiment, found, k)
+        returns = np.where(good, found.value, found.value[good].min()).reshape(2, n)
+        change = self.rate * search_direction(returns, delta, self.top)
+        row = {**told(found, good), "gradient_norm": float(np.linalg.norm(change)) / self.rate}
+        return {**state, "theta": theta + change, **remembered(experiment, state, found, good)}, row
+
+    def policy(self, experiment: Experiment, state: State) -> Trained:
+        """The policy of the state."""
+        return trained(state)
+
+
+def search_direction(returns: np.ndarray, delta: np.ndarray, top: int) -> np.ndarray:
+    """``sum (r+ - r-) delta / (top sigma_R)`` of returns (2, n) and directions (n, n_theta)."""
+    chosen = np.argsort(-returns.max(axis=0), kind="stable")[:top]
+    used = returns[:, chosen]
+    deviation = used.std()
+    if deviation == 0:
+        return np.zeros(delta.shape[1])
+    return (used[0] - used[1]) @ delta[chosen] / (top * deviation)

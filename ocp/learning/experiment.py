@@ -1,0 +1,187 @@
+"""A policy to be learned: the task, the algorithm, the contact law it learns through, the seed."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant, dense
+from dynamics.contact import Adaptive, ContactLaw, Exact
+from ocp.errors import InputError
+from ocp.learning.rollouts import TaskRollouts
+from ocp.task import Task
+
+if TYPE_CHECKING:
+    from ocp.learning.protocol import Algorithm, Trained
+
+EXACT = Exact()
+"""The law that every policy is judged under."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Experiment:
+    """Maximise ``E sum_t discount^t reward_t`` over the parameters of a policy.
+
+    The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with
+    tanh layers of sizes ``hidden`` on normalised observations; ``()`` is the affine policy and None
+    one input for all steps, without observations. Weights start normal with standard deviation
+    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0.
+
+    The algorithm learns through ``law``, at the task's parameters ``psi`` (all of them, in the
+    order of the task's table; by default its own); evaluations are under the exact law, of
+    ``episodes`` episodes before every ``evaluate_every``-th iteration and at the end. ``params``
+    is what the task was built of, for the record. Results do not depend on ``threads``.
+
+    Raises :class:`~ocp.errors.InputError` for sizes below 1, a discount outside (0, 1] and
+    the like.
+    """
+
+    task: Task
+    algorithm: Algorithm
+    law: ContactLaw = field(default_factory=lambda: Adaptive("quartic"))
+    hidden: tuple[int, ...] | None = ()
+    initial: float = 0.1
+    normalise: bool = True
+    discount: float = 1.0
+    seed: int = 0
+    iterations: int = 100
+    evaluate_every: int = 10
+    episodes: int = 16
+    psi: np.ndarray | None = None
+    params: Mapping[str, Any] = field(default_factory=dict)
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("iterations", "evaluate_every", "episodes"):
+            at_least(1, name, getattr(self, name))
+        for width in self.hidden or ():
+            at_least(1, "a hidden layer", width)
+        at_least(0, "seed", self.seed)
+        if not 0 < self.discount <= 1:
+            raise InputError(
+                f"discount must be above 0 and at most 1, got {self.discount:g}; 1 counts all"
+                " rewards alike"
+            )
+        not_below(0, "initial", self.initial)
+        size = len(self.task.parameters)
+        if self.psi is not None and np.shape(self.psi) != (size,):
+            raise InputError(
+                f"psi has shape {np.shape(self.psi)}, expected ({size},), the parameters of"
+                f" {self.task.name}"
+            )
+
+    @cached_property
+    def policy(self) -> RolloutPolicy:
+        """The policy as the engine takes it."""
+        task = self.task
+        if self.hidden is None:
+            return constant(task.system.nx, task.lower, task.upper)
+        return dense(task.observe, self.hidden, task.lower, task.upper)
+
+    def rollouts(self, horizon: int, law: ContactLaw | None = None) -> TaskRollouts:
+        """Unrolls of ``horizon`` steps, compiled once; through ``law``, by default the model's."""
+        chosen = self.law if law is None else law
+        key = horizon, id(chosen)
+        if key not in self._compiled:
+            self._compiled[key] = TaskRollouts(
+                self.task, chosen, self.policy, horizon, threads=self.threads
+            )
+        return self._compiled[key]
+
+    @cached_property
+    def _compiled(self) -> dict[tuple[int, int], TaskRollouts]:
+        return {}
+
+    def rng(self, k: int, purpose: str) -> np.random.Generator:
+        """Numbers of iteration ``k`` for one purpose, the same however often they are asked."""
+        return np.random.default_rng(self._sequence(k, purpose))
+
+    def noise(self, sigma: float, k: int, purpose: str) -> Gaussian:
+        """Noise of iteration ``k`` on the inputs for one purpose."""
+        return Gaussian(sigma, self._sequence(k, purpose))
+
+    def _sequence(self, k: int, purpose: str) -> np.random.SeedSequence:
+        return np.random.SeedSequence([self.seed, k, zlib.crc32(purpose.encode())])
+
+    def first_theta(self) -> np.ndarray:
+        """Parameters (n_theta,) to start from, out of the seed."""
+        rng = self.rng(0, "theta")
+        if self.hidden is None:
+            return self.initial * rng.standard_normal(self.policy.n_theta)
+        sizes = [len(self.task.observations), *self.hidden, self.task.system.nu]
+        parts = []
+        for layer, (fan_in, fan_out) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+            size = self.initial if layer == len(sizes) - 2 else 1.0
+            weights = rng.standard_normal(fan_in * fan_out) * size / np.sqrt(fan_in)
+            parts += [weights, np.zeros(fan_out)]
+        return np.concatenate(parts)
+
+    def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """First states (n, nx) of episodes, at the model's parameters."""
+        return self.task.reset(n, rng, self.psi)
+
+    def observations(self, states: np.ndarray) -> np.ndarray:
+        """What a policy sees, before it is normalised, (n, n_o), in states (n, nx)."""
+        return self._observe(states, self.task.parameters.values)
+
+    def inputs(self, trained: Trained, states: np.ndarray) -> np.ndarray:
+        """Inputs (n, nu) of a policy without noise in states (n, nx)."""
+        if isinstance(self.policy, DensePolicy):
+            normaliser = trained.normaliser
+            seen = (self.observations(states) - normaliser.mean) / normaliser.scale
+            action = self.policy.means(trained.theta, seen)
+        else:
+            action = np.broadcast_to(trained.theta, (len(states), self.task.system.nu))
+        half, middle = (
+            (self.task.upper - self.task.lower) / 2,
+            (self.task.upper + self.task.lower) / 2,
+        )
+        return middle + half * np.tanh(action)
+
+    @cached_property
+    def _observe(self) -> BatchFunction:
+        return BatchFunction(self.task.observe, "numpy", 1)
+
+    def settings(self) -> dict[str, Any]:
+        """What decides the result, by name, but for ``iterations``: more of them go on."""
+        law = {"law": self.law.name, **self.law.settings()}
+        psi = self.task.parameters.values if self.psi is None else self.psi
+        return {
+            "task": self.task.name,
+            "params": dict(self.params),
+            "algorithm": self.algorithm.name,
+            **{f"algorithm.{key}": value for key, value in self.algorithm.settings().items()},
+            **{f"contact.{key}": value for key, value in law.items()},
+            "hidden": self.hidden,
+            "initial": self.initial,
+            "normalise": self.normalise,
+            "discount": self.discount,
+            "seed": self.seed,
+            "evaluate_every": self.evaluate_every,
+            "episodes": self.episodes,
+            "psi": psi,
+        }
+
+
+def at_least(least: int, name: str, value: int) -> None:
+    """Raise :class:`~ocp.errors.InputError` unless ``value`` is a whole number from ``least``."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least:
+        raise InputError(f"{name} must be a whole number of at least {least}, got {value!r}")
+
+
+def not_below(low: float, name: str, value: float) -> None:
+    """Raise :class:`~ocp.errors.InputError` unless ``value`` is finite and at least ``low``."""
+    if not (np.isfinite(value) and value >= low):
+        raise InputError(f"{name} must be a finite number of at least {low:g}, got {value!r}")
+
+
+def positive(name: str, value: float) -> None:
+    """Raise :class:`~ocp.errors.InputError` unless ``value`` is positive and finite."""
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{name} must be positive and finite, got {value!r}")

@@ -1,0 +1,54 @@
+"""What every algorithm that learns a policy keeps to."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+
+from ocp.learning.normaliser import Normaliser
+
+if TYPE_CHECKING:
+    from ocp.learning.experiment import Experiment
+
+State = dict[str, np.ndarray]
+"""All that an algorithm must remember from one iteration to the next, as a checkpoint stores it."""
+
+Row = dict[str, float]
+"""What is told of one iteration, by name. All tell ``return_mean`` (of the samples drawn) and
+``env_steps`` (simulated steps of this iteration); those with gradients ``gradient_norm`` and
+``gradient_variance`` (trace of the covariance of one sample's gradient)."""
+
+
+class Trained(NamedTuple):
+    """Parameters ``theta`` (n_theta,) of a policy, and the observations it has seen."""
+
+    theta: np.ndarray
+    normaliser: Normaliser
+
+
+class Algorithm(Protocol):
+    """One way to improve a policy; its attributes are its settings, frozen.
+
+    The numbers of iteration k are drawn by :meth:`Experiment.rng` and :meth:`Experiment.noise` at
+    k, so that a run that goes on from a stored state ends as one that was never stopped.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+
+    def settings(self) -> dict[str, Any]:
+        """What was chosen, for the run's record."""
+        ...
+
+    def begin(self, experiment: Experiment) -> State:
+        """State before the first iteration; raises ``InputError`` where settings do not fit."""
+        ...
+
+    def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
+        """State after iteration k, and what is told of it; ``state`` is left as it was."""
+        ...
+
+    def policy(self, experiment: Experiment, state: State) -> Trained:
+        """The policy as it is, without noise."""
+        ...

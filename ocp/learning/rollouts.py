@@ -1,0 +1,94 @@
+"""Episodes of a task: its system closed by a law, under a policy, at parameters by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import (
+    DensePolicy,
+    Episode,
+    EpisodeFunction,
+    EpisodeMoments,
+    Episodes,
+    RolloutPolicy,
+)
+from dynamics.batch.graphs.objective import DISCOUNT
+from dynamics.contact import ContactLaw
+from ocp.gradients.objective import quietly
+from ocp.learning.normaliser import Normaliser
+from ocp.task import Task
+
+
+class TaskRollouts:
+    """Returns of ``horizon`` steps of a task under a contact law, and their gradients.
+
+    ``parameters`` are the task's, the law's knobs (``contact.mu``), ``discount``, and ``mean[i]``
+    and ``scale[i]`` of the observations where the policy normalises them. What the task gives at
+    the end of an episode counts where ``horizon`` is a whole one.
+
+    Raises ``ValueError`` where the law cannot close the system.
+    """
+
+    def __init__(
+        self, task: Task, law: ContactLaw, policy: RolloutPolicy, horizon: int, **engine: Any
+    ) -> None:
+        self.task, self.law, self.policy, self.horizon = task, law, policy, horizon
+        step = law.close(replace(task.system, parameters=task.parameters))
+        final = task.finals
+        if horizon != task.horizon:
+            arguments = [task.system.x, task.parameters.vector]
+            final = ca.Function("final", arguments, [ca.SX(0)])
+        episode = Episode(task.rewards, final, task.ends)
+        self.function = EpisodeFunction(step, episode, horizon, policy, **engine)
+        self.parameters = self.function.parameters
+
+    def __call__(
+        self,
+        x0: np.ndarray,
+        theta: np.ndarray,
+        normaliser: Normaliser | None = None,
+        *,
+        discount: float = 1.0,
+        psi: np.ndarray | None = None,
+        **asked: Any,
+    ) -> Episodes:
+        """Episodes from ``x0`` (n, nx); ``asked`` as :class:`~dynamics.batch.EpisodeFunction`.
+
+        ``psi`` (np,) or (n, np) are the task's parameters, by default its own. Samples that could
+        not be solved have no finite return, and are named by ``nonfinite``.
+        """
+        p = self._packed(normaliser, discount, psi)
+        return quietly(self.function, x0, theta, p, **asked)
+
+    def moments(
+        self,
+        x0: np.ndarray,
+        theta: np.ndarray,
+        normaliser: Normaliser | None = None,
+        *,
+        discount: float = 1.0,
+        psi: np.ndarray | None = None,
+        **asked: Any,
+    ) -> EpisodeMoments:
+        """Moments over samples, with nothing kept of single ones but the steps they lived."""
+        p = self._packed(normaliser, discount, psi)
+        return quietly(self.function.moments, x0, theta, p, **asked)
+
+    def _packed(
+        self, normaliser: Normaliser | None, discount: float, psi: np.ndarray | None
+    ) -> np.ndarray:
+        """Values of :attr:`parameters`, (np,), or (n, np) where psi differs over samples."""
+        own = self.task.parameters.values if psi is None else np.asarray(psi, dtype=float)
+        told = {DISCOUNT: discount}
+        if normaliser is not None and isinstance(self.policy, DensePolicy):
+            pairs = ("mean", normaliser.mean), ("scale", normaliser.scale)
+            told |= {f"{name}[{i}]": v for name, of in pairs for i, v in enumerate(of.tolist())}
+        whole = self.parameters.pack(told)
+        rest = whole[own.shape[-1] :]
+        if own.ndim == 1:
+            return np.concatenate([own, rest])
+        return np.hstack([own, np.broadcast_to(rest, (len(own), len(rest)))])

@@ -1,0 +1,172 @@
+"""The loop that every algorithm runs in: iterate, judge under the exact law, keep, go on."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ocp.errors import InputError
+from ocp.learning.evaluation import evaluate
+from ocp.learning.experiment import EXACT, Experiment
+from ocp.learning.protocol import Row, State, Trained
+from ocp.store.checkpoint import Checkpoint
+from ocp.store.plain import plain
+
+KEY = "training"
+"""Name of the arrays in a checkpoint."""
+_RUN, _CURVE, _SETTINGS, _BEST = "run.", "curve.", "settings", "best."
+
+Report = Callable[[int, Row], None]
+"""Called with the number of iterations done and what is told of them."""
+
+
+@dataclass
+class _Progress:
+    """Where a training stands; ``best`` is the policy that was judged best so far."""
+
+    state: State
+    rows: list[Row] = field(default_factory=list)
+    best: State = field(default_factory=dict)
+    spent: float = 0.0
+
+
+def train(
+    experiment: Experiment, checkpoint: Checkpoint | None = None, report: Report | None = None
+) -> xr.Dataset:
+    """Run the experiment, from where ``checkpoint`` stopped, and return curves and policy.
+
+    Row k of the curves, over ``iteration`` 0..iterations, tells of the policy after k iterations:
+    ``evaluation_*`` under the exact law where it was judged, ``env_steps`` simulated and ``wall_s``
+    [s] spent to get there, and what iteration k itself told (return of the samples, gradient), NaN
+    in the last row. ``theta``, ``mean`` and ``scale`` are of the policy that was judged best,
+    ``theta_last`` of the last one; ``psi`` are the parameters of the model in the end.
+
+    All but times is the same to the last bit whether or not the run was stopped on its way, and
+    for any number of threads.
+
+    Raises :class:`~ocp.errors.InputError` where the checkpoint is of other settings, and what the
+    algorithm raises.
+    """
+    progress = _resumed(experiment, checkpoint) or _begun(experiment)
+    algorithm = experiment.algorithm
+    for k in range(len(progress.rows), experiment.iterations + 1):
+        started = time.monotonic()
+        last = k == experiment.iterations
+        judged: Row = {}
+        if last or k % experiment.evaluate_every == 0:
+            judged = _judge(experiment, progress, k)
+        told: Row = {}
+        if not last:
+            progress.state, told = algorithm.iterate(experiment, progress.state, k)
+        row = {"wall_s": progress.spent, **judged, **told}
+        progress.spent += time.monotonic() - started
+        progress.rows.append(row)
+        if report is not None:
+            report(k, row)
+        if checkpoint is not None and not last and checkpoint.due():
+            checkpoint.save_state(KEY, **_arrays(experiment, progress))
+    return _result(experiment, progress)
+
+
+def _begun(experiment: Experiment) -> _Progress:
+    return _Progress(experiment.algorithm.begin(experiment))
+
+
+def _judge(experiment: Experiment, progress: _Progress, k: int) -> Row:
+    """Evaluate the policy on the same episodes every time, and keep it where it is the best."""
+    trained = experiment.algorithm.policy(experiment, progress.state)
+    found = evaluate(experiment, trained, EXACT, experiment.episodes)
+    row = {f"evaluation_{name}": value for name, value in found.summary().items()}
+    held = progress.best.get("return")
+    if held is None or row["evaluation_return"] > float(held):
+        progress.best = {
+            "return": np.array(row["evaluation_return"]),
+            "iteration": np.array(k),
+            **_policy_arrays(trained),
+        }
+    return row
+
+
+def _policy_arrays(trained: Trained) -> dict[str, np.ndarray]:
+    normaliser = trained.normaliser
+    return {"theta": trained.theta, "mean": normaliser.mean, "scale": normaliser.scale}
+
+
+def _arrays(experiment: Experiment, progress: _Progress) -> dict[str, Any]:
+    """What a checkpoint holds."""
+    return {
+        **{_RUN + name: value for name, value in progress.state.items()},
+        **{_BEST + name: value for name, value in progress.best.items()},
+        **{_CURVE + name: values for name, values in _curves(progress.rows).items()},
+        "spent": np.array(progress.spent),
+        _SETTINGS: np.array(json.dumps(plain(experiment.settings()), sort_keys=True)),
+    }
+
+
+def _resumed(experiment: Experiment, checkpoint: Checkpoint | None) -> _Progress | None:
+    found = None if checkpoint is None else checkpoint.state(KEY)
+    if found is None:
+        return None
+    _same_settings(json.loads(str(found[_SETTINGS])), plain(experiment.settings()))
+    curves = {name: found[_CURVE + name] for name in _under(_CURVE, found)}
+    rows = [
+        {name: float(values[i]) for name, values in curves.items() if not np.isnan(values[i])}
+        for i in range(len(curves["wall_s"]))
+    ]
+    if len(rows) > experiment.iterations:
+        raise InputError(
+            f"the run to go on with has {len(rows)} iterations already, more than the"
+            f" {experiment.iterations} asked for; ask for more"
+        )
+    state, best = ({n: found[p + n] for n in _under(p, found)} for p in (_RUN, _BEST))
+    return _Progress(state, rows, best, float(found["spent"]))
+
+
+def _under(prefix: str, names: dict[str, np.ndarray]) -> list[str]:
+    return [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
+
+
+def _same_settings(stored: dict[str, Any], asked: dict[str, Any]) -> None:
+    differ = [n for n in {**stored, **asked} if stored.get(n) != asked.get(n)]
+    if differ:
+        told = ", ".join(f"{n} = {stored.get(n)} not {asked.get(n)}" for n in differ)
+        raise InputError(
+            f"the run to go on with was made with other settings: {told}; give the same, or start"
+            " a new run"
+        )
+
+
+def _curves(rows: list[Row]) -> dict[str, np.ndarray]:
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
+
+
+def _result(experiment: Experiment, progress: _Progress) -> xr.Dataset:
+    curves = _curves(progress.rows)
+    steps = np.nan_to_num(curves["env_steps"])
+    curves["env_steps"] = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
+    trained = experiment.algorithm.policy(experiment, progress.state)
+    psi = experiment.task.parameters.values if experiment.psi is None else experiment.psi
+    best = progress.best
+    return xr.Dataset(
+        {
+            **{name: ("iteration", values) for name, values in curves.items()},
+            **{name: ("parameter", best[name]) for name in ("theta",)},
+            "theta_last": ("parameter", trained.theta),
+            **{name: ("observation", best[name]) for name in ("mean", "scale")},
+            "psi": ("physical", progress.state.get("psi", psi)),
+            "best_iteration": ((), int(best["iteration"])),
+        },
+        coords={
+            "iteration": np.arange(len(progress.rows)),
+            "observation": [signal.name for signal in experiment.task.observations],
+            "physical": [parameter.name for parameter in experiment.task.parameters],
+        },
+        attrs=plain(experiment.settings()),
+    )

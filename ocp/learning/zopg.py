@@ -1,0 +1,111 @@
+"""Zeroth-order policy gradient: likelihood ratio with a baseline, in antithetic pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dynamics.batch import Episodes, Gaussian
+from ocp.errors import InputError, choose
+from ocp.learning.ascent import RULES, ascend
+from ocp.learning.experiment import Experiment, at_least, positive
+from ocp.learning.fopg import unroll_of
+from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.sampling import (
+    begun,
+    finite,
+    next_starts,
+    remembered,
+    roll,
+    told,
+    told_gradient,
+    trained,
+)
+from ocp.learning.starts import Starts
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZOPG:
+    """``g = mean of (V - b) sum_t D_theta a_t' w_t / sigma²``, the likelihood ratio's gradient.
+
+    Every start is unrolled under noise w and -w, ``samples`` unrolls in all; b is the mean return
+    of the others but the pair, so that the estimate is unbiased. Settings are those of ``FOPG``.
+    """
+
+    name: ClassVar[str] = "zopg"
+    summary: ClassVar[str] = "likelihood-ratio policy gradient, antithetic, with a baseline"
+
+    samples: int = 256
+    unroll: int = 32
+    sigma: float = 0.1
+    rate: float = 0.01
+    optimiser: str = "adam"
+
+    def settings(self) -> dict[str, Any]:
+        """All of them."""
+        return asdict(self)
+
+    def begin(self, experiment: Experiment) -> State:
+        """The first policy and a buffer of first states, one for each pair."""
+        at_least(4, "samples", self.samples)
+        if self.samples % 2:
+            raise InputError(f"samples come in pairs of w and -w: {self.samples} is odd")
+        at_least(1, "unroll", self.unroll)
+        positive("sigma", self.sigma)
+        positive("rate", self.rate)
+        choose("optimiser", self.optimiser, RULES)
+        starts = Starts.first(experiment, self.samples // 2, unroll_of(experiment, self.unroll))
+        return {**begun(experiment), **starts.arrays()}
+
+    def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
+        """One step along the mean of the pairs."""
+        steps = unroll_of(experiment, self.unroll)
+        noise = experiment.noise(self.sigma, k, "actions")
+        pair = mirrored(experiment, state, state["starts.x"], steps, noise)
+        good = np.logical_and(*(finite(experiment, each, k) for each in pair))
+        gradients = likelihood_ratio(pair, good)
+        changed = {
+            **ascend(self.optimiser, state, gradients.mean(axis=0), self.rate),
+            **remembered(experiment, state, pair[0], good),
+            **next_starts(experiment, state, pair[0], k),
+        }
+        row = {**told(pair[0], good), **told_gradient(gradients)}
+        row["env_steps"] += float(pair[1].lived.sum())
+        return changed, row
+
+    def policy(self, experiment: Experiment, state: State) -> Trained:
+        """The policy of the state."""
+        return trained(state)
+
+
+def mirrored(
+    experiment: Experiment, state: State, x0: np.ndarray, steps: int, noise: Gaussian
+) -> tuple[Episodes, Episodes]:
+    """Unrolls with their scores under w and under -w."""
+    plus, minus = (
+        roll(experiment, state, x0, steps, noise=each, score=True)
+        for each in (noise, noise.mirrored())
+    )
+    return plus, minus
+
+
+def likelihood_ratio(batches: Sequence[Episodes], good: np.ndarray) -> np.ndarray:
+    """``mean over batches of (V - b) score``, (n, n_theta), of the samples that are ``good``.
+
+    The baseline b of a sample is the mean return, over the batches, of all others.
+
+    Raises :class:`~ocp.errors.InputError` where fewer than two are left for that.
+    """
+    values = np.stack([each.value[good] for each in batches])
+    if values.shape[1] < 2:
+        raise InputError(
+            "a likelihood ratio with a baseline needs two samples that stay finite, there are"
+            f" {values.shape[1]}; take more samples or less noise"
+        )
+    means = values.mean(axis=0)
+    baseline = (means.sum() - means) / (len(means) - 1)
+    scores = np.stack([np.asarray(each.score)[good] for each in batches])
+    return ((values - baseline)[..., None] * scores).mean(axis=0)

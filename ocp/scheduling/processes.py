@@ -1,0 +1,154 @@
+"""Jobs over processes: each worker does one after another, and a dead one is replaced."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Generator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import wait
+from typing import Any
+
+from ocp.scheduling.jobs import TRIES, Failure, Function, Heard, attempt, died
+
+_GRACE_S = 30.0
+"""How long a worker may take to keep what it has done before it is ended."""
+# A fork of a process that has threads, as numerical libraries start them, may hang.
+_context = multiprocessing.get_context("spawn")
+
+
+def over_processes(
+    function: Function, jobs: Sequence[Any], workers: int, heard: Heard
+) -> Generator[tuple[int, Any], None, None]:
+    """Do the jobs in ``workers`` processes; yield place and outcome of each as they end.
+
+    A job whose worker dies is begun again, by another worker. When the caller stops, workers get
+    the signal of Ctrl-C, and some time to keep what is done.
+    """
+    waiting, tries = deque(range(len(jobs))), [0] * len(jobs)
+    crew: list[_Worker] = []
+    try:
+        while waiting or crew:
+            while waiting and len(crew) < workers:
+                crew.append(_Worker.hired(function))
+                crew[-1].give(waiting.popleft(), jobs)
+            for worker in _ready(crew):
+                message = worker.received()
+                if message is None:
+                    crew.remove(worker)
+                    place = worker.dismissed()
+                    tries[place] += 1
+                    if tries[place] < TRIES:
+                        waiting.appendleft(place)
+                    else:
+                        yield place, died(place)
+                    continue
+                word, content = message
+                if word == "told":
+                    heard(worker.place, content)
+                    continue
+                yield worker.place, content
+                if waiting:
+                    worker.give(waiting.popleft(), jobs)
+                else:
+                    crew.remove(worker)
+                    worker.dismissed()
+    finally:
+        _stop(crew)
+
+
+@dataclass
+class _Worker:
+    process: Any
+    pipe: Any
+    place: int = -1
+
+    @classmethod
+    def hired(cls, function: Function) -> _Worker:
+        here, there = _context.Pipe()
+        process = _context.Process(target=_serve, args=(function, there), daemon=True)
+        process.start()
+        there.close()
+        return cls(process, here)
+
+    def give(self, place: int, jobs: Sequence[Any]) -> None:
+        self.place = place
+        # A worker that has died meanwhile is noticed when it is listened to.
+        with suppress(OSError):
+            self.pipe.send(jobs[place])
+
+    def received(self) -> tuple[str, Any] | None:
+        """What the worker says, or None where it has died."""
+        try:
+            return self.pipe.recv()
+        except (EOFError, OSError):
+            return None
+
+    def dismissed(self) -> int:
+        """Close the pipe, at which a worker ends; gives the place of its last job."""
+        self.pipe.close()
+        self.process.join()
+        return self.place
+
+
+def _ready(crew: Sequence[_Worker]) -> list[_Worker]:
+    found = wait([worker.pipe for worker in crew])
+    return [worker for worker in crew if worker.pipe in found]
+
+
+def _stop(crew: Sequence[_Worker]) -> None:
+    for worker in crew:
+        with suppress(OSError, TypeError):
+            os.kill(worker.process.pid, signal.SIGINT)
+    end = time.monotonic() + _GRACE_S
+    for worker in crew:
+        # What a worker says now is not heard; a full pipe must not hold it.
+        while worker.process.is_alive() and time.monotonic() < end:
+            if worker.pipe.poll(0.1) and worker.received() is None:
+                break
+        worker.process.join(max(0.0, end - time.monotonic()))
+        worker.process.kill()
+        worker.dismissed()
+
+
+def _serve(function: Function, pipe: Any) -> None:
+    """Do jobs until the pipe closes, or Ctrl-C."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    signal.signal(signal.SIGINT, _once)
+
+    def tell(message: Any) -> None:
+        pipe.send(("told", message))
+
+    with suppress(KeyboardInterrupt, EOFError, OSError):
+        while True:
+            outcome = attempt(function, pipe.recv(), tell)
+            pipe.send(("ended", _sendable(outcome)))
+
+
+def _sendable(outcome: Any) -> Any:
+    if isinstance(outcome, Failure):
+        try:
+            pickle.loads(pickle.dumps(outcome))
+        except Exception:
+            return Failure(RuntimeError(f"{type(outcome.error).__name__}: {outcome.error}"))
+    return outcome
+
+
+def _once(*_: object) -> None:
+    # On a terminal Ctrl-C reaches the workers too, and then again from the parent.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _end_with_parent() -> None:
+    """Nobody would hear a worker whose parent was killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
