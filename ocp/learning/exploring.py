@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,7 +101,9 @@ class Explorer:
         return np.where(again[:, None], fresh, seen.x_next), np.where(again, young, age)
 
 
-def random_transitions(explorer: Explorer, n: int, seed: int) -> tuple[Buffer, np.ndarray]:
+def random_transitions(
+    explorer: Explorer, n: int, seed: int | Sequence[int]
+) -> tuple[Buffer, np.ndarray]:
     """``n`` solved transitions of random policies, and whether bodies touch in the end (n,).
 
     Fifty episodes at a time, each with inputs ``mid + half tanh(s (G o + w))`` of its own: G
@@ -113,7 +115,7 @@ def random_transitions(explorer: Explorer, n: int, seed: int) -> tuple[Buffer, n
     if n < 1:
         raise InputError(f"at least 1 transition must be asked for, got {n}")
     task = explorer.task
-    rng = np.random.default_rng([seed, 0])
+    rng = np.random.default_rng(seed)
     sizes = EPISODES, task.system.nu, len(task.observations)
     x, age = explorer.first(EPISODES, rng)
     largest = np.full(sizes[2], 1e-6)
