@@ -36,6 +36,7 @@ from reports.figures import run as figures_of
 from reports.figures.studies import DRAWINGS
 from reports.stages import left_out
 from reports.strobe import strobe
+from reports.trained.page import training_content
 from reports.view import RunView
 
 _NOT_SETTINGS = (
@@ -157,6 +158,12 @@ def study_page(run: StoredRun) -> Page:
         "parameters": [[*row, origin_of(fields[row[0]])] for row in described["parameters"]],
     }
     return content, {"study": DRAWINGS[study.id].draw(run.data)}
+
+
+def training_page(views: list[RunView]) -> Page:
+    """Content and figures of trained policies on one task."""
+    content, figures = training_content(views)
+    return {**_head(views[0]), "law": _law(views[0]), **content}, figures
 
 
 def _head(view: RunView) -> dict[str, Any]:

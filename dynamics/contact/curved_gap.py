@@ -41,3 +41,23 @@ class CurvedGap:
         rows, by_state, by_lam = ca.substitute([self._gap, by_state, by_lam], [old], [new])
         scale = D[self.rows]
         return rows * scale / c, ca.diag(scale) @ (by_lam + by_state @ B) @ ca.diag(D)
+
+    def opening_along(self, C: ca.SX) -> ca.SX:
+        """What :meth:`along` needs, in the system's (x, u, p)."""
+        return ca.vertcat(
+            self._system.reduced.a[self._states], C[self._states, :].nz[:], self._given
+        )
+
+    def along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Gaps of the rows where ``x_next = a + C w``, and their derivatives by lam and by w."""
+        system, count = self._system, len(self._states)
+        pattern = C[self._states, :].sparsity()
+        ends = [0, count, count + pattern.nnz(), opening.numel()]
+        a, entries, given = ca.vertsplit(opening, ends)
+        C = ca.SX(pattern, entries)
+        states = system.x_next[self._states]
+        by_state, by_lam = ca.jacobian(self._gap, states), ca.jacobian(self._gap, system.lam)
+        old = ca.vertcat(self._given, states, system.lam)
+        new = ca.vertcat(given, a + C @ w, lam)
+        rows, by_state, by_lam = ca.substitute([self._gap, by_state, by_lam], [old], [new])
+        return rows, by_lam, by_state @ C

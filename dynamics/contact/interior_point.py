@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from dynamics.systems.elimination import Factors
+from dynamics.contact.compliance import Compliance
 
 _STAGES = (8, 8, 16, 32, 64, 128)
 ITERATIONS = sum(_STAGES)
@@ -41,12 +41,12 @@ def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
 
 
 def advance(
-    lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX, rest: float = 0.0
+    lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, rest: float = 0.0
 ) -> tuple[ca.SX, ca.SX]:
     """The pair after one iteration on the scaled problem, as expressions: ``lam, s``.
 
-    All (n, 1) but F (n, n), whose structural zeros are skipped; lam, s > 0, and ``s = z + F lam``
-    holds only in the limit. Algorithm 3 of adaptive barrier smoothing: Mehrotra's affine predictor
+    All (n, 1); ``gap`` is ``z + F lam`` at lam; lam, s > 0, and ``s = gap`` holds only in the
+    limit. Algorithm 3 of adaptive barrier smoothing: Mehrotra's affine predictor
     and centring, fraction to the boundary. Differently from it, the affine step aims at the wanted
     mu and the target never falls below it, so that the end is *at* mu; the second-order correction
     is taken only where it shortens no step and lowers the violation (with it alone, one problem in
@@ -57,12 +57,11 @@ def advance(
     violation is ``rest`` or less, the point is returned unchanged: a fixed point ends the loop.
     """
     n = lam.numel()
-    defect = z + F @ lam - s
-    factors = Factors(ca.diag(s) + ca.diag(lam) @ F)
+    defect, solve = gap - s, F.factored(lam, s)
 
     def direction(target: ca.SX, keep: ca.SX | float) -> tuple[ca.SX, ca.SX]:
-        step = factors.solve(target - lam * s - lam * (1 - keep) * defect)
-        return step, F @ step + (1 - keep) * defect
+        step, opened = solve(target - lam * s - lam * (1 - keep) * defect)
+        return step, opened + (1 - keep) * defect
 
     def length(step_lam: ca.SX, step_s: ca.SX, fraction: ca.SX | float) -> ca.SX:
         decrease = ca.vertcat(-step_lam / lam, -step_s / s)
@@ -109,7 +108,7 @@ def advance(
     new_s = new_s * ca.if_else(small, 1, lift)
 
     def relative(at_lam: ca.SX, at_s: ca.SX) -> ca.SX:
-        off = ca.fabs(z + F @ at_lam - at_s) / (1 + at_s)
+        off = ca.fabs(gap + F.across(at_lam - lam) - at_s) / (1 + at_s)
         return ca.mmax(ca.vertcat(ca.fabs(at_lam * at_s - mu) / ca.fmax(mu, _FLOOR), off))
 
     now = relative(lam, s)

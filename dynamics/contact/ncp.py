@@ -21,6 +21,7 @@ import numpy as np
 
 from dynamics.contact.interior_point import follow
 from dynamics.contact.path import Path
+from dynamics.contact.reduced_path import path_of
 from dynamics.systems import ContactSystem
 
 LOST = 1e-7
@@ -44,7 +45,7 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     pair's scaled violation, 1e-10 or less where the step was solved. With ``exact`` mu is ignored
     and the point at :data:`~dynamics.contact.path.MU_EXACT` returned.
     """
-    path, mu = Path.of_system(system, exact), ca.SX.sym("mu", system.nlam)
+    path, mu = path_of(system, exact), ca.SX.sym("mu", system.nlam)
     given = [system.x, system.u, system.parameters.vector]
     opening = ca.Function("opening", [*given, mu], [path.opening_of(system, mu)], {"cse": True})
     landing = ca.Function("landing", [*given, system.lam], [system.landing], {"cse": True})
@@ -137,8 +138,7 @@ def _paired(path: Path) -> ca.Function:
 
 def _gap(path: Path, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Scaled true gaps (n, 1) at lam, and their derivatives by it (n, n)."""
-    z, F = path.linearised(lam, ca.SX(1))
-    return z + F @ lam, F
+    return path.slopes(lam)
 
 
 def _phi(path: Path, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -14,6 +14,7 @@ from functools import cached_property
 import casadi as ca
 
 from dynamics.contact import interior_point
+from dynamics.contact.compliance import Compliance, Dense
 from dynamics.contact.curved_gap import CurvedGap
 from dynamics.systems import ContactSystem, Pair
 from dynamics.systems.elimination import solve_without_pivoting
@@ -63,6 +64,11 @@ class Path:
         pattern = system.reduced.F.sparsity()
         return cls(pattern, exact, system.pairs, curved if curved and curved.rows else None, False)
 
+    @property
+    def n_entries(self) -> int:
+        """Numbers in ``data`` that make up F."""
+        return self.pattern.nnz()
+
     def opening_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
         """``data`` of a step as an expression in the system's (x, u, p) and mu (n, 1)."""
         reduced = system.reduced
@@ -77,22 +83,25 @@ class Path:
         D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         F = ca.project(ca.diag(D) @ F @ ca.diag(D), self.pattern)
-        more = self.curved.opening if self.curved else ca.SX(0, 1)
-        return ca.densify(ca.vertcat(z * D / c, F.nz[:], target, D, c, more))
+        return ca.densify(ca.vertcat(z * D / c, F.nz[:], target, D, c, self.more))
+
+    @property
+    def more(self) -> ca.SX:
+        """What curved rows need, the last numbers of ``data``."""
+        return self.curved.opening if self.curved else ca.SX(0, 1)
 
     @cached_property
     def data(self) -> ca.SX:
         """The symbols of ``data`` in one column."""
-        own = 3 * self.n + self.pattern.nnz() + 1
-        return ca.SX.sym("data", own + (self.curved.opening.numel() if self.curved else 0))
+        return ca.SX.sym("data", 3 * self.n + self.n_entries + 1 + self.more.numel())
 
     def parts(self, data: ca.SX) -> dict[str, ca.SX]:
-        """Take ``data`` apart: z, F, mu, D, c, and what curved rows need."""
+        """Take ``data`` apart: z, entries of F, mu, D, c, and what curved rows need."""
         n, ends = self.n, [0]
-        for length in (n, self.pattern.nnz(), n, n, 1):
+        for length in (n, self.n_entries, n, n, 1):
             ends.append(ends[-1] + length)
-        z, F, mu, D, c, more = ca.vertsplit(data, [*ends, data.numel()])
-        return {"z": z, "F": ca.SX(self.pattern, F), "mu": mu, "D": D, "c": c, "more": more}
+        z, entries, mu, D, c, more = ca.vertsplit(data, [*ends, data.numel()])
+        return {"z": z, "entries": entries, "mu": mu, "D": D, "c": c, "more": more}
 
     @cached_property
     def known(self) -> dict[str, ca.SX]:
@@ -111,24 +120,28 @@ class Path:
         if self.curved:
             true = phase == TRUE_GAP
             mu = ca.if_else(true, mu, ca.fmax(mu, MU_LINEAR))
-        z, F = self.linearised(lam, true)
-        moved = interior_point.advance(lam, s, z, F, mu, 0.0 if self.unique else _REST)
+        gap, F = self.at(lam, true)
+        moved = interior_point.advance(lam, s, gap, F, mu, 0.0 if self.unique else _REST)
         if self.curved:
-            off = ca.vertcat(ca.fabs(lam * s - mu) / mu, ca.fabs(z + F @ lam - s) / (1 + s))
+            off = ca.vertcat(ca.fabs(lam * s - mu) / mu, ca.fabs(gap - s) / (1 + s))
             phase = ca.if_else(ca.mmax(off) < _NEAR, TRUE_GAP, phase)
         return ca.Function(f"path_{n}", [pair, self.data], [self.pair(*moved, phase)])
 
-    def linearised(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """``gap = z + F lam`` around lam, or around the start of the step where not ``true``."""
+    def at(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, Compliance]:
+        """The gap at lam and its compliance there, or as where the step starts, if not ``true``."""
         known = self.known
-        if not self.curved:
-            return known["z"], known["F"]
-        z, F = ca.SX(known["z"]), ca.SX(known["F"])
-        rows, slopes = self.curved.at(lam, known["D"], known["c"], known["more"])
-        for k, i in enumerate(self.curved.rows):
-            z[i] = ca.if_else(true, rows[k] - slopes[k, :] @ lam, z[i])
-            F[i, :] = ca.if_else(true, slopes[k, :], ca.densify(F[i, :]))
-        return z, F
+        z, F = ca.SX(known["z"]), ca.SX(self.pattern, known["entries"])
+        if self.curved:
+            rows, slopes = self.curved.at(lam, known["D"], known["c"], known["more"])
+            for k, i in enumerate(self.curved.rows):
+                z[i] = ca.if_else(true, rows[k] - slopes[k, :] @ lam, z[i])
+                F[i, :] = ca.if_else(true, slopes[k, :], ca.densify(F[i, :]))
+        return z + F @ lam, Dense(F)
+
+    def slopes(self, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """The true gap at lam, and its derivative by lam (n, n)."""
+        gap, F = self.at(lam, ca.SX(1))
+        return gap, F.matrix()
 
     def ending(self) -> ca.Function:
         """Out of the scaling: ``(pair, data) -> (lam, gap, error)``, each (n, 1).
@@ -139,12 +152,12 @@ class Path:
         n, known = self.n, self.known
         pair = ca.SX.sym("pair", self.size)
         lam, s, D, c, goal = pair[:n], pair[n : 2 * n], known["D"], known["c"], known["mu"]
-        z, F = self.linearised(lam, ca.SX(1))
+        gap, F = self.at(lam, ca.SX(1))
         new_lam, new_s = lam, s
         if self.exact and self.unique:
-            new_lam, new_s = _on_active_set(lam, s, z, F)
-            goal = ca.SX(0)
-        error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(z + F @ new_lam - new_s) / (1 + s))
+            new_lam, new_s = _on_active_set(lam, s, known["z"], F.matrix())
+            goal, gap = ca.SX(0), gap + F.across(new_lam - lam)
+        error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(gap - new_s) / (1 + s))
         # Diverged: not a number, which would pass for small in a comparison.
         error = ca.if_else(error < ca.inf, error, ca.inf)
         outputs = [ca.densify(value) for value in (c * D * new_lam, new_s * c / D, error)]

@@ -253,6 +253,11 @@ class Step(ABC):
             ca.jacobian(self.motion, self.inner), diagonal + ca.diag(self.lam) @ by_inner
         )
 
+    def solve_relation(self, rhs: ca.SX, transposed: bool = False) -> ca.SX:
+        """Solve with :attr:`relation_jacobian`, or with its transpose."""
+        matrix = self.relation_jacobian.T if transposed else self.relation_jacobian
+        return solve_without_pivoting(matrix, rhs)
+
     def inner_jacobian(self, variable: ca.SX) -> ca.SX:
         """``d inner/dw = -(dR/d inner)^-1 dR/dw`` at the solution, shape (n_inner, w).
 
@@ -266,7 +271,7 @@ class Step(ABC):
         if own_knobs:
             relation = ca.vertcat(self.motion, self.contact_relation())
         partial = ca.jacobian(relation, variable)
-        return -solve_without_pivoting(self.relation_jacobian, partial)
+        return -self.solve_relation(partial)
 
     def contact_jacobian(self, variable: ca.SX) -> ca.SX:
         """``dlam/dw`` at the solution, shape (n, w), see :meth:`inner_jacobian`."""

@@ -18,7 +18,7 @@ import problems
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.interior_point import follow
 from dynamics.contact.ncp import LOST, ncp_solver
-from dynamics.contact.path import Path
+from dynamics.contact.reduced_path import path_of
 from dynamics.systems import ContactSystem, Signal
 from ocp.errors import NotConverged
 from problems.machines.hopper import hopper
@@ -60,7 +60,7 @@ def states() -> list[tuple[np.ndarray, np.ndarray]]:
 def by_path_alone(law: str) -> np.ndarray:
     """Largest violation of every state where its path ends, (states,)."""
     step = closed(law)
-    path, s = Path.of_system(system(), step.exact), system()
+    path, s = path_of(system(), step.exact), system()
     mu = ca.SX.sym("mu", path.n)
     inputs = [s.x, s.u, s.parameters.vector, mu]
     opening = ca.Function("opening", inputs, [path.opening_of(s, mu)], {"cse": True})

@@ -79,9 +79,10 @@ def loop_graphs(path: Path) -> dict[str, ca.Function]:
     Where the multipliers may not be unique there is no Newton method before the path.
     """
     lam, pair = ca.SX.sym("lam", path.n), ca.SX.sym("pair", path.size)
-    z, F, mu, D, c = (path.known[name] for name in ("z", "F", "mu", "D", "c"))
+    z, mu, D, c = (path.known[name] for name in ("z", "mu", "D", "c"))
     ends = path.ending()(pair, path.data)
-    if not path.unique:
+    F = ca.SX(path.pattern, path.known["entries"]) if path.unique else None
+    if F is None:
         stepped, at_rest = (lam, ca.SX.ones(1)), lam
     elif path.exact:
         stepped, at_rest = _active_set(lam, z, F), ca.fmax(0, lam) * c * D

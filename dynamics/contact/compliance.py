@@ -1,0 +1,166 @@
+"""How gaps give way to impulses, ``gap = z + F lam``, and the linear systems of the path solver.
+
+F (n, n) is a matrix, or where many contacts push few coordinates, a product that is never formed.
+Both solve ``(diag(s) + diag(lam) F) step = rhs``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import ContactSystem
+from dynamics.systems.elimination import Factors, solve_without_pivoting
+
+Solver = Callable[[ca.SX], tuple[ca.SX, ca.SX]]
+
+
+class Compliance(Protocol):
+    """F of a problem."""
+
+    def across(self, lam: ca.SX) -> ca.SX:
+        """``F lam`` (n, 1)."""
+        ...
+
+    def factored(self, lam: ca.SX, s: ca.SX) -> Solver:
+        """Solver of ``(diag(s) + diag(lam) F) step = rhs``: ``rhs -> (step, F step)``."""
+        ...
+
+    def matrix(self) -> ca.SX:
+        """F (n, n)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """F as a matrix, whose structural zeros are skipped."""
+
+    F: ca.SX
+
+    def across(self, lam: ca.SX) -> ca.SX:
+        """``F lam`` (n, 1)."""
+        return self.F @ lam
+
+    def factored(self, lam: ca.SX, s: ca.SX) -> Solver:
+        """``rhs -> (step, F step)``, see :class:`Compliance`."""
+        factors = Factors(ca.diag(s) + ca.diag(lam) @ self.F)
+
+        def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
+            step = factors.solve(rhs)
+            return step, self.F @ step
+
+        return solve
+
+    def matrix(self) -> ca.SX:
+        """F (n, n)."""
+        return self.F
+
+
+class Coordinates:
+    """The few coordinates w (r, 1) that all impulses of a system push.
+
+    ``x_next = a + C w`` with ``T w = P lam``, and ``gap = g(x_next, lam)`` with ``Q = dg/dx_next
+    C`` and ``E = dg/dlam``, so that ``F = E + Q T^-1 P``. Pairs that push and feel the same way but
+    for the sign, as the two directions of friction do, have one column of ``P_own`` and one row of
+    ``Q_own``: ``P = P_own P_signs``, ``Q = Q_signs Q_own``; ``own`` are the pairs that stand for
+    themselves and others. C, T, P are expressions in the state, the input and the parameters; Q and
+    E in the next state and lam too.
+    """
+
+    def __init__(self, system: ContactSystem) -> None:
+        by_state = ca.jacobian(system.residual, system.x_next)
+        by_lam = ca.jacobian(system.residual, system.lam)
+        pushed = sorted(set(by_lam.sparsity().get_triplet()[0]))
+        free = [i for i in range(system.nx) if i not in pushed]
+        following = -solve_without_pivoting(by_state[free, free], by_state[free, pushed])
+        C = ca.SX(system.nx, len(pushed))
+        C[free, :], C[pushed, :] = following, ca.SX.eye(len(pushed))
+        self.r, self.C = len(pushed), ca.sparsify(C)
+        self.T = by_state[pushed, pushed] + by_state[pushed, free] @ following
+        by_next = ca.jacobian(system.gap, system.x_next)
+        P, Q = -by_lam[pushed, :], ca.sparsify(by_next @ self.C)
+        self.own, self.P_signs, self.Q_signs = _alike(system, P, Q)
+        self.P_own, self.Q_own = P[:, self.own], Q[self.own, :]
+        self.E = ca.jacobian(system.gap, system.lam)
+
+
+def _alike(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM, ca.DM]:
+    """Pairs that stand for others, and the signs of all, (own, n) and (n, own); by random numbers.
+
+    The columns of P and the rows of Q of pairs that belong together agree but for their signs.
+    """
+    p = system.parameters.vector
+    symbols = ca.vertcat(system.x, system.u, p, system.x_next, system.lam)
+    point = np.random.default_rng(0).uniform(0.5, 1.5, symbols.numel())
+    values = ca.Function("probe", [symbols], [P.T, Q])(point)
+    columns, rows = (np.array(value) for value in values)
+    own: list[int] = []
+    signs = [ca.DM(len(rows), len(rows)) for _ in range(2)]
+    for i in range(len(rows)):
+        alike = [[_sign(each[i], each[j]) for each in (columns, rows)] for j in own]
+        k = next((k for k, found in enumerate(alike) if all(found)), len(own))
+        if k == len(own):
+            own.append(i)
+        signs[0][i, k], signs[1][i, k] = alike[k] if k < len(alike) else (1, 1)
+    return own, signs[0][:, : len(own)].T, signs[1][:, : len(own)]
+
+
+def _sign(one: np.ndarray, other: np.ndarray) -> int:
+    """1 or -1 where ``one`` is so many times ``other``, 0 where it is neither."""
+    size = 1e-12 * np.abs(one).max(initial=0)
+    return next((k for k in (1, -1) if np.all(np.abs(one - k * other) <= size)), 0)
+
+
+@dataclass(frozen=True, eq=False)
+class LowRank:
+    """``F = E + Q T^-1 P``, see :class:`Coordinates`; E couples few, T (r, r) is small.
+
+    The direction comes from ``(T + P K^-1 diag(lam) Q) w = P K^-1 rhs``, K = diag(s) + diag(lam) E.
+    """
+
+    E: ca.SX
+    T: ca.SX
+    P_own: ca.SX
+    P_signs: ca.DM
+    Q_own: ca.SX
+    Q_signs: ca.DM
+
+    def pushed(self, lam: ca.SX) -> ca.SX:
+        """``w = T^-1 P lam`` (r, 1)."""
+        return solve_without_pivoting(self.T, self._push(lam))
+
+    def felt(self, lam: ca.SX, w: ca.SX) -> ca.SX:
+        """``E lam + Q w`` (n, 1)."""
+        return self.E @ lam + self.Q_signs @ (self.Q_own @ w)
+
+    def by_own(self) -> ca.SX:
+        """``T^-1 P`` of the pairs that stand for all (r, own)."""
+        return solve_without_pivoting(self.T, self.P_own)
+
+    def across(self, lam: ca.SX) -> ca.SX:
+        """``F lam`` (n, 1)."""
+        return self.felt(lam, self.pushed(lam))
+
+    def factored(self, lam: ca.SX, s: ca.SX) -> Solver:
+        """``rhs -> (step, F step)``, see :class:`Compliance`."""
+        own = Factors(ca.diag(s) + ca.diag(lam) @ self.E)
+        weights = self.P_signs @ own.solve(ca.diag(lam) @ self.Q_signs)
+        small = Factors(self.T + self.P_own @ (weights @ self.Q_own))
+
+        def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
+            w = small.solve(self._push(own.solve(rhs)))
+            step = own.solve(rhs - lam * (self.Q_signs @ (self.Q_own @ w)))
+            return step, self.felt(step, w)
+
+        return solve
+
+    def matrix(self) -> ca.SX:
+        """F (n, n)."""
+        return self.E + self.Q_signs @ (self.Q_own @ self.by_own()) @ self.P_signs
+
+    def _push(self, lam: ca.SX) -> ca.SX:
+        return self.P_own @ (self.P_signs @ lam)
