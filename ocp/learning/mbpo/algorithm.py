@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class MBPO:
     """Janner, Fu, Zhang and Levine, When to trust your model, 2019, algorithm 2.
 
-    In every iteration ``episodes`` episodes go ``steps`` steps on under the exact law, whatever law
+    In every iteration ``walkers`` episodes go ``steps`` steps on under the exact law, whatever law
     the experiment has, with actions of the policy and its noise (in iteration 0 of random policies,
     ``explored`` steps); the ensemble is fitted on all steps seen, of which ``held_out`` choose its
     ``elites``; ``branches`` of it start at states seen, first ``shortest`` steps long, later
@@ -26,20 +26,21 @@ class MBPO:
     ``kept`` iterations. Reward and end of a step of the model are the task's own.
 
     The policy is the experiment's: tanh layers on observations, normalised once by the explored
-    steps. ``discount`` times the experiment's is the critics'. Sizes are for two cores; Janner's
-    are 4 x 200 units, 256 in a batch, 400 branches and 20 to 40 updates a step.
+    steps. ``critic_discount`` times the experiment's discount is the critics'. Sizes are for two
+    cores; Janner's are 4 x 200 units, 256 in a batch, 400 branches and 20 to 40 updates a step.
     """
 
     name: ClassVar[str] = "mbpo"
     summary: ClassVar[str] = "soft actor-critic on short branches of a network ensemble"
 
-    episodes: int = 16
+    walkers: int = 16
     steps: int = 16
     explored: int = 2048
     capacity: int = 100_000
     members: int = 7
     elites: int = 5
-    hidden: tuple[int, ...] = (100, 100, 100)
+    model_units: int = 100
+    model_layers: int = 3
     model_rate: float = 1e-3
     model_steps: int = 200
     model_batch: int = 128
@@ -48,10 +49,11 @@ class MBPO:
     shortest: int = 1
     longest: int = 5
     kept: int = 10
-    critics: tuple[int, ...] = (128, 128)
+    critic_units: int = 128
+    critic_layers: int = 2
     rate: float = 3e-4
     alpha: float = 0.1
-    discount: float = 0.99
+    critic_discount: float = 0.99
     slow: float = 0.005
     updates: int = 1000
     batch: int = 128
@@ -84,16 +86,15 @@ class MBPO:
                 f"mbpo learns a policy that observes, and {experiment.task.name} was asked for one"
                 " input for all steps; give it hidden layers"
             )
-        whole = "episodes steps explored members elites model_steps model_batch branches shortest"
-        for name in f"{whole} kept updates batch".split():
+        whole = "walkers steps explored members elites model_units model_layers model_steps"
+        whole += " model_batch branches shortest kept critic_units critic_layers updates batch"
+        for name in whole.split():
             at_least(1, name, getattr(self, name))
-        for width in (*self.hidden, *self.critics):
-            at_least(1, "a hidden layer", width)
         for name in ("model_rate", "rate", "alpha"):
             positive(name, getattr(self, name))
         for name, (low, high) in {
             "elites": (1, self.members), "longest": (self.shortest, 1000),
-            "held_out": (0.01, 0.5), "real": (0, 1), "discount": (0, 1), "slow": (0, 1),
+            "held_out": (0.01, 0.5), "real": (0, 1), "critic_discount": (0, 1), "slow": (0, 1),
             "capacity": (self.explored, 10_000_000),
         }.items():  # fmt: skip
             value = getattr(self, name)

@@ -71,26 +71,30 @@ class Room:
         own = settings
         assert experiment.hidden is not None
         self.first_learner = begin_learner(
-            experiment.rng(0, "ensemble"), own.members, self.n_o + self.nu, own.hidden,
+            experiment.rng(0, "ensemble"), own.members, self.n_o + self.nu,
+            (own.model_units,) * own.model_layers,
             task.system.nx, own.model_rate,
         )  # fmt: skip
         self.first_agent = begin_agent(
-            experiment.rng(0, "agent"), self.n_o, experiment.hidden, self.nu, own.critics,
+            experiment.rng(0, "agent"), self.n_o, experiment.hidden, self.nu,
+            (own.critic_units,) * own.critic_layers,
             experiment.initial, own.alpha, own.rate,
         )  # fmt: skip
-        walked = experiment.iterations * own.episodes * own.steps
+        walked = experiment.iterations * own.walkers * own.steps
         self.most_seen = min(own.capacity, own.explored + walked)
         self.train = trainer(own.model_rate)
-        self.update = updater(Rates(own.rate, own.discount * experiment.discount, own.slow))
+        self.update = updater(Rates(own.rate, own.critic_discount * experiment.discount, own.slow))
 
     def begun(self) -> State:
         """The state before iteration 0."""
         own = self.own
         seeds = [self.experiment.seed, self.experiment.rng(0, "explored").integers(2**31)]
         seen, _ = random_transitions(self.explorer, own.explored, seeds)
-        normaliser = Normaliser.identity(self.n_o).after(self.explorer.observed(seen.x))
+        normaliser = Normaliser.identity(self.n_o)
+        if self.experiment.normalise:
+            normaliser = normaliser.after(self.explorer.observed(seen.x))
         moved = np.maximum((seen.x_next - seen.x).std(axis=0), LEAST_SCALE)
-        x, age = self.explorer.first(own.episodes, self.experiment.rng(0, "starts"))
+        x, age = self.explorer.first(own.walkers, self.experiment.rng(0, "starts"))
         none = Buffer(seen.x[:0], seen.u[:0], seen.x[:0])
         return {
             **arrays("learner", self.first_learner), **arrays("agent", self.first_agent),
@@ -124,7 +128,7 @@ class Room:
         agent, told = self._improved(agent, scales, seen, model, k)
         mean = np.array(np.mean(finished)) if finished else state["return_mean"]
         row = {
-            "return_mean": float(mean), "env_steps": float(own.episodes * own.steps),
+            "return_mean": float(mean), "env_steps": float(own.walkers * own.steps),
             "model_error": float(errors[elites].mean()), "branch": float(length), **told,
         }  # fmt: skip
         if k == 0:
