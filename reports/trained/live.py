@@ -56,15 +56,15 @@ class Curve:
 
 
 @contextmanager
-def live(
-    names: Sequence[str], iterations: int, quiet: bool, check: Callable[[], None]
-) -> Iterator[Heard]:
+def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -> Iterator[Heard]:
     """Yield what is called with the place of a training and each row that it tells.
+
+    ``trainings`` are their iterations by name.
 
     On a terminal it shows all of them, else one line where a policy was judged, and then not more
     often than every ten seconds. ``check`` is called each time.
     """
-    curves = [Curve(name, iterations) for name in names]
+    curves = [Curve(name, iterations) for name, iterations in trainings.items()]
     console = Console(stderr=True, highlight=False)
     terminal, last = console.is_terminal, -float("inf")
     screen = Live(console=console, auto_refresh=False, transient=True)
@@ -74,7 +74,7 @@ def live(
         check()
         one = curves[place]
         one.rows.append(row)
-        now, ends = time.monotonic(), row["iteration"] >= iterations
+        now, ends = time.monotonic(), row["iteration"] >= one.iterations
         if quiet or (now - last < _EVERY_S[terminal] and not ends):
             return
         if terminal:

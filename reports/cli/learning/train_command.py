@@ -11,6 +11,7 @@ from reports.cli.declared import argument, option
 from reports.cli.options import Command, LawOptions
 
 if TYPE_CHECKING:
+    from ocp.learning.experiment import Experiment
     from ocp.store.checkpoint import Checkpoint
     from problems.tasks.training import TrainingJob
 
@@ -52,15 +53,14 @@ class Asked:
 
     jobs: list[TrainingJob]
     checkpoints: list[Checkpoint]
-    records: list[dict[str, Any]]
+    experiments: list[Experiment]
     workers: int
-    iterations: int
 
 
 def check(options: TrainOptions) -> Asked:
     """Build the task and every algorithm, and see that the runs can be stored."""
     from problems.tasks import registry
-    from problems.tasks.training import TrainingJob, record
+    from problems.tasks.training import TrainingJob
     from reports.cli.choices import assignments, closing_law
     from reports.cli.learning.training_words import algorithms
     from reports.cli.places import check_places
@@ -68,12 +68,9 @@ def check(options: TrainOptions) -> Asked:
     spec = registry.spec(options.task)
     params = assignments("-p", options.params)
     given = assignments("-s", options.settings)
-    chosen, shared = algorithms(options.algorithm, given)
-    if options.iterations is not None:
-        shared["iterations"] = options.iterations
+    chosen = algorithms(options.algorithm, given, spec)
+    every = {} if options.iterations is None else {"iterations": options.iterations}
     task = spec.task(params)
-    if "hidden" not in shared and spec.decisions == 1:
-        shared["hidden"] = None
     words = list(options.law_settings or ())
     if not words and options.contact in _OWN_LAW:
         words = [_OWN_LAW[options.contact]]
@@ -84,16 +81,17 @@ def check(options: TrainOptions) -> Asked:
     jobs = [
         TrainingJob(
             task=options.task, params=params, algorithm=algorithm, law=law, seed=seed,
-            store=options.out.resolve(), options=shared, threads=_threads(options, workers),
+            store=options.out.resolve(), options={**own, **every},
+            threads=_threads(options, workers),
         )
-        for algorithm in chosen
+        for algorithm, own in chosen
         for seed in range(options.seed, options.seed + options.seeds)
     ]  # fmt: skip
     built = [job.experiment(task) for job in jobs]
     for one in built[:: options.seeds]:
         one.algorithm.begin(one)
     checkpoints = [job.checkpoint(one) for job, one in zip(jobs, built, strict=True)]
-    return Asked(jobs, checkpoints, [record(one) for one in built], workers, built[0].iterations)
+    return Asked(jobs, checkpoints, built, workers)
 
 
 def _cpus() -> int:
@@ -125,8 +123,8 @@ def run(options: TrainOptions, asked: Asked) -> int:
     left = [place for place in range(len(asked.jobs)) if place not in stored]
     failed: dict[int, Exception] = {}
     jobs = [asked.jobs[place] for place in left]
-    names = [job.name for job in jobs]
-    with interruptible(), live(names, asked.iterations, options.quiet, interrupt.check) as heard:
+    ends = {asked.jobs[place].name: asked.experiments[place].iterations for place in left}
+    with interruptible(), live(ends, options.quiet, interrupt.check) as heard:
         work = carried_out(trained, jobs, asked.workers, options.scheduler, heard)
         with closing(work) as outcomes:
             for index, outcome in outcomes:
@@ -153,10 +151,11 @@ def _stored_before(asked: Asked) -> dict[int, Path]:
 
 def _store(options: TrainOptions, asked: Asked, place: int, data: Any) -> Path:
     from ocp import store
+    from problems.tasks.training import record
     from reports.trained.summary import meta
 
-    job = asked.jobs[place]
-    described = {"argv": options.argv, "seed": job.seed, "record": asked.records[place]}
+    job, experiment = asked.jobs[place], asked.experiments[place]
+    described = {"argv": options.argv, "seed": job.seed, "record": record(experiment)}
     path = store.write(options.out, job.task, data, {**described, **meta(data)})
     asked.checkpoints[place].save_rows(_ENDED, [{"run": str(path.resolve())}])
     return path

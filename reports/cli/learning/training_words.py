@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, Field, fields
+from dataclasses import Field, fields
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ocp.errors import InputError, choose, did_you_mean
@@ -11,29 +12,34 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ocp.learning.protocol import Algorithm
+    from problems.tasks.spec import TaskSpec
 
 OWN = {
-    "hidden": "units of each tanh layer of the policy, such as 64,64; affine without, or open-loop",
+    "hidden": "units of each tanh layer, as 64,64; affine, or open-loop",
     "initial": "size of the last layer's first weights",
-    "normalise": "true or false: by the running mean and scale of what was seen",
+    "normalise": "observations by their running mean and scale",
     "discount": "of later rewards, above 0 and at most 1",
-    "evaluate_every": "iterations from one judgement under the exact law to the next",
+    "evaluate_every": "iterations between judgements under the exact law",
     "episodes": "of each judgement",
 }
 """Settings that every algorithm has, fields of :class:`~ocp.learning.experiment.Experiment`."""
 _SHAPES: dict[str, tuple[int, ...] | None] = {"affine": (), "open-loop": None}
 
 
-def algorithms(names: str, given: Mapping[str, str]) -> tuple[list[Algorithm], dict[str, Any]]:
-    """Make the algorithms ``names`` (with commas) from settings; gives them, and what is shared.
+Asked = list[tuple["Algorithm", dict[str, Any]]]
+"""Algorithms, and of each what its experiment is to be, by the names of its fields."""
 
-    ``name=value`` goes to all that have it, ``ars.name=value`` to one.
+
+def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Asked:
+    """Make the algorithms ``names`` (with commas) from settings, for the task of ``spec``.
+
+    ``name=value`` goes to all that have it, ``ars.name=value`` to one; what is not given is as the
+    task has it, else as the algorithm has it.
 
     Raises :class:`~ocp.errors.InputError` for an unknown algorithm, and for a setting that none of
     them has, or that cannot be.
     """
     from ocp.learning.algorithms import ALGORITHMS
-    from ocp.settings import read
 
     words = [name.strip() for name in names.split(",") if name.strip()]
     if not words:
@@ -41,19 +47,28 @@ def algorithms(names: str, given: Mapping[str, str]) -> tuple[list[Algorithm], d
     chosen = {word: choose("algorithm", word, ALGORITHMS) for word in words}
     if len(chosen) < len(words):
         raise InputError(f"--algorithm: {names} names one twice; name each once")
-    shared = {name: _option(name, value) for name, value in given.items() if name in OWN}
-    own: dict[str, dict[str, Any]] = {word: {} for word in chosen}
-    for key, value in given.items():
-        if key in OWN:
-            continue
+    values = {word: usual(spec, word, cls) for word, cls in chosen.items()}
+    for key, text in given.items():
         owner, dot, name = key.rpartition(".")
-        takers = [w for w in chosen if (not dot or w == owner) and name in _settings(chosen[w])]
+        alone = [word for word in chosen if not dot or word == owner]
+        takers = [word for word in alone if name in OWN or name in _settings(chosen[word])]
         if not takers:
             raise InputError(_unknown(key, chosen))
         for word in takers:
-            kind = get_type_hints(chosen[word])[name]
-            own[word][name] = read(f"setting {key}", value, kind)
-    return [_made(chosen[word], own[word]) for word in chosen], shared
+            values[word][name] = _value(key, name, text, chosen[word])
+    return [_made(chosen[word], values[word]) for word in chosen]
+
+
+def usual(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
+    """What the task has of an algorithm's settings, and of its experiment's."""
+    known = {**spec.training.get("all", {}), **spec.training.get(word, {})}
+    return {name: value for name, value in known.items() if not _foreign(name, cls)}
+
+
+def _foreign(name: str, cls: type) -> bool:
+    from ocp.learning.experiment import Experiment
+
+    return name not in _settings(cls) and name not in _settings(Experiment)
 
 
 def _unknown(key: str, chosen: Mapping[str, type]) -> str:
@@ -68,13 +83,15 @@ def _settings(cls: type) -> dict[str, Field[Any]]:
     return {field.name: field for field in fields(cls) if field.init}
 
 
-def _option(name: str, value: str) -> Any:
+def _value(key: str, name: str, text: str, cls: type) -> Any:
     from ocp.learning.experiment import Experiment
     from ocp.settings import read
 
     if name == "hidden":
-        return _hidden(value)
-    return read(f"setting {name}", value, type(Experiment.__dataclass_fields__[name].default))
+        return _hidden(text)
+    if name not in OWN:
+        return read(f"setting {key}", text, get_type_hints(cls)[name])
+    return read(f"setting {key}", text, type(_settings(Experiment)[name].default))
 
 
 def _hidden(text: str) -> tuple[int, ...] | None:
@@ -89,11 +106,13 @@ def _hidden(text: str) -> tuple[int, ...] | None:
     return tuple(map(int, parts))
 
 
-def _made(cls: type, values: Mapping[str, Any]) -> Any:
+def _made(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dict[str, Any]]:
+    own = {name: value for name, value in values.items() if name in _settings(cls)}
     try:
-        return cls(**values)
+        made = cls(**own)
     except (TypeError, ValueError) as error:
         raise InputError(str(error)) from error
+    return made, {name: value for name, value in values.items() if name not in own}
 
 
 def help_text() -> str:
@@ -105,10 +124,13 @@ def help_text() -> str:
     tasks = [(name, registry.spec(name).title) for name in registry.names()]
     shared = {field.name: field for field in fields(Experiment)}
     parts = ["Tasks:", *_table(tasks), "", "Settings of all algorithms, -s name=value:"]
-    parts += _table([(_shown(shared[name]), meaning) for name, meaning in OWN.items()])
+    parts += _table([(_shown(name, shared[name].default), OWN[name]) for name in OWN])
     for name, cls in ALGORITHMS.items():
-        own = ", ".join(_shown(field) for field in _settings(cls).values())
-        parts += ["", f"{name}: {cls.summary}", f"  {own}"]
+        own = {field.name: field.default for field in _settings(cls).values()}
+        parts += ["", f"{name}: {cls.summary}", _listed(own)]
+    for name in registry.names():
+        for whose, values in registry.spec(name).training.items():
+            parts += ["", f"{name} has of {whose}, unless told otherwise:", _listed(values)]
     return "\n".join(parts)
 
 
@@ -117,10 +139,13 @@ def _table(rows: Sequence[tuple[str, str]]) -> list[str]:
     return [f"  {name:<{wide}}  {meaning}" for name, meaning in rows]
 
 
-def _shown(field: Field[Any]) -> str:
-    if field.default is MISSING:
-        return field.name
-    return f"{field.name}={_word(field.default)}"
+def _listed(values: Mapping[str, Any]) -> str:
+    told = ", ".join(_shown(name, value) for name, value in values.items())
+    return fill(told, 78, initial_indent="  ", subsequent_indent="  ")
+
+
+def _shown(name: str, value: Any) -> str:
+    return f"{name}={'open-loop' if (name, value) == ('hidden', None) else _word(value)}"
 
 
 def _word(value: Any) -> str:

@@ -12,7 +12,7 @@ from ocp import store
 from reports.cli.app import main
 from tests.cli.conftest import Done, Ocp
 
-SMALL = ("ball-throw", "-s", "unroll=50", "-s", "samples=8", "-s", "rate=0.1", "-s", "episodes=3",
+SMALL = ("ball-throw", "-s", "samples=8", "-s", "rate=0.1", "-s", "episodes=3",
          "-s", "evaluate_every=2", "--iterations", "6")  # fmt: skip
 
 
