@@ -102,11 +102,14 @@ class MBPO:
                 raise InputError(f"{name} must be between {low:g} and {high:g}, got {value!r}")
 
     def _room(self, experiment: Experiment) -> Room:
+        return experiment.once(self._made)
+
+    def _made(self, experiment: Experiment) -> Room:
         try:
-            from ocp.learning.mbpo.training import room
+            from ocp.learning.mbpo.training import Room
         except ImportError as error:
             raise InputError(
                 "mbpo needs JAX, Equinox and Optax, which the extra learn installs: pip install"
                 " 'centralpath[learn]'"
             ) from error
-        return room(self, experiment)
+        return Room(self, experiment)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -53,12 +53,6 @@ class Scales(NamedTuple):
 
     seen: Normaliser
     moved: np.ndarray
-
-
-@lru_cache(maxsize=4)
-def room(settings: MBPO, experiment: Experiment) -> Room:
-    """What an experiment's iterations share, made once."""
-    return Room(settings, experiment)
 
 
 class Room:

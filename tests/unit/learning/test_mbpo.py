@@ -125,7 +125,7 @@ def best_return(horizon: int, starts: np.ndarray) -> float:
 
 
 def test_it_learns_a_scalar_task_up_to_its_optimum():
-    """12 iterations, 960 steps: what is left to the optimum is a hundredth of what it began with."""
+    """12 iterations, 960 steps: a hundredth of the way to the optimum is left, or less."""
     own = replace(
         SMALL, walkers=8, steps=10, explored=100, model_steps=100, model_batch=64, model_rate=3e-3,
         branches=100, longest=1, kept=4, critic_units=32, updates=300, batch=64, rate=3e-3,
