@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ocp.learning.algorithms import ALGORITHMS
-
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, choose
+from ocp.learning.algorithms import ALGORITHMS
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Trained
 from ocp.learning.training import train
