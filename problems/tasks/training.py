@@ -12,8 +12,9 @@ from ocp.errors import InputError, choose
 from ocp.learning.algorithms import ALGORITHMS
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Trained
-from ocp.learning.training import train
+from ocp.learning.training import KEY, kept, train
 from ocp.store.checkpoint import Checkpoint
+from ocp.store.plain import plain
 from ocp.store.provenance import versions
 from ocp.store.stored_run import StoredRun
 from ocp.task import Task
@@ -23,6 +24,7 @@ from problems.tasks.episodes import described, policy_of
 if TYPE_CHECKING:
     import xarray as xr
 
+_ALIKE = ("task", "algorithm", "seed")
 KIND = "train"
 """Kind of a stored run."""
 
@@ -69,6 +71,31 @@ class TrainingJob:
         assert self.store is not None
         decisive = {**experiment.settings(), "iterations": experiment.iterations}
         return Checkpoint(self.store, self.task, {"training": decisive, "by": versions()})
+
+
+def under_way(job: TrainingJob, experiment: Experiment) -> list[str]:
+    """Sentences: from where the training goes on, and which like it were begun with other settings.
+
+    Those are of the same algorithm and seed on the same task.
+    """
+    checkpoint = job.checkpoint(experiment)
+    begun, asked = checkpoint.state(KEY), plain(experiment.settings())
+    told = [] if begun is None else [f"{job.name} goes on after {kept(begun)[0]} iterations"]
+    for other in checkpoint.others(KEY):
+        done, settings = kept(other)
+        if [settings.get(key) for key in _ALIKE] == [asked[key] for key in _ALIKE]:
+            names = [
+                name for name in {**settings, **asked} if settings.get(name) != asked.get(name)
+            ]
+            parts = (
+                f"{name} = {settings.get(name)} instead of {asked.get(name)}" for name in names
+            )
+            told.append(
+                f"another training by {job.name} is unfinished after {done} iterations, with"
+                f" {', '.join(parts) or 'other iterations or versions'}; its own command goes on"
+                " with it"
+            )
+    return told
 
 
 def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
