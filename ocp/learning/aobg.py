@@ -13,7 +13,8 @@ from ocp.learning.ascent import RULES, ascend
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.fopg import unroll_of
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.sampling import (
+from ocp.learning.starts import Starts
+from ocp.learning.unrolling import (
     begun,
     finite,
     next_starts,
@@ -23,7 +24,6 @@ from ocp.learning.sampling import (
     told_gradient,
     trained,
 )
-from ocp.learning.starts import Starts
 from ocp.learning.zopg import likelihood_ratio
 
 
@@ -75,9 +75,12 @@ class AoBG:
         noises = [experiment.noise(self.sigma, k, order) for order in ("first", "zeroth")]
         first = roll(experiment, state, x0, steps, noise=noises[0], gradient=True)
         zeroth = roll(experiment, state, x0, steps, noise=noises[1], score=True)
-        good = finite(experiment, first, k)
+        good = finite(experiment, state, first, k)
         assert first.gradient is not None
-        gradients = first.gradient[good], likelihood_ratio([zeroth], finite(experiment, zeroth, k))
+        gradients = (
+            first.gradient[good],
+            likelihood_ratio([zeroth], finite(experiment, state, zeroth, k)),
+        )
         alpha, bias = mixing(*gradients, self.gamma, self.delta)
         g1, g0 = (each.mean(axis=0) for each in gradients)
         mixed = alpha * g1 + (1 - alpha) * g0

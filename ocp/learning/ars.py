@@ -10,7 +10,7 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.sampling import begun, finite, remembered, roll, told, trained
+from ocp.learning.unrolling import begun, finite, remembered, roll, told, trained
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class ARS:
             experiment.task.horizon,
             theta=theta + self.spread * np.vstack([delta, -delta]),
         )
-        good = finite(experiment, found, k)
+        good = finite(experiment, state, found, k)
         returns = np.where(good, found.value, found.value[good].min()).reshape(2, n)
         change = self.rate * search_direction(returns, delta, self.top)
         row = {**told(found, good), "gradient_norm": float(np.linalg.norm(change)) / self.rate}

@@ -9,8 +9,10 @@ import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning
 from dynamics.contact import ContactLaw
+from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, at_least
 from ocp.learning.protocol import Trained
+from ocp.learning.unrolling import no_number
 from ocp.task import Task
 
 SEED = 1_000_000
@@ -53,15 +55,17 @@ def evaluate(
     episodes: int = 100,
     seed: int = SEED,
 ) -> Evaluation:
-    """Episodes of the policy at the task's own parameters, from first states out of ``seed``."""
+    """Episodes of the policy at the task's own parameters, from first states out of ``seed``.
+
+    Raises :class:`~ocp.errors.InputError` where a reward is not a number though states are, with
+    step and episode.
+    """
     at_least(1, "episodes", episodes)
     task = experiment.task
     x0 = task.reset(episodes, np.random.default_rng(seed))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BatchWarning)
-        found = experiment.rollouts(task.horizon, law)(
-            x0, trained.theta, trained.normaliser, n_samples=episodes, states=True
-        )
+    found = experiment.rollouts(task.horizon, law)(
+        x0, trained.theta, trained.normaliser, n_samples=episodes, states=True
+    )
     return judged(experiment, trained, found.states, found.lived.astype(int))
 
 
@@ -69,10 +73,10 @@ def judged(
     experiment: Experiment, trained: Trained, states: np.ndarray, lived: np.ndarray
 ) -> Evaluation:
     """What ``states`` (n, N+1, nx) of episodes that ``lived`` (n,) steps are worth."""
-    task, (n, nodes, nx) = experiment.task, states.shape
+    task, (n, nodes) = experiment.task, states.shape[:2]
     steps = np.arange(nodes - 1)
-    ok = np.isfinite(states[:, 1:]).all(axis=2)
-    reached = np.where(ok.all(axis=1), nodes - 1, np.argmin(ok, axis=1))
+    ok = np.isfinite(states[:, 1:]).all(axis=-1)
+    reached = np.where(ok.all(axis=-1), nodes - 1, np.argmin(ok, axis=1))
     lost = np.flatnonzero(reached < lived)
     unsolved = np.column_stack([lost, reached[lost]])
     lengths = np.minimum(lived, reached)
@@ -81,7 +85,13 @@ def judged(
     inputs[on] = experiment.inputs(trained, states[:, :-1][on])
     at = states[:, :-1][on], inputs[on], states[:, 1:][on], task.parameters.values
     returns = np.zeros((n, nodes - 1))
-    returns[on] = BatchFunction(task.rewards, "numpy", 1)(*at)[:, 0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BatchWarning)
+        returns[on] = BatchFunction(task.rewards, "numpy", 1)(*at)[:, 0]
+    lost = np.argwhere(~np.isfinite(returns))
+    if len(lost):
+        episode, step = lost[0].tolist()
+        raise InputError(no_number(experiment, step, f"episode {episode} of the evaluation"))
     whole = lengths == nodes - 1
     ended = BatchFunction(task.ends, "numpy", 1)(states[whole, -1], task.parameters.values)
     total = returns.sum(axis=1)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from ocp.task import Task
 
 if TYPE_CHECKING:
     from ocp.learning.protocol import Algorithm, Trained
+
+T = TypeVar("T")
 
 EXACT = Exact()
 """The law that every policy is judged under."""
@@ -97,6 +100,26 @@ class Experiment:
     def _compiled(self) -> dict[tuple[int, int], TaskRollouts]:
         return {}
 
+    def once(self, make: Callable[[Experiment], T]) -> T:
+        """What ``make`` makes of the experiment, made at the first asking only."""
+        if make not in self._made:
+            self._made[make] = make(self)
+        return self._made[make]
+
+    @cached_property
+    def _made(self) -> dict[Any, Any]:
+        return {}
+
+    @property
+    def physics(self) -> np.ndarray:
+        """``psi``, or the task's own parameters."""
+        return self.task.parameters.values if self.psi is None else np.asarray(self.psi, float)
+
+    def named(self, psi: np.ndarray) -> dict[str, float]:
+        """Physical parameters by name."""
+        names = (parameter.name for parameter in self.task.parameters)
+        return dict(zip(names, psi.tolist(), strict=True))
+
     def rng(self, k: int, purpose: str) -> np.random.Generator:
         """Numbers of iteration ``k`` for one purpose, the same however often they are asked."""
         return np.random.default_rng(self._sequence(k, purpose))
@@ -115,7 +138,7 @@ class Experiment:
             return self.initial * rng.standard_normal(self.policy.n_theta)
         sizes = [len(self.task.observations), *self.hidden, self.task.system.nu]
         parts = []
-        for layer, (fan_in, fan_out) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+        for layer, (fan_in, fan_out) in enumerate(pairwise(sizes)):
             size = self.initial if layer == len(sizes) - 2 else 1.0
             weights = rng.standard_normal(fan_in * fan_out) * size / np.sqrt(fan_in)
             parts += [weights, np.zeros(fan_out)]
@@ -123,11 +146,11 @@ class Experiment:
 
     def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """First states (n, nx) of episodes, at the model's parameters."""
-        return self.task.reset(n, rng, self.psi)
+        return self.task.reset(n, rng, self.physics)
 
     def observations(self, states: np.ndarray) -> np.ndarray:
         """What a policy sees, before it is normalised, (n, n_o), in states (n, nx)."""
-        return self._observe(states, self.task.parameters.values)
+        return self._observe(states, self.physics)
 
     def inputs(self, trained: Trained, states: np.ndarray) -> np.ndarray:
         """Inputs (n, nu) of a policy without noise in states (n, nx)."""
@@ -150,7 +173,6 @@ class Experiment:
     def settings(self) -> dict[str, Any]:
         """What decides the result, by name, but for ``iterations``: more of them go on."""
         law = {"law": self.law.name, **self.law.settings()}
-        psi = self.task.parameters.values if self.psi is None else self.psi
         return {
             "task": self.task.name,
             "params": dict(self.params),
@@ -164,7 +186,7 @@ class Experiment:
             "seed": self.seed,
             "evaluate_every": self.evaluate_every,
             "episodes": self.episodes,
-            "psi": psi,
+            "psi": self.physics,
         }
 
 

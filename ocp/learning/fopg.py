@@ -10,7 +10,8 @@ from ocp.errors import choose
 from ocp.learning.ascent import RULES, ascend
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.sampling import (
+from ocp.learning.starts import Starts
+from ocp.learning.unrolling import (
     begun,
     finite,
     next_starts,
@@ -20,7 +21,6 @@ from ocp.learning.sampling import (
     told_gradient,
     trained,
 )
-from ocp.learning.starts import Starts
 
 SHARP = Barrier(mu=1e-10)
 """What stands for exact contact where gradients are wanted (abs, sec. 7.4)."""
@@ -74,7 +74,7 @@ class FOPG:
         if self.smoothing == "gradient":
             followed = roll(experiment, state, x0, steps, law=SHARP, noise=noise)
         found = roll(experiment, state, x0, steps, noise=noise, gradient=True, along=followed)
-        good = finite(experiment, found, k)
+        good = finite(experiment, state, found, k)
         assert found.gradient is not None
         gradients = found.gradient[good]
         lived = found if followed is None else followed

@@ -21,7 +21,7 @@ Row = dict[str, float]
 
 
 class Trained(NamedTuple):
-    """Parameters ``theta`` (n_theta,) of a policy, and the observations it has seen."""
+    """Parameters ``theta`` (n_theta,) of a policy, and what it has seen."""
 
     theta: np.ndarray
     normaliser: Normaliser

@@ -152,7 +152,6 @@ def _result(experiment: Experiment, progress: _Progress) -> xr.Dataset:
     steps = np.nan_to_num(curves["env_steps"])
     curves["env_steps"] = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
     trained = experiment.algorithm.policy(experiment, progress.state)
-    psi = experiment.task.parameters.values if experiment.psi is None else experiment.psi
     best = progress.best
     return xr.Dataset(
         {
@@ -160,7 +159,7 @@ def _result(experiment: Experiment, progress: _Progress) -> xr.Dataset:
             **{name: ("parameter", best[name]) for name in ("theta",)},
             "theta_last": ("parameter", trained.theta),
             **{name: ("observation", best[name]) for name in ("mean", "scale")},
-            "psi": ("physical", progress.state.get("psi", psi)),
+            "psi": ("physical", progress.state.get("psi", experiment.physics)),
             "best_iteration": ((), int(best["iteration"])),
         },
         coords={

@@ -14,7 +14,8 @@ from ocp.learning.ascent import RULES, ascend
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.fopg import unroll_of
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.sampling import (
+from ocp.learning.starts import Starts
+from ocp.learning.unrolling import (
     begun,
     finite,
     next_starts,
@@ -24,7 +25,6 @@ from ocp.learning.sampling import (
     told_gradient,
     trained,
 )
-from ocp.learning.starts import Starts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ class ZOPG:
         steps = unroll_of(experiment, self.unroll)
         noise = experiment.noise(self.sigma, k, "actions")
         pair = mirrored(experiment, state, state["starts.x"], steps, noise)
-        good = np.logical_and(*(finite(experiment, each, k) for each in pair))
+        good = np.logical_and(*(finite(experiment, state, each, k) for each in pair))
         gradients = likelihood_ratio(pair, good)
         changed = {
             **ascend(self.optimiser, state, gradients.mean(axis=0), self.rate),

@@ -20,9 +20,8 @@ def mass(machine: PublishedMachine, link: str) -> Any:
 
 
 def inertia(machine: PublishedMachine, link: str) -> Any:
-    """Declare the parameter ``inertia_<link>``, by default the table's."""
-    about = f"inertia of the {link} about its centre of mass"
-    return quantity(_weights(machine, link)[1], "kg m^2", about, above=0)
+    """Declare the parameter ``inertia_<link>``, about its centre of mass, as in the table."""
+    return quantity(_weights(machine, link)[1], "kg m^2", f"inertia of the {link}", above=0)
 
 
 def _weights(machine: PublishedMachine, name: str) -> tuple[float, float]:

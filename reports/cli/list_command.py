@@ -10,7 +10,7 @@ Catalogue = dict[str, list[dict[str, Any]]]
 
 
 def run(options: Options, content: Catalogue) -> int:
-    """List named problems, contact laws, methods, policies, solvers and figures."""
+    """List named problems, tasks, contact laws, methods, policies, solvers and figures."""
     options.output.document(content)
     if not options.as_json:
         for title, items in content.items():
@@ -31,12 +31,14 @@ def catalogue(options: Options) -> Catalogue:
     from ocp.transcription import METHODS
     from problems import names, spec, studies
     from problems.objectives import objective_names, objective_spec
+    from problems.tasks import registry as tasks
 
     def classes(known: Any) -> list[dict[str, Any]]:
         return [{"name": name, "summary": known[name].summary} for name in known]
 
     return {
         "problems": [{"name": name, "summary": spec(name).title} for name in names()],
+        "tasks": [{"name": name, "summary": tasks.spec(name).title} for name in tasks.names()],
         "contacts": classes(LAWS),
         "methods": classes(METHODS),
         "policies": classes(POLICIES),

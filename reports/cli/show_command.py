@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from reports.cli.declared import argument
 from reports.cli.options import PROBLEM, Command, Options
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from dynamics.learned.transitions import Transitions
     from problems.objectives import ObjectiveSpec
-    from problems.spec import ProblemSpec
+    from problems.spec import ProblemSpec, Spec
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,11 +40,12 @@ def check(options: ShowOptions) -> ProblemSpec | ObjectiveSpec | Transitions | D
 def run(options: ShowOptions, found: ProblemSpec | ObjectiveSpec | Transitions | Dataset) -> int:
     """Show a problem: equations, parameters with units and defaults, citation, golden values.
 
-    Of data, and of a model: where they come from, their ranges and scales, how well it fits.
+    Where there is a task of the same name for policies to learn, that too. Of data, and of a
+    model: where they come from, their ranges and scales, how well it fits.
     """
     from problems.spec import Spec
 
-    return _problem(options, found) if isinstance(found, Spec) else _file(options, found)
+    return _named(options, found) if isinstance(found, Spec) else _file(options, found)
 
 
 def _file(options: ShowOptions, found: Transitions | Dataset) -> int:
@@ -63,34 +64,60 @@ def _file(options: ShowOptions, found: Transitions | Dataset) -> int:
     return 0
 
 
-def _problem(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
-    from problems import describe
-    from reports.bibliography import full_citation
-    from reports.notation import plain
+def _named(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
+    from problems.tasks import registry
 
-    parameters = describe(found)
-    citation = found.citation
-    equations = [plain(line) for line in found.equations]
+    tasks = [registry.spec(found.name)] if found.name in registry.names() else []
     options.output.document(
         {
-            "name": found.name,
-            "title": found.title,
-            "equations": equations,
-            "parameters": parameters,
-            "citation": None if citation is None else asdict(citation),
+            **_described(found),
             "golden": {name: asdict(golden) for name, golden in found.golden.items()},
+            "task": _described(tasks[0]) if tasks else None,
         }
     )
     if options.as_json:
         return 0
     print(f"{found.name}: {found.title}\n")
-    for line in equations:
+    _page(found)
+    _known(found)
+    _source(found)
+    for task in tasks:
+        print(f"\nThe task {task.name}, for policies to learn: {task.title}\n")
+        _page(task)
+        _source(task)
+    return 0
+
+
+def _described(found: Spec) -> dict[str, Any]:
+    from problems import describe
+    from reports.notation import plain
+
+    return {
+        "name": found.name,
+        "title": found.title,
+        "equations": [plain(line) for line in found.equations],
+        "parameters": describe(found),
+        "citation": None if found.citation is None else asdict(found.citation),
+    }
+
+
+def _page(found: Spec) -> None:
+    """Equations and parameters."""
+    from reports.console import print_table
+    from reports.stored_tables import parameter_table
+
+    described = _described(found)
+    for line in described["equations"]:
         print(fill(line, 80, initial_indent="    ", subsequent_indent="        "))
     print()
-    from reports.console import print_table
-    from reports.stored_tables import golden_table, parameter_table
+    print_table(parameter_table(described["parameters"]))
 
-    print_table(parameter_table(parameters))
+
+def _known(found: ProblemSpec | ObjectiveSpec) -> None:
+    """Best known values and what is to be said of them."""
+    from reports.console import print_table
+    from reports.stored_tables import golden_table
+
     if found.golden:
         print()
         print_table(golden_table(found.golden))
@@ -98,9 +125,13 @@ def _problem(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
         if known.remarks:
             told = f"{key}: {known.remarks}"
             print(fill(told, 80, subsequent_indent="    ", break_on_hyphens=False))
-    if citation is not None:
-        print(f"\nSource: {citation.text} ({full_citation(citation.key)})")
-    return 0
+
+
+def _source(found: Spec) -> None:
+    from reports.bibliography import full_citation
+
+    if found.citation is not None:
+        print(f"\nSource: {found.citation.text} ({full_citation(found.citation.key)})")
 
 
 COMMAND = Command(ShowOptions, check, run)

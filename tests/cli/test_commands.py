@@ -12,6 +12,7 @@ import pytest
 
 from dynamics.laws import LAWS
 from problems import names, spec
+from problems.tasks import registry as tasks
 
 SOLVE_KEYS = {
     "problem", "contact", "method", "policy", "solver", "status", "success", "cost", "exact_cost",
@@ -190,6 +191,7 @@ def test_list_json(ocp) -> None:
     found = strict(ocp("list", "--json").out)
     assert set(found) >= {"problems", "contacts", "methods", "policies", "solvers", "figures"}
     assert [item["name"] for item in found["problems"]] == names()
+    assert [item["name"] for item in found["tasks"]] == tasks.names()
     assert [item["name"] for item in found["contacts"]] == list(LAWS)
     for kind, wanted in {
         "methods": {"direct", "multiple-shooting", "single-shooting"},
@@ -217,6 +219,19 @@ def test_show(ocp, name: str) -> None:
         assert f"{key} {golden.method} {golden.cost:.9g} {golden.certificate}" in unwrapped
         assert golden.remarks in unwrapped
     assert "…" not in text
+
+
+@pytest.mark.parametrize("name", tasks.names())
+def test_show_tells_of_the_task_of_that_name_too(ocp, name: str) -> None:
+    found = strict(ocp("show", name, "--json").out)["task"]
+    expected = tasks.spec(name).params({}).model_dump()
+    assert {p["name"]: p["value"] for p in found["parameters"]} == expected
+    text = " ".join(ocp("show", name).out.split())
+    assert f"The task {name}, for policies to learn: {tasks.spec(name).title}" in text
+    assert found["equations"]
+    assert all(" ".join(line.split()) in text for line in found["equations"])
+    assert "…" not in text
+    assert strict(ocp("show", "wall-1d", "--json").out)["task"] is None
 
 
 def test_doctor_json(ocp) -> None:

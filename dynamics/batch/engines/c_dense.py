@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from dynamics.batch.graphs.rollout_tapes import Layers
+from dynamics.batch.graphs.step_graphs import Layers
 
 # Outputs summed abreast, so that enough sums are under way to hide an operation's latency.
 _ABREAST = 4
@@ -24,21 +24,21 @@ INLINE void blame(const memory *a, i64 t, const V *action_bar, V *bars, V *total
 _LOOPS = """\
 #if OWN
 typedef V weight;
-#define WEIGHT(w, k, j) w[(k) * U + (j)]
+#define AT(w, k, j) w[(k) * U + (j)]
 #else
 typedef double weight;
-#define WEIGHT(w, k, j) SPLAT(w[k])
+#define AT(w, k, j) SPLAT(w[k])
 #endif
 enum { LAYERS = %(layers)d, HIDDEN = %(hidden)d };
 static const i64 layer_sizes[] = {%(sizes)s};
 INLINE void some_rows(const weight *w, const weight *b, i64 n, const V *x, V *y, const int rows) {
   V sum[%(abreast)d * U];
   UNROLL for (int r = 0; r < rows; r++)
-    UNROLL for (int j = 0; j < U; j++) sum[r * U + j] = WEIGHT(b, r, j);
+    UNROLL for (int j = 0; j < U; j++) sum[r * U + j] = AT(b, r, j);
   for (i64 i = 0; i < n; i++)
     UNROLL for (int r = 0; r < rows; r++)
       UNROLL for (int j = 0; j < U; j++)
-        sum[r * U + j] = fused(WEIGHT(w, r * n + i, j), x[i * U + j], sum[r * U + j]);
+        sum[r * U + j] = fused(AT(w, r * n + i, j), x[i * U + j], sum[r * U + j]);
   UNROLL for (int k = 0; k < rows * U; k++) y[k] = sum[k];
 }
 static NOINLINE void layer(const weight *w, i64 n, i64 m, const V *x, V *y) {
@@ -60,7 +60,7 @@ static NOINLINE void layer_back(const weight *w, i64 n, i64 m, const V *x, const
       UNROLL for (int j = 0; j < U; j++) {
         i64 k = (o * n + i) * U + j;
         wbar[k] = fused(bar[j], x[i * U + j], wbar[k]);
-        xbar[i * U + j] = fused(WEIGHT(w, o * n + i, j), bar[j], xbar[i * U + j]);
+        xbar[i * U + j] = fused(AT(w, o * n + i, j), bar[j], xbar[i * U + j]);
       }
   }
 }

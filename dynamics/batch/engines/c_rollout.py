@@ -10,7 +10,7 @@ from __future__ import annotations
 from dynamics.batch.engines import c_dense, c_random, c_steps
 from dynamics.batch.engines.c_prelude import prelude
 from dynamics.batch.engines.compiler import Compiler
-from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.graphs.step_graphs import RolloutTapes
 
 # Operations up to which the registers of a block are worked on without a loop around them: more
 # would not find room in the processor at once, and take the compiler long.
@@ -50,7 +50,13 @@ INLINE lines lines_of(const double *a, i64 size, i64 row, i64 end, i64 turns) {
 INLINE const char *next_stop(lines f) { return f.at + f.each < f.stop ? f.at + f.each : f.stop; }
 #define FETCH(f, write) \\
   for (const char *stop = next_stop(f); f.at < stop; f.at += 64) __builtin_prefetch(f.at, write)
-static void forward(const job *q, const memory *a, i64 next, i64 end) {
+INLINE int all_over(const V *x) {
+  M on = x[WEIGHT * U] > 0.0;
+  for (int j = 1; j < U; j++) on |= x[WEIGHT * U + j] > 0.0;
+  return !any(on);
+}
+/* Returns after how many steps all samples of the block are over; from there on nothing moves. */
+static i64 forward(const job *q, const memory *a, i64 next, i64 end) {
   i64 ahead = next + U * W < end ? next + U * W : end, n = q->horizon, ts = a->ts;
   i64 theta_step = a->theta_step, rows = q->shared_theta || DENSE ? next : ahead;
   lines theta_lines = lines_of(q->theta, q->parts * NT, next, rows, n);
@@ -60,7 +66,9 @@ static void forward(const job *q, const memory *a, i64 next, i64 end) {
   for (int j = 0; j < U; j++) cost[j] = (V){};
   V *x = a->x, *lam = a->lam;
   const V *theta = a->theta, *w = a->w;
-  for (i64 t = 0; t < n; t++, x += NX * U, lam += NL * U, theta += theta_step, w += a->w_step) {
+  i64 t = 0;
+  for (; t < n; t++, x += NX * U, lam += NL * U, theta += theta_step, w += a->w_step) {
+    if (ENDS && all_over(x)) break;
     V *after = q->along ? a->after : x + NX * U;
     FETCH(theta_lines, 0);
     FETCH(noise_lines, 0);
@@ -80,9 +88,11 @@ static void forward(const job *q, const memory *a, i64 next, i64 end) {
     terminal(in, out);
     UNROLL for (int r = 0; r < A; r++) a->cost[j + r] = cost[j + r] + last[r];
   }
+  for (i64 k = NX * U; k < (n - t + 1) * NX * U; k++) x[k] = x[k - NX * U];
+  return t;
 }
-static void backward(const job *q, const memory *a, i64 row, i64 end) {
-  i64 last = row + U * W < end ? row + U * W : end, n = q->horizon, ts = a->ts;
+static void backward(const job *q, const memory *a, i64 n, i64 row, i64 end) {
+  i64 last = row + U * W < end ? row + U * W : end, ts = a->ts;
   i64 theta_step = a->theta_step;
   lines gradient_lines = lines_of(q->gradient, q->parts * GT, row,
                                   q->want & WANT_MOMENTS ? row : last, n);
@@ -116,11 +126,11 @@ static void backward(const job *q, const memory *a, i64 row, i64 end) {
     if (DENSE) blame(a, n - 1 - t, action_bar, bars, a->gradient);
   }
 }
-static void scores(const job *q, const memory *a) {
+static void scores(const job *q, const memory *a, i64 n) {
   i64 ts = a->ts, theta_step = a->theta_step, to = q->parts > 1 ? NT * U : 0;
   V part[NT * A + 1], weighed[NU * A + 1], action_bar[NT * U + 1];
   for (i64 k = 0; k < q->parts * GT * U; k++) a->score[k] = (V){};
-  for (i64 t = 0; t < q->horizon; t++) {
+  for (i64 t = 0; t < n; t++) {
     for (int j = 0; j < U; j += A) {
       const V *w = a->w + t * a->w_step + j, *x = a->x + t * NX * U + j;
       V *s = DENSE ? action_bar + j : a->score + t * to + j;
@@ -250,9 +260,9 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
   int starting = 1;
   for (i64 block = begin; block < end; block += U * W) {
     load_block(q, &a, block, end);
-    forward(q, &a, block + U * W, end);
-    if (score) scores(q, &a);
-    if (gradient) backward(q, &a, block, end);
+    i64 steps = forward(q, &a, block + U * W, end);
+    if (score) scores(q, &a, steps);
+    if (gradient) backward(q, &a, steps, block, end);
     V total[U];
     for (int j = 0; j < U; j++) total[j] = a.cost[j];
     if (gradient) add_up(a.gradient, nt, total);
@@ -322,6 +332,8 @@ def source(
         "U": abreast * max(1, block // (abreast * machine.width)),
         "PS": "U" if own_p else "1",
         "GT": tapes.n_theta if layers is None else layers.n_weights,
+        "ENDS": int(tapes.weight is not None),
+        "WEIGHT": tapes.weight or 0,
         **c_dense.constants(layers, own_theta),
     }
     return "".join(

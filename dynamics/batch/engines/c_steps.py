@@ -10,7 +10,7 @@ from dynamics.batch.engines import c_source
 from dynamics.batch.engines.c_source import Layout
 from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
-from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.graphs.step_graphs import RolloutTapes
 from dynamics.batch.graphs.tape import UnsupportedOperation, tape_of, with_shared_reciprocals
 
 _INNER_GRAPHS = ("opening", "newton", "settled", "path", "followed", "closing")

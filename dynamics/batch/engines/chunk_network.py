@@ -9,7 +9,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.graphs.rollout_tapes import Layers
+from dynamics.batch.graphs.step_graphs import Layers
 
 Array = np.ndarray
 

@@ -11,7 +11,7 @@ from dynamics.batch.engines.chunk_network import ChunkNetwork, Kernel
 from dynamics.batch.engines.scratch import Scratch
 from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
-from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.graphs.step_graphs import RolloutTapes
 
 Array = np.ndarray
 

@@ -14,7 +14,7 @@ from dynamics.batch.engines import c_rollout, compiler
 from dynamics.batch.engines.chunk_rollout import ChunkRollout, Kernel
 from dynamics.batch.engines.parallel import over_chunks, run_chunks
 from dynamics.batch.engines.scratch import transpose
-from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.graphs.step_graphs import RolloutTapes
 from dynamics.batch.random import Gaussian, key_of
 
 Array = np.ndarray

@@ -15,7 +15,7 @@ from dynamics.batch.engines.chunk_rollout import ChunkRollout, Kernel
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.engines.parallel import over_chunks
 from dynamics.batch.engines.scratch import transpose
-from dynamics.batch.graphs.rollout_tapes import RolloutTapes
+from dynamics.batch.graphs.step_graphs import RolloutTapes
 
 CHUNK = 4096
 _GIVEN = ("U",) * 4

@@ -27,6 +27,11 @@ class Objective(ABC):
         """Parameters of its own, none by default."""
         return ParameterTable()
 
+    @property
+    def over(self) -> int | None:
+        """The entry of `carried` that is zero once a rollout has ended early; None: none does."""
+        return None
+
     @abstractmethod
     def check(self, step: Step) -> None:
         """Raise `ValueError` where the dimensions do not fit those of the step."""
@@ -152,6 +157,11 @@ class Episode(Objective):
         """Minus what is gained at the end by those who reach it."""
         gain = of_first(self.final, step.system.x, p=step.p.vector)
         return -ca.if_else(self.alive, self.carried[0] * gain, 0)
+
+    @property
+    def over(self) -> int:
+        """The weight."""
+        return 0
 
     @property
     def alive(self) -> ca.SX:

@@ -15,8 +15,7 @@ Where the contact is no LCP the same goes through the relation that the step's i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import casadi as ca
 
@@ -31,63 +30,13 @@ from dynamics.batch.graphs.inner import (
 )
 from dynamics.batch.graphs.objective import Objective, expanded, fits, of_first
 from dynamics.batch.graphs.policy import DensePolicy, RolloutPolicy
+from dynamics.batch.graphs.step_graphs import Layers, RolloutTapes
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.path import Path
 from dynamics.contact.reduced_path import path_of
 from dynamics.systems import ParameterTable
 from dynamics.systems.elimination import solve_without_pivoting
-
-
-@dataclass(frozen=True)
-class Layers:
-    """Dense layers of `sizes` between an observation and the mean action.
-
-    - `observe: (x, p) -> o`, and `observe_adjoint: (x, p, obar) -> xbar`
-    """
-
-    sizes: tuple[int, ...]
-    observe: ca.Function
-    observe_adjoint: ca.Function
-
-    @property
-    def n_weights(self) -> int:
-        """Weights and offsets of all layers."""
-        return sum((before + 1) * after for before, after in pairwise(self.sizes))
-
-
-@dataclass(frozen=True)
-class RolloutTapes:
-    """CasADi functions of one step; all SX, all arguments dense columns.
-
-    Here x is what goes from step to step: the system's state and what the objective carries beside
-    it (`nx` counts both, `n_carried` the latter).
-
-    - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no
-      closed form for lam
-    - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
-    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w
-    - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
-
-    With `layers` theta is the mean action, which those compute.
-
-    In all of these p stands for the `np` values `derived: parameters -> p`, which hold whatever
-    the graphs need that depends on parameters alone.
-    """
-
-    nx: int
-    n_carried: int
-    nu: int
-    np: int
-    nlam: int
-    n_theta: int
-    forward: ca.Function | InnerLoop | Asked
-    adjoint: ca.Function
-    score: ca.Function
-    terminal: ca.Function
-    terminal_adjoint: ca.Function
-    derived: ca.Function
-    layers: Layers | None = None
 
 
 def build_tapes(step: Step, objective: Objective, policy: RolloutPolicy) -> RolloutTapes:
@@ -158,7 +107,7 @@ class _Closed:
             rest["forward"], rest["adjoint"] = carried(rest["forward"], rest["adjoint"])
         else:
             around = replace(around, **{name: rest[name] for name in around.with_p})
-        layers = None
+        layers, over = None, self.objective.over
         if isinstance(self.policy, DensePolicy):
             layers = Layers(self.policy.sizes, rest["observe"], rest["observe_adjoint"])
         return RolloutTapes(
@@ -175,6 +124,7 @@ class _Closed:
             terminal_adjoint=rest["terminal_adjoint"],
             derived=derived,
             layers=layers,
+            weight=None if over is None else self.step.system.nx + over,
         )
 
     def _observing(self) -> dict[str, tuple[ca.Function, int]]:

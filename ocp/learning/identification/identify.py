@@ -22,8 +22,9 @@ Report = Callable[[int, float], None]
 class Identification:
     """psi as found, ``values`` (n,) in the order of ``names``, and how the search came there.
 
-    ``loss`` is eq. 4.1's over all transitions, over their number; ``psi`` (k+1, n) are the means of
-    the cloud, first its start, and ``spread`` (k+1, n) its standard deviations of log psi.
+    ``loss`` is eq. 4.1's over all transitions, over their number; ``psi`` (k, n) are the means of
+    the cloud, first its start, and ``spread`` (k, n) its standard deviations of log psi; a pass
+    begins where the last one ended.
     """
 
     names: tuple[str, ...]
@@ -40,8 +41,9 @@ class Identification:
 
 
 def search_on(
-    loss: OneStepLoss, buffer: Buffer, search: RandomSearch, cloud: Cloud, seed: int, rows: int
-) -> Cloud:
+    loss: OneStepLoss, buffer: Buffer, search: RandomSearch, cloud: Cloud, seed: list[int],
+    rows: int,
+) -> Cloud:  # fmt: skip
     """One iteration of the search: candidates, judged alike by ``rows`` transitions drawn anew.
 
     Random numbers depend on the seed and the number of the iteration alone.
@@ -49,9 +51,9 @@ def search_on(
     count = int(cloud["count"])
     judges = buffer
     if rows < len(buffer):
-        drawn = np.random.default_rng([seed, count, ROWS]).choice(len(buffer), rows, replace=False)
+        drawn = np.random.default_rng([*seed, count, ROWS]).choice(len(buffer), rows, replace=False)
         judges = buffer[np.sort(drawn)]
-    rng = np.random.default_rng([seed, count, DRAWS])
+    rng = np.random.default_rng([*seed, count, DRAWS])
     return search.iterate(cloud, lambda candidates: loss(candidates, judges), rng)
 
 
@@ -61,34 +63,36 @@ def identify(
     start: np.ndarray,
     search: RandomSearch | None = None,
     seed: int = 0,
-    rows: int = 256,
+    rows: int = 128,
     report: Report | None = None,
 ) -> Identification:
     """Minimise ``loss`` over log psi from ``start`` (n_psi,) by random search [abs eq. 4.1].
 
-    Every iteration is judged by ``rows`` transitions; at the end all of them choose between the
-    last mean of the cloud and the start. ``report`` is told the iteration and the largest standard
-    deviation of the cloud.
+    Every iteration is judged by ``rows`` transitions; all of them choose between the start and the
+    last means of the passes, and tell how sensitive the model is. ``report`` is told the number of
+    iterations and the largest standard deviation of the cloud.
 
     Raises :class:`~ocp.errors.InputError` without transitions and for ``rows`` below 1.
     """
     if not len(buffer) or rows < 1:
         raise InputError(f"psi is learned from transitions: got {len(buffer)}, {rows} at a time")
     search = search or RandomSearch()
-    cloud = search.begin(start)
-    clouds = [cloud]
-    while not search.done(cloud):
-        cloud = search_on(loss, buffer, search, cloud, seed, rows)
-        clouds.append(cloud)
-        if report:
-            report(int(cloud["count"]), float(np.max(search.deviations(cloud))))
-    ends = np.array([cloud["mean"], start])
-    losses = loss(ends, buffer) / len(buffer)
+    clouds, ends = [search.begin(start)], [np.asarray(start, dtype=float)]
+    for number in range(search.passes):
+        if number:
+            moves = loss.sensitivity(ends[-1], search.width, buffer)
+            clouds.append(search.begin(ends[-1], moves))
+        while not search.done(clouds[-1]):
+            clouds.append(search_on(loss, buffer, search, clouds[-1], [seed, number], rows))
+            if report:
+                report(len(clouds) - 1, float(np.max(search.deviations(clouds[-1]))))
+        ends.append(clouds[-1]["mean"])
+    losses = loss(np.array(ends), buffer) / len(buffer)
     return Identification(
         names=loss.names,
-        values=np.exp(ends[np.argmin(losses)]),
+        values=np.exp(ends[int(np.argmin(losses))]),
         loss=float(losses.min()),
-        start_loss=float(losses[1]),
+        start_loss=float(losses[0]),
         psi=np.exp([each["mean"] for each in clouds]),
         spread=np.array([search.deviations(each) for each in clouds]),
     )

@@ -26,7 +26,8 @@ class OneStepLoss:
     ``values``, by default the step's own. ``scale`` (nx,) divides the errors: 1 is the equation,
     whose sum adds squares of m, rad, m/s and rad/s; :meth:`increments` gives all coordinates a say.
 
-    A step that cannot be solved at some psi counts as if the model said that nothing moves.
+    A step that cannot be solved at some psi counts as the mean of those that can; L is infinite
+    where less than half of them are.
 
     Raises :class:`~ocp.errors.InputError` for unknown names, no name, one named twice, and scales
     that are not positive.
@@ -92,10 +93,26 @@ class OneStepLoss:
 
     def __call__(self, log_psi: np.ndarray, buffer: Buffer) -> np.ndarray:
         """``L`` (k,) at ``log_psi`` (k, n_psi)."""
-        errors = self.errors(log_psi, buffer)
-        still = (buffer.x - buffer.x_next) / self.scale
-        errors = np.where(np.isfinite(errors).all(axis=2, keepdims=True), errors, still)
-        return 0.5 * np.einsum("kni,kni->k", errors, errors)
+        return self._mean(0.5 * np.sum(self.errors(log_psi, buffer) ** 2, axis=2)) * len(buffer)
+
+    def sensitivity(self, log_psi: np.ndarray, width: float, buffer: Buffer) -> np.ndarray:
+        """Root of what each parameter, ``width`` up and down, moves the model by, (n_psi,).
+
+        Of ``mean_t 1/2 |(f(psi') - f(psi)) / scale|²``, whatever was seen.
+        """
+        n = len(log_psi)
+        around = log_psi + width * np.concatenate([np.eye(n), -np.eye(n), np.zeros((1, n))])
+        errors = self.errors(around, buffer)
+        moved = self._mean(0.5 * np.sum((errors[:-1] - errors[-1]) ** 2, axis=2))
+        return np.sqrt(np.minimum(moved[:n], moved[n:]))
+
+    @staticmethod
+    def _mean(each: np.ndarray) -> np.ndarray:
+        """Means (k,) of those of ``each`` (k, n) that are numbers, if they are half or more."""
+        known = np.isfinite(each)
+        share = known.mean(axis=1)
+        total = np.where(known, each, 0.0).mean(axis=1)
+        return np.divide(total, share, out=np.full(len(each), np.inf), where=share >= 0.5)
 
     @staticmethod
     def increments(buffer: Buffer) -> np.ndarray:

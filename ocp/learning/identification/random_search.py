@@ -19,8 +19,12 @@ class RandomSearch:
 
     Hansen, The CMA evolution strategy: a tutorial, 2016, with its weights and rates, negative
     weights left out: ``candidates`` y_i ~ N(0, C) at ``mean + width y_i``, the better half
-    recombined. Begun with ``C = I`` and ``width``, a standard deviation; ended after ``iterations``
-    or when no standard deviation of the cloud is above ``narrow``.
+    recombined. Begun with ``C = I`` and ``width``, a standard deviation; a pass ends after
+    ``iterations`` or when no standard deviation of the cloud is above ``narrow``.
+
+    What moves the loss little is carried along by chance while other parameters are far off. So
+    there are ``passes``: each but the first begins where the last ended, with ``width`` for what
+    moves the model least, and for the others as much less as they move it more.
 
     Candidates that follow a fixed N(0, I) with a width that decays, the best kept, are what the
     cloud is when its covariance never learns; masses and inertias that move alike need it.
@@ -28,14 +32,15 @@ class RandomSearch:
 
     candidates: int = 32
     width: float = 0.3
-    iterations: int = 200
+    iterations: int = 150
     narrow: float = 1e-4
+    passes: int = 2
 
     def __post_init__(self) -> None:
-        if self.candidates < 4 or self.iterations < 1:
+        if self.candidates < 4 or self.iterations < 1 or self.passes < 1:
             raise InputError(
-                f"random search needs at least 4 candidates and 1 iteration, got"
-                f" {self.candidates} and {self.iterations}"
+                "random search needs at least 4 candidates, 1 iteration and 1 pass, got"
+                f" {self.candidates}, {self.iterations} and {self.passes}"
             )
         if not (0 <= self.narrow < self.width < np.inf):
             raise InputError(
@@ -43,11 +48,13 @@ class RandomSearch:
                 f" {self.narrow:g}"
             )
 
-    def begin(self, mean: np.ndarray) -> Cloud:
-        """The cloud around ``mean`` (n,)."""
+    def begin(self, mean: np.ndarray, sensitivity: np.ndarray | None = None) -> Cloud:
+        """The cloud around ``mean`` (n,), wider for what is less sensitive (n,)."""
         n = len(mean)
+        moves = np.ones(n) if sensitivity is None else np.maximum(sensitivity, 1e-12)
         return {
-            "mean": np.array(mean, float), "width": np.array(self.width), "shape": np.eye(n),
+            "mean": np.array(mean, float), "width": np.array(self.width),
+            "shape": np.diag((moves.min() / moves) ** 2),
             "turn": np.zeros(n), "drift": np.zeros(n), "count": np.array(0),
         }  # fmt: skip
 

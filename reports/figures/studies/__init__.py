@@ -24,6 +24,7 @@ from reports.figures.studies import (
     start_without_contact,
     stiff_pushing,
     theory_of_noising,
+    thrown_ball,
     wall_corner,
 )
 
@@ -51,5 +52,6 @@ DRAWINGS: dict[str, Drawing] = {
     "A2": bouncing_ball,
     "A2v": landing_variance,
     "A6": impact_and_friction,
+    "A7": thrown_ball,
     "T1": audited_theory,
 }

@@ -8,6 +8,7 @@ import numpy as np
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, Parameter, ParameterTable, signals
 from ocp.learning.buffer import Buffer
+from ocp.task import Task
 
 H, M, K, D = 0.05, 2.0, 30.0, 1.5
 NAMES = ["m", "k", "d"]
@@ -57,3 +58,23 @@ def transitions(n: int, seed: int = 0, force: float = 20.0, noise: float = 0.0) 
     found = following(x, u, M, K, D)
     found[:, 1] += noise * rng.standard_normal(n)
     return Buffer(x, u, found)
+
+
+def spring_task(horizon: int = 6, far: float = 0.3) -> Task:
+    """Pulled to the wall: reward ``-x+² - 0.1 u²``, ended where x reaches ``far`` [m]."""
+    system = exact_step().system
+    x, u, chance = system.x, system.u, ca.SX.sym("chance", 2)
+    return Task(
+        name="spring-mass",
+        system=system,
+        parameters=system.parameters,
+        horizon=horizon,
+        start=ca.vertcat(0.15 + 0.1 * chance[0], chance[1]),
+        chance=chance,
+        reward=-(system.x_next[0] ** 2) - 0.1 * u[0] ** 2,
+        observation=x,
+        observations=system.states,
+        lower=np.array([-2.0]),
+        upper=np.array([6.0]),
+        done=x[0] >= far,
+    )

@@ -61,15 +61,44 @@ def test_psi_is_found_where_linear_least_squares_finds_it():
     assert found.values == pytest.approx(linear, rel=1e-3)
     assert found.loss < 1e-6 * found.start_loss
     assert found.by_name["k"] == found.values[1]
-    assert len(found.psi) < 201 and found.spread[-1].max() <= RandomSearch().narrow
+    assert len(found.psi) < 301 and found.spread[-1].max() <= RandomSearch().narrow
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_gives_others():
     buffer, loss = transitions(100), OneStepLoss(exact_step(), NAMES)
-    search = RandomSearch(iterations=5)
+    search = RandomSearch(iterations=5, passes=1)
     runs = [identify(loss, buffer, START, search, seed, rows=20) for seed in (1, 1, 2)]
     assert (runs[0].psi == runs[1].psi).all()
     assert not (runs[0].psi[1] == runs[2].psi[1]).any()
+
+
+def test_the_second_pass_begins_where_the_first_ended_as_wide_as_the_model_is_insensitive():
+    buffer, loss = transitions(100), OneStepLoss(exact_step(), NAMES)
+    search = RandomSearch(iterations=3, width=0.2)
+    found = identify(loss, buffer, START, search, rows=100)
+    assert found.psi.shape == (8, 3) and (found.psi[4] == found.psi[3]).all()
+    log_psi = np.log(found.psi[3])
+    moves = loss.sensitivity(log_psi, 0.2, buffer)
+    assert found.spread[4] == pytest.approx(0.2 * moves.min() / moves)
+
+    def moved(shift: np.ndarray) -> float:
+        ends = [following(buffer.x, buffer.u, *np.exp(log_psi + s)) for s in (shift, 0 * shift)]
+        return float(np.sqrt(0.5 * np.mean(np.sum((ends[0] - ends[1]) ** 2, axis=1))))
+
+    least = [min(moved(0.2 * e), moved(-0.2 * e)) for e in np.eye(3)]
+    assert moves == pytest.approx(least, rel=1e-6)
+
+
+def test_steps_that_are_not_solved_count_as_the_mean_of_the_others(monkeypatch):
+    buffer, loss = transitions(100), OneStepLoss(exact_step(), NAMES)
+    log_psi = np.log([[1.5, 20.0, 3.0]])
+    errors = loss.errors(log_psi, buffer)
+    for lost, factor in ((30, 100 / 70), (51, np.inf)):
+        broken = errors.copy()
+        broken[0, :lost, 1] = np.nan
+        monkeypatch.setattr(loss, "errors", lambda *_, broken=broken: broken)
+        expected = factor * 0.5 * np.sum(errors[0, lost:] ** 2)
+        assert loss(log_psi, buffer) == pytest.approx([expected])
 
 
 def test_without_input_only_ratios_are_known():
@@ -141,7 +170,7 @@ def test_bad_data_and_settings_are_told():
         Buffer(x, u[:2], x)
     with pytest.raises(InputError, match="expected \\(n, nx\\)"):
         Buffer(x, u, x[:, :1])
-    with pytest.raises(InputError, match="got 0, 256 at a time"):
+    with pytest.raises(InputError, match="got 0, 128 at a time"):
         identify(loss, Buffer(x[:0], u[:0], x[:0]), START)
     with pytest.raises(InputError, match="scales of errors must be positive"):
         OneStepLoss(exact_step(), NAMES, scale=np.array([1.0, 0.0]))

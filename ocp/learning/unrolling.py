@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynamics.batch import BatchWarning, Episodes, Gaussian
+from dynamics.batch import Episodes, Gaussian
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, NotConverged
 from ocp.learning.normaliser import Normaliser
@@ -45,27 +45,26 @@ def roll(
     """Unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
 
     ``theta`` (n, n_theta) are other parameters for each sample, ``law`` another contact law than
-    the model's; states are kept. Samples that are not finite, where a contact found no solution or
-    a motion overflowed, are left to :func:`finite`.
+    the model's; physical parameters are the state's ``psi`` where it has any; states are kept.
+    Samples that are not finite, where a contact found no solution or a motion overflowed, are left
+    to :func:`finite`.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BatchWarning)
-        return experiment.rollouts(horizon, law)(
-            x0,
-            state["theta"] if theta is None else theta,
-            Normaliser.of(state),
-            discount=experiment.discount,
-            psi=experiment.psi,
-            noise=noise,
-            n_samples=len(x0),
-            gradient=gradient,
-            score=score,
-            states=True,
-            along=along,
-        )
+    return experiment.rollouts(horizon, law)(
+        x0,
+        state["theta"] if theta is None else theta,
+        Normaliser.of(state),
+        discount=experiment.discount,
+        psi=state.get("psi", experiment.physics),
+        noise=noise,
+        n_samples=len(x0),
+        gradient=gradient,
+        score=score,
+        states=True,
+        along=along,
+    )
 
 
-def finite(experiment: Experiment, episodes: Episodes, k: int) -> np.ndarray:
+def finite(experiment: Experiment, state: State, episodes: Episodes, k: int) -> np.ndarray:
     """Which samples (n,) count.
 
     Raises :class:`~ocp.errors.InputError` that names step and sample where states are finite and a
@@ -76,13 +75,7 @@ def finite(experiment: Experiment, episodes: Episodes, k: int) -> np.ndarray:
         if part is not None:
             good &= np.isfinite(part).all(axis=1)
     for sample in np.flatnonzero(~np.isfinite(episodes.value)):
-        states = episodes.states[sample]
-        if np.isfinite(states).all():
-            step = _step_without_reward(experiment, states)
-            raise InputError(
-                f"{experiment.task.name}: the reward of step {step} of sample {sample} in"
-                f" iteration {k} is not a number, though its states are; mend the reward"
-            )
+        check_rewards(experiment, trained(state), episodes.states[sample], int(sample), k)
     if not good.any():
         raise NotConverged(
             f"{experiment.task.name}: no sample of iteration {k} stayed finite; lower the learning"
@@ -91,13 +84,31 @@ def finite(experiment: Experiment, episodes: Episodes, k: int) -> np.ndarray:
     return good
 
 
-def _step_without_reward(experiment: Experiment, states: np.ndarray) -> int | str:
-    """The first step whose reward is not finite without input, or the last, that of ``final``."""
-    task, p = experiment.task, experiment.task.parameters.values
-    for t, (x, after) in enumerate(zip(states[:-1], states[1:], strict=True)):
-        if not np.isfinite(float(task.rewards(x, (task.lower + task.upper) / 2, after, p))):
-            return t
-    return len(states) - 1
+def check_rewards(
+    experiment: Experiment, policy: Trained, states: np.ndarray, sample: int, k: int
+) -> None:
+    """Raise :class:`~ocp.errors.InputError` where all ``states`` (H+1, nx) are finite: why else?
+
+    The step is the first whose reward is not finite under the inputs without noise, and the last,
+    where ``final`` counts, if there is none.
+    """
+    if not np.isfinite(states).all():
+        return
+    task, inputs = experiment.task, experiment.inputs(policy, states[:-1])
+    step = len(states) - 1
+    for t, (x, after) in enumerate(pairwise(states)):
+        if not np.isfinite(float(task.rewards(x, inputs[t], after, experiment.physics))):
+            step = t
+            break
+    raise InputError(no_number(experiment, step, f"sample {sample} in iteration {k}"))
+
+
+def no_number(experiment: Experiment, step: int, where: str) -> str:
+    """That a reward is not a number, and where."""
+    return (
+        f"{experiment.task.name}: the reward of step {step} of {where} is not a number, though the"
+        " states are; mend the reward, or end the episode before"
+    )
 
 
 def remembered(experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray) -> State:

@@ -1,0 +1,65 @@
+"""The graphs of one step of a rollout, as engines take them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import casadi as ca
+
+from dynamics.batch.graphs.asked import Asked
+from dynamics.batch.graphs.inner import InnerLoop
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Dense layers of `sizes` between an observation and the mean action.
+
+    - `observe: (x, p) -> o`, and `observe_adjoint: (x, p, obar) -> xbar`
+    """
+
+    sizes: tuple[int, ...]
+    observe: ca.Function
+    observe_adjoint: ca.Function
+
+    @property
+    def n_weights(self) -> int:
+        """Weights and offsets of all layers."""
+        return sum((before + 1) * after for before, after in pairwise(self.sizes))
+
+
+@dataclass(frozen=True)
+class RolloutTapes:
+    """CasADi functions of one step; all SX, all arguments dense columns.
+
+    Here x is what goes from step to step: the system's state and what the objective carries beside
+    it (`nx` counts both, `n_carried` the latter).
+
+    - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no
+      closed form for lam
+    - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
+    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w
+    - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
+
+    A sample whose entry `weight` of x is zero has come to its end: nothing of it changes any more.
+
+    With `layers` theta is the mean action, which those compute.
+
+    In all of these p stands for the `np` values `derived: parameters -> p`, which hold whatever
+    the graphs need that depends on parameters alone.
+    """
+
+    nx: int
+    n_carried: int
+    nu: int
+    np: int
+    nlam: int
+    n_theta: int
+    forward: ca.Function | InnerLoop | Asked
+    adjoint: ca.Function
+    score: ca.Function
+    terminal: ca.Function
+    terminal_adjoint: ca.Function
+    derived: ca.Function
+    layers: Layers | None = None
+    weight: int | None = None

@@ -1,0 +1,152 @@
+"""Transitions of a task that policies make, many episodes side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import BatchFunction, StepFunction
+from dynamics.contact import ContactLaw, Exact
+from ocp.errors import InputError
+from ocp.learning.buffer import Buffer
+from ocp.task import Task
+
+EPISODES = 50
+"""Side by side in :func:`random_transitions`, each of a policy of its own."""
+TOUCHED = 1e-6
+"""Signed distance [m] up to which bodies touch."""
+GENTLEST, WILDEST = 0.01, 0.5
+"""Widths of what random policies put into tanh."""
+
+Policy = Callable[[np.ndarray], np.ndarray]
+"""Maps observations (n, n_o) of n episodes to inputs (n, nu)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One step of n episodes: the transitions, their ``reward`` (n,), and three marks (n,).
+
+    ``ended`` where the task says so at the next state, ``solved`` where there is one, ``touched``
+    where bodies touch at the next state.
+    """
+
+    x: np.ndarray
+    u: np.ndarray
+    x_next: np.ndarray
+    reward: np.ndarray
+    ended: np.ndarray
+    solved: np.ndarray
+    touched: np.ndarray
+
+
+class Explorer:
+    """Episodes of ``task`` under ``law`` at ``values`` of its parameters, by name.
+
+    Episodes that ended, were not solved, or are as long as the task's begin again by
+    :meth:`Task.reset`. Results do not depend on threads.
+    """
+
+    def __init__(
+        self, task: Task, law: ContactLaw | None = None,
+        values: Mapping[str, float] | None = None, **engine: Any,
+    ) -> None:  # fmt: skip
+        self.task = task
+        step = (law or Exact()).close(task.system)
+        self.p = task.parameters.pack(values)
+        self._step_p = step.p.pack(task.parameters.unpack(self.p))
+        self._step = StepFunction(step, **engine)
+        self._observe, self._reward, self._end = (
+            BatchFunction(fn, **engine) for fn in (task.observe, task.rewards, task.ends)
+        )
+        self._distance = BatchFunction(_distance(task), **engine)
+
+    def first(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Begin ``n`` episodes: states (n, nx) and ages (n,) [steps]."""
+        return self.task.reset(n, rng, self.p), np.zeros(n, dtype=int)
+
+    def observed(self, x: np.ndarray) -> np.ndarray:
+        """Observations (n, n_o) of states (n, nx)."""
+        return self._observe(x, self.p)
+
+    def ended(self, x: np.ndarray) -> np.ndarray:
+        """Whether episodes end at states (n, nx)."""
+        return np.not_equal(self._end(x, self.p)[:, 0], 0)
+
+    def rewards(self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> np.ndarray:
+        """Rewards (n,) of steps."""
+        return self._reward(x, u, x_next, self.p)[:, 0]
+
+    def step(self, x: np.ndarray, u: np.ndarray) -> Seen:
+        """Go one step from states (n, nx) under inputs (n, nu)."""
+        steps = self._step(x, u, self._step_p)
+        solved = np.asarray(np.isfinite(steps.x_next).all(axis=1))
+        x_next = np.where(solved[:, None], steps.x_next, x)
+        return Seen(
+            x, u, steps.x_next, np.where(solved, self.rewards(x, u, x_next), np.nan),
+            solved & self.ended(x_next), solved,
+            solved & (self._distance(x_next, self.p)[:, 0] <= TOUCHED),
+        )  # fmt: skip
+
+    def onwards(
+        self, seen: Seen, age: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """States and ages that the next step starts from, some of them first ones."""
+        age = age + 1
+        again = seen.ended | ~seen.solved | (age >= self.task.horizon)
+        fresh, young = self.first(len(age), rng)
+        return np.where(again[:, None], fresh, seen.x_next), np.where(again, young, age)
+
+
+def random_transitions(explorer: Explorer, n: int, seed: int) -> tuple[Buffer, np.ndarray]:
+    """``n`` solved transitions of random policies, and whether bodies touch in the end (n,).
+
+    Fifty episodes at a time, each with inputs ``mid + half tanh(s (G o + w))`` of its own: G
+    (nu, n_o) normal, over observations scaled to their largest seen and the root of their number, w
+    white, and s log-uniform from gentle to wild, for who only thrashes falls before it lands.
+
+    Raises :class:`~ocp.errors.InputError` where no step was solved or ``n`` is below 1.
+    """
+    if n < 1:
+        raise InputError(f"at least 1 transition must be asked for, got {n}")
+    task = explorer.task
+    rng = np.random.default_rng([seed, 0])
+    sizes = EPISODES, task.system.nu, len(task.observations)
+    x, age = explorer.first(EPISODES, rng)
+    largest = np.full(sizes[2], 1e-6)
+    gains, width = np.zeros(sizes), np.zeros((EPISODES, 1))
+    parts: list[Seen] = []
+    while sum(int(part.solved.sum()) for part in parts) < n:
+        new = age == 0
+        gains = np.where(new[:, None, None], rng.standard_normal(sizes), gains)
+        drawn = np.exp(rng.uniform(np.log(GENTLEST), np.log(WILDEST), width.shape))
+        width = np.where(new[:, None], drawn, width)
+        o = explorer.observed(x)
+        largest = np.maximum(largest, np.abs(o).max(axis=0))
+        a = np.einsum("eij,ej->ei", gains, o / largest) / np.sqrt(sizes[2])
+        a = width * (a + rng.standard_normal(a.shape))
+        parts.append(explorer.step(x, squashed(task, a)))
+        x, age = explorer.onwards(parts[-1], age, rng)
+        if not any(part.solved.any() for part in parts):
+            raise InputError(f"{task.name}: no step was solved from its starts")
+    whole = {key: np.concatenate([getattr(part, key) for part in parts])
+             for key in ("x", "u", "x_next", "solved", "touched")}  # fmt: skip
+    rows = np.flatnonzero(whole["solved"])[:n]
+    return Buffer(*(whole[key][rows] for key in ("x", "u", "x_next"))), whole["touched"][rows]
+
+
+def squashed(task: Task, a: np.ndarray) -> np.ndarray:
+    """``mid + half tanh(a)`` between the task's bounds, (n, nu)."""
+    middle, half = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
+    return middle + half * np.tanh(a)
+
+
+def _distance(task: Task) -> ca.Function:
+    """Map ``(x, parameters)`` to the least signed distance [m], infinite where none is known."""
+    phi = task.system.phi
+    least = ca.inf if phi is None or not phi.numel() else ca.mmin(ca.densify(phi))
+    arguments = [task.system.x, task.parameters.vector]
+    return ca.Function("distance", arguments, [ca.densify(ca.SX(least))])

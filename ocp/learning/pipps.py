@@ -1,0 +1,136 @@
+"""PIPPS: total propagation of likelihood-ratio and reparametrised gradients, mixed at each step."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ocp.errors import InputError, NotConverged, choose
+from ocp.learning.ascent import RULES, ascend
+from ocp.learning.experiment import Experiment, at_least, positive
+from ocp.learning.fopg import unroll_of
+from ocp.learning.normaliser import Normaliser
+from ocp.learning.particles import Particles, scatter
+from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.starts import Starts
+from ocp.learning.unrolling import begun, no_number, trained
+
+
+@dataclass(frozen=True, kw_only=True)
+class PIPPS:
+    """Particles ``x_{t+1} = f(x_t, u_t) + sigma e_t``, and one gradient of their mean return.
+
+    Backwards, at each step, the gradient by the mean of x_{t+1} is taken both ways and mixed,
+    ``k L + (1 - k) R``, ``k = 1 / (1 + v_L / v_R)``, with the variances over the particles of what
+    each gives for the policy's parameters (:func:`total_propagation`). ``sigma`` [units of the
+    state] is the same for all entries; the policy has no noise of its own.
+
+    Source: Parmas, Rasmussen, Peters and Doya (ICML 2018), algorithm 1.
+    """
+
+    name: ClassVar[str] = "pipps"
+    summary: ClassVar[str] = "total propagation: both estimates mixed at every step backwards"
+
+    samples: int = 64
+    unroll: int = 32
+    sigma: float = 1e-2
+    rate: float = 0.01
+    optimiser: str = "adam"
+
+    def settings(self) -> dict[str, Any]:
+        """All of them."""
+        return asdict(self)
+
+    def begin(self, experiment: Experiment) -> State:
+        """The first policy and a buffer of first states."""
+        if self.samples == 1:
+            raise InputError("samples is 1, but mixing weighs variances; give at least 2")
+        at_least(2, "samples", self.samples)
+        at_least(1, "unroll", self.unroll)
+        positive("sigma", self.sigma)
+        positive("rate", self.rate)
+        choose("optimiser", self.optimiser, RULES)
+        starts = Starts.first(experiment, self.samples, unroll_of(experiment, self.unroll))
+        return {**begun(experiment), **starts.arrays()}
+
+    def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
+        """One step along the gradient of total propagation."""
+        starts, steps = Starts.of(state), unroll_of(experiment, self.unroll)
+        shape = (steps, *starts.x.shape)
+        noise = experiment.rng(k, "states").standard_normal(shape)
+        found = scatter(experiment, trained(state), starts.x, self.sigma * noise)
+        lost = np.argwhere(found.good & ~np.isfinite(found.rewards))
+        if len(lost):
+            step, sample = lost[0].tolist()
+            raise InputError(no_number(experiment, step, f"sample {sample} in iteration {k}"))
+        good = found.good
+        if good.sum() < 2:
+            raise NotConverged(
+                f"{experiment.task.name}: {good.sum()} of {self.samples} particles of iteration {k}"
+                " stayed finite; lower the learning rate, sigma or the unroll length"
+            )
+        part = found.part(good)
+        gradients, share = total_propagation(part, noise[:, good] / self.sigma)
+        gradient = gradients.mean(axis=0)
+        seen = part.seen[part.alive]
+        changed = {
+            **ascend(self.optimiser, state, gradient, self.rate),
+            **(Normaliser.of(state).after(seen).arrays() if experiment.normalise else {}),
+            **starts.after(experiment, found.states, found.lived, k).arrays(),
+        }
+        row = {
+            "return_mean": float(part.rewards.sum(axis=0).mean()),
+            "env_steps": float(found.alive.sum()),
+            "nonfinite": float((~good).sum()),
+            "gradient_norm": float(np.linalg.norm(gradient)),
+            "gradient_variance": float(gradients.var(axis=0, ddof=1).sum()),
+            "likelihood_ratio_share": float(share.mean()),
+        }
+        return changed, row
+
+    def policy(self, experiment: Experiment, state: State) -> Trained:
+        """The policy of the state."""
+        return trained(state)
+
+
+def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients (n, n_theta) of the return, and the share k (H,) of the likelihood ratio.
+
+    ``score`` (H, n, nx) is that of the mean of x_{t+1}, ``e_t / sigma``. With G_{t+1} the return
+    from x_{t+1} on and g its gradient by x_{t+1}, the gradient of ``r_t + G_{t+1}`` by the mean of
+    x_{t+1} is ``R = dr_t/dx_{t+1} + g`` or ``L = (r_t + G_{t+1} - b) score``, b the mean of the
+    other particles that are alive.
+    """
+    after, togo = particles.final_by_x, particles.final
+    total, shares = 0.0, np.zeros(len(particles.alive))
+    for t in reversed(range(len(shares))):
+        alive = particles.alive[t]
+        on = alive[:, None]
+        togo = np.where(alive, particles.rewards[t] + togo, 0.0)
+        advantage = (togo - _others(togo, alive))[:, None]
+        ways = [
+            np.where(on, bar, 0.0) for bar in (advantage * score[t], particles.r_by_next[t] + after)
+        ]
+        by_x, by_u = particles.x_by_x[t], particles.x_by_u[t]
+        by_theta = [particles.pulled(t, _times(bar, by_u))[0] for bar in ways]
+        v_L, v_R = (float(each.var(axis=0, ddof=1).sum()) for each in by_theta)
+        k = shares[t] = v_R / (v_L + v_R) if v_L + v_R > 0 else 0.0
+        mixed = k * ways[0] + (1 - k) * ways[1]
+        bar_u = np.where(on, _times(mixed, by_u) + particles.r_by_u[t], 0.0)
+        change, through = particles.pulled(t, bar_u)
+        total = total + change
+        after = np.where(on, _times(mixed, by_x) + particles.r_by_x[t] + through, 0.0)
+    return np.asarray(total), shares
+
+
+def _times(bar: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """``bar' slope`` of each sample, (n, a) and (n, a, b)."""
+    return np.einsum("na,nab->nb", bar, slope)
+
+
+def _others(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
+    """Mean of the other particles that are alive, 0 where there is none."""
+    count = alive.sum()
+    return (values[alive].sum() - values) / max(count - 1, 1) if count > 1 else 0.0 * values

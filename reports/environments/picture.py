@@ -1,0 +1,57 @@
+"""A state of a task as an array of colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from problems.drawing import HalfPlane, Shape
+from problems.tasks.spec import TaskSpec
+from reports.camera import Camera
+from reports.shapes import bounds, draw
+from reports.strobe import draw_motion
+from reports.style import INK, styled
+
+_INCHES, _DPI = (6.4, 4.0), 100
+_AROUND, _BELOW = 2.2, 0.1
+
+
+class Picture:
+    """Pictures of one size, (400, 640, 3), whose view goes along with the bodies."""
+
+    def __init__(self, spec: TaskSpec, params: object) -> None:
+        self._spec, self._params = spec, params
+        self._size: np.ndarray | None = None
+
+    def of(self, states: Sequence[np.ndarray], time: float) -> np.ndarray:
+        """Draw the last of ``states``, each (nx,), at ``time`` [s], of several a strobe."""
+        with styled():
+            figure = Figure(_INCHES, _DPI)
+            canvas, axis = FigureCanvasAgg(figure), figure.subplots()
+            plays = [self._spec.draw(self._params, state) for state in states]
+            if len(plays) > 1:
+                draw_motion(axis, plays)
+            else:
+                self._view(plays[0]).aim(axis, 0)
+                for shape in plays[0]:
+                    draw(shape, axis, 1.0)
+            axis.set(xlabel=self._spec.axes[0], ylabel=self._spec.axes[1])
+            axis.set_title(f"t = {time:.2f} s", loc="right", color=INK)
+            canvas.draw()
+            return np.array(canvas.buffer_rgba())[:, :, :3].copy()
+
+    def _view(self, shapes: list[Shape]) -> Camera:
+        """A window as large as around the first bodies that were drawn, down to the ground."""
+        bodies = [shape for shape in shapes if not isinstance(shape, HalfPlane)]
+        (left, low), (right, high) = bounds(bodies)
+        if self._size is None:
+            wide = _AROUND * max(right - left, high - low)
+            self._size = np.array([wide, wide * _INCHES[1] / _INCHES[0]])
+        height = self._size[1]
+        floor = min(low, bounds(shapes)[0, 1]) - _BELOW * height
+        # A body that leaves the window upwards takes it along.
+        middle = max(floor + height / 2, high - height / 2)
+        return Camera(np.array([[(left + right) / 2, middle]]), self._size)

@@ -1,0 +1,149 @@
+"""Many episodes that step together: a task as :class:`gymnasium.vector.VectorEnv`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from ocp.errors import InputError
+from reports.environments.single import METADATA, check_renders, checked_mode
+from reports.environments.world import World
+
+if TYPE_CHECKING:
+    from reports.environments.picture import Picture
+
+
+_METADATA = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+
+class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """``num_envs`` episodes of a task under a contact law, solved at once by the batch engine.
+
+    Each is what :class:`~reports.environments.single.TaskEnv` would give with the same actions: the
+    i-th, reset with ``seed``, as one reset with ``seed + i``. An episode that has ended starts anew
+    at the next step, whose action is passed over (``AutoresetMode.NEXT_STEP``). ``backend`` and
+    ``threads`` are those of :class:`dynamics.batch.StepFunction`; numbers do not depend on
+    ``threads``.
+
+    Raises as :class:`~reports.environments.single.TaskEnv` does.
+    """
+
+    metadata: dict[str, Any] = _METADATA
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        contact: str = "exact",
+        knobs: Mapping[str, Any] | None = None,
+        render_mode: str | None = None,
+        backend: str = "auto",
+        threads: int | None = None,
+        **params: Any,
+    ) -> None:
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+            raise InputError(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
+        self.num_envs, self.render_mode = num_envs, checked_mode(render_mode)
+        self.world = world = World(task, contact, knobs, params)
+        self.metadata = {**_METADATA, "render_fps": round(1 / world.seconds)}
+        self.single_action_space = world.action_space
+        self.single_observation_space = world.observation_space
+        self.action_space = batch_space(world.action_space, num_envs)
+        self.observation_space = batch_space(world.observation_space, num_envs)
+        self._solver = world.together(backend=backend, threads=threads)
+        self._rngs: list[np.random.Generator] = []
+        self._x = np.zeros((0, world.task.system.nx))
+        self._path: list[np.ndarray] = []
+        self._t = np.zeros(num_envs, int)
+        self._over = np.zeros(num_envs, bool)
+
+    @property
+    def state(self) -> np.ndarray:
+        """States (num_envs, nx) of the task's system."""
+        return self._x.copy()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start all episodes and return what is seen, (num_envs, n_o); there are no ``options``."""
+        super().reset(seed=seed)
+        if seed is not None or not self._rngs:
+            first = self.np_random_seed
+            assert first is not None
+            self._rngs = [seeding.np_random(first + i)[0] for i in range(self.num_envs)]
+        self._x = np.array([self.world.start(rng) for rng in self._rngs])
+        self._path = [self._x]
+        self._t[:], self._over[:] = 0, False
+        return self.world.observed(self._x), {}
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Act (num_envs, nu) in all; every result has num_envs rows, as have those of ``info``."""
+        if not len(self._x):
+            raise ResetNeeded("an environment is reset first; call reset() before step()")
+        given = np.asarray(actions, float)
+        if given.shape != self.action_space.shape:
+            raise InputError(
+                f"actions have shape {given.shape}, expected {self.action_space.shape}: a row for"
+                " each environment"
+            )
+        return self._acted(given, np.flatnonzero(~self._over))
+
+    def _acted(
+        self, actions: np.ndarray, rows: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Act in ``rows``, and start the others anew."""
+        world, n = self.world, self.num_envs
+        found = world.advance(self._solver, self._x[rows], self._t[rows], actions[rows])
+        fresh = np.flatnonzero(self._over)
+        first = self._x.copy()
+        for i in fresh:
+            first[i] = world.start(self._rngs[i])
+        self._path = [_put(first, rows, x) for x in found.path]
+        self._x = self._path[-1]
+        self._t[fresh], self._t[rows] = 0, found.t
+        reward = _put(np.zeros(n), rows, found.reward)
+        terminated = _put(np.zeros(n, bool), rows, found.terminated)
+        truncated = _put(np.zeros(n, bool), rows, found.truncated)
+        self._over = terminated | truncated
+        names = [measure.signal.name for measure in world.task.measures]
+        told = dict(zip([*names, "unsolved"], [*found.measures.T, found.unsolved], strict=True))
+        acted = _put(np.zeros(n, bool), rows, np.ones(len(rows), bool))
+        info: dict[str, Any] = {}
+        for name, values in told.items():
+            info[name] = _put(np.zeros(n, values.dtype), rows, values)
+            info[f"_{name}"] = acted.copy()
+        return world.observed(self._x), reward, terminated, truncated, info
+
+    def render(self) -> tuple[np.ndarray, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Draw every state, each (height, width, 3) in bytes; of a flight a strobe."""
+        check_renders(self.render_mode)
+        if not len(self._x):
+            raise ResetNeeded("there is nothing to draw yet; call reset() before render()")
+        seconds = self.world.seconds / self.world.hold * self._t
+        shown = self._path[-self.world.hold :]
+        return tuple(
+            picture.of([x[i] for x in shown], float(seconds[i]))
+            for i, picture in enumerate(self._pictures)
+        )
+
+    @cached_property
+    def _pictures(self) -> list[Picture]:
+        from reports.environments.picture import Picture
+
+        return [Picture(self.world.spec, self.world.params) for _ in range(self.num_envs)]
+
+
+def _put(whole: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A copy of ``whole`` with ``values`` in ``rows``."""
+    out = whole.copy()
+    out[rows] = values
+    return out

@@ -1,0 +1,172 @@
+"""A task under a contact law as environments play it: any number of episodes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from gymnasium.spaces import Box
+
+from dynamics.batch import BatchFunction, StepFunction
+from dynamics.contact import Step
+from ocp.errors import InputError
+from ocp.rollout import STEP_TOLERANCE
+from problems.tasks.registry import spec
+from reports.cli.choices import closing_law
+
+LARGEST = float(np.finfo(np.float32).max)
+"""Of what is observed, in any unit: a state beyond it is no number in single precision."""
+
+Solver = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Map states (n, nx) and inputs (n, nu) to the next states (n, nx) and which are solved (n,)."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one action led to in n episodes; every array has n rows.
+
+    ``path`` holds the states (n, nx) after each of the steps that the action took, the first of
+    them that it began at. ``unsolved`` are episodes that a step without solution ended; they stay
+    at the last state that had one. ``measures`` (n, k) are those of the last step.
+    """
+
+    path: list[np.ndarray]
+    t: np.ndarray
+    reward: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    unsolved: np.ndarray
+    measures: np.ndarray
+
+    @property
+    def x(self) -> np.ndarray:
+        """States (n, nx) after the action."""
+        return self.path[-1]
+
+
+class World:
+    """The task ``name`` at ``params`` under the contact law ``contact`` with ``knobs``.
+
+    Actions lie in [-1, 1], which the task's bounds of inputs are the ends of; what is beyond is
+    clamped. An action acts for one step, or, where only the first few inputs of an episode matter
+    (:attr:`~problems.tasks.spec.TaskSpec.decisions`), until the next decision or the end.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown task or law and bad parameters or knobs.
+    """
+
+    def __init__(
+        self, name: str, contact: str, knobs: Mapping[str, Any] | None, params: Mapping[str, Any]
+    ) -> None:
+        self.spec = spec(name)
+        self.params = self.spec.params(params)
+        self.task = task = self.spec.build(self.params)
+        given = [f"{key}={value}" for key, value in (knobs or {}).items()]
+        self.law = closing_law(contact, given, task.system)
+        self.step: Step = self.law.close(task.system)
+        self.p = self.step.p.pack(task.parameters.defaults)
+        decisions = self.spec.decisions
+        self.hold = 1 if decisions is None else -(-task.horizon // decisions)
+        self.action_space = Box(-1.0, 1.0, (task.system.nu,), np.float64)
+        self.observation_space = Box(-LARGEST, LARGEST, (len(task.observations),), np.float64)
+
+    @property
+    def seconds(self) -> float:
+        """Time that an action acts for [s]."""
+        h = ca.Function("h", [self.task.parameters.vector], [ca.SX(self.task.system.h)])
+        return self.hold * float(h(self.task.parameters.values))
+
+    def start(self, rng: np.random.Generator) -> np.ndarray:
+        """First state (nx,) of an episode."""
+        return self.task.reset(1, rng)[0]
+
+    def observed(self, x: np.ndarray) -> np.ndarray:
+        """What is seen at states (n, nx), (n, n_o)."""
+        return self._observe(x, self.task.parameters.values)
+
+    def inputs(self, actions: np.ndarray) -> np.ndarray:
+        """Inputs (n, nu) of actions.
+
+        Raises :class:`~ocp.errors.InputError` for other shapes and what is no number.
+        """
+        task, given = self.task, np.asarray(actions, float)
+        if given.ndim != 2 or given.shape[1] != task.system.nu:
+            raise InputError(
+                f"{task.name}: an action has {task.system.nu} entries, got an array of shape"
+                f" {given.shape[1:]}"
+            )
+        if not np.isfinite(given).all():
+            raise InputError(f"{task.name}: actions must be finite numbers from -1 to 1")
+        half = (task.upper - task.lower) / 2
+        return task.lower + half + half * np.clip(given, -1.0, 1.0)
+
+    def advance(self, solver: Solver, x: np.ndarray, t: np.ndarray, actions: np.ndarray) -> Outcome:
+        """Act in n episodes at states ``x`` (n, nx) after ``t`` (n,) steps each."""
+        task, n = self.task, len(x)
+        u, p, path, t = self.inputs(actions), task.parameters.values, [x], t.copy()
+        over, unsolved, reward = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
+        measures = np.zeros((n, len(task.measures)))
+        for _ in range(self.hold):
+            rows = np.flatnonzero(~over & ~unsolved & (t < task.horizon))
+            after, solved = solver(x[rows], u[rows])
+            solved &= (np.abs(after) <= LARGEST).all(axis=1)
+            unsolved[rows[~solved]] = True
+            rows, after = rows[solved], after[solved]
+            gained, ended, measures[rows] = self._outcome(x[rows], u[rows], after, p)
+            reward[rows] += gained[:, 0]
+            over[rows] = ended[:, 0] != 0
+            x = x.copy()
+            x[rows] = after
+            t[rows] += 1
+            path.append(x)
+        full = ~over & ~unsolved & (t >= task.horizon)
+        if self._has_final:
+            reward[full] += self._final(x[full], p)[:, 0]
+        terminated = over | unsolved | (full & self._has_final)
+        return Outcome(path, t, reward, terminated, full & ~terminated, unsolved, measures)
+
+    def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solve step by step, from other starts too where the first is in vain; a Solver."""
+        after, solved = np.empty_like(x), np.zeros(len(x), bool)
+        for i in range(len(x)):
+            x_next, _, _, error = self.step.solve(x[i], u[i], self.p)
+            after[i] = np.array(x_next).ravel()
+            solved[i] = np.all(np.array(error) <= STEP_TOLERANCE)
+        return after, solved
+
+    def together(self, **engine: Any) -> Solver:
+        """A Solver of all at once, on the batch engine; who is lost there is solved alone."""
+        steps = StepFunction(self.step, **engine)
+
+        def solved_together(x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            found = steps(x, u, self.p)
+            after, solved, lost = found.x_next, np.ones(len(x), bool), found.nonfinite.indices
+            after[lost], solved[lost] = self.alone(x[lost], u[lost])
+            return after, solved
+
+        return solved_together
+
+    @property
+    def _has_final(self) -> bool:
+        """Whether the end of an episode is the task's own and no mere limit of time."""
+        return not ca.SX(self.task.final).is_zero()
+
+    @cached_property
+    def _outcome(self) -> BatchFunction:
+        """Map (x, u, x_next, p) to reward, end and measures."""
+        task, system = self.task, self.task.system
+        x, u, p = system.x, system.u, task.parameters.vector
+        arguments = [x, u, system.x_next, p]
+        outputs = [task.rewards(*arguments), task.ends(system.x_next, p), task.measure(*arguments)]
+        return BatchFunction(ca.Function("outcome", arguments, outputs), "numpy")
+
+    @cached_property
+    def _final(self) -> BatchFunction:
+        return BatchFunction(self.task.finals, "numpy")
+
+    @cached_property
+    def _observe(self) -> BatchFunction:
+        return BatchFunction(self.task.observe, "numpy")
