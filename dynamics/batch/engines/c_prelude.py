@@ -26,6 +26,8 @@ typedef long long i64;
 #define NOT(m) (~(m))
 #define EVERYWHERE (~(M){})
 #define DIFFER(a, b) ((M)(a) != (M)(b))
+#define LANE(a, l) ((a)[l])
+#define SET_LANE(a, l, value) ((a)[l] = (value))
 #define INFINITE __builtin_inf()
 #define NOT_A_NUMBER __builtin_nan("")
 #if defined(__clang__) || __GNUC__ >= 12
@@ -136,6 +138,9 @@ _SCALAR = {
     "NOT(m)": "(!(m))",
     "EVERYWHERE": "1",
     "DIFFER(a, b)": "((a) != (b) && ((a) == (a) || (b) == (b)))",
+    "W": "1",
+    "LANE(a, l)": "((void)(l), (a))",
+    "SET_LANE(a, l, value)": "((void)(l), (a) = (value))",
     "INFINITE": "((double)INFINITY)",
     "NOT_A_NUMBER": "((double)NAN)",
     "any(m)": "(m)",

@@ -75,7 +75,8 @@ static i64 forward(const job *q, const memory *a, i64 next, i64 end) {
     choose_actions(a, t);
     EACH for (int j = 0; j < U; j += A) {
       V stage[A];
-      const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j};
+      const V *before = t ? lam - NL * U + j : 0;
+      const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j, before};
       V *out[] = {after + j, lam + j, stage};
       one_step(in, out, ts);
       UNROLL for (int r = 0; r < A; r++) cost[j + r] += stage[r];
@@ -152,6 +153,7 @@ _STRIDES = {
     "step": (_GIVEN, ("U", "U", "A")),
     "opening": (_GIVEN, ("A", "A")),
     "closing": ((*_GIVEN, "A"), ("U", "U", "A")),
+    "warm": (("U", "A"), ("PA",)),
     "adjoint": ((*_GIVEN, "U", "U"), ("A", "A")),
     "score": (("U", "ts", "A"), ("A",)),
     "terminal": (("U", "PS"), ("A",)),
@@ -320,7 +322,7 @@ def source(
     With `own_p` every sample has parameters of its own; else they may stay in registers. With
     `own_theta` so it is for the weights of dense layers.
     """
-    functions, layers = c_steps.graphs(tapes), tapes.layers
+    functions, layers = c_steps.graphs(tapes, warm=True), tapes.layers
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         functions[name] = getattr(tapes, name)
     if layers is not None:
@@ -341,7 +343,7 @@ def source(
             prelude(machine),
             c_steps.constants(tapes, abreast, constants),
             *c_steps.kernels(tapes, functions, abreast, _STRIDES),
-            c_steps.one_step(tapes, with_ts=True),
+            c_steps.one_step(tapes, with_ts=True, warm=True),
             c_random.source(),
             _JOB,
             c_dense.source(layers),
