@@ -183,7 +183,7 @@ def kernels(
     for name, fn in functions.items():
         inputs, outputs = (strides | _OWN if abreast > 1 else strides).get(name, ((), ()))
         registers = _path_abreast(tapes, abreast) if name in _PATH_GRAPHS else abreast
-        layout = Layout(inputs, outputs, registers)
+        layout = Layout(inputs, outputs, registers, name == "path")
         yield c_source.kernel(with_shared_reciprocals(tape_of(fn)), name, layout)
 
 
