@@ -124,7 +124,10 @@ def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
 def motions(view: RunView, times: np.ndarray) -> list[Motion]:
     """The plan and its replay under the exact law, at ``times``; one motion where they agree."""
     law = view.run.record.get("contact", "chosen")
-    plan = _motion(view, "", f"planned under the {law} law", times)
+    title = f"planned under the {law} law"
+    if view.run.kind == "train":
+        title = f"the policy of {view.run.record['algorithm']} under the exact law"
+    plan = _motion(view, "", title, times)
     x, x_replay = view.array("x"), view.array("x_replay")
     assert x is not None
     if x_replay is None:
@@ -186,10 +189,10 @@ def _stage(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
 def check_drawable(view: RunView) -> None:
     """Raise :class:`~ocp.errors.InputError` for a run that does not move or has no drawing."""
     name = view.run.meta["problem"]
-    if view.run.kind != "solve" or view.array("x") is None:
+    if view.run.kind not in ("solve", "train") or view.array("x") is None:
         raise InputError(
             f"{view.run.path} holds a {view.run.kind} study, which does not move; give a run of"
-            " ocp solve"
+            " ocp solve or ocp train"
         )
     if view.spec is None:
         raise InputError(

@@ -14,6 +14,7 @@ from matplotlib.patches import Wedge
 
 from dynamics.systems.pairs import ContactForces
 from ocp.problem import Problem
+from ocp.task import Task
 from problems.drawing import ContactFrame
 from reports.style import PURPLE, VERMILLION
 from reports.view import RunView
@@ -65,7 +66,7 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
 
 
 def _added_up(
-    problem: Problem, sums: ContactForces, lam: np.ndarray
+    problem: Problem | Task, sums: ContactForces, lam: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Normal and tangential impulses (N, points) of multipliers (N, nlam)."""
     given = [problem.system.lam, problem.parameters.vector]

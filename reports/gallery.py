@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ocp.errors import InputError
+from ocp.problem import Problem
 from ocp.store.runs import list_runs, load
 from reports.animation import Animation
 from reports.movie import write
@@ -74,7 +75,7 @@ def moving(view: RunView) -> Animation:
 
 def is_periodic(view: RunView) -> bool:
     """Whether the problem's motion ends as it began."""
-    start = view.problem.start if view.problem is not None else None
+    start = view.problem.start if isinstance(view.problem, Problem) else None
     return start is not None and bool(start.periodic)
 
 

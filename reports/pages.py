@@ -36,6 +36,7 @@ from reports.figures import run as figures_of
 from reports.figures.studies import DRAWINGS
 from reports.stages import left_out
 from reports.strobe import strobe
+from reports.trained.page import training_content
 from reports.view import RunView
 
 _NOT_SETTINGS = (
@@ -157,6 +158,17 @@ def study_page(run: StoredRun) -> Page:
         "parameters": [[*row, origin_of(fields[row[0]])] for row in described["parameters"]],
     }
     return content, {"study": DRAWINGS[study.id].draw(run.data)}
+
+
+def training_page(views: list[RunView]) -> Page:
+    """Content and figures of trained policies on one task."""
+    content, figures, firsts = training_content(views)
+    settings = [_settings(run) for run in firsts]
+    shared = [row for row in settings[0] if all(row in rows for rows in settings)]
+    own = [[row for row in rows if row not in shared] for rows in settings]
+    return {
+        **_head(views[0]), "law": _law(views[0]), **content, "settings": shared, "own": own,
+    }, figures  # fmt: skip
 
 
 def _head(view: RunView) -> dict[str, Any]:

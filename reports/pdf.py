@@ -22,6 +22,7 @@ from reports.pages import (
     estimate_page,
     solve_page,
     study_page,
+    training_page,
 )
 from reports.style import styled, to_svg
 from reports.view import RunView
@@ -30,7 +31,7 @@ _TEMPLATES = Path(__file__).with_name("templates")
 
 
 def write_pdf(runs: Sequence[StoredRun], path: Path) -> None:
-    """Write a report of one run, or of several solves side by side, to ``path``.
+    """Write a report of one run, or of several solves or trainings, to ``path``.
 
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
     compared, or where a problem's typst equations do not compile.
@@ -59,8 +60,11 @@ def _page(views: list[RunView]) -> tuple[str, dict[str, Any], dict[str, Figure]]
         return ("estimate.typ", *estimate_page(views[0].run))
     if kinds == {"figure"} and len(views) == 1:
         return ("study.typ", *study_page(views[0].run))
+    if kinds == {"train"}:
+        return ("training.typ", *training_page(views))
     raise InputError(
-        "only runs of ocp solve can stand side by side in a report; give the others one by one"
+        "only runs of ocp solve, or of ocp train, can stand side by side in a report; give the"
+        " others one by one"
     )
 
 

@@ -50,9 +50,12 @@ def runs_table(entries: Sequence[Mapping[str, Any]]) -> Table:
         if entry["damage"]:
             table.add_row(entry["problem"], name, "damaged", "", "")
             continue
-        what = " ".join(str(entry[key]) for key in ("contact", "method") if entry[key])
-        table.add_row(entry["problem"], name, what or entry["kind"], number(entry["cost"]),
-                      entry["status"] or "")  # fmt: skip
+        keys = ("algorithm", "contact", "method")
+        what = " ".join(str(entry[key]) for key in keys if entry[key])
+        told = entry["status"] or ""
+        if entry["return"] is not None:
+            what, told = f"{what}, seed {entry['seed']}", f"return {number(entry['return'], 4)}"
+        table.add_row(entry["problem"], name, what or entry["kind"], number(entry["cost"]), told)
     return table
 
 
@@ -62,7 +65,8 @@ def run_table(run: StoredRun) -> Table:
     table.show_header = False
     meta, record = run.meta, run.meta.get("record") or {}
     table.add_row("run", str(run.path))
-    for key in ("kind", "problem", "created", "status", "cost", "iterations", "seed", "revision"):
+    for key in ("kind", "problem", "created", "status", "cost", "return", "iterations", "seed",
+                "revision"):  # fmt: skip
         if meta.get(key) is not None:
             table.add_row(key, str(meta[key]))
     for key, value in record.items():

@@ -1,4 +1,4 @@
-"""A stored run beside the problem it solved, which is found again by name or by its file."""
+"""A stored run beside its problem or task, which is found again by name or by its file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ from dynamics.systems import Signal
 from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.stored_run import StoredRun
+from ocp.task import Task
 from problems import ProblemSpec, spec
+from problems.spec import Spec
+from problems.tasks import registry as tasks
+from problems.tasks.spec import TaskSpec
 
 
 def problem_of(run: StoredRun) -> tuple[ProblemSpec, Any, Problem]:
@@ -20,9 +24,20 @@ def problem_of(run: StoredRun) -> tuple[ProblemSpec, Any, Problem]:
     Raises :class:`~ocp.errors.InputError` where the problem's file is gone or no longer fits.
     """
     found = spec(run.record.get("source") or run.meta["problem"])
-    known = found.Params.model_fields
-    given = {k: v for k, v in run.record.get("params", {}).items() if k in known}
+    given = _given(run, found)
     return found, found.params(given), found.problem(given)
+
+
+def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
+    """Build the task of a training again; raises as :func:`problem_of` does."""
+    found = tasks.spec(str(run.meta["problem"]))
+    params = found.params(_given(run, found))
+    return found, params, found.build(params)
+
+
+def _given(run: StoredRun, found: Spec) -> dict[str, Any]:
+    known = found.Params.model_fields
+    return {k: v for k, v in run.record.get("params", {}).items() if k in known}
 
 
 @dataclass(frozen=True)
@@ -30,15 +45,15 @@ class RunView:
     """What pages and figures show of a run; ``spec`` and ``params`` are None if not found again."""
 
     run: StoredRun
-    spec: ProblemSpec | None
+    spec: ProblemSpec | TaskSpec | None
     params: Any
-    problem: Problem | None
+    problem: Problem | Task | None
 
     @classmethod
     def of(cls, run: StoredRun) -> RunView:
         """Look at a run; a problem that cannot be built again is left out."""
         try:
-            return cls(run, *problem_of(run))
+            return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run)))
         except InputError:
             return cls(run, None, None, None)
 

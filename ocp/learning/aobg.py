@@ -2,38 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import log, sqrt
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from ocp.errors import InputError, choose
-from ocp.learning.ascent import RULES, ascend
-from ocp.learning.experiment import Experiment, at_least, positive
-from ocp.learning.fopg import unroll_of
-from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.starts import Starts
+from ocp.errors import InputError
+from ocp.learning.experiment import Experiment, positive
+from ocp.learning.protocol import Row, State
+from ocp.learning.unrolled import Unrolled
 from ocp.learning.unrolling import (
-    begun,
     finite,
     next_starts,
     remembered,
     roll,
     told,
     told_gradient,
-    trained,
 )
 from ocp.learning.zopg import likelihood_ratio
 
 
 @dataclass(frozen=True, kw_only=True)
-class AoBG:
+class AoBG(Unrolled):
     """``g = alpha g1 + (1 - alpha) g0``, alpha the weight of the *first* order (:func:`mixing`).
 
     g1 and g0 are of two independent batches of ``samples``. ``gamma`` bounds the bias; None is a
     tenth of |g0| above what the zeroth order is off by itself, so that the bound can be met.
-    ``delta`` is the probability of failure. Other settings are those of ``FOPG``.
+    ``delta`` is the probability of failure.
 
     Source: Suh, Simchowitz, Zhang and Tedrake (ICML 2022), algorithm 1.
     """
@@ -41,37 +37,21 @@ class AoBG:
     name: ClassVar[str] = "aobg"
     summary: ClassVar[str] = "alpha-order batched gradient, first and zeroth order mixed"
 
-    samples: int = 128
-    unroll: int = 32
-    sigma: float = 0.1
-    rate: float = 0.01
-    optimiser: str = "adam"
     gamma: float | None = None
     delta: float = 0.05
+    least: ClassVar[int] = 2
 
-    def settings(self) -> dict[str, Any]:
-        """All of them."""
-        return asdict(self)
-
-    def begin(self, experiment: Experiment) -> State:
-        """The first policy and a buffer of first states."""
-        if self.samples == 1:
-            raise InputError("samples is 1, but mixing weighs variances; give at least 2")
-        at_least(2, "samples", self.samples)
-        at_least(1, "unroll", self.unroll)
-        positive("sigma", self.sigma)
-        positive("rate", self.rate)
+    def check(self) -> None:
+        """As all, the bound and its probability."""
+        super().check()
         if self.gamma is not None:
             positive("gamma", self.gamma)
         if not 0 < self.delta < 1:
             raise InputError(f"delta is a probability between 0 and 1, got {self.delta:g}")
-        choose("optimiser", self.optimiser, RULES)
-        starts = Starts.first(experiment, self.samples, unroll_of(experiment, self.unroll))
-        return {**begun(experiment), **starts.arrays()}
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """One step along the mixture."""
-        x0, steps = state["starts.x"], unroll_of(experiment, self.unroll)
+        x0, steps = state["starts.x"], self.steps(experiment)
         noises = [experiment.noise(self.sigma, k, order) for order in ("first", "zeroth")]
         first = roll(experiment, state, x0, steps, noise=noises[0], gradient=True)
         zeroth = roll(experiment, state, x0, steps, noise=noises[1], score=True)
@@ -81,11 +61,11 @@ class AoBG:
             first.gradient[good],
             likelihood_ratio([zeroth], finite(experiment, state, zeroth, k)),
         )
-        alpha, bias = mixing(*gradients, self.gamma, self.delta)
+        alpha, bias = mixing(gradients[0], gradients[1], self.gamma, self.delta)
         g1, g0 = (each.mean(axis=0) for each in gradients)
         mixed = alpha * g1 + (1 - alpha) * g0
         changed = {
-            **ascend(self.optimiser, state, mixed, self.rate),
+            **self.climb(state, mixed),
             **remembered(experiment, state, first, good),
             **next_starts(experiment, state, first, k),
         }
@@ -97,10 +77,6 @@ class AoBG:
         )
         row["env_steps"] += float(zeroth.lived.sum())
         return changed, row
-
-    def policy(self, experiment: Experiment, state: State) -> Trained:
-        """The policy of the state."""
-        return trained(state)
 
 
 def mixing(

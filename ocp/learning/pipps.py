@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from ocp.errors import InputError, NotConverged, choose
-from ocp.learning.ascent import RULES, ascend
-from ocp.learning.experiment import Experiment, at_least, positive
-from ocp.learning.fopg import unroll_of
+from ocp.errors import InputError, NotConverged
+from ocp.learning.experiment import Experiment
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.particles import Particles, scatter
-from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.protocol import Row, State
 from ocp.learning.starts import Starts
-from ocp.learning.unrolling import begun, no_number, trained
+from ocp.learning.unrolled import Unrolled
+from ocp.learning.unrolling import no_number, trained
 
 
 @dataclass(frozen=True, kw_only=True)
-class PIPPS:
+class PIPPS(Unrolled):
     """Particles ``x_{t+1} = f(x_t, u_t) + sigma e_t``, and one gradient of their mean return.
 
     Backwards, at each step, the gradient by the mean of x_{t+1} is taken both ways and mixed,
@@ -33,31 +32,12 @@ class PIPPS:
     name: ClassVar[str] = "pipps"
     summary: ClassVar[str] = "total propagation: both estimates mixed at every step backwards"
 
-    samples: int = 64
-    unroll: int = 32
     sigma: float = 1e-2
-    rate: float = 0.01
-    optimiser: str = "adam"
-
-    def settings(self) -> dict[str, Any]:
-        """All of them."""
-        return asdict(self)
-
-    def begin(self, experiment: Experiment) -> State:
-        """The first policy and a buffer of first states."""
-        if self.samples == 1:
-            raise InputError("samples is 1, but mixing weighs variances; give at least 2")
-        at_least(2, "samples", self.samples)
-        at_least(1, "unroll", self.unroll)
-        positive("sigma", self.sigma)
-        positive("rate", self.rate)
-        choose("optimiser", self.optimiser, RULES)
-        starts = Starts.first(experiment, self.samples, unroll_of(experiment, self.unroll))
-        return {**begun(experiment), **starts.arrays()}
+    least: ClassVar[int] = 2
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """One step along the gradient of total propagation."""
-        starts, steps = Starts.of(state), unroll_of(experiment, self.unroll)
+        starts, steps = Starts.of(state), self.steps(experiment)
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
         found = scatter(experiment, trained(state), starts.x, self.sigma * noise)
@@ -73,10 +53,10 @@ class PIPPS:
             )
         part = found.part(good)
         gradients, share = total_propagation(part, noise[:, good] / self.sigma)
-        gradient = gradients.mean(axis=0)
+        gradient = self.clipped(gradients).mean(axis=0)
         seen = part.seen[part.alive]
         changed = {
-            **ascend(self.optimiser, state, gradient, self.rate),
+            **self.climb(state, gradient),
             **(Normaliser.of(state).after(seen).arrays() if experiment.normalise else {}),
             **starts.after(experiment, found.states, found.lived, k).arrays(),
         }
@@ -89,10 +69,6 @@ class PIPPS:
             "likelihood_ratio_share": float(share.mean()),
         }
         return changed, row
-
-    def policy(self, experiment: Experiment, state: State) -> Trained:
-        """The policy of the state."""
-        return trained(state)
 
 
 def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

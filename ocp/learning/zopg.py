@@ -3,82 +3,65 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from dynamics.batch import Episodes, Gaussian
-from ocp.errors import InputError, choose
-from ocp.learning.ascent import RULES, ascend
-from ocp.learning.experiment import Experiment, at_least, positive
-from ocp.learning.fopg import unroll_of
-from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.starts import Starts
+from ocp.errors import InputError
+from ocp.learning.experiment import Experiment
+from ocp.learning.protocol import Row, State
+from ocp.learning.unrolled import Unrolled
 from ocp.learning.unrolling import (
-    begun,
     finite,
     next_starts,
     remembered,
     roll,
     told,
     told_gradient,
-    trained,
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class ZOPG:
+class ZOPG(Unrolled):
     """``g = mean of (V - b) sum_t D_theta a_t' w_t / sigma²``, the likelihood ratio's gradient.
 
     Every start is unrolled under noise w and -w, ``samples`` unrolls in all; b is the mean return
-    of the others but the pair, so that the estimate is unbiased. Settings are those of ``FOPG``.
+    of the others but the pair, so that the estimate is unbiased.
     """
 
     name: ClassVar[str] = "zopg"
     summary: ClassVar[str] = "likelihood-ratio policy gradient, antithetic, with a baseline"
 
     samples: int = 256
-    unroll: int = 32
-    sigma: float = 0.1
-    rate: float = 0.01
-    optimiser: str = "adam"
+    least: ClassVar[int] = 4
 
-    def settings(self) -> dict[str, Any]:
-        """All of them."""
-        return asdict(self)
-
-    def begin(self, experiment: Experiment) -> State:
-        """The first policy and a buffer of first states, one for each pair."""
-        at_least(4, "samples", self.samples)
+    def check(self) -> None:
+        """As all, and that samples come in pairs."""
+        super().check()
         if self.samples % 2:
             raise InputError(f"samples come in pairs of w and -w: {self.samples} is odd")
-        at_least(1, "unroll", self.unroll)
-        positive("sigma", self.sigma)
-        positive("rate", self.rate)
-        choose("optimiser", self.optimiser, RULES)
-        starts = Starts.first(experiment, self.samples // 2, unroll_of(experiment, self.unroll))
-        return {**begun(experiment), **starts.arrays()}
+
+    def starts(self) -> int:
+        """One for each pair."""
+        return self.samples // 2
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """One step along the mean of the pairs."""
-        steps = unroll_of(experiment, self.unroll)
+        steps = self.steps(experiment)
         noise = experiment.noise(self.sigma, k, "actions")
         pair = mirrored(experiment, state, state["starts.x"], steps, noise)
         good = np.logical_and(*(finite(experiment, state, each, k) for each in pair))
         gradients = likelihood_ratio(pair, good)
         changed = {
-            **ascend(self.optimiser, state, gradients.mean(axis=0), self.rate),
+            **self.climb(state, self.clipped(gradients).mean(axis=0)),
             **remembered(experiment, state, pair[0], good),
             **next_starts(experiment, state, pair[0], k),
         }
         row = {**told(pair[0], good), **told_gradient(gradients)}
         row["env_steps"] += float(pair[1].lived.sum())
         return changed, row
-
-    def policy(self, experiment: Experiment, state: State) -> Trained:
-        """The policy of the state."""
-        return trained(state)
 
 
 def mirrored(

@@ -82,7 +82,10 @@ class StoredRun:
         :class:`~ocp.errors.InputError` for a run that is no solve.
         """
         if self.kind != "solve":
-            raise InputError(f"{self.path} holds a {self.kind} study, expected a run of ocp solve")
+            hint = "; ocp evaluate judges a policy" if self.kind == "train" else ""
+            raise InputError(
+                f"{self.path} holds a {self.kind} study, expected a run of ocp solve{hint}"
+            )
         data, numbers = self.data, ("cost", "idle_cost", "build_s", "solve_s", "evaluation_s")
         kept = ("status", "audit", "certificate", "referee", "stages", "record")
         return Solution(

@@ -5,6 +5,7 @@ from problems.studies.adaptive_mu import study as a1
 from problems.studies.audited_theory import study as t1
 from problems.studies.barrier_relaxation import study as p6
 from problems.studies.bouncing_ball import study as a2
+from problems.studies.convergence_bound import study as at
 from problems.studies.friction_bias import study as p3
 from problems.studies.heaviside_bias import study as p2
 from problems.studies.impact_and_friction import study as a6
@@ -22,7 +23,7 @@ from problems.studies.wall_corner import study as p4
 
 _STUDIES = {
     study.id: study
-    for study in (n0, n1, n2, n3, p1, p2, p3, p4, p5, p6, p7, a1, a2, a2v, a6, a7, t1)
+    for study in (n0, n1, n2, n3, p1, p2, p3, p4, p5, p6, p7, a1, a2, a2v, a6, a7, at, t1)
 }
 
 

@@ -15,7 +15,7 @@ from problems.parameters import quantity
 
 
 def mass(machine: PublishedMachine, link: str) -> Any:
-    """Declare the parameter ``mass_<link>``, by default the table's."""
+    """Declare the parameter ``mass_<link>``, as in the table."""
     return quantity(_weights(machine, link)[0], "kg", f"mass of the {link}", above=0)
 
 

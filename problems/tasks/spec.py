@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,9 @@ class TaskSpec(Spec):
     ``build(params)`` gives the :class:`~ocp.task.Task`; ``draw(params, state)`` the shapes at one
     state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes`` label
     the drawing. ``decisions`` is how many inputs of an episode matter, None for one a step: of a
-    throw the first.
+    throw the first. ``known`` bounds observations by name, those that do not reach any number.
+    ``training`` are settings by which an algorithm learns this task, of the
+    algorithm called so, and under ``"all"`` of every one; others are at their own defaults.
     """
 
     build: Callable[[Any], Task]
@@ -28,6 +30,8 @@ class TaskSpec(Spec):
     frames: Callable[[Any, np.ndarray], list[ContactFrame]]
     axes: tuple[str, str]
     decisions: int | None = None
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    training: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def task(self, values: Mapping[str, Any] | None = None) -> Task:
         """Build the task at ``values``, the rest at their defaults.

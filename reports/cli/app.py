@@ -24,7 +24,12 @@ from reports.cli import (
     show_command,
     solve_command,
 )
-from reports.cli.learning import collect_command, learn_command
+from reports.cli.learning import (
+    collect_command,
+    evaluate_command,
+    learn_command,
+    train_command,
+)
 from reports.cli.options import register
 
 app = typer.Typer(
@@ -43,6 +48,8 @@ for name, command in {
     "estimate": estimate_command.COMMAND,
     "collect": collect_command.COMMAND,
     "learn": learn_command.COMMAND,
+    "train": train_command.COMMAND,
+    "evaluate": evaluate_command.COMMAND,
     "figure": figure_command.COMMAND,
     "report": report_command.COMMAND,
     "animate": animate_command.COMMAND,

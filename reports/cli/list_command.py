@@ -10,7 +10,7 @@ Catalogue = dict[str, list[dict[str, Any]]]
 
 
 def run(options: Options, content: Catalogue) -> int:
-    """List named problems, tasks, contact laws, methods, policies, solvers and figures."""
+    """List named problems, tasks, algorithms, contact laws, methods, policies, solvers, figures."""
     options.output.document(content)
     if not options.as_json:
         for title, items in content.items():
@@ -26,6 +26,7 @@ def catalogue(options: Options) -> Catalogue:
     from dynamics.laws import LAWS
     from ocp.gradients.estimators import SAMPLED
     from ocp.gradients.interpolation import RULES
+    from ocp.learning.algorithms import ALGORITHMS
     from ocp.policy import POLICIES
     from ocp.programs.solver import SOLVERS
     from ocp.transcription import METHODS
@@ -39,6 +40,7 @@ def catalogue(options: Options) -> Catalogue:
     return {
         "problems": [{"name": name, "summary": spec(name).title} for name in names()],
         "tasks": [{"name": name, "summary": tasks.spec(name).title} for name in tasks.names()],
+        "algorithms": classes(ALGORITHMS),
         "contacts": classes(LAWS),
         "methods": classes(METHODS),
         "policies": classes(POLICIES),

@@ -93,12 +93,14 @@ class Command(Generic[T]):
     """One command: its options, what checks all of them before any work, and the work.
 
     ``check(options)`` raises :class:`~ocp.errors.InputError`, or its kin, for whatever cannot be;
-    ``run(options, checked)`` returns the exit code. Its docstring is the command's help.
+    ``run(options, checked)`` returns the exit code. Its docstring is the command's help, below
+    whose options stands what ``epilog()`` gives.
     """
 
     options: type[Any]
     check: Callable[[Any], T]
     run: Callable[[Any, T], int]
+    epilog: Callable[[], str] | None = None
 
 
 def carry_out(command: Command[T], options: Options) -> int:
@@ -133,7 +135,14 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
                   default=Parameter.empty if default is MISSING else default)
         for key, (annotation, default) in parameters.items()
     ])  # fmt: skip
-    app.command(name, cls=Strict)(called)
+    app.command(name, cls=_shaped(command.epilog))(called)
+
+
+def _shaped(epilog: Callable[[], str] | None) -> type[Strict]:
+    """The class of a command whose help ends with what ``epilog`` gives."""
+    return (
+        Strict if epilog is None else type("Told", (Strict,), {"epilog_of": staticmethod(epilog)})
+    )
 
 
 def _annotation(hint: Any, field: Field[Any]) -> Any:
@@ -142,6 +151,13 @@ def _annotation(hint: Any, field: Field[Any]) -> Any:
 
 class Strict(TyperCommand):
     """A command that takes each option once, texts that are not empty, and finite numbers."""
+
+    epilog_of: Callable[[], str] | None = None
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write what stands below the options of the help, made when it is asked for."""
+        if self.epilog_of is not None:
+            formatter.write(f"\n{self.epilog_of()}\n")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the words of the command line, and refuse them as a usage error."""

@@ -53,7 +53,7 @@ def stored(text: str, root: Path) -> StoredRun:
 
 
 def listing(root: Path) -> list[dict[str, Any]]:
-    """Return one object a run: run, problem, kind, created, hash, status, cost, ..., damage."""
+    """Return one object a run: run, problem, kind, created, hash, status, cost, return, ...."""
     from ocp import store
 
     rows = []
@@ -65,7 +65,8 @@ def listing(root: Path) -> list[dict[str, Any]]:
                 "run": str(entry.path),
                 "problem": meta.get("problem", entry.path.parent.name),
                 **{key: meta.get(key) for key in ("kind", "created", "hash", "status", "cost")},
-                **{key: record.get(key) for key in ("contact", "method", "policy")},
+                **{key: record.get(key) for key in ("contact", "method", "policy", "algorithm")},
+                **{key: meta.get(key) for key in ("seed", "return")},
                 "damage": entry.damage or None,
             }
         )

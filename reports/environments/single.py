@@ -51,33 +51,33 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = {**METADATA, "render_fps": round(1 / self.world.seconds)}
         self.action_space = self.world.action_space
         self.observation_space = self.world.observation_space
-        self._path: list[np.ndarray] = []
+        self._trail: list[np.ndarray] = []
         self._t = np.zeros(1, int)
         self._over = False
 
     @property
     def state(self) -> np.ndarray:
         """State (nx,) of the task's system."""
-        return self._path[-1][0].copy()
+        return self._trail[-1][0].copy()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode and return what is seen, (n_o,); there are no ``options``."""
         super().reset(seed=seed)
-        self._path = [self.world.start(self.np_random)[None]]
+        self._trail = [self.world.start(self.np_random)[None]]
         self._t, self._over = np.zeros(1, int), False
-        return self.world.observed(self._path[-1])[0], {}
+        return self.world.observed(self._trail[-1])[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Act (nu,), and return what is seen, the reward, terminated, truncated and info."""
-        if not self._path or self._over:
+        if not self._trail or self._over:
             when = "after an episode has ended" if self._over else "first"
             raise ResetNeeded(f"an environment is reset {when}; call reset() before step()")
         world = self.world
         actions = np.asarray(action, float)[None]
-        found = world.advance(world.alone, self._path[-1], self._t, actions)
-        self._path, self._t = found.path, found.t
+        found = world.advance(world.alone, self._trail[-1], self._t, actions)
+        self._trail, self._t = found.trail, found.t
         terminated, truncated = bool(found.terminated[0]), bool(found.truncated[0])
         self._over = terminated or truncated
         seen = world.observed(found.x)[0]
@@ -91,10 +91,10 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def render(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Draw the state, (height, width, 3) in bytes; of a flight a strobe."""
         check_renders(self.render_mode)
-        if not self._path:
+        if not self._trail:
             raise ResetNeeded("there is nothing to draw yet; call reset() before render()")
         seconds = self.world.seconds / self.world.hold * int(self._t[0])
-        return self._picture.of([x[0] for x in self._path[-self.world.hold :]], seconds)
+        return self._picture.of([x[0] for x in self._trail[-self.world.hold :]], seconds)
 
     @cached_property
     def _picture(self) -> Picture:

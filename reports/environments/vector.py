@@ -60,7 +60,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._solver = world.together(backend=backend, threads=threads)
         self._rngs: list[np.random.Generator] = []
         self._x = np.zeros((0, world.task.system.nx))
-        self._path: list[np.ndarray] = []
+        self._trail: list[np.ndarray] = []
         self._t = np.zeros(num_envs, int)
         self._over = np.zeros(num_envs, bool)
 
@@ -79,7 +79,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             assert first is not None
             self._rngs = [seeding.np_random(first + i)[0] for i in range(self.num_envs)]
         self._x = np.array([self.world.start(rng) for rng in self._rngs])
-        self._path = [self._x]
+        self._trail = [self._x]
         self._t[:], self._over[:] = 0, False
         return self.world.observed(self._x), {}
 
@@ -107,8 +107,8 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         first = self._x.copy()
         for i in fresh:
             first[i] = world.start(self._rngs[i])
-        self._path = [_put(first, rows, x) for x in found.path]
-        self._x = self._path[-1]
+        self._trail = [_put(first, rows, x) for x in found.trail]
+        self._x = self._trail[-1]
         self._t[fresh], self._t[rows] = 0, found.t
         reward = _put(np.zeros(n), rows, found.reward)
         terminated = _put(np.zeros(n, bool), rows, found.terminated)
@@ -129,7 +129,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not len(self._x):
             raise ResetNeeded("there is nothing to draw yet; call reset() before render()")
         seconds = self.world.seconds / self.world.hold * self._t
-        shown = self._path[-self.world.hold :]
+        shown = self._trail[-self.world.hold :]
         return tuple(
             picture.of([x[i] for x in shown], float(seconds[i]))
             for i, picture in enumerate(self._pictures)

@@ -29,12 +29,12 @@ Solver = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 class Outcome:
     """What one action led to in n episodes; every array has n rows.
 
-    ``path`` holds the states (n, nx) after each of the steps that the action took, the first of
+    ``trail`` holds the states (n, nx) after each of the steps that the action took, the first of
     them that it began at. ``unsolved`` are episodes that a step without solution ended; they stay
     at the last state that had one. ``measures`` (n, k) are those of the last step.
     """
 
-    path: list[np.ndarray]
+    trail: list[np.ndarray]
     t: np.ndarray
     reward: np.ndarray
     terminated: np.ndarray
@@ -45,7 +45,7 @@ class Outcome:
     @property
     def x(self) -> np.ndarray:
         """States (n, nx) after the action."""
-        return self.path[-1]
+        return self.trail[-1]
 
 
 class World:
@@ -71,7 +71,9 @@ class World:
         decisions = self.spec.decisions
         self.hold = 1 if decisions is None else -(-task.horizon // decisions)
         self.action_space = Box(-1.0, 1.0, (task.system.nu,), np.float64)
-        self.observation_space = Box(-LARGEST, LARGEST, (len(task.observations),), np.float64)
+        ends = [self.spec.known.get(o.name, (-LARGEST, LARGEST)) for o in task.observations]
+        low, high = np.array(ends).T
+        self.observation_space = Box(low, high, dtype=np.float64)
 
     @property
     def seconds(self) -> float:
@@ -106,7 +108,7 @@ class World:
     def advance(self, solver: Solver, x: np.ndarray, t: np.ndarray, actions: np.ndarray) -> Outcome:
         """Act in n episodes at states ``x`` (n, nx) after ``t`` (n,) steps each."""
         task, n = self.task, len(x)
-        u, p, path, t = self.inputs(actions), task.parameters.values, [x], t.copy()
+        u, p, trail, t = self.inputs(actions), task.parameters.values, [x], t.copy()
         over, unsolved, reward = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
         measures = np.zeros((n, len(task.measures)))
         for _ in range(self.hold):
@@ -121,12 +123,12 @@ class World:
             x = x.copy()
             x[rows] = after
             t[rows] += 1
-            path.append(x)
+            trail.append(x)
         full = ~over & ~unsolved & (t >= task.horizon)
         if self._has_final:
             reward[full] += self._final(x[full], p)[:, 0]
         terminated = over | unsolved | (full & self._has_final)
-        return Outcome(path, t, reward, terminated, full & ~terminated, unsolved, measures)
+        return Outcome(trail, t, reward, terminated, full & ~terminated, unsolved, measures)
 
     def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve step by step, from other starts too where the first is in vain; a Solver."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -150,6 +151,21 @@ def test_a_missed_goal_costs_its_distance_and_the_velocitys_error():
     x = np.array([1.5, 1.0, 1.0, 1.0, 0.0, 0.0])
     expected = -(0.5**2 + 1.0**2) - 0.1 * (2.0**2 + 3.0**2)
     assert float(task.finals(x, task.parameters.values)) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", registry.names())
+@pytest.mark.parametrize("given", [{}, {"fixed_speed": 1}])
+def test_every_parameter_has_an_effect_and_its_default(name: str, given: dict[str, int]):
+    if given and "fixed_speed" not in registry.spec(name).Params.model_fields:
+        pytest.skip("has one form")
+    task = registry.get(name, **given)
+    system = task.system
+    parts = [system.residual, system.gap, task.start, task.reward, task.final, task.done]
+    measured = [each.expression for each in task.measures]
+    used = {str(symbol) for symbol in ca.symvar(ca.vertcat(*map(ca.SX, parts), *measured))}
+    assert set(task.parameters.names) <= used
+    defaults = registry.spec(name).params(given).model_dump()
+    assert task.parameters.defaults == {key: defaults[key] for key in task.parameters.names}
 
 
 def test_names_and_what_is_refused():

@@ -16,8 +16,10 @@ _PROMINENT = 1e-3
 
 def claims(data: xr.Dataset) -> list[Claim]:
     """What the text says of the ball, and what the landscapes show."""
-    last = {str(m): data["exact_return"].sel(method=m).values[:, -1] for m in data["method"].values}
-    areas = {str(m): area(data["exact_return"].sel(method=m).values) for m in data["method"].values}
+    names = [str(name) for name in data["algorithm"].values]
+    curves = {name: data["exact_return"].sel(algorithm=name).values for name in names}
+    last = {name: curve[:, -1] for name, curve in curves.items()}
+    areas = {name: area(curve) for name, curve in curves.items()}
     barriers = [f"BS {mu:g}" for mu in MUS]
     smoothed = [*barriers, "ABS quartic", "ABS gaussian"]
     found = []

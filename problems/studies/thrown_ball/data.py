@@ -67,7 +67,7 @@ def run(params: Params) -> xr.Dataset:
     laws = {name: law for name, (_, law) in chosen.items() if name != "ZOPG"}
     landscapes = [_returns(judge, law, window).reshape(params.grid, -1) for law in laws.values()]
     lines = [_returns(judge, law, line) for law in laws.values()]
-    every = ("method", "run", "iteration")
+    every = ("algorithm", "run", "iteration")
     return xr.Dataset(
         {
             "angle": quantity_of(every, decisions[..., 0], "rad", "angle of the throw"),
@@ -77,7 +77,7 @@ def run(params: Params) -> xr.Dataset:
             "line": quantity_of(("law", "along"), lines, "m^2", "return at one speed"),
         },
         {
-            "method": names,
+            "algorithm": names,
             "law": list(laws),
             "theta": quantity_of("theta", angles, "rad", "angle"),
             "s": quantity_of("s", speeds, "m/s", "speed"),

@@ -13,6 +13,7 @@ from reports.figures.studies import (
     audited_theory,
     barrier_relaxation,
     bouncing_ball,
+    convergence_bound,
     friction_bias,
     heaviside_bias,
     impact_and_friction,
@@ -53,5 +54,6 @@ DRAWINGS: dict[str, Drawing] = {
     "A2v": landing_variance,
     "A6": impact_and_friction,
     "A7": thrown_ball,
+    "AT": convergence_bound,
     "T1": audited_theory,
 }

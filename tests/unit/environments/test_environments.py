@@ -15,9 +15,10 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from dynamics.batch import NonFinite, StepFunction, Steps
+from dynamics.batch import NonFinite, StepFunction, Steps, dense
 from dynamics.laws import LAWS
 from ocp.errors import InputError
+from ocp.learning.rollouts import TaskRollouts
 from problems.tasks import registry
 from reports import environments
 from reports.environments import world as world_module
@@ -111,6 +112,44 @@ def test_one_and_many_agree_with_the_tasks_own_step(task: str, given: dict[str, 
             assert info["height"] == pytest.approx(x[1], abs=1e-9)
 
 
+def test_many_are_gymnasiums_own_row_of_single_ones_over_falls_and_new_starts():
+    row = gymnasium.make_vec(IDS["hopper"], num_envs=4, vectorization_mode="sync")
+    together = many("hopper", 4)
+    seen = [env.reset(seed=1)[0] for env in (row, together)]
+    np.testing.assert_array_equal(*seen)
+    rng, falls = np.random.default_rng(0), 0
+    for _ in range(40):
+        actions = rng.uniform(-0.02, 0.02, (4, 3))
+        (*ours, told), (*theirs, said) = together.step(actions), row.step(actions)
+        for mine, other in zip(ours, theirs, strict=True):
+            np.testing.assert_allclose(mine, other, rtol=0, atol=1e-9)
+        assert set(told) == set(said)
+        for key, values in told.items():
+            np.testing.assert_allclose(values, said[key], rtol=0, atol=1e-9)
+        falls += int(ours[2].sum())
+    assert falls > 5
+
+
+def test_returns_are_those_of_the_engines_episodes():
+    """An affine policy, twice: by hand on the environments, and compiled into rollouts."""
+    env, n = many("hopper", 16, horizon=25), 16
+    world = env.world
+    task, nu, no = world.task, 3, world.observation_space.shape[0]
+    policy = dense(task.observe, hidden=(), lower=task.lower, upper=task.upper)
+    theta = np.random.default_rng(4).normal(0, 0.01, nu * (no + 1))
+    seen, _ = env.reset(seed=0)
+    expected = TaskRollouts(task, world.law, policy, task.horizon)(env.state, theta)
+    W, b = theta[: nu * no].reshape(nu, no), theta[nu * no :]
+    returns, lived, going = np.zeros(n), np.zeros(n, int), np.ones(n, bool)
+    while going.any():
+        seen, reward, terminated, truncated, _ = env.step(np.tanh(seen @ W.T + b))
+        returns, lived = returns + going * reward, lived + going
+        going &= ~(terminated | truncated)
+    assert lived.min() < task.horizon
+    np.testing.assert_array_equal(lived, expected.lived)
+    np.testing.assert_allclose(returns, expected.value, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("contact", ["exact", *SOFT])
 def test_any_law_by_name_and_its_knobs(contact: str):
     given = {"contact": contact, "knobs": SOFT.get(contact)}
@@ -150,6 +189,23 @@ def test_a_throw_is_one_action_scaled_to_angle_and_speed():
     fixed = made("ball-throw", fixed_speed=1, speed=speed)
     fixed.reset(seed=0)
     np.testing.assert_allclose(fixed.step(action[:1])[0], seen, atol=1e-12)
+
+
+def test_spaces_are_as_wide_as_what_is_acted_and_seen():
+    env = made("hopper").unwrapped
+    low, high = env.observation_space.low, env.observation_space.high
+    assert env.action_space == gymnasium.spaces.Box(-1, 1, (3,), np.float64)
+    np.testing.assert_array_equal(-low, high)
+    np.testing.assert_array_equal(high, [LARGEST] * 5 + [10.0] * 6)
+    env.reset(seed=0)
+    seen, *_ = env.step(np.ones(3))
+    assert seen in env.observation_space and np.abs(seen[5:]).max() == 10
+    env = many("ball-throw", 2)
+    assert env.action_space.shape == (2, 2) and env.observation_space.shape == (2, 5)
+    assert env.single_observation_space.low[4] == 0 and env.single_observation_space.high[4] == 1
+    first, _ = env.reset(seed=0)
+    assert first in env.observation_space and first[0, 4] == 1
+    assert env.step(np.zeros((2, 2)))[0] in env.observation_space
 
 
 def test_actions_beyond_the_bounds_are_clamped():

@@ -19,6 +19,7 @@ from tests.unit.batch.rollout_cases import wall
 
 LAWS = [Barrier(1e-2), Adaptive("quartic"), Adaptive("gaussian", sigma=0.1)]
 UNROLL, SAMPLES = 12, 32
+PLAIN = {"rate": 1.0, "optimiser": "plain", "clip": None}
 
 
 def before_the_wall() -> Task:
@@ -43,7 +44,7 @@ def before_the_wall() -> Task:
 
 def set_up(hidden: tuple[int, ...], law: ContactLaw, **settings: str) -> tuple[Experiment, State]:
     """An experiment with a state whose observations are normalised."""
-    algorithm = FOPG(samples=SAMPLES, unroll=UNROLL, rate=1.0, optimiser="plain", sigma=0.3)
+    algorithm = FOPG(samples=SAMPLES, unroll=UNROLL, **PLAIN, sigma=0.3)
     experiment = Experiment(
         task=before_the_wall(),
         algorithm=replace(algorithm, **settings),

@@ -198,10 +198,10 @@ def test_the_buffer_carries_episodes_on():
         (ZOPG(samples=7), "samples come in pairs of w and -w: 7 is odd"),
         (ARS(directions=0), "directions must be a whole number of at least 1, got 0"),
         (ARS(directions=3, top=4), "top is 4, more than the 3 directions"),
-        (AoBG(samples=1), "samples is 1, but mixing weighs variances; give at least 2"),
+        (AoBG(samples=1), "samples is 1, but a variance needs two; give at least 2"),
         (AoBG(delta=1.0), "delta is a probability between 0 and 1, got 1"),
         (AoBG(gamma=-1.0), "gamma must be positive and finite, got -1.0"),
-        (PIPPS(samples=1), "samples is 1, but mixing weighs variances; give at least 2"),
+        (PIPPS(samples=1), "samples is 1, but a variance needs two; give at least 2"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(algorithm, words):

@@ -19,6 +19,7 @@ from ocp.learning.zopg import ZOPG
 from tests.unit.learning.scalar import A, B, experiment, scalar
 
 MEAN, SCALE = 0.3, 0.6
+PLAIN = {"rate": 1.0, "optimiser": "plain", "clip": None}
 SEEN = {
     "seen.n": np.array(4.0),
     "seen.mean": np.array([MEAN]),
@@ -85,7 +86,7 @@ def test_random_search_stays_where_all_returns_agree():
 
 def test_likelihood_ratio_by_hand():
     """Pairs of w and -w, the baseline that of the other pairs."""
-    algorithm = ZOPG(samples=6, unroll=2, sigma=0.3, rate=1.0, optimiser="plain")
+    algorithm = ZOPG(samples=6, unroll=2, sigma=0.3, **PLAIN)
     e = experiment(algorithm)
     state = {**algorithm.begin(e), **SEEN, "theta": THETA}
     after, row = algorithm.iterate(e, state, 2)
@@ -102,7 +103,7 @@ def test_likelihood_ratio_by_hand():
 
 def test_likelihood_ratio_tends_to_the_gradient():
     """Of the mean return over the noise, by first order: two estimators, one quantity."""
-    e = experiment(ZOPG(samples=200_000, unroll=2, sigma=0.3, rate=1.0, optimiser="plain"))
+    e = experiment(ZOPG(samples=200_000, unroll=2, sigma=0.3, **PLAIN))
     state = {**e.algorithm.begin(e), **SEEN, "theta": THETA}
     after, row = e.algorithm.iterate(e, state, 0)
     noise = np.random.default_rng(0).standard_normal((4000, 2)) * 0.3
@@ -114,7 +115,7 @@ def test_likelihood_ratio_tends_to_the_gradient():
 
 def test_alpha_order_by_hand():
     """Alpha weighs the first order; a batch of its own for each order."""
-    algorithm = AoBG(samples=5, unroll=2, sigma=0.3, rate=1.0, optimiser="plain", gamma=1e3)
+    algorithm = AoBG(samples=5, unroll=2, sigma=0.3, **PLAIN, gamma=1e3)
     e = experiment(algorithm)
     state = {**algorithm.begin(e), **SEEN, "theta": THETA}
     starts = state["starts.x"][:, 0]
@@ -153,7 +154,7 @@ def test_the_bias_bound_pulls_alpha_back():
 def test_total_propagation_by_hand(done):
     """Two steps of five particles, backwards, every term written out; an end on the way too."""
     sigma, n, discount = 0.1, 5, 0.9
-    algorithm = PIPPS(samples=n, unroll=2, sigma=sigma, rate=1.0, optimiser="plain")
+    algorithm = PIPPS(samples=n, unroll=2, sigma=sigma, **PLAIN)
     e = experiment(algorithm, task=scalar(horizon=5, done=done), discount=discount)
     state = {**algorithm.begin(e), **SEEN, "theta": THETA}
     noise = e.rng(4, "states").standard_normal((2, n, 1))[..., 0]
@@ -193,7 +194,7 @@ def test_total_propagation_by_hand(done):
 
 def test_total_propagation_is_first_order_where_the_likelihood_ratio_is_noise():
     """With hardly any noise on the states its share vanishes, and complex steps agree."""
-    algorithm = PIPPS(samples=4, unroll=3, sigma=1e-9, rate=1.0, optimiser="plain")
+    algorithm = PIPPS(samples=4, unroll=3, sigma=1e-9, **PLAIN)
     e = experiment(algorithm, task=scalar(horizon=9))
     state = {**algorithm.begin(e), **SEEN, "theta": THETA}
     after, row = algorithm.iterate(e, state, 0)
@@ -207,13 +208,21 @@ def test_total_propagation_through_layers(hidden):
     """Without noise to speak of it is the engine's own gradient, for any policy."""
     changes = []
     for algorithm in (
-        PIPPS(samples=4, unroll=3, sigma=1e-9, rate=1.0, optimiser="plain"),
-        FOPG(samples=4, unroll=3, sigma=1e-9, rate=1.0, optimiser="plain"),
+        PIPPS(samples=4, unroll=3, sigma=1e-9, **PLAIN),
+        FOPG(samples=4, unroll=3, sigma=1e-9, **PLAIN),
     ):
         e = experiment(algorithm, task=scalar(horizon=3), hidden=hidden, initial=1.0)
         state = {**algorithm.begin(e), **SEEN}
         changes.append(algorithm.iterate(e, state, 0)[0]["theta"] - state["theta"])
     assert changes[0] == pytest.approx(changes[1], rel=1e-5, abs=1e-9)
+
+
+def test_long_gradients_are_cut_to_the_median_length():
+    gradients = np.array([[3.0, 4.0], [0.0, 1.0], [0.0, -20.0]])
+    cut = FOPG(clip=2.0).clipped(gradients)
+    assert cut == pytest.approx(np.array([[3.0, 4.0], [0.0, 1.0], [0.0, -10.0]]))
+    assert FOPG(clip=None).clipped(gradients) is gradients
+    assert FOPG(clip=1.0).clipped(0 * gradients) == pytest.approx(np.zeros((3, 2)))
 
 
 def test_rules_of_ascent():

@@ -1,0 +1,157 @@
+"""Trainings of named tasks as jobs that any process can do, and what is stored of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynamics.contact import ContactLaw
+from ocp.errors import InputError, choose
+from ocp.learning.algorithms import ALGORITHMS
+from ocp.learning.experiment import Experiment
+from ocp.learning.protocol import Algorithm, Trained
+from ocp.learning.training import KEY, kept, train
+from ocp.store.checkpoint import Checkpoint
+from ocp.store.plain import plain
+from ocp.store.provenance import versions
+from ocp.store.stored_run import StoredRun
+from ocp.task import Task
+from problems.tasks import registry
+from problems.tasks.episodes import described, policy_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_ALIKE = ("task", "algorithm", "seed")
+KIND = "train"
+"""Kind of a stored run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingJob:
+    """One training: an algorithm with its settings at one seed on a named task.
+
+    ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``store`` holds the
+    checkpoint, in a directory that workers elsewhere may see too; results do not depend on it, nor
+    on ``threads``.
+    """
+
+    task: str
+    params: Mapping[str, Any]
+    algorithm: Algorithm
+    law: ContactLaw
+    seed: int
+    store: Path | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    threads: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Short, for a line on the terminal."""
+        return f"{self.algorithm.name} seed {self.seed}"
+
+    def experiment(self, task: Task | None = None) -> Experiment:
+        """Build it, of ``task`` where that is built; raises :class:`~ocp.errors.InputError`."""
+        spec = registry.spec(self.task)
+        params = spec.params(self.params)
+        return Experiment(
+            task=task or spec.build(params),
+            algorithm=self.algorithm,
+            law=self.law,
+            seed=self.seed,
+            params=params.model_dump(),
+            threads=self.threads,
+            **self.options,
+        )
+
+    def checkpoint(self, experiment: Experiment) -> Checkpoint:
+        """What is kept of it, named after all that decides its result; it needs a store."""
+        assert self.store is not None
+        decisive = {**experiment.settings(), "iterations": experiment.iterations}
+        return Checkpoint(self.store, self.task, {"training": decisive, "by": versions()})
+
+
+def under_way(job: TrainingJob, experiment: Experiment) -> list[str]:
+    """Sentences: from where the training goes on, and which like it were begun with other settings.
+
+    Those are of the same algorithm and seed on the same task.
+    """
+    checkpoint = job.checkpoint(experiment)
+    begun, asked = checkpoint.state(KEY), plain(experiment.settings())
+    told = [] if begun is None else [f"{job.name} goes on after {kept(begun)[0]} iterations"]
+    for other in checkpoint.others(KEY):
+        done, settings = kept(other)
+        if [settings.get(key) for key in _ALIKE] == [asked[key] for key in _ALIKE]:
+            names = [
+                name for name in {**settings, **asked} if settings.get(name) != asked.get(name)
+            ]
+            parts = (
+                f"{name} = {settings.get(name)} instead of {asked.get(name)}" for name in names
+            )
+            told.append(
+                f"another training by {job.name} is unfinished after {done} iterations, with"
+                f" {', '.join(parts) or 'other iterations or versions'}; its own command goes on"
+                " with it"
+            )
+    return told
+
+
+def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
+    """Do a job, from its checkpoint on; a :data:`~ocp.scheduling.Function`.
+
+    Tells every row with its iteration; returns what is stored.
+    """
+    experiment = job.experiment()
+    stored = job.store is not None and job.store.is_dir()
+    checkpoint = job.checkpoint(experiment) if stored else None
+    data = train(experiment, checkpoint, lambda k, row: tell({"iteration": float(k), **row}))
+    return described(experiment, data)
+
+
+def record(experiment: Experiment) -> dict[str, Any]:
+    """What was asked, as a run's description has it; :func:`rebuilt` reads it."""
+    names = ("hidden", "initial", "normalise", "discount", "iterations", "evaluate_every")
+    return {
+        "problem": experiment.task.name,
+        "params": dict(experiment.params),
+        "algorithm": experiment.algorithm.name,
+        "algorithm_settings": experiment.algorithm.settings(),
+        "contact": experiment.law.name,
+        "contact_settings": experiment.law.settings(),
+        **{name: getattr(experiment, name) for name in (*names, "episodes")},
+    }
+
+
+def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
+    """The experiment of a stored training, and its policy, to be judged again.
+
+    Raises :class:`~ocp.errors.InputError` for a run of another kind, and where the policy does not
+    fit the task of that name.
+    """
+    if run.kind != KIND:
+        raise InputError(
+            f"{run.path} is a run of ocp {run.kind}, which holds no policy; give one of ocp train"
+        )
+    asked, data = run.record, run.data
+    spec = registry.spec(str(run.meta["problem"]))
+    params = spec.params(asked["params"])
+    hidden = asked["hidden"]
+    experiment = Experiment(
+        task=spec.build(params),
+        algorithm=choose("algorithm", asked["algorithm"], ALGORITHMS)(),
+        hidden=None if hidden is None else tuple(hidden),
+        discount=asked["discount"],
+        params=params.model_dump(),
+    )
+    policy, seen = policy_of(data), [str(name) for name in data["observation"].values]
+    names = [signal.name for signal in experiment.task.observations]
+    if seen != names or policy.theta.size != experiment.policy.n_theta:
+        raise InputError(
+            f"{run.path}: its policy has {policy.theta.size} parameters and sees {len(seen)}"
+            f" numbers, {', '.join(seen)}; a policy of {spec.name} has"
+            f" {experiment.policy.n_theta} and sees {len(names)}, {', '.join(names)}: it is of"
+            " another task; train one for this"
+        )
+    return experiment, policy

@@ -1,0 +1,206 @@
+"""``ocp train TASK --algorithm NAME,...``: policies through contact, over seeds."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from reports.cli.declared import argument, option
+from reports.cli.options import Command, LawOptions
+
+if TYPE_CHECKING:
+    from ocp.learning.experiment import Experiment
+    from ocp.store.checkpoint import Checkpoint
+    from problems.tasks.training import TrainingJob
+
+_OWN_LAW = {"adaptive": "law=quartic"}
+"""What a law is set to for training where nothing else is said, as the paper has it."""
+_ENDED = 0
+"""Place in a checkpoint of where the finished run is stored."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions(LawOptions):
+    """A task, algorithms with their settings, seeds, and where all that is computed."""
+
+    task: str = argument(help="A named task.")
+    algorithm: str = option("fopg", "--algorithm", "-a", help="Names with commas.")
+    contact: str = option("adaptive", "--contact", help="Law of the model that is learned through.")
+    params: list[str] | None = option(
+        None, "--param", "-p", metavar="K=V", help="Parameter of the task."
+    )
+    settings: list[str] | None = option(
+        None, "--setting", "-s", metavar="K=V",
+        help="Setting of all algorithms, or of one: ars.rate=0.1.",
+    )  # fmt: skip
+    seeds: int = option(1, "--seeds", min=1, max=1000, help="How many, from --seed on.")
+    seed: int = option(0, "--seed", min=0, help="The first seed.")
+    iterations: int | None = option(None, "--iterations", min=1, help="Of each training.")
+    jobs: int | None = option(
+        None, "--jobs", "-j", min=1, max=1024, help="Processes side by side; default: one a CPU."
+    )
+    scheduler: str | None = option(
+        None, "--scheduler", metavar="ADDRESS", help="Of a Dask cluster that takes the trainings."
+    )
+    pdf: Path | None = option(None, "--pdf", help="Write a report here.")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """All trainings, where each is kept, and how many run side by side."""
+
+    jobs: list[TrainingJob]
+    checkpoints: list[Checkpoint]
+    experiments: list[Experiment]
+    workers: int
+
+
+def check(options: TrainOptions) -> Asked:
+    """Build the task and every algorithm, and see that the runs can be stored."""
+    from ocp.errors import InputError
+    from problems.tasks import registry
+    from problems.tasks.training import TrainingJob
+    from reports.cli.choices import assignments, closing_law
+    from reports.cli.learning.training_words import algorithms
+    from reports.cli.places import check_places
+
+    spec = registry.spec(options.task)
+    params = assignments("-p", options.params)
+    given = assignments("-s", options.settings)
+    chosen = algorithms(options.algorithm, given, spec)
+    every = {} if options.iterations is None else {"iterations": options.iterations}
+    task = spec.task(params)
+    words = list(options.law_settings or ())
+    if not words and options.contact in _OWN_LAW:
+        words = [_OWN_LAW[options.contact]]
+    law = closing_law(options.contact, words, task.system)
+    if options.scheduler is not None and options.jobs is not None:
+        raise InputError("--jobs are processes of this computer, --scheduler others; drop one")
+    check_places(options.out, options.pdf)
+    count = len(chosen) * options.seeds
+    workers = min(count, options.jobs or _cpus())
+    jobs = [
+        TrainingJob(
+            task=options.task, params=params, algorithm=algorithm, law=law, seed=seed,
+            store=options.out.resolve(), options={**own, **every},
+            threads=_threads(options, workers),
+        )
+        for algorithm, own in chosen
+        for seed in range(options.seed, options.seed + options.seeds)
+    ]  # fmt: skip
+    built = [job.experiment(task) for job in jobs]
+    for one in built[:: options.seeds]:
+        one.algorithm.begin(one)
+    checkpoints = [job.checkpoint(one) for job, one in zip(jobs, built, strict=True)]
+    return Asked(jobs, checkpoints, built, workers)
+
+
+def _cpus() -> int:
+    import os
+
+    return len(os.sched_getaffinity(0))
+
+
+def _threads(options: TrainOptions, workers: int) -> int | None:
+    """CPUs of each training; results do not depend on them."""
+    return 1 if options.scheduler is not None else max(1, _cpus() // workers)
+
+
+def run(options: TrainOptions, asked: Asked) -> int:
+    """Train a policy through contact, several algorithms and seeds side by side.
+
+    Every policy is judged under the exact law. Each training is stored as a run of its own. What is
+    done is kept: the same command goes on after Ctrl-C, and ends as if it had never stopped.
+    """
+    from ocp.errors import interruptible
+    from ocp.scheduling import Failure, carried_out
+    from problems.tasks.training import trained, under_way
+    from reports.cli import interrupt
+    from reports.trained.live import live
+
+    output, stored = options.output, _stored_before(asked)
+    if stored:
+        output.say(f"went on: {len(stored)} of {len(asked.jobs)} trainings were done before")
+    left = [place for place in range(len(asked.jobs)) if place not in stored]
+    for place in left:
+        for sentence in under_way(asked.jobs[place], asked.experiments[place]):
+            output.say(sentence)
+    failed: dict[int, Exception] = {}
+    jobs = [asked.jobs[place] for place in left]
+    ends = {asked.jobs[place].name: asked.experiments[place].iterations for place in left}
+    with interruptible(), live(ends, options.quiet, interrupt.check) as heard:
+        work = carried_out(trained, jobs, asked.workers, options.scheduler, heard)
+        with closing(work) as outcomes:
+            for index, outcome in outcomes:
+                place = left[index]
+                if isinstance(outcome, Failure):
+                    failed[place] = outcome.error
+                else:
+                    stored[place] = _store(options, asked, place, outcome)
+    for place in stored:
+        asked.checkpoints[place].discard()
+    _tell(options, [stored[place] for place in sorted(stored)], asked, failed)
+    return 0
+
+
+def _stored_before(asked: Asked) -> dict[int, Path]:
+    """Runs that the same command stored before it was stopped."""
+    found = {}
+    for place, checkpoint in enumerate(asked.checkpoints):
+        rows = checkpoint.rows(_ENDED)
+        if rows and Path(rows[0]["run"]).is_dir():
+            found[place] = Path(rows[0]["run"])
+    return found
+
+
+def _store(options: TrainOptions, asked: Asked, place: int, data: Any) -> Path:
+    from ocp import store
+    from problems.tasks.training import record
+    from reports.trained.summary import meta
+
+    job, experiment = asked.jobs[place], asked.experiments[place]
+    described = {"argv": options.argv, "seed": job.seed, "record": record(experiment)}
+    path = store.write(options.out, job.task, data, {**described, **meta(data)})
+    asked.checkpoints[place].save_rows(_ENDED, [{"run": str(path.resolve())}])
+    return path
+
+
+def _tell(
+    options: TrainOptions, paths: list[Path], asked: Asked, failed: dict[int, Exception]
+) -> None:
+    """Print what came out; raises the first failure, after everything else if there is any."""
+    if not paths:
+        raise next(iter(failed.values()))
+    from ocp import store
+    from reports.pdf import write_pdf
+    from reports.trained.summary import document, groups, summary_table, verdict
+
+    output, runs = options.output, [store.load(path) for path in paths]
+    found = groups(runs)
+    output.note(summary_table(runs))
+    for group in found:
+        output.say(verdict(group))
+    for one in runs:
+        output.say(f"run: {one.path}")
+    if options.pdf is not None:
+        write_pdf(runs, options.pdf)
+        output.say(f"PDF: {options.pdf}")
+    told = {asked.jobs[place].name: str(error) for place, error in failed.items()}
+    for name, sentence in told.items():
+        output.say(f"failed: {name}: {sentence}")
+    pdf = None if options.pdf is None else str(options.pdf)
+    output.document({"task": options.task, **document(found), "failed": told, "pdf": pdf})
+    if failed:
+        raise next(iter(failed.values()))
+
+
+def epilog() -> str:
+    """Tasks, algorithms and settings for the help."""
+    from reports.cli.learning.training_words import help_text
+
+    return help_text()
+
+
+COMMAND = Command(TrainOptions, check, run, epilog)

@@ -1,0 +1,1 @@
+"""Trained policies for people: the live curve, tables, figures and pages."""

@@ -1,0 +1,114 @@
+"""Figures of trained policies: how they learned, and how they move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from reports.figures.run import label
+from reports.strobe import draw_strobe
+from reports.style import CYCLE, GREY, INK, WIDTH
+from reports.trained.summary import Group, measures
+from reports.view import RunView
+
+_MOST_STROBES = 6
+_COLORS = (*CYCLE, INK, GREY)
+_TOLD = {
+    "return_mean": "return of the samples",
+    "gradient_norm": "norm of the gradient",
+    "gradient_variance": "variance of a sample's gradient",
+}
+
+
+def learning(found: Sequence[Group]) -> Figure:
+    """Return under the exact law, and what the task measures, over steps and over time."""
+    names = ["return", *measures(found[0].runs[0].meta["evaluation"])][:3]
+    figure = Figure(figsize=(WIDTH, 1.75 * len(names) + 0.5))
+    axes = figure.subplots(len(names), 2, squeeze=False, sharey="row", sharex="col")
+    for row, name in zip(axes, names, strict=True):
+        for axis, over in zip(row, ("env_steps", "wall_s"), strict=True):
+            for place, group in enumerate(found):
+                _banded(axis, group, over, f"evaluation_{name}", _color(place))
+        unit = str(found[0].runs[0].data[f"evaluation_{name}"].attrs.get("units", "1"))
+        row[0].set_ylabel(label(name, "" if unit == "1" else unit))
+    axes[-1, 0].set_xlabel("steps simulated")
+    axes[-1, 0].ticklabel_format(axis="x", style="sci", scilimits=(-3, 4), useMathText=True)
+    axes[-1, 1].set_xlabel("wall time [s]")
+    _legend(figure, found)
+    return figure
+
+
+def signals(found: Sequence[Group]) -> Figure | None:
+    """What the iterations told: returns of samples, gradients; None where nothing is told."""
+    names = [name for name in _TOLD if any(_known(group, name) for group in found)]
+    if not names:
+        return None
+    figure = Figure(figsize=(WIDTH, 2.2))
+    for axis, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
+        for place, group in enumerate(found):
+            if _known(group, name):
+                _banded(axis, group, "iteration", name, _color(place))
+        axis.set_title(_TOLD[name], loc="left")
+        axis.set_xlabel("iteration")
+        if name != "return_mean":
+            axis.set_yscale("log", nonpositive="mask")
+    _legend(figure, found)
+    return figure
+
+
+def strobes(found: Sequence[Group]) -> Figure | None:
+    """An episode of the best policy of each group, from faint to dark."""
+    views = [(group, RunView.of(group.best)) for group in found[:_MOST_STROBES]]
+    shown = [(group, view) for group, view in views if view.spec is not None and view.spec.draw]
+    if not shown:
+        return None
+    columns = 1 if len(shown) == 1 else 2
+    rows = -(-len(shown) // columns)
+    figure = Figure(figsize=(WIDTH, 2.5 * rows))
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis, (group, view) in zip(axes, shown, strict=False):
+        draw_strobe(axis, view)
+        if len(shown) > 1:
+            told = f"seed {group.best.meta['seed']}" if len(group.runs) > 1 else ""
+            axis.set_title(", ".join(filter(None, [group.label, told])), loc="left")
+    for axis in axes[len(shown) :]:
+        axis.set_axis_off()
+    return figure
+
+
+def _color(place: int) -> str:
+    return _COLORS[place % len(_COLORS)]
+
+
+def _known(group: Group, name: str) -> bool:
+    return all(name in run.data and np.isfinite(run.data[name]).any() for run in group.runs)
+
+
+def _banded(axis: Axes, group: Group, over: str, name: str, color: str) -> None:
+    """The mean over seeds, and a band from the lowest to the highest of them.
+
+    At iterations that all of them told; what is drawn ``over`` is the mean over seeds too.
+    """
+    shortest = min(run.data.sizes["iteration"] for run in group.runs)
+    values = np.stack([run.data[name].values[:shortest] for run in group.runs])
+    place = np.stack([run.data[over].values[:shortest] for run in group.runs]).mean(axis=0)
+    told = np.isfinite(values).all(axis=0)
+    if len(group.runs) > 1:
+        low, high = values[:, told].min(axis=0), values[:, told].max(axis=0)
+        axis.fill_between(place[told], low, high, color=color, alpha=0.2, linewidth=0)
+    axis.plot(place[told], values[:, told].mean(axis=0), color=color)
+
+
+def _legend(figure: Figure, found: Sequence[Group]) -> None:
+    if len(found) == 1 and len(found[0].runs) == 1:
+        return
+    handles = [Line2D([], [], color=_color(i), label=group.label) for i, group in enumerate(found)]
+    if any(len(group.runs) > 1 for group in found):
+        handles.append(
+            Line2D([], [], color=GREY, linewidth=6, alpha=0.3, label="lowest to highest seed")
+        )
+    figure.legend(handles=handles, loc="outside upper center", ncols=min(6, len(handles)))

@@ -1,0 +1,104 @@
+"""Episodes of a policy in words and numbers, with intervals over episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from reports.console import number, table_of
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ocp.learning.evaluation import Evaluation
+    from ocp.task import Task
+
+_CONFIDENCE = 0.95
+_SHARES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "steps unsolved"}
+
+
+def judgement(task: Task, seen: Evaluation) -> dict[str, Any]:
+    """Return, length and measures, each with its mean, 95 % interval, least and most.
+
+    ``fallen`` is the share of episodes that ended before the task's horizon, ``lost`` that of those
+    that ended where a contact found no solution, ``unsolved`` the share of such steps.
+    """
+    lost = {int(sample) for sample in np.asarray(seen.unsolved).reshape(-1, 2)[:, 0]}
+    early = [n for n, length in enumerate(seen.lengths) if length < task.horizon and n not in lost]
+    steps = max(float(np.sum(seen.lengths)), 1.0)
+    units = {measure.signal.name: measure.signal.unit for measure in task.measures}
+    return {
+        "episodes": len(seen.returns),
+        "horizon": task.horizon,
+        "return": _spread(seen.returns, "1"),
+        "length": _spread(seen.lengths, "1"),
+        "measures": {
+            name: _spread(values, units.get(name, "1")) for name, values in seen.measures.items()
+        },
+        "fallen": len(early) / len(seen.returns),
+        "lost": len(lost) / len(seen.returns),
+        "unsolved": len(seen.unsolved) / steps,
+    }
+
+
+def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
+    """Mean, Student's interval of it (None of a single episode), least, most."""
+    from scipy.special import stdtrit
+
+    values = np.asarray(values, dtype=float)
+    n, mean = len(values), float(np.mean(values))
+    half = (
+        float(stdtrit(n - 1, (1 + _CONFIDENCE) / 2) * values.std(ddof=1) / np.sqrt(n))
+        if n > 1
+        else None
+    )
+    interval = None if half is None else [mean - half, mean + half]
+    return {"mean": mean, "interval": interval, "least": float(values.min()),
+            "most": float(values.max()), "unit": unit}  # fmt: skip
+
+
+def sentence(told: Mapping[str, Any]) -> str:
+    """The verdict: the return, whether it is what training said, and what went wrong."""
+    found, own = told["return"], told["own"]
+    many = "1 episode" if told["episodes"] == 1 else f"{told['episodes']} episodes"
+    head = f"Return {number(found['mean'], 4)}{_interval(found)} under the {told['contact']} law"
+    parts = [f"{head} over {many}; training's own judgement was {number(own['return'], 4)}"]
+    if told["fallen"]:
+        parts.append(f"{_share(told['fallen'])} of episodes end early")
+    if told["unsolved"]:
+        parts.append(
+            f"contacts were not solved at {_share(told['unsolved'])} of steps, where"
+            f" {_share(told['lost'])} of episodes end"
+        )
+    return f"{'; '.join(parts)}."
+
+
+def _interval(found: Mapping[str, Any]) -> str:
+    if found["interval"] is None:
+        return ""
+    low, high = (number(end, 4) for end in found["interval"])
+    return f" [{low}, {high}]"
+
+
+def judgement_table(told: Mapping[str, Any]) -> Table:
+    """A line each for return, length and measures, beside what training found."""
+    own = told["own"]
+    table = table_of(("", "left"), ("mean", "right"), ("95 % interval", "right"),
+                     ("least", "right"), ("most", "right"), ("in training", "right"))  # fmt: skip
+    rows = {"return": told["return"], "length": told["length"], **told["measures"]}
+    for name, found in rows.items():
+        title = name if found["unit"] == "1" else f"{name}, {found['unit']}"
+        ends = (number(found[key], 4) for key in ("least", "most"))
+        table.add_row(title, number(found["mean"], 4), _interval(found).strip(), *ends,
+                      number(own.get(name), 4))  # fmt: skip
+    for name, title in _SHARES.items():
+        known = own.get(name)
+        table.add_row(title, _share(told[name]), "", "", "", "–" if known is None else
+                      _share(known))  # fmt: skip
+    return table
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.3g} %"

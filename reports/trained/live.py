@@ -1,0 +1,146 @@
+"""Trainings under way, on the terminal: a line and a curve each, the last rows of a single one."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+
+from reports.console import number, small, table_of
+from reports.trained.sparks import plot, sparkline
+
+Heard = Callable[[int, Mapping[str, float]], None]
+_EVERY_S = {True: 0.2, False: 10.0}
+_ROWS, _COLUMNS, _PLOT, _SPARK = 5, 6, (56, 6), 20
+_ELSEWHERE = ("iteration", "wall_s", "env_steps", "evaluation_return_deviation",
+              "evaluation_length", "evaluation_unsolved")  # fmt: skip
+"""What the last rows leave out."""
+
+
+@dataclass
+class Curve:
+    """What one training has told so far: its rows, of iteration 0 up to ``iterations``."""
+
+    name: str
+    iterations: int
+    rows: list[Mapping[str, float]] = field(default_factory=list)
+
+    def values(self, name: str) -> list[float]:
+        """All that was told of ``name``."""
+        return [row[name] for row in self.rows if name in row]
+
+    def last(self, name: str) -> float | None:
+        """The last of them."""
+        return next(reversed(self.values(name)), None)
+
+    @property
+    def curve(self) -> list[float]:
+        """What is drawn: returns under the exact law, or those of the samples while few."""
+        judged, told = self.values("evaluation_return"), self.values("return_mean")
+        return judged if len(judged) > 1 or not told else told
+
+    @property
+    def left(self) -> float | None:
+        """Seconds to the end, as those since the first row went."""
+        first, last = self.rows[0], self.rows[-1]
+        done = last["iteration"] - first["iteration"]
+        if not done or "wall_s" not in last:
+            return None
+        return (last["wall_s"] - first["wall_s"]) / done * (self.iterations - last["iteration"])
+
+
+@contextmanager
+def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -> Iterator[Heard]:
+    """Yield what is called with the place of a training and each row that it tells.
+
+    ``trainings`` are their iterations by name.
+
+    On a terminal it shows all of them, else one line where a policy was judged, and then not more
+    often than every ten seconds. ``check`` is called each time.
+    """
+    curves = [Curve(name, iterations) for name, iterations in trainings.items()]
+    console = Console(stderr=True, highlight=False)
+    terminal, last = console.is_terminal, -float("inf")
+    screen = Live(console=console, auto_refresh=False, transient=True)
+
+    def heard(place: int, row: Mapping[str, float]) -> None:
+        nonlocal last
+        check()
+        one = curves[place]
+        one.rows.append(row)
+        now, ends = time.monotonic(), row["iteration"] >= one.iterations
+        if quiet or (now - last < _EVERY_S[terminal] and not ends):
+            return
+        if terminal:
+            screen.update(picture(curves), refresh=True)
+        elif "evaluation_return" in row:
+            print(line(one), file=sys.stderr, flush=True)
+        else:
+            return
+        last = now
+
+    if quiet or not terminal:
+        yield heard
+        return
+    with screen:
+        yield heard
+
+
+def line(one: Curve) -> str:
+    """Where a training stands, in at most 80 columns."""
+    row = one.rows[-1]
+    parts = [f"{one.name}  {row['iteration']:.0f}/{one.iterations}"]
+    values = ((title, one.last(key), show) for key, title, show in _TOLD)
+    parts += [f"{title} {show(value)}" for title, value, show in values if value is not None]
+    return "  ".join([*parts, f"{row.get('wall_s', 0.0):.0f} s"])
+
+
+_TOLD: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+    ("evaluation_return", "exact", lambda value: number(value, 4)),
+    ("return_mean", "return", lambda value: number(value, 4)),
+    ("gradient_norm", "|gradient|", small),
+)
+
+
+def picture(curves: Sequence[Curve]) -> RenderableType:
+    """A line each; of a single training its curve and its last rows too."""
+    table = table_of(
+        ("training", "left"), ("iteration", "right"), ("exact return", "right"),
+        ("return", "right"), ("time", "right"), ("left", "right"), ("", "left"),
+        rows=[_cells(one) for one in curves],
+    )  # fmt: skip
+    if len(curves) > 1 or not curves[0].rows:
+        return table
+    one = curves[0]
+    drawn = "\n".join(plot(one.curve, *_PLOT)) if len(one.curve) > 1 else ""
+    return Group(table, "", drawn, "", rows_table(one.rows[-_ROWS:]))
+
+
+def _cells(one: Curve) -> tuple[str, ...]:
+    if not one.rows:
+        return (one.name, f"–/{one.iterations}", "", "", "", "", "")
+    row, left = one.rows[-1], one.left
+    return (
+        one.name, f"{row['iteration']:.0f}/{one.iterations}",
+        number(one.last("evaluation_return"), 4), number(one.last("return_mean"), 4),
+        f"{row.get('wall_s', 0.0):.0f} s", "" if left is None else f"{left:.0f} s",
+        sparkline(one.curve, _SPARK),
+    )  # fmt: skip
+
+
+def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
+    """Rows of one training: what was judged, what the samples were, and what else is told."""
+    names = list(dict.fromkeys(name for row in rows for name in row if name not in _ELSEWHERE))
+    names.sort(key=lambda name: not name.startswith("evaluation_"))
+    names = names[:_COLUMNS]
+    titles = [name.replace("evaluation_", "exact ").replace("_", " ") for name in names]
+    cells = (
+        [f"{row['iteration']:.0f}", *(number(row.get(name), 4) for name in names)] for row in rows
+    )
+    return table_of(("iteration", "right"), *((title, "right") for title in titles), rows=cells)

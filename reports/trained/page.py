@@ -1,0 +1,67 @@
+"""What a report says of trained policies: of one, or of several runs on one task."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from ocp.errors import InputError
+from ocp.store.stored_run import StoredRun
+from reports.console import number
+from reports.figures.run import label
+from reports.trained.figures import learning, signals, strobes
+from reports.trained.summary import groups, measures, summary_rows, verdict
+from reports.view import RunView
+
+Figures = dict[str, Figure]
+
+
+def training_content(views: Sequence[RunView]) -> tuple[dict[str, Any], Figures, list[StoredRun]]:
+    """Verdicts, table and figures, and the first run of each group, for what every page has.
+
+    Raises :class:`~ocp.errors.InputError` for runs on several tasks.
+    """
+    tasks = dict.fromkeys(str(view.run.meta["problem"]) for view in views)
+    if len(tasks) > 1:
+        raise InputError(
+            f"these policies are of several tasks, {', '.join(tasks)}; report those of each by"
+            " themselves"
+        )
+    found = groups([view.run for view in views])
+    heads, cells = summary_rows(found)
+    content = {
+        "verdicts": [verdict(group) for group in found],
+        "heads": heads,
+        "rows": cells,
+        "key": _key_numbers(views[0].run) if len(views) == 1 else [],
+        "labels": [group.label for group in found],
+        "hashes": [view.run.meta["hash"] for view in views],
+        "seeds": max(len(group.runs) for group in found),
+    }
+    drawn = {"learning": learning(found), "signals": signals(found), "strobes": strobes(found)}
+    figures = {name: figure for name, figure in drawn.items() if figure is not None}
+    return content, figures, [group.runs[0] for group in found]
+
+
+def _key_numbers(run: StoredRun) -> list[list[str]]:
+    told, best = run.meta, run.meta["evaluation"]
+    return [
+        ["return under the exact law", number(told["return"], 5)],
+        ["deviation over its episodes", number(best["return_deviation"], 3)],
+        ["untrained", number(told["untrained"]["return"], 5)],
+        ["after the last iteration", number(told["last"]["return"], 5)],
+        ["steps to an episode's end", number(best["length"], 4)],
+        *([_titled(run, name), number(best[name], 4)] for name in measures(best)),
+        ["share of steps not solved", number(best["unsolved"], 2)],
+        ["iterations", str(told["last"]["iteration"])],
+        ["steps simulated", number(told["env_steps"], 4)],
+        ["time [s]", number(told["wall_s"], 3)],
+        ["parameters of the policy", str(run.data.sizes["parameter"])],
+    ]
+
+
+def _titled(run: StoredRun, name: str) -> str:
+    unit = str(run.data[f"evaluation_{name}"].attrs.get("units", "1"))
+    return label(name, "" if unit == "1" else unit)

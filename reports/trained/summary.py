@@ -1,0 +1,172 @@
+"""Stored trainings in words and numbers: one run, and the seeds of one way to train together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from reports.console import number, table_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from rich.table import Table
+
+    from ocp.store.stored_run import StoredRun
+
+_JUDGED = "evaluation_"
+
+
+def meta(data: xr.Dataset) -> dict[str, Any]:
+    """What a run's description says of a training's result, beside what was asked."""
+    best, found = int(data["best_iteration"]), judged(data)
+    first, last = found[0], found[-1]
+    chosen = next(row for row in found if row["iteration"] == best)
+    told = (
+        f"Return under the exact law {number(chosen['return'], 4)} after iteration {best} of"
+        f" {last['iteration']}; {number(first['return'], 4)} untrained"
+    )
+    told += "".join(f", {name} {number(chosen[name], 3)}" for name in measures(chosen))
+    return {
+        "kind": "train",
+        "status": "done",
+        "verdict": f"{told}.",
+        "return": chosen["return"],
+        "evaluation": chosen,
+        "untrained": first,
+        "last": last,
+        "best_iteration": best,
+        "env_steps": float(data["env_steps"][-1]),
+        "wall_s": float(data["wall_s"][-1]),
+    }
+
+
+def judged(data: xr.Dataset) -> list[dict[str, Any]]:
+    """Iterations at which the policy was judged, and what was found: return, length, measures."""
+    names = [str(name) for name in data.data_vars if str(name).startswith(_JUDGED)]
+    at = np.flatnonzero(np.isfinite(data[f"{_JUDGED}return"].values))
+    return [
+        {"iteration": int(data["iteration"][i]),
+         **{name.removeprefix(_JUDGED): float(data[name][i]) for name in names}}
+        for i in at
+    ]  # fmt: skip
+
+
+def measures(row: Mapping[str, Any]) -> list[str]:
+    """Names of what a task measures, such as a speed, in what was found."""
+    common = ("iteration", "return", "return_deviation", "length", "unsolved")
+    return [name for name in row if name not in common]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs that differ in their seeds alone, and what tells them from the others shown."""
+
+    label: str
+    runs: list[StoredRun]
+
+    @property
+    def returns(self) -> np.ndarray:
+        """Return under the exact law of each run's policy."""
+        return np.array([run.meta["return"] for run in self.runs], dtype=float)
+
+    @property
+    def best(self) -> StoredRun:
+        """The run with the largest return."""
+        return self.runs[int(np.argmax(self.returns))]
+
+
+def groups(runs: Sequence[StoredRun]) -> list[Group]:
+    """Runs grouped by what was asked of them, in the order of the first of each group."""
+    asked = [_flat(run) for run in runs]
+    order: dict[str, list[int]] = {}
+    for place, one in enumerate(asked):
+        order.setdefault(repr(sorted(one.items())), []).append(place)
+    firsts = [asked[places[0]] for places in order.values()]
+    return [
+        Group(_label(asked[places[0]], firsts), [runs[place] for place in places])
+        for places in order.values()
+    ]
+
+
+def _flat(run: StoredRun) -> dict[str, Any]:
+    asked = dict(run.record)
+    for kind in ("params", "algorithm_settings", "contact_settings"):
+        asked |= {f"{kind}.{name}": value for name, value in asked.pop(kind, {}).items()}
+    return asked
+
+
+def _label(asked: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
+    """Algorithm, the law where there are several, and what sets apart groups that share both."""
+    laws = {other["contact"] for other in firsts}
+    name = f"{asked['algorithm']} {asked['contact']}" if len(laws) > 1 else asked["algorithm"]
+    both = [asked["algorithm"], asked["contact"]]
+    alike = [other for other in firsts if [other["algorithm"], other["contact"]] == both]
+    own = [key for key in asked if any(other.get(key) != asked[key] for other in alike)]
+    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {_short(asked[key])}" for key in own)])
+
+
+def _short(value: Any) -> str:
+    return number(value, 3) if isinstance(value, float) else str(value)
+
+
+def verdict(group: Group) -> str:
+    """One sentence over the seeds: the return, from the lowest to the highest, and measures."""
+    if len(group.runs) == 1:
+        told = str(group.runs[0].meta["verdict"])
+        return f"{group.label}: {told[:1].lower()}{told[1:]}"
+    returns, first = group.returns, group.runs[0].meta["evaluation"]
+    told = (
+        f"{group.label}: return under the exact law {number(returns.mean(), 4)}, from"
+        f" {number(returns.min(), 4)} to {number(returns.max(), 4)} over {len(returns)} seeds"
+    )
+    for name in measures(first):
+        values = [run.meta["evaluation"][name] for run in group.runs]
+        told += f", {name} {number(float(np.mean(values)), 3)}"
+    return f"{told}."
+
+
+def document(found: Sequence[Group]) -> dict[str, Any]:
+    """What ``ocp train --json`` prints: ``runs``, ``groups`` of seeds, each with its returns."""
+    keys = ("return", "evaluation", "untrained", "last", "best_iteration", "env_steps", "wall_s",
+            "verdict", "seed", "hash")  # fmt: skip
+    return {
+        "groups": [
+            {"label": group.label, "verdict": verdict(group), "returns": group.returns,
+             "return_mean": group.returns.mean()}
+            for group in found
+        ],
+        "runs": [
+            {"run": str(run.path), "algorithm": run.record["algorithm"],
+             **{key: run.meta.get(key) for key in keys}}
+            for group in found for run in group.runs
+        ],
+    }  # fmt: skip
+
+
+def summary_rows(found: Sequence[Group]) -> tuple[list[str], list[list[str]]]:
+    """Heads and cells: a line a run."""
+    names = measures(found[0].runs[0].meta["evaluation"]) if found else []
+    units = {name: found[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
+    heads = ["", "seed", "untrained", "return", "iteration", *(
+        f"{name}, {units[name]}" for name in names), "steps", "time, s"]  # fmt: skip
+    cells = []
+    for group in found:
+        for run in group.runs:
+            told = run.meta
+            cells.append([
+                group.label, str(told["seed"]), number(told["untrained"]["return"], 4),
+                number(told["return"], 4),
+                f"{told['best_iteration']} of {told['last']['iteration']}",
+                *(number(told["evaluation"][name], 3) for name in names),
+                f"{told['env_steps']:.3g}", f"{told['wall_s']:.1f}",
+            ])  # fmt: skip
+    return heads, cells
+
+
+def summary_table(runs: Sequence[StoredRun]) -> Table:
+    """A line a run."""
+    heads, cells = summary_rows(groups(runs))
+    return table_of((heads[0], "left"), *((head, "right") for head in heads[1:]), rows=cells)

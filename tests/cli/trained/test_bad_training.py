@@ -1,0 +1,102 @@
+"""What cannot be trained or judged is refused in one sentence, before any work."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from ocp import store
+from reports.cli.app import main
+from tests.cli.conftest import Ocp
+
+REFUSED = {
+    "hoper": "unknown task 'hoper' (did you mean 'hopper'?)",
+    "wall-1d": "unknown task 'wall-1d'",
+    "ball-throw -a fpog": "unknown algorithm 'fpog' (did you mean 'fopg'?)",
+    "ball-throw -a ars,ars": "names one twice",
+    "ball-throw -a ,": "expected names with commas",
+    "ball-throw -s sampels=3": "no setting 'sampels' of fopg (did you mean 'samples'?); there are",
+    "ball-throw -s ars.rate=3": "no setting 'ars.rate' of fopg",
+    "ball-throw -s samples=0": "samples must be",
+    "ball-throw -s samples=many": "must be a whole number",
+    "ball-throw -s unroll=0": "unroll must be",
+    "ball-throw -s rate=nan": "rate must be",
+    "ball-throw -s sigma=0": "sigma must be",
+    "ball-throw -s optimiser=adm": "did you mean 'adam'?",
+    "ball-throw -a ars -s top=20": "top is 20, more than the 16 directions",
+    "ball-throw -s discount=1.1": "discount must be above 0 and at most 1, got 1.1",
+    "ball-throw -s discount=0": "discount must be above 0 and at most 1, got 0",
+    "ball-throw -s hidden=0": "hidden must be whole numbers from 1",
+    "ball-throw -s hidden=deep": "affine or open-loop",
+    "ball-throw -s episodes=0": "episodes must be",
+    "ball-throw -s evaluate_every=0": "evaluate_every must be",
+    "ball-throw -s normalise=perhaps": "must be true or false",
+    "ball-throw --seeds 0": "greater than or equal to 1",
+    "ball-throw --iterations 0": "greater than or equal to 1",
+    "ball-throw --jobs 0": "greater than or equal to 1",
+    "ball-throw -p mass=2": "ball-throw: unknown parameter 'mass'",
+    "ball-throw -p m=-1": "parameter m (mass) must be a number > 0 [kg]",
+    "ball-throw --contact soft": "unknown contact law 'soft'",
+    "ball-throw --contact barrier -c sigma=1": "has no setting 'sigma'",
+    "ball-throw --scheduler tcp://127.0.0.1:9 --jobs 2": "drop one",
+    "ball-throw --scheduler tcp://127.0.0.1:9": "no Dask scheduler answers",
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_a_training_is_refused(ocp: Ocp, words: str) -> None:
+    done = ocp("train", *words.split(), "--json")
+    assert done.code == 2 and done.out == ""
+    assert done.err.startswith("error: ") and done.err.count("\n") == 1, done.err
+    assert REFUSED[words] in done.err
+    assert not list(Path().glob("runs/*/2*"))
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("root")
+    small = ["-s", "unroll=2", "-s", "samples=2", "--iterations", "1", "--quiet"]
+    assert main(["train", "ball-throw", *small, "--out", str(found)]) == 0
+    assert main(["solve", "wall-1d", "-p", "N=4", "--quiet", "--out", str(found)]) == 0
+    return found
+
+
+def test_only_a_policy_is_judged(ocp: Ocp, root: Path) -> None:
+    solved = next(root.glob("wall-1d/2*"))
+    done = ocp("evaluate", str(solved))
+    assert done.code == 2 and "holds no policy; give one of ocp train" in done.err
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["--episodes", "0"], "greater than or equal to 1"),
+        (["--contact", "soft"], "unknown contact law 'soft'"),
+        (["-c", "mu=1"], "has no setting 'mu'"),
+    ],
+)
+def test_an_evaluation_is_refused(ocp: Ocp, root: Path, given: list[str], told: str) -> None:
+    done = ocp("evaluate", str(next(root.glob("ball-throw/2*"))), *given)
+    assert done.code == 2 and told in done.err
+
+
+def test_a_policy_of_another_task_is_named(ocp: Ocp, root: Path, tmp_path: Path) -> None:
+    made = next(root.glob("ball-throw/2*"))
+    moved = tmp_path / "runs" / "hopper" / made.name
+    shutil.copytree(made, moved)
+    meta = json.loads((moved / "meta.json").read_text())
+    meta |= {"problem": "hopper", "record": {**meta["record"], "params": {}, "hidden": []}}
+    (moved / "meta.json").write_text(json.dumps(meta))
+    assert store.load(moved).meta["problem"] == "hopper"
+    done = ocp("evaluate", str(moved))
+    assert done.code == 2
+    assert "it is of another task" in done.err and "a policy of hopper has" in done.err
+
+
+def test_runs_of_several_kinds_are_not_reported_together(ocp: Ocp, root: Path) -> None:
+    both = [str(next(root.glob(f"{name}/2*"))) for name in ("ball-throw", "wall-1d")]
+    done = ocp("report", *both, "-o", "a.pdf")
+    assert done.code == 2 and "only runs of ocp solve, or of ocp train" in done.err
