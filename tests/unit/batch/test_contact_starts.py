@@ -28,14 +28,18 @@ def machine(name: str, law: ContactLaw) -> tuple[Step, np.ndarray]:
     return law.close(problem.system), shaken
 
 
-def rolled(step: Step, x0: np.ndarray, inputs: np.ndarray, **options) -> np.ndarray:
+def rolled(
+    step: Step, x0: np.ndarray, inputs: np.ndarray, threads: int = 1, block: int = 32
+) -> np.ndarray:
     """States (n, H + 1, nx) of rollouts under inputs (n, H, nu) within -1 and 1."""
     s, (n, horizon, _) = step.system, inputs.shape
     reward = ca.Function("reward", [s.x, s.u, s.x_next, s.parameters.vector], [s.x_next[0]])
     final = ca.Function("final", [s.x, s.parameters.vector], [0])
     done = ca.Function("done", [s.x, s.parameters.vector], [s.x[0] > 1e300])
     policy = constant(s.nx, -np.ones(s.nu), np.ones(s.nu))
-    f = EpisodeFunction(step, Episode(reward, final, done), horizon, policy, **options)
+    f = EpisodeFunction(
+        step, Episode(reward, final, done), horizon, policy, threads=threads, block=block
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = f(x0, np.zeros(s.nu), noise=np.arctanh(inputs), n_samples=n, states=True)
@@ -83,13 +87,12 @@ def test_what_does_not_arrive_is_found_from_other_starts(law, backend, monkeypat
     x, u, p = step.system.x, step.system.u, step.p.vector
     stage = ca.Function("stage", [x, u, p], [ca.sumsqr(x)])
     end = ca.Function("end", [x, p], [ca.sumsqr(x)])
-    given = {"noise": 0.3 * np.random.default_rng(0).standard_normal((19, len(THETA), 2))}
+    noise = 0.3 * np.random.default_rng(0).standard_normal((19, len(THETA), 2))
 
     def costs() -> np.ndarray:
         policy = open_loop(step.system.nx, step.system.nu)
-        return RolloutFunction(step, stage, end, len(THETA), policy, backend=backend)(
-            START, THETA, **given
-        ).cost
+        f = RolloutFunction(step, stage, end, len(THETA), policy, backend=backend)
+        return f(START, THETA, noise=noise).cost
 
     wanted = costs()
     monkeypatch.setattr(inner, "_WARM", 0)
