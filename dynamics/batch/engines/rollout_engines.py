@@ -126,6 +126,11 @@ class Job(ctypes.Structure):
     ]
 
 
+# Samples of the longest SIMD register, how many shares of the work there are for each thread, and
+# samples of which no share is worth while.
+_REGISTER, _SHARES, _FEW = 8, 4, 32
+
+
 class CompiledRolloutEngine:
     """Rollouts by a driver `run(next, n, chunk, job)` in machine code.
 
@@ -163,7 +168,15 @@ class CompiledRolloutEngine:
         run = self._runs[own]
         run.restype = ctypes.c_int64
         run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
-        return run_chunks(run, q.n, self.chunk, self._threads, ctypes.addressof(job))
+        chunk = self.chunk if want & 4 else self._share(q.n)
+        return run_chunks(run, q.n, chunk, self._threads, ctypes.addressof(job))
+
+    def _share(self, n: int) -> int:
+        """Samples that a thread takes at once: a few shares for each, of few samples one."""
+        if self._threads == 1:
+            return self.chunk
+        one, few = (_REGISTER * -(-n // (_REGISTER * k * self._threads)) for k in (1, _SHARES))
+        return min(self.chunk, max(few, min(one, _FEW)))
 
     def _job(self, q: Call, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
         """The structure to pass, and the arrays that must live as long as it is in use."""
