@@ -43,7 +43,7 @@ class TrainingJob:
     algorithm: Algorithm
     law: ContactLaw
     seed: int
-    store: Path
+    store: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     threads: int | None = None
 
@@ -67,7 +67,8 @@ class TrainingJob:
         )
 
     def checkpoint(self, experiment: Experiment) -> Checkpoint:
-        """What is kept of it, named after all that decides its result."""
+        """What is kept of it, named after all that decides its result; it needs a store."""
+        assert self.store is not None
         decisive = {**experiment.settings(), "iterations": experiment.iterations}
         return Checkpoint(self.store, self.task, {"training": decisive, "by": versions()})
 
@@ -103,7 +104,8 @@ def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Da
     Tells every row with its iteration; returns what is stored.
     """
     experiment = job.experiment()
-    checkpoint = job.checkpoint(experiment) if job.store.is_dir() else None
+    stored = job.store is not None and job.store.is_dir()
+    checkpoint = job.checkpoint(experiment) if stored else None
     data = train(experiment, checkpoint, lambda k, row: tell({"iteration": float(k), **row}))
     return described(experiment, data)
 
