@@ -63,15 +63,18 @@ def check(options: TrainOptions) -> Asked:
     from problems.tasks import registry
     from problems.tasks.training import TrainingJob
     from reports.cli.choices import assignments, closing_law
+    from reports.cli.learning.psi_words import believed, is_psi
     from reports.cli.learning.training_words import algorithms
     from reports.cli.places import check_places
 
     spec = registry.spec(options.task)
     params = assignments("-p", options.params)
     given = assignments("-s", options.settings)
+    task = spec.task(params)
+    psi = believed(given, task.parameters.names)
+    given = {key: value for key, value in given.items() if not is_psi(key)}
     chosen = algorithms(options.algorithm, given, spec)
     every = {} if options.iterations is None else {"iterations": options.iterations}
-    task = spec.task(params)
     words = list(options.law_settings or ())
     if not words and options.contact in _OWN_LAW:
         words = [_OWN_LAW[options.contact]]
@@ -83,16 +86,16 @@ def check(options: TrainOptions) -> Asked:
     workers = min(count, options.jobs or _cpus())
     jobs = [
         TrainingJob(
-            task=options.task, params=params, algorithm=algorithm, law=law, seed=seed,
+            task=options.task, params=params, algorithm=psi.beside(algorithm), law=law, seed=seed,
             store=options.out.resolve(), options={**own, **every},
-            threads=_threads(options, workers),
+            guesses=psi.guesses, threads=_threads(options, workers),
         )
         for algorithm, own in chosen
         for seed in range(options.seed, options.seed + options.seeds)
     ]  # fmt: skip
     built = [job.experiment(task) for job in jobs]
     for one in built[:: options.seeds]:
-        one.algorithm.begin(one)
+        one.algorithm.check(one)
     checkpoints = [job.checkpoint(one) for job, one in zip(jobs, built, strict=True)]
     return Asked(jobs, checkpoints, built, workers)
 

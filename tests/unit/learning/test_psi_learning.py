@@ -31,6 +31,9 @@ class Told:
     def settings(self) -> dict[str, Any]:
         return {}
 
+    def check(self, experiment):
+        pass
+
     def begin(self, experiment):
         return {"theta": experiment.first_theta()}
 
