@@ -32,7 +32,7 @@ class Believed:
     def beside(self, algorithm: Algorithm) -> Algorithm:
         """The algorithm, on a model whose parameters are learned where that is asked for."""
         from ocp.learning.identification import RandomSearch
-        from ocp.learning.psi_learning import PsiLearning
+        from ocp.learning.identification.psi_learning import PsiLearning
 
         if not self.names:
             return algorithm
@@ -46,7 +46,7 @@ def believed(given: Mapping[str, str], physical: Sequence[str]) -> Believed:
     Raises :class:`~ocp.errors.InputError` for unknown names and values that cannot be.
     """
     from ocp.learning.identification import RandomSearch
-    from ocp.learning.psi_learning import PsiLearning
+    from ocp.learning.identification.psi_learning import PsiLearning
     from ocp.settings import read
 
     kinds = [get_type_hints(PsiLearning), get_type_hints(RandomSearch)]
