@@ -36,6 +36,7 @@ class AoBG(Unrolled):
 
     name: ClassVar[str] = "aobg"
     summary: ClassVar[str] = "alpha-order batched gradient, first and zeroth order mixed"
+    contact: ClassVar[str] = "exact"
 
     gamma: float | None = None
     delta: float = 0.05

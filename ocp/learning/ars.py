@@ -25,6 +25,7 @@ class ARS:
 
     name: ClassVar[str] = "ars"
     summary: ClassVar[str] = "augmented random search, V2-t"
+    contact: ClassVar[str] = "exact"
 
     directions: int = 16
     top: int = 8

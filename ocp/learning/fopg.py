@@ -32,6 +32,7 @@ class FOPG(Unrolled):
 
     name: ClassVar[str] = "fopg"
     summary: ClassVar[str] = "first-order policy gradient through the contact model"
+    contact: ClassVar[str] = "adaptive"
 
     smoothing: str = "rollout"
 

@@ -36,6 +36,8 @@ class Algorithm(Protocol):
 
     name: ClassVar[str]
     summary: ClassVar[str]
+    contact: ClassVar[str]
+    """Name of the contact law that it is meant to learn through."""
 
     def settings(self) -> dict[str, Any]:
         """What was chosen, for the run's record."""

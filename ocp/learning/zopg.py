@@ -33,6 +33,7 @@ class ZOPG(Unrolled):
 
     name: ClassVar[str] = "zopg"
     summary: ClassVar[str] = "likelihood-ratio policy gradient, antithetic, with a baseline"
+    contact: ClassVar[str] = "exact"
 
     samples: int = 256
     least: ClassVar[int] = 4

@@ -42,7 +42,9 @@ def test_each_seed_of_each_algorithm_is_a_run(trained: Path) -> None:
     for run in runs:
         data, asked = run.data, run.record
         assert data.sizes["iteration"] == 7 and asked["iterations"] == 6
-        assert asked["params"]["h"] == 0.02 and asked["contact_settings"]["law"] == "quartic"
+        assert asked["params"]["h"] == 0.02
+        law = asked["contact"], asked["contact_settings"].get("law")
+        assert law == (("adaptive", "quartic") if asked["algorithm"] == "fopg" else ("exact", None))
         assert asked["algorithm_settings"]["samples"] == 8
         judged = np.isfinite(data["evaluation_return"].values)
         assert list(np.flatnonzero(judged)) == [0, 2, 4, 6]
@@ -75,7 +77,7 @@ def test_the_result_does_not_depend_on_the_number_of_jobs(trained: Path, ocp: Oc
     assert [run["hash"] for run in found["runs"]] == [r.meta["hash"] for r in runs_of(trained)]
     mean = np.mean([run["return"] for run in found["runs"][:2]])
     assert found["groups"][0]["return_mean"] == pytest.approx(mean)
-    assert [group["label"] for group in found["groups"]] == ["fopg", "zopg"]
+    assert [group["label"] for group in found["groups"]] == ["fopg adaptive", "zopg exact"]
 
 
 def test_evaluate_says_first_what_the_policy_is_worth(trained: Path, ocp: Ocp) -> None:
