@@ -34,6 +34,7 @@ class PsiLearning:
 
     name: ClassVar[str] = "psi"
     summary: ClassVar[str] = "any algorithm, the model's parameters being learned beside it"
+    contact: ClassVar[str] = "adaptive"
 
     algorithm: Algorithm
     names: tuple[str, ...]

@@ -32,6 +32,7 @@ class MBPO:
 
     name: ClassVar[str] = "mbpo"
     summary: ClassVar[str] = "soft actor-critic on short branches of a network ensemble"
+    contact: ClassVar[str] = "exact"
 
     walkers: int = 16
     steps: int = 16
