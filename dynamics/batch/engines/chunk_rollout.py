@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -43,6 +45,12 @@ class ChunkRollout:
             self.closing = make(loop.closing)
         else:
             self.step = make(loop)
+
+    def over(self, horizon: int) -> Self:
+        """The same kernels over another horizon."""
+        other = copy(self)
+        other.horizon, other.scratch = horizon, Scratch()
+        return other
 
     def forward(
         self,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import casadi as ca
 import numpy as np
@@ -98,6 +99,10 @@ class RolloutEngine(Protocol):
         """
         ...
 
+    def over(self, horizon: int) -> Self:
+        """The same for rollouts of another horizon."""
+        ...
+
 
 class Job(ctypes.Structure):
     """The C structure `job` of `dynamics.batch.engines.c_rollout`; every field has eight bytes."""
@@ -141,6 +146,10 @@ class CompiledRolloutEngine:
     ) -> None:
         self._nu, self._threads, self._make, self._dense = nu, threads, make, dense
         self._runs = {(False, False): make(False, False)}
+
+    def over(self, horizon: int) -> Self:
+        """The same: its loops take the horizon of each call."""
+        return self
 
     def samples(self, q: Call, results: Results) -> int:
         """Fill the arrays sample by sample."""
@@ -228,6 +237,12 @@ class ChunkEngine:
         self._tapes, self._threads = tapes, threads
         self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
         self._rollout = ChunkRollout(tapes, horizon, per_step, make)
+
+    def over(self, horizon: int) -> Self:
+        """The same with other work arrays."""
+        other = copy(self)
+        other._rollout = self._rollout.over(horizon)
+        return other
 
     def samples(self, q: Call, results: Results) -> int:
         """Fill the arrays sample by sample."""

@@ -32,6 +32,7 @@ class MBPO:
 
     name: ClassVar[str] = "mbpo"
     summary: ClassVar[str] = "soft actor-critic on short branches of a network ensemble"
+    contact: ClassVar[str] = "exact"
 
     walkers: int = 16
     steps: int = 16
@@ -69,7 +70,7 @@ class MBPO:
         Raises :class:`~ocp.errors.InputError` where settings do not fit, and where the extra
         ``learn`` is not installed.
         """
-        self._check(experiment)
+        self.check(experiment)
         return self._room(experiment).begun()
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
@@ -80,7 +81,8 @@ class MBPO:
         """The mean action."""
         return self._room(experiment).trained(state)
 
-    def _check(self, experiment: Experiment) -> None:
+    def check(self, experiment: Experiment) -> None:
+        """Raise :class:`~ocp.errors.InputError` where settings do not fit."""
         if experiment.hidden is None:
             raise InputError(
                 f"mbpo learns a policy that observes, and {experiment.task.name} was asked for one"

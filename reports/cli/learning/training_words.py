@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ocp.errors import InputError, choose, did_you_mean
 from problems.tasks.usual import made, settings_of, usual
+from reports.cli.learning.psi_words import SETTINGS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -101,6 +102,7 @@ def help_text() -> str:
     shared = {field.name: field for field in fields(Experiment)}
     parts = ["Tasks:", *_table(tasks), "", "Settings of all algorithms, -s name=value:"]
     parts += _table([(_shown(name, shared[name].default), OWN[name]) for name in OWN])
+    parts += ["", "Physical parameters learned beside the policy:", *_table([*SETTINGS.items()])]
     for name, cls in ALGORITHMS.items():
         own = {field.name: field.default for field in settings_of(cls).values()}
         parts += ["", f"{name}: {cls.summary}", _listed(own)]
