@@ -20,6 +20,7 @@ from reports.figures.studies import (
     interpolated_gradients,
     jumping_objectives,
     landing_variance,
+    model_learning,
     noised_contact,
     smoothings_compared,
     start_without_contact,
@@ -54,6 +55,7 @@ DRAWINGS: dict[str, Drawing] = {
     "A2v": landing_variance,
     "A6": impact_and_friction,
     "A7": thrown_ball,
+    "AM": model_learning,
     "AT": convergence_bound,
     "T1": audited_theory,
 }
