@@ -20,6 +20,7 @@ from reports.figures.studies import (
     interpolated_gradients,
     jumping_objectives,
     landing_variance,
+    model_learning,
     noised_contact,
     smoothing_ablation,
     smoothings_compared,
@@ -60,6 +61,7 @@ DRAWINGS: dict[str, Drawing] = {
     "A5": smoothing_ablation,
     "A6": impact_and_friction,
     "A7": thrown_ball,
+    "AM": model_learning,
     "AT": convergence_bound,
     "T1": audited_theory,
 }
