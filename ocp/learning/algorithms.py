@@ -5,10 +5,11 @@ from __future__ import annotations
 from ocp.learning.aobg import AoBG
 from ocp.learning.ars import ARS
 from ocp.learning.fopg import FOPG
+from ocp.learning.mbpo import MBPO
 from ocp.learning.pipps import PIPPS
 from ocp.learning.protocol import Algorithm
 from ocp.learning.zopg import ZOPG
 
 ALGORITHMS: dict[str, type[Algorithm]] = {
-    algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, PIPPS)
+    algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, PIPPS, MBPO)
 }

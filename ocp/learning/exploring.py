@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,7 +62,8 @@ class Explorer:
         self._observe, self._reward, self._end = (
             BatchFunction(fn, **engine) for fn in (task.observe, task.rewards, task.ends)
         )
-        self._distance = BatchFunction(_distance(task), **engine)
+        distance = _distance(task)
+        self._distance = None if distance is None else BatchFunction(distance, **engine)
 
     def first(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Begin ``n`` episodes: states (n, nx) and ages (n,) [steps]."""
@@ -88,8 +89,14 @@ class Explorer:
         return Seen(
             x, u, steps.x_next, np.where(solved, self.rewards(x, u, x_next), np.nan),
             solved & self.ended(x_next), solved,
-            solved & (self._distance(x_next, self.p)[:, 0] <= TOUCHED),
+            solved & self._touching(x_next),
         )  # fmt: skip
+
+    def _touching(self, x: np.ndarray) -> np.ndarray:
+        """Whether bodies touch at states (n, nx); nowhere, where no distance is known."""
+        if self._distance is None:
+            return np.zeros(len(x), dtype=bool)
+        return np.asarray(self._distance(x, self.p)[:, 0] <= TOUCHED)
 
     def onwards(
         self, seen: Seen, age: np.ndarray, rng: np.random.Generator
@@ -101,7 +108,9 @@ class Explorer:
         return np.where(again[:, None], fresh, seen.x_next), np.where(again, young, age)
 
 
-def random_transitions(explorer: Explorer, n: int, seed: int) -> tuple[Buffer, np.ndarray]:
+def random_transitions(
+    explorer: Explorer, n: int, seed: int | Sequence[int]
+) -> tuple[Buffer, np.ndarray]:
     """``n`` solved transitions of random policies, and whether bodies touch in the end (n,).
 
     Fifty episodes at a time, each with inputs ``mid + half tanh(s (G o + w))`` of its own: G
@@ -113,7 +122,7 @@ def random_transitions(explorer: Explorer, n: int, seed: int) -> tuple[Buffer, n
     if n < 1:
         raise InputError(f"at least 1 transition must be asked for, got {n}")
     task = explorer.task
-    rng = np.random.default_rng([seed, 0])
+    rng = np.random.default_rng(seed)
     sizes = EPISODES, task.system.nu, len(task.observations)
     x, age = explorer.first(EPISODES, rng)
     largest = np.full(sizes[2], 1e-6)
@@ -144,9 +153,10 @@ def squashed(task: Task, a: np.ndarray) -> np.ndarray:
     return middle + half * np.tanh(a)
 
 
-def _distance(task: Task) -> ca.Function:
-    """Map ``(x, parameters)`` to the least signed distance [m], infinite where none is known."""
+def _distance(task: Task) -> ca.Function | None:
+    """Map ``(x, parameters)`` to the least signed distance [m]; None where none is known."""
     phi = task.system.phi
-    least = ca.inf if phi is None or not phi.numel() else ca.mmin(ca.densify(phi))
+    if phi is None or not phi.numel():
+        return None
     arguments = [task.system.x, task.parameters.vector]
-    return ca.Function("distance", arguments, [ca.densify(ca.SX(least))])
+    return ca.Function("distance", arguments, [ca.mmin(ca.densify(phi))])

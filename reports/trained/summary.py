@@ -99,12 +99,13 @@ def _flat(run: StoredRun) -> dict[str, Any]:
 
 
 def _label(asked: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
-    """Algorithm and law, and what sets it apart from groups that share both."""
+    """Algorithm, the law where there are several, and what sets apart groups that share both."""
+    laws = {other["contact"] for other in firsts}
+    name = f"{asked['algorithm']} {asked['contact']}" if len(laws) > 1 else asked["algorithm"]
     both = [asked["algorithm"], asked["contact"]]
     alike = [other for other in firsts if [other["algorithm"], other["contact"]] == both]
     own = [key for key in asked if any(other.get(key) != asked[key] for other in alike)]
-    told = (f"{key.rpartition('.')[2]} {_short(asked[key])}" for key in own)
-    return ", ".join([" ".join(both), *told])
+    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {_short(asked[key])}" for key in own)])
 
 
 def _short(value: Any) -> str:
@@ -149,7 +150,7 @@ def summary_rows(found: Sequence[Group]) -> tuple[list[str], list[list[str]]]:
     """Heads and cells: a line a run."""
     names = measures(found[0].runs[0].meta["evaluation"]) if found else []
     units = {name: found[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
-    heads = ["", "seed", "untrained", "exact return", "of iteration", *(
+    heads = ["", "seed", "untrained", "return", "iteration", *(
         f"{name}, {units[name]}" for name in names), "steps", "time, s"]  # fmt: skip
     cells = []
     for group in found:

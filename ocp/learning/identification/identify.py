@@ -81,7 +81,7 @@ def identify(
     for number in range(search.passes):
         if number:
             moves = loss.sensitivity(ends[-1], search.width, buffer)
-            clouds.append(search.begin(ends[-1], moves))
+            clouds.append(search.begin(ends[-1], moves, start))
         while not search.done(clouds[-1]):
             clouds.append(search_on(loss, buffer, search, clouds[-1], [seed, number], rows))
             if report:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -113,6 +114,12 @@ class OneStepLoss:
         share = known.mean(axis=1)
         total = np.where(known, each, 0.0).mean(axis=1)
         return np.divide(total, share, out=np.full(len(each), np.inf), where=share >= 0.5)
+
+    def in_scales_of(self, buffer: Buffer) -> OneStepLoss:
+        """The same loss with :meth:`increments` of ``buffer`` for its scale."""
+        other = copy.copy(self)
+        other.scale = self.increments(buffer)
+        return other
 
     @staticmethod
     def increments(buffer: Buffer) -> np.ndarray:

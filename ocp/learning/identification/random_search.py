@@ -10,7 +10,7 @@ import numpy as np
 from ocp.errors import InputError
 
 Cloud = dict[str, np.ndarray]
-"""``mean`` (n,), ``width`` and ``shape`` (n, n), means of its steps ``turn``, ``drift`` (n,)."""
+"""``mean``, ``centre`` (n,), ``width``, ``shape`` (n, n), two means of steps (n,), ``count``."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,8 @@ class RandomSearch:
     there are ``passes``: each but the first begins where the last ended, with ``width`` for what
     moves the model least, and for the others as much less as they move it more.
 
+    No coordinate goes farther than ``reach`` from where the search began.
+
     Candidates that follow a fixed N(0, I) with a width that decays, the best kept, are what the
     cloud is when its covariance never learns; masses and inertias that move alike need it.
     """
@@ -33,8 +35,9 @@ class RandomSearch:
     candidates: int = 32
     width: float = 0.3
     iterations: int = 150
-    narrow: float = 1e-4
+    narrow: float = 1e-3
     passes: int = 2
+    reach: float = 3.0
 
     def __post_init__(self) -> None:
         if self.candidates < 4 or self.iterations < 1 or self.passes < 1:
@@ -47,13 +50,26 @@ class RandomSearch:
                 f"random search ends at a width below that of its start, got {self.width:g} to"
                 f" {self.narrow:g}"
             )
+        if not self.width <= self.reach < np.inf:
+            raise InputError(f"reach must be at least the width {self.width:g}, got {self.reach:g}")
 
-    def begin(self, mean: np.ndarray, sensitivity: np.ndarray | None = None) -> Cloud:
-        """The cloud around ``mean`` (n,), wider for what is less sensitive (n,)."""
+    def begin(
+        self, mean: np.ndarray, sensitivity: np.ndarray | None = None,
+        centre: np.ndarray | None = None,
+    ) -> Cloud:  # fmt: skip
+        """The cloud around ``mean`` (n,), wider for what is less sensitive (n,).
+
+        ``centre`` (n,) is where reach is measured from, by default the mean. A sensitivity that is
+        not finite, where steps can no longer be solved, is that of the most sensitive.
+        """
         n = len(mean)
         moves = np.ones(n) if sensitivity is None else np.maximum(sensitivity, 1e-12)
+        known = np.isfinite(moves)
+        moves = np.where(known, moves, np.max(moves[known], initial=1e-12))
         return {
-            "mean": np.array(mean, float), "width": np.array(self.width),
+            "mean": np.array(mean, float),
+            "centre": np.array(mean if centre is None else centre, float),
+            "width": np.array(self.width),
             "shape": np.diag((moves.min() / moves) ** 2),
             "turn": np.zeros(n), "drift": np.zeros(n), "count": np.array(0),
         }  # fmt: skip
@@ -66,7 +82,10 @@ class RandomSearch:
         lengths, axes = np.linalg.eigh(cloud["shape"])
         lengths = np.sqrt(np.maximum(lengths, 0.0))
         y = (rng.standard_normal((self.candidates, n)) * lengths) @ axes.T
-        found = losses(cloud["mean"] + cloud["width"] * y)
+        # What is put back counts as drawn there: else the cloud would grow where nothing changes.
+        low, high = cloud["centre"] - self.reach, cloud["centre"] + self.reach
+        z = np.clip(cloud["mean"] + cloud["width"] * y, low, high)
+        found, y = losses(z), (z - cloud["mean"]) / cloud["width"]
         best = np.argsort(np.where(np.isfinite(found), found, np.inf), kind="stable")
         weights = self.weights
         y = y[best[: len(weights)]]
@@ -101,7 +120,7 @@ class RandomSearch:
         kept = 1 - c_1 - c_mu + (not going) * c_1 * c_c * (2 - c_c)
         shape = kept * cloud["shape"] + c_1 * np.outer(drift, drift) + c_mu * (y.T * w) @ y
         return {
-            "mean": cloud["mean"] + cloud["width"] * step,
+            "centre": cloud["centre"], "mean": cloud["mean"] + cloud["width"] * step,
             "width": cloud["width"] * np.exp(c_s / damping * (length / expected - 1)),
             "shape": (shape + shape.T) / 2, "turn": turn, "drift": drift, "count": count,
         }  # fmt: skip

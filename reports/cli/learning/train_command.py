@@ -59,6 +59,7 @@ class Asked:
 
 def check(options: TrainOptions) -> Asked:
     """Build the task and every algorithm, and see that the runs can be stored."""
+    from ocp.errors import InputError
     from problems.tasks import registry
     from problems.tasks.training import TrainingJob
     from reports.cli.choices import assignments, closing_law
@@ -75,6 +76,8 @@ def check(options: TrainOptions) -> Asked:
     if not words and options.contact in _OWN_LAW:
         words = [_OWN_LAW[options.contact]]
     law = closing_law(options.contact, words, task.system)
+    if options.scheduler is not None and options.jobs is not None:
+        raise InputError("--jobs are processes of this computer, --scheduler others; drop one")
     check_places(options.out, options.pdf)
     count = len(chosen) * options.seeds
     workers = min(count, options.jobs or _cpus())
@@ -113,7 +116,7 @@ def run(options: TrainOptions, asked: Asked) -> int:
     """
     from ocp.errors import interruptible
     from ocp.scheduling import Failure, carried_out
-    from problems.tasks.training import trained
+    from problems.tasks.training import trained, under_way
     from reports.cli import interrupt
     from reports.trained.live import live
 
@@ -121,6 +124,9 @@ def run(options: TrainOptions, asked: Asked) -> int:
     if stored:
         output.say(f"went on: {len(stored)} of {len(asked.jobs)} trainings were done before")
     left = [place for place in range(len(asked.jobs)) if place not in stored]
+    for place in left:
+        for sentence in under_way(asked.jobs[place], asked.experiments[place]):
+            output.say(sentence)
     failed: dict[int, Exception] = {}
     jobs = [asked.jobs[place] for place in left]
     ends = {asked.jobs[place].name: asked.experiments[place].iterations for place in left}

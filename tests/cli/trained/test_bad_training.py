@@ -41,6 +41,7 @@ REFUSED = {
     "ball-throw -p m=-1": "parameter m (mass) must be a number > 0 [kg]",
     "ball-throw --contact soft": "unknown contact law 'soft'",
     "ball-throw --contact barrier -c sigma=1": "has no setting 'sigma'",
+    "ball-throw --scheduler tcp://127.0.0.1:9 --jobs 2": "drop one",
     "ball-throw --scheduler tcp://127.0.0.1:9": "no Dask scheduler answers",
 }
 

@@ -75,7 +75,7 @@ def test_the_result_does_not_depend_on_the_number_of_jobs(trained: Path, ocp: Oc
     assert [run["hash"] for run in found["runs"]] == [r.meta["hash"] for r in runs_of(trained)]
     mean = np.mean([run["return"] for run in found["runs"][:2]])
     assert found["groups"][0]["return_mean"] == pytest.approx(mean)
-    assert [group["label"] for group in found["groups"]] == ["fopg adaptive", "zopg adaptive"]
+    assert [group["label"] for group in found["groups"]] == ["fopg", "zopg"]
 
 
 def test_evaluate_says_first_what_the_policy_is_worth(trained: Path, ocp: Ocp) -> None:

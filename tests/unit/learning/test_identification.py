@@ -101,6 +101,15 @@ def test_steps_that_are_not_solved_count_as_the_mean_of_the_others(monkeypatch):
         assert loss(log_psi, buffer) == pytest.approx([expected])
 
 
+def test_psi_stays_within_reach_of_its_start():
+    buffer, loss = transitions(60), OneStepLoss(exact_step(), ["k"])
+    search = RandomSearch(iterations=20, reach=np.log(1.5))
+    found = identify(loss, buffer, np.log([2 * K]), search, rows=60)
+    assert found.values == pytest.approx([2 * K / 1.5], rel=1e-3)
+    with pytest.raises(InputError, match="reach must be at least the width"):
+        RandomSearch(reach=0.1)
+
+
 def test_without_input_only_ratios_are_known():
     """``(m, k, d)`` times a number moves alike where no force is applied: psi has no scale."""
     buffer = transitions(300, force=0.0)

@@ -28,7 +28,7 @@ def test_one_step_is_that_of_the_tutorial_by_hand():
     turn = np.sqrt(c_s * (2 - c_s) * mass) * step
     assert abs(turn) / np.sqrt(1 - (1 - c_s) ** 2) < (1.4 + 1) * expected
     drift = np.sqrt(c_c * (2 - c_c) * mass) * step
-    assert found["mean"] == pytest.approx([1 + 0.5 * step])
+    assert found["mean"] == pytest.approx([1 + 0.5 * step]) and found["centre"] == [1.0]
     assert found["turn"] == pytest.approx([turn])
     assert found["drift"] == pytest.approx([drift])
     shape = 1 - c_1 - c_mu + c_1 * drift**2 + c_mu * (w @ drawn[best] ** 2)
@@ -70,3 +70,11 @@ def test_candidates_without_a_number_are_the_worst():
     drawn = np.random.default_rng(0).standard_normal((8, 2))
     assert (drawn[:, 0] < 0).sum() >= 4
     assert found["mean"][0] < 0
+
+
+def test_widths_go_against_the_sensitivity_that_is_known():
+    search = RandomSearch(width=0.2)
+    found = search.begin(np.zeros(4), np.array([0.1, 0.4, np.inf, 0.2]))
+    assert search.deviations(found) == pytest.approx([0.2, 0.05, 0.05, 0.1])
+    nothing = search.begin(np.zeros(2), np.array([np.inf, np.inf]))
+    assert search.deviations(nothing) == pytest.approx([0.2, 0.2])

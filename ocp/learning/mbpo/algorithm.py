@@ -1,0 +1,115 @@
+"""Model-based policy optimisation: a soft actor-critic on a model's short branches."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ocp.errors import InputError
+from ocp.learning.experiment import Experiment, at_least, positive
+from ocp.learning.protocol import Row, State, Trained
+
+if TYPE_CHECKING:
+    from ocp.learning.mbpo.training import Room
+
+
+@dataclass(frozen=True, kw_only=True)
+class MBPO:
+    """Janner, Fu, Zhang and Levine, When to trust your model, 2019, algorithm 2.
+
+    In every iteration ``walkers`` episodes go ``steps`` steps on under the exact law, whatever law
+    the experiment has, with actions of the policy and its noise (in iteration 0 of random policies,
+    ``explored`` steps); the ensemble is fitted on all steps seen, of which ``held_out`` choose its
+    ``elites``; ``branches`` of it start at states seen, first ``shortest`` steps long, later
+    ``longest`` (from half of the iterations on); and the actor-critic is updated ``updates`` times
+    on batches of which the part ``real`` is of steps seen, the rest of branches, those of the last
+    ``kept`` iterations. Reward and end of a step of the model are the task's own.
+
+    The policy is the experiment's: tanh layers on observations, normalised once by the explored
+    steps. ``critic_discount`` times the experiment's discount is the critics'. Sizes are for two
+    cores; Janner's are 4 x 200 units, 256 in a batch, 400 branches and 20 to 40 updates a step.
+    """
+
+    name: ClassVar[str] = "mbpo"
+    summary: ClassVar[str] = "soft actor-critic on short branches of a network ensemble"
+
+    walkers: int = 16
+    steps: int = 16
+    explored: int = 2048
+    capacity: int = 100_000
+    members: int = 7
+    elites: int = 5
+    model_units: int = 100
+    model_layers: int = 3
+    model_rate: float = 1e-3
+    model_steps: int = 200
+    model_batch: int = 128
+    held_out: float = 0.1
+    branches: int = 400
+    shortest: int = 1
+    longest: int = 5
+    kept: int = 10
+    critic_units: int = 128
+    critic_layers: int = 2
+    rate: float = 3e-4
+    alpha: float = 0.1
+    critic_discount: float = 0.99
+    slow: float = 0.005
+    updates: int = 1000
+    batch: int = 128
+    real: float = 0.05
+
+    def settings(self) -> dict[str, Any]:
+        """All of them."""
+        return asdict(self)
+
+    def begin(self, experiment: Experiment) -> State:
+        """Networks out of the seed, and the steps explored.
+
+        Raises :class:`~ocp.errors.InputError` where settings do not fit, and where the extra
+        ``learn`` is not installed.
+        """
+        self._check(experiment)
+        return self._room(experiment).begun()
+
+    def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
+        """Steps under the exact law, then of the ensemble, its branches, and the actor-critic."""
+        return self._room(experiment).iterated(state, k)
+
+    def policy(self, experiment: Experiment, state: State) -> Trained:
+        """The mean action."""
+        return self._room(experiment).trained(state)
+
+    def _check(self, experiment: Experiment) -> None:
+        if experiment.hidden is None:
+            raise InputError(
+                f"mbpo learns a policy that observes, and {experiment.task.name} was asked for one"
+                " input for all steps; give it hidden layers"
+            )
+        whole = "walkers steps explored members elites model_units model_layers model_steps"
+        whole += " model_batch branches shortest kept critic_units critic_layers updates batch"
+        for name in whole.split():
+            at_least(1, name, getattr(self, name))
+        for name in ("model_rate", "rate", "alpha"):
+            positive(name, getattr(self, name))
+        for name, (low, high) in {
+            "elites": (1, self.members), "longest": (self.shortest, 1000),
+            "held_out": (0.01, 0.5), "real": (0, 1), "critic_discount": (0, 1), "slow": (0, 1),
+            "capacity": (self.explored, 10_000_000),
+        }.items():  # fmt: skip
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise InputError(f"{name} must be between {low:g} and {high:g}, got {value!r}")
+
+    def _room(self, experiment: Experiment) -> Room:
+        return experiment.once(self._made)
+
+    def _made(self, experiment: Experiment) -> Room:
+        try:
+            from ocp.learning.mbpo.training import Room
+        except ImportError as error:
+            raise InputError(
+                "mbpo needs JAX, Equinox and Optax, which the extra learn installs: pip install"
+                " 'centralpath[learn]'"
+            ) from error
+        return Room(self, experiment)

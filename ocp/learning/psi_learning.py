@@ -1,0 +1,144 @@
+"""A policy and the physical parameters of its model, learned side by side (abs, algorithm 1)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.learning.buffer import COLUMNS, Buffer
+from ocp.learning.experiment import EXACT, Experiment, at_least, not_below
+from ocp.learning.exploring import Explorer
+from ocp.learning.identification import OneStepLoss, RandomSearch
+from ocp.learning.identification.identify import search_on
+from ocp.learning.identification.random_search import Cloud
+from ocp.learning.protocol import Algorithm, Row, State, Trained
+
+_OWN, _CLOUD, _SEEN = "psi_learning.", "psi_cloud.", "psi_seen."
+
+
+@dataclass(frozen=True, kw_only=True)
+class PsiLearning:
+    """Any ``algorithm``, on a model whose parameters ``names`` are learned as the policy is.
+
+    In every iteration ``walkers`` episodes go ``steps`` steps on under the exact law at the task's
+    own parameters, inputs being the policy's and noise of ``sigma`` half ranges; of the last
+    ``capacity`` transitions ``rows`` judge each of ``searched`` iterations of the random search
+    (eq. 4.1), passes after one another; and the algorithm does its own iteration at the psi found,
+    the state's ``psi``. The search begins at the experiment's psi.
+
+    ``env_steps`` counts those under the exact law, ``model_steps`` those of the algorithm.
+    """
+
+    name: ClassVar[str] = "psi"
+    summary: ClassVar[str] = "any algorithm, the model's parameters being learned beside it"
+
+    algorithm: Algorithm
+    names: tuple[str, ...]
+    walkers: int = 16
+    steps: int = 16
+    sigma: float = 0.1
+    capacity: int = 2000
+    rows: int = 128
+    searched: int = 10
+    search: RandomSearch = field(default_factory=RandomSearch)
+
+    def settings(self) -> dict[str, Any]:
+        """Its own, and the algorithm's."""
+        own = {
+            key: value for key, value in vars(self).items() if key not in ("algorithm", "search")
+        }
+        return {
+            **own, **{f"search.{key}": value for key, value in asdict(self.search).items()},
+            "of": self.algorithm.name, **self.algorithm.settings(),
+        }  # fmt: skip
+
+    def begin(self, experiment: Experiment) -> State:
+        """The algorithm's state, episodes at their starts, and no transitions yet."""
+        for name in ("walkers", "steps", "capacity", "rows", "searched"):
+            at_least(1, name, getattr(self, name))
+        not_below(0, "sigma", self.sigma)
+        loss, explorer = experiment.once(self._loss), experiment.once(_explorer)
+        start = loss.start(experiment.named(experiment.physics))
+        x, age = explorer.first(self.walkers, experiment.rng(0, "psi starts"))
+        none = np.zeros((0, experiment.task.system.nx))
+        seen = Buffer(none, np.zeros((0, experiment.task.system.nu)), none)
+        return {
+            **self.algorithm.begin(experiment), "psi": experiment.physics,
+            _OWN + "x": x, _OWN + "age": age, _OWN + "start": start, _OWN + "pass": np.array(0),
+            **_under(_CLOUD, self.search.begin(start)),
+            **{_SEEN + name: getattr(seen, name) for name in COLUMNS},
+        }  # fmt: skip
+
+    def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
+        """Transitions, then psi, then the policy."""
+        state, steps = self._walked(experiment, state, k)
+        state, loss = self._searched(experiment, state)
+        changed, row = self.algorithm.iterate(experiment, state, k)
+        told = {"psi_loss": loss, "env_steps": float(steps), "model_steps": row["env_steps"]}
+        return {**state, **changed}, {**row, **told}
+
+    def policy(self, experiment: Experiment, state: State) -> Trained:
+        """The algorithm's."""
+        return self.algorithm.policy(experiment, state)
+
+    def _walked(self, experiment: Experiment, state: State, k: int) -> tuple[State, int]:
+        """The state after more transitions of the policy, and how many steps those took."""
+        explorer, rng = experiment.once(_explorer), experiment.rng(k, "psi transitions")
+        policy = self.algorithm.policy(experiment, state)
+        task = experiment.task
+        x, age, seen = state[_OWN + "x"], state[_OWN + "age"], _seen(state)
+        for _ in range(self.steps):
+            u = experiment.inputs(policy, x)
+            u += self.sigma * (task.upper - task.lower) / 2 * rng.standard_normal(u.shape)
+            step = explorer.step(x, np.clip(u, task.lower, task.upper))
+            seen = seen.with_newest(Buffer.solved(step.x, step.u, step.x_next), self.capacity)
+            x, age = explorer.onwards(step, age, rng)
+        rows = {_SEEN + name: getattr(seen, name) for name in COLUMNS}
+        return {**state, **rows, _OWN + "x": x, _OWN + "age": age}, self.steps * len(x)
+
+    def _searched(self, experiment: Experiment, state: State) -> tuple[State, float]:
+        """The state after the search went on, and the loss a transition at its psi."""
+        seen = _seen(state)
+        if not len(seen):
+            raise InputError(f"{experiment.task.name}: no step of its episodes was solved")
+        loss = experiment.once(self._loss).in_scales_of(seen)
+        cloud: Cloud = {
+            key.removeprefix(_CLOUD): value
+            for key, value in state.items()
+            if key.startswith(_CLOUD)
+        }
+        number = int(state[_OWN + "pass"])
+        for _ in range(self.searched):
+            if self.search.done(cloud):
+                if number + 1 >= self.search.passes:
+                    break
+                number += 1
+                moves = loss.sensitivity(cloud["mean"], self.search.width, seen)
+                cloud = self.search.begin(cloud["mean"], moves, state[_OWN + "start"])
+            seeds = [experiment.seed, number]
+            cloud = search_on(loss, seen, self.search, cloud, seeds, self.rows)
+        psi = loss.parameters(cloud["mean"][None])[0, : len(experiment.physics)]
+        found = {"psi": psi, _OWN + "pass": np.array(number), **_under(_CLOUD, cloud)}
+        return {**state, **found}, float(loss(cloud["mean"], seen)[0]) / len(seen)
+
+    def _loss(self, experiment: Experiment) -> OneStepLoss:
+        """Of the model, at the experiment's psi but for the names."""
+        values = experiment.named(experiment.physics)
+        task = experiment.task
+        step = EXACT.close(replace(task.system, parameters=task.parameters))
+        return OneStepLoss(step, self.names, values, threads=experiment.threads)
+
+
+def _explorer(experiment: Experiment) -> Explorer:
+    return Explorer(experiment.task, threads=experiment.threads)
+
+
+def _under(prefix: str, arrays: State) -> State:
+    return {prefix + name: value for name, value in arrays.items()}
+
+
+def _seen(state: State) -> Buffer:
+    return Buffer(*(state[_SEEN + name] for name in COLUMNS))
