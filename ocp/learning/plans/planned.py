@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from dynamics.batch import BatchFunction
+from ocp.guesses import Guessed
 from ocp.judgement import judged
 from ocp.learning.plans.problem import planned_problem
 from ocp.problem import Guess, Reference
-from ocp.solution import Solution, StageRecord
+from ocp.programs.solver import Point
+from ocp.rollout import roll_on
+from ocp.routes.branches import Branches
+from ocp.routes.landing import embedded
+from ocp.routes.legs import Homotopy, Progress
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
+from ocp.solution import Solution
 from ocp.solve import best_of, new_session
 from ocp.task import Task
+
+_SAME = 1e-4
+"""Difference from its inputs' rollout, in characteristic sizes, up to which a guess is a motion."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +79,13 @@ def planned_return(
     *guesses: Guess,
     reference: Reference | None = None,
     settings: dict[str, Any] | None = None,
-    progress: Callable[[StageRecord], None] | None = None,
+    progress: Progress | None = None,
 ) -> Planned:
     """Plan an episode from ``x0`` (nx,) by direct transcription under the exact law.
 
-    The search begins at each of ``guesses``, by default where everything stands still, and the best
+    The search begins at each of ``guesses``, by default where everything stands still. A guess that
+    is a motion under the exact law is settled on its own contacts and improved from there, which
+    keeps to it; any other, or where that comes to nothing, is solved by the default route. The best
     certified plan is returned, or where none is certified the best of the others.
     ``reference`` has the characteristic sizes, ``settings`` are those of :func:`ocp.solve`.
 
@@ -83,13 +95,31 @@ def planned_return(
     session = new_session(problem, settings=settings)
     p = problem.parameters.values
     begun = [guess(problem, p) for guess in guesses] or [problem.initial_guess(p)]
-    found = [
-        judged(session, session.solve(progress=progress, guess=guess, number=number), seed=0)
-        for number, guess in enumerate(begun)
-    ]
+    found = []
+    for number, guess in enumerate(begun):
+        outcome = _settled(session, guess, progress)
+        if outcome is None:
+            outcome = session.solve(progress=progress, guess=guess, number=number)
+        found.append(judged(session, outcome, seed=0))
     best = best_of(found)
     replay = (best.data[name].values[0] for name in ("x_replay", "u_replay"))
     return Planned(best, *episode_return(task, *replay))
+
+
+def _settled(session: Session, guess: Guessed, progress: Progress | None) -> Outcome | None:
+    """The best plan near a motion, along its contacts; None where it is none, or none was found."""
+    states, inputs = guess
+    problem = session.problem
+    rolled, unsolved = roll_on(problem, inputs[None], session.values, session.step)
+    off = np.abs(rolled.x[0] - states) / problem.sizes.x
+    if unsolved is not None or not np.all(off <= _SAME):
+        return None
+    follower = Homotopy(session.nlp_of, session.solver, session.values, progress)
+    branches = Branches(follower)
+    found = branches.settle(Point(embedded(branches.program, rolled, None)))
+    if found is None:
+        return None
+    return Outcome(branches.improve(found), branches.program, True, follower.trace)
 
 
 def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[float, int]:
