@@ -1,1 +1,1 @@
-"""Plans of the optimal control problem that a task's episode is: to compare with, and to imitate."""
+"""Plans for a task's episodes: to compare policies with, and to imitate."""

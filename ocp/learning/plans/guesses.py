@@ -27,7 +27,7 @@ def by_policy(experiment: Experiment, trained: Trained) -> Guess:
 
 
 def by_held_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
-    """The best under the exact law of ``n`` inputs drawn between the bounds, each held throughout."""
+    """The best of ``n`` inputs drawn between the bounds, each held throughout, in the exact law."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, task.system.nu))

@@ -115,11 +115,11 @@ def _settled(session: Session, guess: Guessed, progress: Progress | None) -> Out
     if unsolved is not None or not np.all(off <= _SAME):
         return None
     follower = Homotopy(session.nlp_of, session.solver, session.values, progress)
-    branches = Branches(follower)
-    found = branches.settle(Point(embedded(branches.program, rolled, None)))
+    branches, nlp = Branches(follower), session.judging_nlp()
+    found = branches.settle(Point(embedded(nlp, rolled, None)))
     if found is None:
         return None
-    return Outcome(branches.improve(found), branches.program, True, follower.trace)
+    return Outcome(branches.improve(found), nlp, True, follower.trace)
 
 
 def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[float, int]:
