@@ -40,7 +40,7 @@ def pulled_back(
     parts: list[np.ndarray] = []
     for (weights, _), before in zip(reversed(layers), reversed(values), strict=True):
         outer = bar[:, :, None] * before[:, None, :]
-        parts = [outer.reshape(len(bar), -1), bar, *parts]
+        parts = [outer.reshape(len(bar), weights.size), bar, *parts]
         bar = bar @ weights
         if before is not seen:
             bar = bar * (1 - before**2)
