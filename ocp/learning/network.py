@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynamics.batch import DensePolicy, RolloutPolicy
+from ocp.learning.normaliser import Normaliser
 
 
 def pulled_back(
@@ -27,3 +28,19 @@ def pulled_back(
         if before is not seen:
             bar = bar * (1 - before**2)
     return np.hstack(parts), bar
+
+
+def rebased(
+    policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser
+) -> np.ndarray:
+    """Parameters of the same policy where ``after`` normalises what ``before`` did.
+
+    ``W' = W s'/s`` and ``b' = b + W (m' - m)/s`` of the first layer, with the means m and scales s.
+    """
+    if not isinstance(policy, DensePolicy):
+        return theta
+    moved = theta.copy()
+    weights, offsets = policy.layers(moved)[0]
+    offsets += weights @ ((after.mean - before.mean) / before.scale)
+    weights *= after.scale / before.scale
+    return moved
