@@ -42,9 +42,9 @@ class AoBG(Unrolled):
     delta: float = 0.05
     least: ClassVar[int] = 2
 
-    def check(self) -> None:
+    def check(self, experiment: Experiment) -> None:
         """As all, the bound and its probability."""
-        super().check()
+        super().check(experiment)
         if self.gamma is not None:
             positive("gamma", self.gamma)
         if not 0 < self.delta < 1:

@@ -36,8 +36,8 @@ class ARS:
         """All of them."""
         return asdict(self)
 
-    def begin(self, experiment: Experiment) -> State:
-        """The first policy."""
+    def check(self, experiment: Experiment) -> None:
+        """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
         at_least(1, "directions", self.directions)
         at_least(1, "top", self.top)
         if self.top > self.directions:
@@ -46,6 +46,10 @@ class ARS:
             )
         positive("spread", self.spread)
         positive("rate", self.rate)
+
+    def begin(self, experiment: Experiment) -> State:
+        """The first policy."""
+        self.check(experiment)
         return begun(experiment)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:

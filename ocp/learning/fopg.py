@@ -36,9 +36,9 @@ class FOPG(Unrolled):
 
     smoothing: str = "rollout"
 
-    def check(self) -> None:
+    def check(self, experiment: Experiment) -> None:
         """As all, and the smoothing."""
-        super().check()
+        super().check(experiment)
         choose("smoothing", self.smoothing, SMOOTHINGS)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:

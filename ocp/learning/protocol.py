@@ -43,8 +43,12 @@ class Algorithm(Protocol):
         """What was chosen, for the run's record."""
         ...
 
+    def check(self, experiment: Experiment) -> None:
+        """Raise :class:`~ocp.errors.InputError` where settings do not fit, before any work."""
+        ...
+
     def begin(self, experiment: Experiment) -> State:
-        """State before the first iteration; raises ``InputError`` where settings do not fit."""
+        """State before the first iteration; raises as :meth:`check` does."""
         ...
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:

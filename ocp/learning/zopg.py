@@ -38,9 +38,9 @@ class ZOPG(Unrolled):
     samples: int = 256
     least: ClassVar[int] = 4
 
-    def check(self) -> None:
+    def check(self, experiment: Experiment) -> None:
         """As all, and that samples come in pairs."""
-        super().check()
+        super().check(experiment)
         if self.samples % 2:
             raise InputError(f"samples come in pairs of w and -w: {self.samples} is odd")
 

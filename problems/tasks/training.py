@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
-from ocp.errors import InputError, choose
-from ocp.learning.algorithms import ALGORITHMS
+from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
+from ocp.learning.fopg import FOPG
 from ocp.learning.protocol import Algorithm, Trained
 from ocp.learning.training import KEY, kept, train
 from ocp.store.checkpoint import Checkpoint
@@ -35,7 +35,7 @@ class TrainingJob:
 
     ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``store`` holds the
     checkpoint, in a directory that workers elsewhere may see too; results do not depend on it, nor
-    on ``threads``.
+    on ``threads``. ``guesses`` are physical parameters of the model that are not the task's own.
     """
 
     task: str
@@ -45,19 +45,24 @@ class TrainingJob:
     seed: int
     store: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    guesses: Mapping[str, float] = field(default_factory=dict)
     threads: int | None = None
 
     @property
     def name(self) -> str:
         """Short, for a line on the terminal."""
-        return f"{self.algorithm.name} seed {self.seed}"
+        beside = self.algorithm.settings().get("of")
+        return f"{f'{beside} with psi' if beside else self.algorithm.name} seed {self.seed}"
 
     def experiment(self, task: Task | None = None) -> Experiment:
         """Build it, of ``task`` where that is built; raises :class:`~ocp.errors.InputError`."""
         spec = registry.spec(self.task)
         params = spec.params(self.params)
+        task = task or spec.build(params)
+        psi = task.parameters.pack(self.guesses) if self.guesses else None
         return Experiment(
-            task=task or spec.build(params),
+            task=task,
+            psi=psi,
             algorithm=self.algorithm,
             law=self.law,
             seed=self.seed,
@@ -140,7 +145,8 @@ def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
     hidden = asked["hidden"]
     experiment = Experiment(
         task=spec.build(params),
-        algorithm=choose("algorithm", asked["algorithm"], ALGORITHMS)(),
+        # Which one made the policy does not matter where it is only judged.
+        algorithm=FOPG(),
         hidden=None if hidden is None else tuple(hidden),
         discount=asked["discount"],
         params=params.model_dump(),

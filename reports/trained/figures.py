@@ -63,7 +63,10 @@ def signals(found: Sequence[Group]) -> Figure | None:
 def strobes(found: Sequence[Group]) -> Figure | None:
     """An episode of the best policy of each group, from faint to dark."""
     views = [(group, RunView.of(group.best)) for group in found[:_MOST_STROBES]]
-    shown = [(group, view) for group, view in views if view.spec is not None and view.spec.draw]
+    shown = [
+        (group, view) for group, view in views
+        if view.spec is not None and view.spec.draw and view.array("x") is not None
+    ]  # fmt: skip
     if not shown:
         return None
     columns = 1 if len(shown) == 1 else 2

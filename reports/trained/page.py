@@ -12,7 +12,7 @@ from ocp.store.stored_run import StoredRun
 from reports.console import number
 from reports.figures.run import label
 from reports.trained.figures import learning, signals, strobes
-from reports.trained.summary import groups, measures, summary_rows, verdict
+from reports.trained.summary import Group, groups, measures, summary_rows, verdict
 from reports.view import RunView
 
 Figures = dict[str, Figure]
@@ -36,6 +36,7 @@ def training_content(views: Sequence[RunView]) -> tuple[dict[str, Any], Figures,
         "heads": heads,
         "rows": cells,
         "key": _key_numbers(views[0].run) if len(views) == 1 else [],
+        "psi": [row for group in found for row in _learned(group)],
         "labels": [group.label for group in found],
         "hashes": [view.run.meta["hash"] for view in views],
         "seeds": max(len(group.runs) for group in found),
@@ -65,3 +66,16 @@ def _key_numbers(run: StoredRun) -> list[list[str]]:
 def _titled(run: StoredRun, name: str) -> str:
     unit = str(run.data[f"evaluation_{name}"].attrs.get("units", "1"))
     return label(name, "" if unit == "1" else unit)
+
+
+def _learned(group: Group) -> list[list[str]]:
+    """Parameters of the model that were learned beside the policy, and the task's own."""
+    view = RunView.of(group.best)
+    if view.problem is None or "psi" not in view.run.data:
+        return []
+    own, psi = view.problem.parameters, view.run.data["psi"]
+    found = zip(map(str, psi["physical"].values), psi.values.tolist(), strict=True)
+    return [
+        [group.label, name, number(value, 6), number(own.get(name).value, 6), own.get(name).unit]
+        for name, value in found if value != own.get(name).value
+    ]  # fmt: skip

@@ -93,9 +93,16 @@ def groups(runs: Sequence[StoredRun]) -> list[Group]:
 
 def _flat(run: StoredRun) -> dict[str, Any]:
     asked = dict(run.record)
+    asked["algorithm"] = algorithm_of(run)
     for kind in ("params", "algorithm_settings", "contact_settings"):
         asked |= {f"{kind}.{name}": value for name, value in asked.pop(kind, {}).items()}
     return asked
+
+
+def algorithm_of(run: StoredRun) -> str:
+    """Its name; that of the one beside which physical parameters are learned, with psi."""
+    beside = run.record["algorithm_settings"].get("of")
+    return f"{beside} with psi" if beside else str(run.record["algorithm"])
 
 
 def _label(asked: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
@@ -139,7 +146,7 @@ def document(found: Sequence[Group]) -> dict[str, Any]:
             for group in found
         ],
         "runs": [
-            {"run": str(run.path), "algorithm": run.record["algorithm"],
+            {"run": str(run.path), "algorithm": algorithm_of(run),
              **{key: run.meta.get(key) for key in keys}}
             for group in found for run in group.runs
         ],

@@ -44,7 +44,9 @@ class TrainOptions(LawOptions):
     )  # fmt: skip
     seeds: int = option(1, "--seeds", min=1, max=1000, help="How many, from --seed on.")
     seed: int = option(0, "--seed", min=0, help="The first seed.")
-    iterations: int | None = option(None, "--iterations", min=1, help="Of each training.")
+    iterations: int | None = option(
+        None, "--iterations", min=1, help="Of each training; default: 100, or what the task has."
+    )
     jobs: int | None = option(
         None, "--jobs", "-j", min=1, max=1024, help="Processes side by side; default: one a CPU."
     )
@@ -70,16 +72,19 @@ def check(options: TrainOptions) -> Asked:
     from problems.tasks import registry
     from problems.tasks.training import TrainingJob
     from reports.cli.choices import assignments
+    from reports.cli.learning.psi_words import believed, is_psi
     from reports.cli.learning.training_words import algorithms
     from reports.cli.places import check_places
 
     spec = registry.spec(options.task)
     params = assignments("-p", options.params)
     given = assignments("-s", options.settings)
+    task = spec.task(params)
+    psi = believed(given, task.parameters.names)
+    given = {key: value for key, value in given.items() if not is_psi(key)}
     words = spec.learner if options.algorithm == "usual" else options.algorithm
     chosen = algorithms(words, given, spec)
     every = {} if options.iterations is None else {"iterations": options.iterations}
-    task = spec.task(params)
     if options.scheduler is not None and options.jobs is not None:
         raise InputError("--jobs are processes of this computer, --scheduler others; drop one")
     check_places(options.out, options.pdf)
@@ -87,17 +92,17 @@ def check(options: TrainOptions) -> Asked:
     workers = min(count, options.jobs or _cpus())
     jobs = [
         TrainingJob(
-            task=options.task, params=params, algorithm=algorithm, seed=seed,
+            task=options.task, params=params, algorithm=psi.beside(algorithm), seed=seed,
             law=_law(options, algorithm, task),
             store=options.out.resolve(), options={**own, **every},
-            threads=_threads(options, workers),
+            guesses=psi.guesses, threads=_threads(options, workers),
         )
         for algorithm, own in chosen
         for seed in range(options.seed, options.seed + options.seeds)
     ]  # fmt: skip
     built = [job.experiment(task) for job in jobs]
     for one in built[:: options.seeds]:
-        one.algorithm.begin(one)
+        one.algorithm.check(one)
     checkpoints = [job.checkpoint(one) for job, one in zip(jobs, built, strict=True)]
     return Asked(jobs, checkpoints, built, workers)
 
@@ -131,10 +136,7 @@ def run(options: TrainOptions, asked: Asked) -> int:
     done is kept: the same command goes on after Ctrl-C, and ends as if it had never stopped.
     """
     from ocp.errors import interruptible
-    from ocp.scheduling import Failure, carried_out
-    from problems.tasks.training import trained, under_way
-    from reports.cli import interrupt
-    from reports.trained.live import live
+    from problems.tasks.training import under_way
 
     output, stored = options.output, _stored_before(asked)
     if stored:
@@ -143,10 +145,31 @@ def run(options: TrainOptions, asked: Asked) -> int:
     for place in left:
         for sentence in under_way(asked.jobs[place], asked.experiments[place]):
             output.say(sentence)
-    failed: dict[int, Exception] = {}
+    try:
+        with interruptible():
+            failed = _trained(options, asked, left, stored)
+    except KeyboardInterrupt:
+        output.say("the same command goes on from what is kept")
+        raise
+    for place in stored:
+        asked.checkpoints[place].discard()
+    _tell(options, [stored[place] for place in sorted(stored)], asked, failed)
+    return 0
+
+
+def _trained(
+    options: TrainOptions, asked: Asked, left: list[int], stored: dict[int, Path]
+) -> dict[int, Exception]:
+    """Do what is ``left`` and add it to ``stored`` as it ends; gives what failed."""
+    from ocp.scheduling import Failure, carried_out
+    from problems.tasks.training import trained
+    from reports.cli import interrupt
+    from reports.trained.live import live
+
+    failed = {}
     jobs = [asked.jobs[place] for place in left]
     ends = {asked.jobs[place].name: asked.experiments[place].iterations for place in left}
-    with interruptible(), live(ends, options.quiet, interrupt.check) as heard:
+    with live(ends, options.quiet, interrupt.check) as heard:
         work = carried_out(trained, jobs, asked.workers, options.scheduler, heard)
         with closing(work) as outcomes:
             for index, outcome in outcomes:
@@ -155,10 +178,7 @@ def run(options: TrainOptions, asked: Asked) -> int:
                     failed[place] = outcome.error
                 else:
                     stored[place] = _store(options, asked, place, outcome)
-    for place in stored:
-        asked.checkpoints[place].discard()
-    _tell(options, [stored[place] for place in sorted(stored)], asked, failed)
-    return 0
+    return failed
 
 
 def _stored_before(asked: Asked) -> dict[int, Path]:

@@ -135,3 +135,16 @@ def test_what_can_be_trained_is_told(ocp: Ocp) -> None:
     listed = strict(ocp("list", "--json"))
     assert {"ball-throw", "hopper"} <= {task["name"] for task in listed["tasks"]}
     assert {"fopg", "ars"} <= {algorithm["name"] for algorithm in listed["algorithms"]}
+
+
+def test_physical_parameters_are_learned_beside_the_policy(ocp: Ocp) -> None:
+    """A restitution that is believed to be 0.4 is found to be 0.7 from throws; gravity is known."""
+    asked = ("-s", "psi=restitution", "-s", "psi.restitution=0.4", "-s", "psi.steps=50")
+    found = strict(ocp("train", *SMALL, *asked, "-s", "psi.searched=40", "--json"))
+    run = store.load(Path(found["runs"][0]["run"]))
+    psi = dict(zip(run.data["physical"].values, run.data["psi"].values, strict=True))
+    assert psi["restitution"] == pytest.approx(0.7, abs=0.01) and psi["g"] == 9.81
+    assert run.record["algorithm_settings"]["of"] == "fopg"
+    assert found["groups"][0]["label"] == "fopg with psi"
+    judged = strict(ocp("evaluate", str(run.path), "--episodes", "3", "--json"))
+    assert judged["return"]["mean"] == pytest.approx(run.meta["return"], rel=1e-12)

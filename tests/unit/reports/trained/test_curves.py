@@ -128,3 +128,23 @@ def test_signals_are_of_those_that_tell_them() -> None:
     assert [axis.get_title(loc="left") for axis in figure.axes] == ["norm of the gradient"]
     assert len(figure.axes[0].lines) == 1
     assert figures.signals(found[1:]) is None
+
+
+def test_learned_parameters_stand_beside_the_tasks_own() -> None:
+    from problems.tasks import registry
+    from reports.pdf import render
+    from reports.trained.page import training_content
+    from reports.view import RunView
+
+    task = registry.get("ball-throw")
+    made = run(0, [0.0, 1, 4])
+    values = task.parameters.values.copy()
+    values[task.parameters.names.index("m")] = 1.25
+    data = made.data.assign(psi=("physical", values), theta=("parameter", [0.1, 0.2]))
+    data = data.assign_coords(physical=task.parameters.names)
+    meta = {**made.meta, "problem": "ball-throw", "hash": "0"}
+    stored = StoredRun(made.path, data, {**meta, "record": {**made.record, "params": {}}})
+    content = training_content([RunView.of(stored)])[0]
+    assert content["psi"] == [["fopg", "m", "1.25", "1", "kg"]]
+    assert ["speed [m/s]", "0.4"] in content["key"]
+    assert render([stored])[:5] == b"%PDF-"
