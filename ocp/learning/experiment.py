@@ -6,7 +6,6 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant, dense
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
+from ocp.learning.balancing import balanced, embedded
 from ocp.learning.rollouts import TaskRollouts
 from ocp.task import Task
 
@@ -33,7 +33,8 @@ class Experiment:
     The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with
     tanh layers of sizes ``hidden`` on normalised observations; ``()`` is the affine policy and None
     one input for all steps, without observations. Weights start normal with standard deviation
-    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0.
+    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; or, with a state
+    ``rest`` (nx,), the policy starts as the linear one that keeps the system there.
 
     The algorithm learns through ``law``, at the task's parameters ``psi`` (all of them, in the
     order of the task's table; by default its own); evaluations are under the exact law, of
@@ -49,6 +50,7 @@ class Experiment:
     law: ContactLaw = field(default_factory=lambda: Adaptive("quartic"))
     hidden: tuple[int, ...] | None = ()
     initial: float = 0.1
+    rest: tuple[float, ...] | None = None
     normalise: bool = True
     discount: float = 1.0
     seed: int = 0
@@ -138,15 +140,16 @@ class Experiment:
     def first_theta(self) -> np.ndarray:
         """Parameters (n_theta,) to start from, out of the seed."""
         rng = self.rng(0, "theta")
-        if self.hidden is None:
+        if not isinstance(self.policy, DensePolicy):
             return self.initial * rng.standard_normal(self.policy.n_theta)
-        sizes = [len(self.task.observations), *self.hidden, self.task.system.nu]
-        parts = []
-        for layer, (fan_in, fan_out) in enumerate(pairwise(sizes)):
-            size = self.initial if layer == len(sizes) - 2 else 1.0
-            weights = rng.standard_normal(fan_in * fan_out) * size / np.sqrt(fan_in)
-            parts += [weights, np.zeros(fan_out)]
-        return np.concatenate(parts)
+        theta = np.zeros(self.policy.n_theta)
+        layers = self.policy.layers(theta)
+        for weights, _ in layers:
+            weights[...] = rng.standard_normal(weights.shape) / np.sqrt(weights.shape[1])
+        layers[-1][0][...] *= self.initial
+        if self.rest is not None:
+            embedded(*balanced(self.task, np.array(self.rest)), layers)
+        return theta
 
     def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """First states (n, nx) of episodes, at the model's parameters."""
@@ -185,6 +188,7 @@ class Experiment:
             **{f"contact.{key}": value for key, value in law.items()},
             "hidden": self.hidden,
             "initial": self.initial,
+            "rest": self.rest,
             "normalise": self.normalise,
             "discount": self.discount,
             "seed": self.seed,
