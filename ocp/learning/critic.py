@@ -10,7 +10,7 @@ from dynamics.batch import BatchFunction, DensePolicy, Episodes, Gaussian, dense
 from ocp.errors import InputError
 from ocp.learning.adam import adam_step
 from ocp.learning.experiment import Experiment
-from ocp.learning.network import first_weights, pulled_back
+from ocp.learning.network import first_weights, pulled_back, rebased
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.particles import with_jacobians
 from ocp.learning.protocol import Row, State
@@ -96,18 +96,26 @@ class Critic:
         return np.where(on, targets, np.nan)
 
     def learned(
-        self, experiment: Experiment, state: State, goals: np.ndarray, episodes: Episodes, k: int
+        self,
+        experiment: Experiment,
+        state: State,
+        after: State,
+        episodes: Episodes,
+        noise: Gaussian,
+        k: int,
     ) -> tuple[State, Row]:
-        """``state`` with V nearer to ``goals`` (n, H), its targets, in what iteration k visited.
+        """Entries of the state with V nearer to its targets in what iteration k visited.
 
-        Tells how far it was off before, as the root mean square ``critic_error``.
+        ``episodes`` and their targets are those of ``state``, V is as ``after`` normalises. Tells
+        how far V was off before, as the root mean square ``critic_error``.
         """
-        on = np.isfinite(goals)
-        seen, _ = _seen(experiment, state, episodes.states[:, :-1][on])
+        goals = self.targets(experiment, state, episodes, noise)
+        on, network = np.isfinite(goals), self._network(experiment)
         wanted = (1 - experiment.discount) * goals[on]
-        network, rng = self._network(experiment), experiment.rng(k, "critic")
+        seen, _ = _seen(experiment, after, episodes.states[:, :-1][on])
         theta, m, v, count = (state[name] for name in _NAMES)
-        off = network.means(theta, seen)[:, 0] - wanted
+        theta = rebased(network, theta, Normaliser.of(state), Normaliser.of(after))
+        off, rng = network.means(theta, seen)[:, 0] - wanted, experiment.rng(k, "critic")
         for _ in range(self.steps):
             rows = rng.integers(len(seen), size=self.batch)
             miss = network.means(theta, seen[rows]) - wanted[rows, None]
@@ -115,8 +123,9 @@ class Critic:
             count = count + 1
             step, m, v = adam_step(slope, m, v, int(count))
             theta = theta - self.rate * step
-        row = {"critic_error": float(np.sqrt((off**2).mean()) / (1 - experiment.discount))}
-        return {**state, **dict(zip(_NAMES, (theta, m, v, np.array(count)), strict=True))}, row
+        error = np.sqrt((off**2).mean()) / (1 - experiment.discount)
+        entries: State = dict(zip(_NAMES, (theta, m, v, np.array(count)), strict=True))
+        return entries, {"critic_error": float(error)}
 
     def _network(self, experiment: Experiment) -> DensePolicy:
         return dense(experiment.task.observe, (self.units, self.units), [-1.0], [1.0])

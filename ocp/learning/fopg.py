@@ -75,13 +75,12 @@ class FOPG(Unrolled):
         gradients = found.gradient[good]
         visited = found if followed is None else followed
         row = {**told(visited, good), **told_gradient(gradients)}
-        changed = {
+        moved = {
             **self.climb(state, self.clipped(gradients).mean(axis=0)),
-            **remembered(experiment, state, visited, good),
             **next_starts(experiment, state, visited, k),
         }
+        changed = remembered(experiment, moved, visited, good)
         if critic:
-            goals = critic.targets(experiment, state, visited, noise)
-            changed, more = critic.learned(experiment, changed, goals, visited, k)
-            row |= more
+            learned, more = critic.learned(experiment, state, changed, visited, noise, k)
+            changed, row = {**changed, **learned}, {**row, **more}
         return changed, row

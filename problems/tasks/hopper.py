@@ -23,9 +23,9 @@ citation = Citation(
 axes = ("x [m]", "z [m]")
 learner = "ars"
 training = {
-    # A torque of a hundredth of the bound turns the torso past its end in a few steps.
-    "all": {"initial": 0.0, "sigma": 3e-3, "rate": 1e-3},
-    "ars": {"directions": 32, "top": 8, "spread": 3e-3, "rate": 3e-3, "iterations": 2000,
+    # A hundredth of the largest torque turns the torso past its end in a few steps.
+    "all": {"rest": (0.0, 1.21, *[0.0] * 10), "sigma": 3e-3, "rate": 1e-3},
+    "ars": {"directions": 32, "top": 16, "spread": 3e-3, "rate": 1.5e-3, "iterations": 3000,
             "evaluate_every": 50},
 }  # fmt: skip
 equations = """

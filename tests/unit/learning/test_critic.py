@@ -62,7 +62,7 @@ def test_the_step_is_along_the_gradient_of_return_and_value(hidden, smoothing):
     """Against differences of the mean of both, where some end on the way, by the sharp law."""
     critic = Critic(units=UNITS)
     e, state = set_up(hidden, SHARP)
-    e, state = replace(e, normalise=False), with_weights(critic, e, state)
+    state = with_weights(critic, e, state)
     settings = {"samples": SAMPLES, "unroll": UNROLL, "sigma": 0.3, **PLAIN}
     gradient, alone = (
         FOPG(smoothing=smoothing, critic=units, **settings).iterate(e, state, 0)[0]["theta"]
@@ -102,8 +102,8 @@ def test_the_value_of_a_linear_law_is_found():
     for i in range(150):
         x0 = np.random.default_rng(i).uniform(-1, 1, (32, 1))
         found = roll(e, state, x0, steps, noise=noise)
-        goals = critic.targets(e, state, found, noise)
-        state, row = critic.learned(e, state, goals, found, i)
+        learned, row = critic.learned(e, state, state, found, noise, i)
+        state |= learned
         errors.append(row["critic_error"])
     f = A + B * k
     a, b = -(f**2 + 0.1 * k**2) / (1 - discount * f**2), 2 * f / (1 - discount * f)
@@ -111,6 +111,28 @@ def test_the_value_of_a_linear_law_is_found():
     spread = exact.max() - exact.min()
     assert np.abs(critic.value(e, state, x[:, None]) - exact).max() < 0.03 * spread
     assert errors[0] > 2 and np.mean(errors[-20:]) < 0.02 * spread
+
+
+def test_what_was_seen_does_not_change_values():
+    """Another mean and scale of the observations, no step of learning: the same function of x."""
+    critic = Critic(units=UNITS, steps=0)
+    e, state = set_up((), SHARP)
+    state, noise = with_weights(critic, e, state), e.noise(0.3, 0, "actions")
+    found = roll(e, state, state["starts.x"], UNROLL, noise=noise)
+    after = {**state, "seen.mean": np.full(3, 0.4), "seen.m2": np.array([8.0, 1.0, 5.0])}
+    moved = {**after, **critic.learned(e, state, after, found, noise, 0)[0]}
+    x = found.states[:, 0]
+    assert critic.value(e, moved, x) == pytest.approx(critic.value(e, state, x), rel=1e-10)
+    assert critic.value(e, after, x) != pytest.approx(critic.value(e, state, x), rel=0.1)
+
+
+def test_nothing_is_to_come_after_ends():
+    """Nobody goes on from where all have ended, and nobody pulls."""
+    critic = Critic(units=UNITS)
+    e = experiment(FOPG(), task=scalar(horizon=9, done=-5.0), discount=0.9)
+    state = with_weights(critic, e, e.algorithm.begin(e))
+    found = roll(e, state, np.ones((4, 1)), 3)
+    assert (critic.pull(e, state, found) == np.zeros((4, 1))).all()
 
 
 @pytest.mark.parametrize(
