@@ -6,7 +6,6 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -14,6 +13,8 @@ import numpy as np
 from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant, dense
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
+from ocp.learning.network import first_weights
+from ocp.learning.normaliser import Normaliser
 from ocp.learning.rollouts import TaskRollouts
 from ocp.task import Task
 
@@ -33,7 +34,8 @@ class Experiment:
     The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with
     tanh layers of sizes ``hidden`` on normalised observations; ``()`` is the affine policy and None
     one input for all steps, without observations. Weights start normal with standard deviation
-    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0.
+    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; or they are
+    those of the policy ``start``, with what it has seen.
 
     The algorithm learns through ``law``, at the task's parameters ``psi`` (all of them, in the
     order of the task's table; by default its own); evaluations are under the exact law, of
@@ -56,6 +58,7 @@ class Experiment:
     evaluate_every: int = 10
     episodes: int = 16
     psi: np.ndarray | None = None
+    start: Trained | None = None
     params: Mapping[str, Any] = field(default_factory=dict)
     threads: int | None = None
 
@@ -76,6 +79,18 @@ class Experiment:
             raise InputError(
                 f"psi has shape {np.shape(self.psi)}, expected ({size},), the parameters of"
                 f" {self.task.name}"
+            )
+        if self.start is not None:
+            self._check_start(self.start)
+
+    def _check_start(self, start: Trained) -> None:
+        sizes = np.shape(start.theta), np.shape(start.normaliser.mean)
+        expected = (self.policy.n_theta,), (len(self.task.observations),)
+        if sizes != expected:
+            raise InputError(
+                f"the policy to start from has parameters {sizes[0]} and sees observations"
+                f" {sizes[1]}, but {self.task.name} with hidden layers {self.hidden} takes"
+                f" {expected[0]} and {expected[1]}; start from a policy of the same task and layers"
             )
 
     @cached_property
@@ -136,17 +151,20 @@ class Experiment:
         return np.random.SeedSequence([self.seed, k, zlib.crc32(purpose.encode())])
 
     def first_theta(self) -> np.ndarray:
-        """Parameters (n_theta,) to start from, out of the seed."""
+        """Parameters (n_theta,) to start from: those of ``start``, or out of the seed."""
+        if self.start is not None:
+            return np.array(self.start.theta, dtype=float)
         rng = self.rng(0, "theta")
         if self.hidden is None:
             return self.initial * rng.standard_normal(self.policy.n_theta)
-        sizes = [len(self.task.observations), *self.hidden, self.task.system.nu]
-        parts = []
-        for layer, (fan_in, fan_out) in enumerate(pairwise(sizes)):
-            size = self.initial if layer == len(sizes) - 2 else 1.0
-            weights = rng.standard_normal(fan_in * fan_out) * size / np.sqrt(fan_in)
-            parts += [weights, np.zeros(fan_out)]
-        return np.concatenate(parts)
+        sizes = (len(self.task.observations), *self.hidden, self.task.system.nu)
+        return first_weights(sizes, self.initial, rng)
+
+    def first_normaliser(self) -> Normaliser:
+        """What observations are normalised by at first: as ``start`` does it, or not at all."""
+        if self.start is not None:
+            return self.start.normaliser
+        return Normaliser.identity(len(self.task.observations))
 
     def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """First states (n, nx) of episodes, at the model's parameters."""
@@ -191,6 +209,7 @@ class Experiment:
             "evaluate_every": self.evaluate_every,
             "episodes": self.episodes,
             "psi": self.physics,
+            "start": None if self.start is None else self.start.digest,
         }
 
 

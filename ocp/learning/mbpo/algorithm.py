@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -23,7 +24,9 @@ class MBPO:
     ``elites``; ``branches`` of it start at states seen, first ``shortest`` steps long, later
     ``longest`` (from half of the iterations on); and the actor-critic is updated ``updates`` times
     on batches of which the part ``real`` is of steps seen, the rest of branches, those of the last
-    ``kept`` iterations. Reward and end of a step of the model are the task's own.
+    ``kept`` iterations. Reward and end of a step of the model are the task's own, but the critics
+    are told rewards cut to at most ``cut`` in size, for one good step before a fall is none to
+    learn from. Actions before tanh start with deviation ``sigma``, the temperature with ``alpha``.
 
     The policy is the experiment's: tanh layers on observations, normalised once by the explored
     steps. ``critic_discount`` times the experiment's discount is the critics'. Sizes are for two
@@ -53,7 +56,9 @@ class MBPO:
     critic_units: int = 128
     critic_layers: int = 2
     rate: float = 3e-4
+    sigma: float = 0.3
     alpha: float = 0.1
+    cut: float = math.inf
     critic_discount: float = 0.99
     slow: float = 0.005
     updates: int = 1000
@@ -88,15 +93,20 @@ class MBPO:
                 f"mbpo learns a policy that observes, and {experiment.task.name} was asked for one"
                 " input for all steps; give it hidden layers"
             )
+        if experiment.start is not None:
+            raise InputError(
+                "mbpo learns networks of its own and cannot start from a policy; leave start out"
+            )
         whole = "walkers steps explored members elites model_units model_layers model_steps"
         whole += " model_batch branches shortest kept critic_units critic_layers updates batch"
         for name in whole.split():
             at_least(1, name, getattr(self, name))
-        for name in ("model_rate", "rate", "alpha"):
+        for name in ("model_rate", "rate", "alpha", "sigma"):
             positive(name, getattr(self, name))
         for name, (low, high) in {
             "elites": (1, self.members), "longest": (self.shortest, 1000),
-            "held_out": (0.01, 0.5), "real": (0, 1), "critic_discount": (0, 1), "slow": (0, 1),
+            "held_out": (0.01, 0.5), "cut": (1e-9, math.inf),
+            "real": (0, 1), "critic_discount": (0, 1), "slow": (0, 1),
             "capacity": (self.explored, 10_000_000),
         }.items():  # fmt: skip
             value = getattr(self, name)

@@ -65,12 +65,12 @@ class Rates(NamedTuple):
 
 def begin_agent(
     rng: np.random.Generator, n_o: int, hidden: tuple[int, ...], nu: int, critics: tuple[int, ...],
-    initial: float, alpha: float, rate: float,
+    initial: float, sigma: float, alpha: float, rate: float,
 ) -> Agent:  # fmt: skip
-    """Networks at their start: means ``initial`` times as large as other layers', deviations 1."""
+    """Networks at their start: means ``initial`` times as large, all deviations ``sigma``."""
     *trunk, mean = begin(rng, (n_o, *hidden, nu), initial)
     networks = Networks(
-        Actor(tuple(trunk), mean, (np.zeros_like(mean[0]), np.zeros_like(mean[1]))),
+        Actor(tuple(trunk), mean, (np.zeros_like(mean[0]), np.full(nu, np.log(sigma), np.float32))),
         begin_many(rng, 2, (n_o + nu, *critics, 1)),
         np.log(np.float32(alpha)),
     )

@@ -72,7 +72,7 @@ class Room:
         self.first_agent = begin_agent(
             experiment.rng(0, "agent"), self.n_o, experiment.hidden, self.nu,
             (own.critic_units,) * own.critic_layers,
-            experiment.initial, own.alpha, own.rate,
+            experiment.initial, own.sigma, own.alpha, own.rate,
         )  # fmt: skip
         walked = experiment.iterations * own.walkers * own.steps
         self.most_seen = min(own.capacity, own.explored + walked)
@@ -229,10 +229,11 @@ class Room:
     def _batch(self, scales: Scales, buffer: Buffer, size: int) -> Batch:
         """All of a buffer as the actor-critic reads it, filled up to ``size`` rows."""
         explorer, normalised = self.explorer, partial(self._normalised, scales)
+        rewards = explorer.rewards(buffer.x, buffer.u, buffer.x_next)
         columns = Batch(
             normalised(buffer.x), self._tanh(buffer.u),
-            explorer.rewards(buffer.x, buffer.u, buffer.x_next),
-            explorer.ended(buffer.x_next), normalised(buffer.x_next),
+            np.clip(rewards, -self.own.cut, self.own.cut), explorer.ended(buffer.x_next),
+            normalised(buffer.x_next),
         )  # fmt: skip
         return Batch(*(_padded(np.asarray(column, np.float32), size) for column in columns))
 

@@ -93,7 +93,7 @@ def test_the_temperature_falls_while_the_entropy_is_above_its_aim():
 
 def test_an_update_moves_targets_slowly_and_each_network_by_its_own_loss():
     rates = Rates(rate=1e-2, discount=0.9, slow=0.1)
-    agent = begin_agent(np.random.default_rng(0), 2, (8,), 1, (8,), 0.1, 0.2, rates.rate)
+    agent = begin_agent(np.random.default_rng(0), 2, (8,), 1, (8,), 0.1, 1.0, 0.2, rates.rate)
     rng = np.random.default_rng(0)
     data = Batch(*(rng.standard_normal(shape).astype("f4")
                    for shape in ((64, 2), (64, 1), (64,), (64,), (64, 2))))  # fmt: skip
@@ -117,10 +117,10 @@ def test_theta_is_laid_out_as_the_engine_s_dense_policy():
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 0)
     observe = ca.Function("observe", [x, p], [x])
     policy = dense(observe, (5, 4), [-1.0, -1.0], [1.0, 1.0])
-    agent = begin_agent(np.random.default_rng(3), 3, (5, 4), 2, (8,), 1.0, 0.2, 1e-3)
+    agent = begin_agent(np.random.default_rng(3), 3, (5, 4), 2, (8,), 1.0, 0.5, 0.2, 1e-3)
     theta = theta_of(agent.networks.actor)
     assert theta.shape == (policy.n_theta,)
     o = np.random.default_rng(0).standard_normal((6, 3))
     mean, spread = actions(agent.networks.actor, jnp.asarray(o))
     assert policy.means(theta, o) == pytest.approx(np.asarray(mean), abs=1e-5)
-    assert (spread == 0).all()
+    assert np.exp(spread) == pytest.approx(np.full((6, 2), 0.5))
