@@ -33,6 +33,10 @@ class Task:
     expression in x) is not zero; nothing is gained after that, nor ``final``. A policy sees
     ``observation``, an expression in x, and gives inputs between ``lower`` and ``upper`` (nu,).
 
+    ``lasts`` (k, 1) says for planning what ``done`` says for an episode: where all its entries,
+    expressions in x, are positive, an episode goes on, states that are not finite aside. It is
+    needed only where ``done`` depends on x, and may be empty where that is for such states alone.
+
     All expressions may use the ``parameters``, which hold those of the system. ``measures`` are
     told by evaluations.
 
@@ -52,6 +56,7 @@ class Task:
     upper: np.ndarray
     final: ca.SX | float = 0.0
     done: ca.SX | float = 0.0
+    lasts: ca.SX | None = None
     measures: tuple[Measure, ...] = ()
 
     def __post_init__(self) -> None:

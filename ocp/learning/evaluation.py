@@ -61,10 +61,16 @@ def evaluate(
     step and episode.
     """
     at_least(1, "episodes", episodes)
-    task = experiment.task
-    x0 = task.reset(episodes, np.random.default_rng(seed))
-    found = experiment.rollouts(task.horizon, law)(
-        x0, trained.theta, trained.normaliser, n_samples=episodes, states=True
+    x0 = experiment.task.reset(episodes, np.random.default_rng(seed))
+    return evaluate_from(experiment, trained, law, x0)
+
+
+def evaluate_from(
+    experiment: Experiment, trained: Trained, law: ContactLaw, x0: np.ndarray
+) -> Evaluation:
+    """As :func:`evaluate`, from first states ``x0`` (n, nx)."""
+    found = experiment.rollouts(experiment.task.horizon, law)(
+        x0, trained.theta, trained.normaliser, n_samples=len(x0), states=True
     )
     return judged(experiment, trained, found.states, found.lived.astype(int))
 

@@ -14,6 +14,8 @@ from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, 
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
 from ocp.learning.balancing import balanced, embedded
+from ocp.learning.network import first_weights
+from ocp.learning.normaliser import Normaliser
 from ocp.learning.rollouts import TaskRollouts
 from ocp.task import Task
 
@@ -33,8 +35,9 @@ class Experiment:
     The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with
     tanh layers of sizes ``hidden`` on normalised observations; ``()`` is the affine policy and None
     one input for all steps, without observations. Weights start normal with standard deviation
-    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; or, with a state
-    ``rest`` (nx,), the policy starts as the linear one that keeps the system there.
+    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; with a state
+    ``rest`` (nx,) they are those of linear feedback that keeps the system there; with a policy
+    ``start`` its own, with what it has seen.
 
     The algorithm learns through ``law``, at the task's parameters ``psi`` (all of them, in the
     order of the task's table; by default its own); evaluations are under the exact law, of
@@ -58,6 +61,7 @@ class Experiment:
     evaluate_every: int = 10
     episodes: int = 16
     psi: np.ndarray | None = None
+    start: Trained | None = None
     params: Mapping[str, Any] = field(default_factory=dict)
     threads: int | None = None
 
@@ -78,6 +82,18 @@ class Experiment:
             raise InputError(
                 f"psi has shape {np.shape(self.psi)}, expected ({size},), the parameters of"
                 f" {self.task.name}"
+            )
+        if self.start is not None:
+            self._check_start(self.start)
+
+    def _check_start(self, start: Trained) -> None:
+        sizes = np.shape(start.theta), np.shape(start.normaliser.mean)
+        expected = (self.policy.n_theta,), (len(self.task.observations),)
+        if sizes != expected:
+            raise InputError(
+                f"the policy to start from has parameters {sizes[0]} and sees observations"
+                f" {sizes[1]}, but {self.task.name} with hidden layers {self.hidden} takes"
+                f" {expected[0]} and {expected[1]}; start from a policy of the same task and layers"
             )
 
     @cached_property
@@ -138,18 +154,22 @@ class Experiment:
         return np.random.SeedSequence([self.seed, k, zlib.crc32(purpose.encode())])
 
     def first_theta(self) -> np.ndarray:
-        """Parameters (n_theta,) to start from, out of the seed."""
+        """Parameters (n_theta,) to start from: of ``start``, balancing ``rest``, or by chance."""
+        if self.start is not None:
+            return np.array(self.start.theta, dtype=float)
         rng = self.rng(0, "theta")
         if not isinstance(self.policy, DensePolicy):
             return self.initial * rng.standard_normal(self.policy.n_theta)
-        theta = np.zeros(self.policy.n_theta)
-        layers = self.policy.layers(theta)
-        for weights, _ in layers:
-            weights[...] = rng.standard_normal(weights.shape) / np.sqrt(weights.shape[1])
-        layers[-1][0][...] *= self.initial
+        theta = first_weights(self.policy.sizes, self.initial, rng)
         if self.rest is not None:
-            embedded(*balanced(self.task, np.array(self.rest)), layers)
+            embedded(*balanced(self.task, np.array(self.rest)), self.policy.layers(theta))
         return theta
+
+    def first_normaliser(self) -> Normaliser:
+        """What observations are normalised by at first: as ``start`` does it, or not at all."""
+        if self.start is not None:
+            return self.start.normaliser
+        return Normaliser.identity(len(self.task.observations))
 
     def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """First states (n, nx) of episodes, at the model's parameters."""
@@ -195,6 +215,7 @@ class Experiment:
             "evaluate_every": self.evaluate_every,
             "episodes": self.episodes,
             "psi": self.physics,
+            "start": None if self.start is None else self.start.digest,
         }
 
 

@@ -1,11 +1,29 @@
-"""Derivatives of a policy's mean action, for samples at given observations."""
+"""A policy's weights at first, and derivatives of its mean action at given observations."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from dynamics.batch import DensePolicy, RolloutPolicy
 from ocp.learning.normaliser import Normaliser
+
+
+def first_weights(sizes: Sequence[int], last: float, rng: np.random.Generator) -> np.ndarray:
+    """Normal weights of deviation 1 / sqrt(fan in), the last layer's ``last`` times that; b = 0.
+
+    ``sizes`` are the lengths of the observations, the hidden layers and the action.
+    """
+    parts = []
+    for layer, (fan_in, fan_out) in enumerate(pairwise(sizes)):
+        size = last if layer == len(sizes) - 2 else 1.0
+        parts += [
+            rng.standard_normal(fan_in * fan_out) * size / np.sqrt(fan_in),
+            np.zeros(fan_out),
+        ]
+    return np.concatenate(parts)
 
 
 def pulled_back(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -25,6 +26,13 @@ class Trained(NamedTuple):
 
     theta: np.ndarray
     normaliser: Normaliser
+
+    @property
+    def digest(self) -> str:
+        """Ten hex digits over all of it."""
+        n, mean, m2 = self.normaliser.arrays().values()
+        parts = (np.asarray(part, dtype=float) for part in (self.theta, n, mean, m2))
+        return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()[:10]
 
 
 class Algorithm(Protocol):

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 
 
 def begun(experiment: Experiment) -> State:
-    """The policy to start from and its observations, none yet."""
-    size = len(experiment.task.observations)
-    return {"theta": experiment.first_theta(), **Normaliser.identity(size).arrays()}
+    """The policy to start from and its observations, none yet if it comes out of the seed."""
+    return {"theta": experiment.first_theta(), **experiment.first_normaliser().arrays()}
 
 
 def trained(state: State) -> Trained:

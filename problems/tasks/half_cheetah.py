@@ -91,6 +91,7 @@ def build(params: Params) -> Task:
         chance=chance,
         reward=system.x_next[nq] - 0.1 * ca.sumsqr(system.u),
         done=ca.logic_not(tame(x, _LARGEST)),
+        lasts=ca.SX(0, 1),
         observation=x[1:],
         observations=system.states[1:],
         lower=-np.ones(system.nu),

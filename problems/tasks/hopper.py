@@ -86,6 +86,7 @@ def build(params: Params) -> Task:
     )
     x, u, nq = system.x, system.u, system.nx // 2
     first, chance = start(machine)
+    lasts = ca.vertcat(x[1] - _LOWEST, _STEEPEST - x[2], _STEEPEST + x[2], _WILDEST**2 - x**2)
     standing = ca.logic_and(x[1] > _LOWEST, ca.fabs(x[2]) < _STEEPEST)
     seen = ca.fmax(-_FASTEST_SEEN, ca.fmin(x[nq:], _FASTEST_SEEN))
     return Task(
@@ -97,6 +98,7 @@ def build(params: Params) -> Task:
         chance=chance,
         reward=system.x_next[nq] + 0.1 - 1e-4 * ca.sumsqr(u),
         done=ca.logic_not(ca.logic_and(standing, tame(x, _WILDEST))),
+        lasts=lasts,
         observation=ca.vertcat(x[1:nq], seen),
         observations=system.states[1:],
         lower=-np.ones(system.nu),

@@ -114,6 +114,18 @@ def test_a_hopper_is_done_where_the_source_says(index: int, value: float, over: 
     assert bool(task.ends(x, task.parameters.values)) == over
 
 
+def test_a_hopper_lasts_until_it_is_done():
+    task = registry.get("hopper")
+    system, p = task.system, task.parameters.values
+    lasts = ca.Function("lasts", [system.x, task.parameters.vector], [task.lasts])
+    states = RNG.normal(size=(400, 12)) * np.array([1, 0.4, 0.15, *[1.0] * 3, *[45.0] * 6])
+    states[:, 1] += 1.0
+    lasting = (np.array(lasts.map(400)(states.T, ca.repmat(p, 1, 400))) > 0).all(axis=0)
+    over = np.array([bool(task.ends(x, p)) for x in states])
+    np.testing.assert_array_equal(lasting, ~over)
+    assert 50 < over.sum() < 350
+
+
 def test_a_half_cheetah_is_done_only_where_it_is_no_number():
     task = registry.get("half-cheetah")
     for value, over in ((1e9, False), (-0.7, False), (np.nan, True), (np.inf, True)):

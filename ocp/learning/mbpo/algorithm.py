@@ -93,6 +93,10 @@ class MBPO:
                 f"mbpo learns a policy that observes, and {experiment.task.name} was asked for one"
                 " input for all steps; give it hidden layers"
             )
+        if experiment.start is not None:
+            raise InputError(
+                "mbpo learns networks of its own and cannot start from a policy; leave start out"
+            )
         whole = "walkers steps explored members elites model_units model_layers model_steps"
         whole += " model_batch branches shortest kept critic_units critic_layers updates batch"
         for name in whole.split():

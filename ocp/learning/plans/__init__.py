@@ -1,0 +1,1 @@
+"""Plans for a task's episodes: to compare policies with, and to imitate."""

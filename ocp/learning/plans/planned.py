@@ -1,0 +1,142 @@
+"""How much can be gained in an episode from one start: the best plan found for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dynamics.batch import BatchFunction
+from ocp.guesses import Guessed
+from ocp.judgement import judged
+from ocp.learning.plans.problem import planned_problem
+from ocp.problem import Guess, Reference
+from ocp.programs.solver import Point
+from ocp.rollout import roll_on
+from ocp.routes.branches import Branches
+from ocp.routes.landing import embedded
+from ocp.routes.legs import Homotopy, Progress
+from ocp.routes.outcome import Outcome
+from ocp.session import Session
+from ocp.solution import Solution
+from ocp.solve import best_of, new_session
+from ocp.task import Task
+
+_SAME = 1e-4
+"""Difference from its inputs' rollout, in characteristic sizes, up to which a guess is a motion."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """The best plan found for an episode from one start, under the exact law.
+
+    ``returned`` is its return; ``replayed`` that of an episode in which its inputs are applied
+    step by step under the exact law, over the ``lived`` steps that count. ``solution`` has the
+    trajectories, the certificate, the referee's word, and in ``others`` what each guess led to.
+
+    A certified plan is a local optimum. That bounds the return of plans nearby and of no others:
+    another guess may lead to a better one, and a policy may be better too.
+    """
+
+    solution: Solution
+    replayed: float
+    lived: int
+
+    @property
+    def returned(self) -> float:
+        """Return of the plan itself."""
+        return -self.solution.cost
+
+    @property
+    def certified(self) -> bool:
+        """Whether the plan is certified stationary (:mod:`ocp.stationarity.certificate`)."""
+        return self.solution.success
+
+    @property
+    def words(self) -> str:
+        """Return, what it is certified to be, what its replay makes of it, the referee's word."""
+        found, steps = self.solution, self.solution.problem.N
+        said = ", ".join(
+            part for part in (found.certificate.stationarity, found.certificate.kind) if part
+        )
+        standing = (
+            f"certified stationary ({said}), which is a local optimum at most"
+            if self.certified
+            else f"not certified ({found.status.value})"
+        )
+        survives = {True: "survives", False: "does not survive", None: "was not heard"}
+        return (
+            f"best plan found: return {self.returned:.6g}, {standing}; replayed under the exact law"
+            f" {self.replayed:.6g} over {self.lived} of {steps} steps; before the referee, with"
+            f" {-found.referee.cost:.6g}, it {survives[found.referee.survives]}"
+        )
+
+
+def planned_return(
+    task: Task,
+    x0: np.ndarray,
+    *guesses: Guess,
+    reference: Reference | None = None,
+    settings: dict[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> Planned:
+    """Plan an episode from ``x0`` (nx,) by direct transcription under the exact law.
+
+    The search begins at each of ``guesses``, by default where everything stands still. A guess that
+    is a motion under the exact law is settled on its own contacts and improved from there, which
+    keeps to it; any other, or where that comes to nothing, is solved by the default route. The best
+    certified plan is returned, or where none is certified the best of the others.
+    ``reference`` has the characteristic sizes, ``settings`` are those of :func:`ocp.solve`.
+
+    Raises as :func:`~ocp.learning.plans.problem.planned_problem` does.
+    """
+    problem = planned_problem(task, x0, reference=reference)
+    session = new_session(problem, settings=settings)
+    p = problem.parameters.values
+    begun = [guess(problem, p) for guess in guesses] or [problem.initial_guess(p)]
+    found = []
+    for number, guess in enumerate(begun):
+        outcome = _settled(session, guess, progress)
+        if outcome is None:
+            outcome = session.solve(progress=progress, guess=guess, number=number)
+        found.append(judged(session, outcome, seed=0))
+    best = best_of(found)
+    replay = (best.data[name].values[0] for name in ("x_replay", "u_replay"))
+    return Planned(best, *episode_return(task, *replay))
+
+
+def _settled(session: Session, guess: Guessed, progress: Progress | None) -> Outcome | None:
+    """The best plan near a motion, along its contacts; None where it is none, or none was found."""
+    states, inputs = guess
+    problem = session.problem
+    rolled, unsolved = roll_on(problem, inputs[None], session.values, session.step)
+    off = np.abs(rolled.x[0] - states) / problem.sizes.x
+    if unsolved is not None or not np.all(off <= _SAME):
+        return None
+    follower = Homotopy(session.nlp_of, session.solver, session.values, progress)
+    branches, nlp = Branches(follower), session.judging_nlp()
+    found = branches.settle(Point(embedded(nlp, rolled, None)))
+    if found is None:
+        return None
+    return Outcome(branches.improve(found), nlp, True, follower.trace)
+
+
+def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[float, int]:
+    """Return of the episode with ``states`` (N+1, nx) and ``inputs`` (N, nu), and its steps.
+
+    It ends at the first state where the task says so, and before the first that is no number;
+    nothing is gained after that. At the task's own parameters.
+    """
+    p, n = task.parameters.values, len(inputs)
+    known = np.isfinite(states).all(axis=1)
+    solved = n if known.all() else max(int(np.argmin(known)) - 1, 0)
+    over = BatchFunction(task.ends, "numpy", 1)(states[: solved + 1], p)[:, 0] != 0
+    lived = int(np.argmax(over)) if over.any() else solved
+    if not lived:
+        return 0.0, 0
+    counted = states[:lived], inputs[:lived], states[1 : lived + 1]
+    total = float(BatchFunction(task.rewards, "numpy", 1)(*counted, p).sum())
+    if lived == n and not over.any():
+        total += float(task.finals(states[-1], p))
+    return total, lived
