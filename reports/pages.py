@@ -162,8 +162,13 @@ def study_page(run: StoredRun) -> Page:
 
 def training_page(views: list[RunView]) -> Page:
     """Content and figures of trained policies on one task."""
-    content, figures = training_content(views)
-    return {**_head(views[0]), "law": _law(views[0]), **content}, figures
+    content, figures, firsts = training_content(views)
+    settings = [_settings(run) for run in firsts]
+    shared = [row for row in settings[0] if all(row in rows for rows in settings)]
+    own = [[row for row in rows if row not in shared] for rows in settings]
+    return {
+        **_head(views[0]), "law": _law(views[0]), **content, "settings": shared, "own": own,
+    }, figures  # fmt: skip
 
 
 def _head(view: RunView) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from copy import copy
+from typing import Any, Self
 
 import numpy as np
 
@@ -49,15 +50,20 @@ class Rolling:
         threads: int | None,
         block: int,
     ) -> None:
-        if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
-            raise ValueError(f"horizon must be a whole number of steps, at least 1, not {horizon}")
-        self.horizon, self.policy = horizon, policy
+        self.horizon, self.policy = _checked_horizon(horizon), policy
         self.threads, self.block = checked_threads(threads), checked_block(block)
         self.parameters = parameters_of(step, objective, policy)
         self.default_p = self.parameters.values
         self.tapes = build_tapes(step, objective, policy)
         self._derive = NumpyKernel(tape_of(self.tapes.derived))
         self.backend, self._engine = choose(backend, self._makers(), "the rollout")
+
+    def over(self, horizon: int) -> Self:
+        """The same over another horizon, with nothing built or compiled again."""
+        other = copy(self)
+        other.horizon = _checked_horizon(horizon)
+        other._engine = self._engine.over(horizon)
+        return other
 
     def _makers(self) -> dict[str, Any]:
         def chunks(make: Any) -> RolloutEngine:
@@ -203,6 +209,12 @@ class Rolling:
                 "samples, steps, inputs"
             )
         return np.ascontiguousarray(array.reshape(len(array), -1))
+
+
+def _checked_horizon(horizon: int) -> int:
+    if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
+        raise ValueError(f"horizon must be a whole number of steps, at least 1, not {horizon}")
+    return horizon
 
 
 def _sample_count(rows: dict[str, np.ndarray | None], n_samples: int | None) -> int:

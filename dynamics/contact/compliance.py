@@ -1,7 +1,7 @@
 """How gaps give way to impulses, ``gap = z + F lam``, and the linear systems of the path solver.
 
 F (n, n) is a matrix, or where many contacts push few coordinates, a product that is never formed.
-Both solve ``(diag(s) + diag(lam) F) step = rhs``.
+Both solve ``(I + diag(ratio) F) step = rhs``, ratio = lam / s.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class Compliance(Protocol):
         """``F lam`` (n, 1)."""
         ...
 
-    def factored(self, lam: ca.SX, s: ca.SX) -> Solver:
-        """Solver of ``(diag(s) + diag(lam) F) step = rhs``: ``rhs -> (step, F step)``."""
+    def factored(self, ratio: ca.SX) -> Solver:
+        """Solver of ``(I + diag(ratio) F) step = rhs``: ``rhs -> (step, F step)``."""
         ...
 
     def matrix(self) -> ca.SX:
@@ -45,9 +45,9 @@ class Dense:
         """``F lam`` (n, 1)."""
         return self.F @ lam
 
-    def factored(self, lam: ca.SX, s: ca.SX) -> Solver:
+    def factored(self, ratio: ca.SX) -> Solver:
         """``rhs -> (step, F step)``, see :class:`Compliance`."""
-        factors = Factors(ca.diag(s) + ca.diag(lam) @ self.F)
+        factors = Factors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.F)
 
         def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
             step = factors.solve(rhs)
@@ -119,7 +119,7 @@ def _sign(one: np.ndarray, other: np.ndarray) -> int:
 class LowRank:
     """``F = E + Q T^-1 P``, see :class:`Coordinates`; E couples few, T (r, r) is small.
 
-    The direction comes from ``(T + P K^-1 diag(lam) Q) w = P K^-1 rhs``, K = diag(s) + diag(lam) E.
+    The direction comes from ``(T + P K^-1 diag(ratio) Q) w = P K^-1 rhs``, K = I + diag(ratio) E.
     """
 
     E: ca.SX
@@ -145,15 +145,15 @@ class LowRank:
         """``F lam`` (n, 1)."""
         return self.felt(lam, self.pushed(lam))
 
-    def factored(self, lam: ca.SX, s: ca.SX) -> Solver:
+    def factored(self, ratio: ca.SX) -> Solver:
         """``rhs -> (step, F step)``, see :class:`Compliance`."""
-        own = Factors(ca.diag(s) + ca.diag(lam) @ self.E)
-        weights = self.P_signs @ own.solve(ca.diag(lam) @ self.Q_signs)
+        own = Factors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.E)
+        weights = self.P_signs @ own.solve(ca.diag(ratio) @ self.Q_signs)
         small = Factors(self.T + self.P_own @ (weights @ self.Q_own))
 
         def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
             w = small.solve(self._push(own.solve(rhs)))
-            step = own.solve(rhs - lam * (self.Q_signs @ (self.Q_own @ w)))
+            step = own.solve(rhs - ratio * (self.Q_signs @ (self.Q_own @ w)))
             return step, self.felt(step, w)
 
         return solve

@@ -6,8 +6,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi as ca
 
 from dynamics.contact.compliance import Compliance
@@ -21,7 +19,8 @@ _NEAR = 0.5
 _NEIGHBOURHOOD = 1e-2
 _FEASIBILITY = 3e-3
 _SETTLED = 1e-5
-_FLOOR = 1e-8
+FLOOR = 1e-8
+"""Products are compared with mu, or with this where mu is less."""
 
 
 def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
@@ -41,89 +40,96 @@ def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
 
 
 def advance(
-    lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, rest: float = 0.0
+    lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """The pair after one iteration on the scaled problem, as expressions: ``lam, s``.
 
-    All (n, 1); ``gap`` is ``z + F lam`` at lam; lam, s > 0, and ``s = gap`` holds only in the
-    limit. Algorithm 3 of adaptive barrier smoothing: Mehrotra's affine predictor
+    All (n, 1); ``gap`` is ``z + F lam`` at lam, ``per_mu`` 1/mu; lam, s > 0, and ``s = gap`` holds
+    only in the limit. Algorithm 3 of adaptive barrier smoothing: Mehrotra's affine predictor
     and centring, fraction to the boundary. Differently from it, the affine step aims at the wanted
     mu and the target never falls below it, so that the end is *at* mu; the second-order correction
     is taken only where it shortens no step and lowers the violation (with it alone, one problem in
     ten cycles); the centring goes at least two thirds of the way and steps near the end are damped
     (else strongly coupled contacts stall or circle there); pairs far below their target are lifted
     back (without it, rare problems jam at the boundary); the products wait for the defect of
-    ``s = z + F lam``, and both shrink together. Once rounding stops the progress, or the relative
-    violation is ``rest`` or less, the point is returned unchanged: a fixed point ends the loop.
+    ``s = gap``, and both shrink together.
+
+    A direction has ``lam ds + s dlam = target - lam s``, so that products after a step are known
+    from ``dlam ds`` alone.
     """
-    n = lam.numel()
-    defect, solve = gap - s, F.factored(lam, s)
+    n, product = lam.numel(), lam * s
+    defect, off = gap - s, product - mu
+    inverse = 1 / product
+    per_lam, per_s = s * inverse, lam * inverse
+    ratio = lam * per_s
+    solve = F.factored(ratio)
 
     def direction(target: ca.SX, keep: ca.SX | float) -> tuple[ca.SX, ca.SX]:
-        step, opened = solve(target - lam * s - lam * (1 - keep) * defect)
-        return step, opened + (1 - keep) * defect
+        left = (1 - keep) * defect
+        step, opened = solve((target - product) * per_s - ratio * left)
+        return step, opened + left
 
-    def length(step_lam: ca.SX, step_s: ca.SX, fraction: ca.SX | float) -> ca.SX:
-        decrease = ca.vertcat(-step_lam / lam, -step_s / s)
+    def length(along: tuple[ca.SX, ca.SX], fraction: ca.SX | float) -> ca.SX:
+        decrease = -ca.vertcat(along[0] * per_lam, along[1] * per_s)
         return 1 / ca.fmax(1, ca.mmax(decrease) / fraction)
 
-    violation = ca.mmax(ca.vertcat(ca.fabs(lam * s - mu), ca.fabs(defect)))
-    fraction = ca.fmax(_BOUNDARY, 1 - violation)
+    def excess(along: tuple[ca.SX, ca.SX], step: ca.SX, target: ca.SX) -> ca.SX:
+        return off + step * (target - product) + step**2 * (along[0] * along[1])
+
+    largest = ca.mmax(ca.fabs(defect))
+    worst = ca.mmax(ca.fabs(off) * per_mu)
+    near = ca.logic_and(worst < _NEAR, largest < 1e-10)
+    fraction = ca.fmax(_BOUNDARY, 1 - ca.fmax(ca.mmax(ca.fabs(off)), largest))
     affine = direction(mu, 0.0)
-    reach = length(*affine, 1.0)
-    excess = ca.sum1(ca.fabs(lam * s - mu)) / n
-    excess_affine = ca.sum1(ca.fabs((lam + reach * affine[0]) * (s + reach * affine[1]) - mu)) / n
-    centring = ca.fmin(_CENTRING, (excess_affine / ca.fmax(excess, 1e-300)) ** 3)
-    remaining = (1 - reach) ** 2
-    behind = _FEASIBILITY * (1 - reach) * ca.mmax(ca.fabs(defect))
-    near = ca.logic_and(
-        ca.mmax(ca.fabs(lam * s - mu) / mu) < _NEAR,
-        ca.mmax(ca.fabs(defect) / (1 + s)) < 1e-10,
-    )
-    target = ca.if_else(near, mu, ca.fmax(mu + centring * excess, behind))
+    reach = length(affine, 1.0)
+    total = ca.sum1(ca.fabs(off))
+    lowered = ca.sum1(ca.fabs(excess(affine, reach, mu)))
+    centring = ca.fmin(_CENTRING, (lowered / ca.fmax(total, 1e-300)) ** 3)
+    behind = _FEASIBILITY * (1 - reach) * largest
+    target = ca.if_else(near, mu, ca.fmax(mu + centring * total / n, behind))
 
-    plain = direction(target, remaining)
-    corrected = direction(target - reach**2 * affine[0] * affine[1], remaining)
-    step_plain, step_corrected = length(*plain, fraction), length(*corrected, fraction)
-
-    def moved(step: ca.SX, along: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-        return lam + step * along[0], s + step * along[1]
-
-    def off(step: ca.SX) -> ca.SX:
-        at_lam, at_s = moved(step, plain)
-        return ca.mmax(ca.fabs(at_lam * at_s - mu) / mu)
-
-    step_plain = ca.if_else(near, _best([step_plain / 2**k for k in range(6)], off), step_plain)
-    at_plain, at_corrected = moved(step_plain, plain), moved(step_corrected, corrected)
-    better = ca.sum1(ca.fabs(at_corrected[0] * at_corrected[1] - mu)) < ca.sum1(
-        ca.fabs(at_plain[0] * at_plain[1] - mu)
+    bent = reach**2 * affine[0] * affine[1]
+    plain = direction(target, (1 - reach) ** 2)
+    corrected = direction(target - bent, (1 - reach) ** 2)
+    step_plain, step_corrected = length(plain, fraction), length(corrected, fraction)
+    # What is left of a step's products is (1 - step) off + step^2 dlam ds, at most.
+    curving = ca.mmax(ca.fabs(plain[0] * plain[1]) * per_mu)
+    step_plain = ca.if_else(near, ca.fmin(step_plain, worst / (2 * curving)), step_plain)
+    better = ca.sum1(ca.fabs(excess(corrected, step_corrected, target - bent))) < ca.sum1(
+        ca.fabs(excess(plain, step_plain, target))
     )
     use = ca.logic_and(better, ca.logic_and(step_corrected >= 0.9 * step_plain, 1 - near))
-    new_lam = ca.if_else(use, at_corrected[0], at_plain[0])
-    new_s = ca.if_else(use, at_corrected[1], at_plain[1])
-    # The smaller one alone: the larger one is right, and moving it would spoil s = z + F lam.
-    lift = ca.fmax(1, _NEIGHBOURHOOD * target / (new_lam * new_s))
+    step = ca.if_else(use, step_corrected, step_plain)
+    new_lam = lam + step * ca.if_else(use, corrected[0], plain[0])
+    new_s = s + step * ca.if_else(use, corrected[1], plain[1])
+    # The smaller one alone: the larger one is right, and moving it would spoil s = gap.
     small = new_lam < new_s
-    new_lam = new_lam * ca.if_else(small, lift, 1)
-    new_s = new_s * ca.if_else(small, 1, lift)
-
-    def relative(at_lam: ca.SX, at_s: ca.SX) -> ca.SX:
-        off = ca.fabs(gap + F.across(at_lam - lam) - at_s) / (1 + at_s)
-        return ca.mmax(ca.vertcat(ca.fabs(at_lam * at_s - mu) / ca.fmax(mu, _FLOOR), off))
-
-    now = relative(lam, s)
-    settled = ca.logic_and(now < _SETTLED, ca.logic_not(relative(new_lam, new_s) < now))
-    settled = ca.logic_or(settled, now <= rest) if rest else settled
-    return ca.if_else(settled, lam, new_lam), ca.if_else(settled, s, new_s)
+    least = _NEIGHBOURHOOD * target
+    low_lam = ca.logic_and(small, new_lam * new_s < least)
+    low_s = ca.logic_and(ca.logic_not(small), new_lam * new_s < least)
+    larger = 1 / ca.fmax(new_lam, new_s)
+    return (
+        ca.if_else(low_lam, least * larger, new_lam),
+        ca.if_else(low_s, least * larger, new_s),
+    )
 
 
-def _best(steps: list[ca.SX], merit: Callable[[ca.SX], ca.SX]) -> ca.SX:
-    """Return the step of least merit."""
-    best, least = steps[0], merit(steps[0])
-    for step in steps[1:]:
-        value = merit(step)
-        best, least = ca.if_else(value < least, step, best), ca.fmin(value, least)
-    return best
+def settled(
+    before: tuple[ca.SX, ca.SX],
+    after: tuple[ca.SX, ca.SX],
+    gap: ca.SX,
+    F: Compliance,
+    mu: ca.SX,
+) -> ca.SX:
+    """Whether rounding stopped the progress of an iteration from ``before`` to ``after``."""
+
+    def relative(lam: ca.SX, s: ca.SX, gap: ca.SX) -> ca.SX:
+        off = ca.fabs(gap - s) / (1 + s)
+        return ca.mmax(ca.vertcat(ca.fabs(lam * s - mu) / ca.fmax(mu, FLOOR), off))
+
+    now = relative(*before, gap)
+    then = relative(*after, gap + F.across(after[0] - before[0]))
+    return ca.logic_and(now < _SETTLED, ca.logic_not(then < now))
 
 
 def follow(body: ca.Function, stage: int = 0) -> ca.Function:

@@ -17,11 +17,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import casadi as ca
-import numpy as np
 
 from dynamics.contact.interior_point import follow
 from dynamics.contact.path import Path
 from dynamics.contact.reduced_path import path_of
+from dynamics.contact.starts import irrational
 from dynamics.systems import ContactSystem
 
 LOST = 1e-7
@@ -96,7 +96,7 @@ def _start(path: Path) -> ca.Function:
     k, n = ca.SX.sym("k"), path.n
     gap, _ = _gap(path, ca.SX.zeros(n))
     size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.known["mu"])))
-    turned = k * ca.DM(_irrational(n))
+    turned = k * ca.DM(irrational(n))
     most = _MOST + (_MOST_AT_LAST - _MOST) * k / 2**_STARTS
     exponent = _LEAST + (most - _LEAST) * (turned - ca.floor(turned))
     lam = ca.if_else(k > 0, 10**exponent, _FIRST)
@@ -168,14 +168,3 @@ def _where(condition: ca.MX, body: ca.Function, point: ca.MX, data: ca.MX) -> ca
     symbols = [ca.MX.sym("point", point.numel()), ca.MX.sym("data", data.numel())]
     stay = ca.Function("stay", symbols, symbols[:1])
     return ca.Function.if_else(f"if_{body.name()}", body, stay)(condition, point, data)
-
-
-def _irrational(n: int) -> np.ndarray:
-    """Square roots of the first n primes: no sum of multiples of them is a whole number."""
-    primes: list[int] = []
-    candidate = 2
-    while len(primes) < n:
-        if all(candidate % prime for prime in primes):
-            primes.append(candidate)
-        candidate += 1
-    return np.sqrt(primes)

@@ -25,20 +25,22 @@ MU_LEAST = 1e-14
 """A smaller scaled mu is rounding to the path solver and is raised to this."""
 MU_LINEAR = 1e-4
 """Where the path of the linearised gap is left for that of the true one, in scaled units."""
-# Where F is singular, or belongs to a curved gap, the linear model promises a better point at every
-# iteration, down to rounding.
-_REST = 1e-12
 _NEAR = 1e-2
-TRUE_GAP = 2.0
-"""The number, in the last entry of a pair, of the path of the true gap."""
+# Violations of products, relative, and of gaps, which one more iteration squares: where F is
+# singular, or belongs to a curved gap, the linear model promises a better point for ever.
+_CLOSE, _MET = 1e-7, 1e-9
+TRUE_GAP, ARRIVED, LOST = 2.0, 3.0, 4.0
+"""What the last entry of a pair says beside 1: the true gap is followed, to its end, or lost."""
 
 
 class Path:
     """The path of one problem as graphs in a ``pair`` of unknowns and a column of ``data``.
 
-    ``pair`` (size, 1) is lam, s in scaled units and, where rows are curved, the number of the path
-    that is followed; it starts at ones. ``data`` is what a step's state, input and parameters make
-    of the problem: scaled z, F, mu, the scales D and c, and what curved rows need.
+    ``pair`` (size, 1) is lam, s in scaled units and where it stands: 1, with which it starts at
+    ones, while curved rows are linearised, :data:`TRUE_GAP` while they are followed as they are,
+    :data:`ARRIVED` at the end, :data:`LOST` where numbers are no longer finite. ``data`` is what a
+    step's state, input and parameters make of the problem: scaled z, F, mu, 1/mu, the scales D and
+    c, and what curved rows need.
 
     ``pattern`` is that of F (n, n). Where F is a P-matrix, ``unique``, the multipliers are unique;
     then the exact law is the solution on the path's active set, complementary to rounding.
@@ -55,7 +57,7 @@ class Path:
         self.pattern, self.exact, self.unique, self.curved = pattern, exact, unique, curved
         self.n = pattern.size1()
         self.pairs = pairs
-        self.size = 2 * self.n + (1 if curved else 0)
+        self.size = 2 * self.n + 1
 
     @classmethod
     def of_system(cls, system: ContactSystem, exact: bool) -> Path:
@@ -83,7 +85,7 @@ class Path:
         D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         F = ca.project(ca.diag(D) @ F @ ca.diag(D), self.pattern)
-        return ca.densify(ca.vertcat(z * D / c, F.nz[:], target, D, c, self.more))
+        return ca.densify(ca.vertcat(z * D / c, F.nz[:], target, 1 / target, D, c, self.more))
 
     @property
     def more(self) -> ca.SX:
@@ -93,15 +95,15 @@ class Path:
     @cached_property
     def data(self) -> ca.SX:
         """The symbols of ``data`` in one column."""
-        return ca.SX.sym("data", 3 * self.n + self.n_entries + 1 + self.more.numel())
+        return ca.SX.sym("data", 4 * self.n + self.n_entries + 1 + self.more.numel())
 
     def parts(self, data: ca.SX) -> dict[str, ca.SX]:
-        """Take ``data`` apart: z, entries of F, mu, D, c, and what curved rows need."""
+        """Take ``data`` apart: z, entries of F, mu, per_mu, D, c, and what curved rows need."""
         n, ends = self.n, [0]
-        for length in (n, self.n_entries, n, n, 1):
+        for length in (n, self.n_entries, n, n, n, 1):
             ends.append(ends[-1] + length)
-        z, entries, mu, D, c, more = ca.vertsplit(data, [*ends, data.numel()])
-        return {"z": z, "entries": entries, "mu": mu, "D": D, "c": c, "more": more}
+        names = ("z", "entries", "mu", "per_mu", "D", "c", "more")
+        return dict(zip(names, ca.vertsplit(data, [*ends, data.numel()]), strict=True))
 
     @cached_property
     def known(self) -> dict[str, ca.SX]:
@@ -109,23 +111,36 @@ class Path:
         return self.parts(self.data)
 
     def pair(self, lam: ca.SX, s: ca.SX, phase: ca.SX | float = TRUE_GAP) -> ca.SX:
-        """Put lam, s and the number of the path together."""
-        return ca.vertcat(lam, s, phase) if self.curved else ca.vertcat(lam, s)
+        """Put lam, s and where they stand together."""
+        return ca.vertcat(lam, s, phase)
 
     def iteration(self) -> ca.Function:
         """One iteration, ``(pair, data) -> pair``; a pair that has arrived is left as it is."""
-        n, mu = self.n, self.known["mu"]
+        n, mu, per_mu = self.n, self.known["mu"], self.known["per_mu"]
         pair = ca.SX.sym("pair", self.size)
-        lam, s, phase, true = pair[:n], pair[n : 2 * n], pair[2 * n :], ca.SX(1)
+        lam, s, phase, true = pair[:n], pair[n : 2 * n], pair[2 * n], ca.SX(1)
         if self.curved:
             true = phase == TRUE_GAP
             mu = ca.if_else(true, mu, ca.fmax(mu, MU_LINEAR))
+            per_mu = ca.if_else(true, per_mu, ca.fmin(per_mu, 1 / MU_LINEAR))
         gap, F = self.at(lam, true)
-        moved = interior_point.advance(lam, s, gap, F, mu, 0.0 if self.unique else _REST)
+        moved = interior_point.advance(lam, s, gap, F, mu, per_mu)
+        sure = ca.fmin(per_mu, 1 / interior_point.FLOOR)
+        off, open_ = ca.mmax(ca.fabs(lam * s - mu) * sure), ca.mmax(ca.fabs(gap - s))
+        going, after = phase < ARRIVED, phase
+        if self.unique:
+            at_rest = interior_point.settled((lam, s), moved, gap, F, mu)
+            after, going = ca.if_else(at_rest, ARRIVED, after), ca.logic_and(going, 1 - at_rest)
+        else:
+            close = ca.logic_and(off < _CLOSE, open_ < _MET)
+            after = ca.if_else(ca.logic_and(true, close), ARRIVED, after)
         if self.curved:
-            off = ca.vertcat(ca.fabs(lam * s - mu) / mu, ca.fabs(gap - s) / (1 + s))
-            phase = ca.if_else(ca.mmax(off) < _NEAR, TRUE_GAP, phase)
-        return ca.Function(f"path_{n}", [pair, self.data], [self.pair(*moved, phase)])
+            near = ca.logic_and(off < _NEAR, open_ < _NEAR)
+            after = ca.if_else(ca.logic_and(1 - true, near), TRUE_GAP, after)
+        after = ca.if_else(off + open_ < ca.inf, after, ca.fmax(phase, LOST))
+        moved = self.pair(*moved, after)
+        still = ca.vertcat(pair[: 2 * n], ca.if_else(phase < ARRIVED, after, phase))
+        return ca.Function(f"path_{n}", [pair, self.data], [ca.if_else(going, moved, still)])
 
     def at(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, Compliance]:
         """The gap at lam and its compliance there, or as where the step starts, if not ``true``."""

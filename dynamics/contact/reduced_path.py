@@ -63,7 +63,7 @@ class ReducedPath(Path):
             "Q": ca.diag(D[own]) @ factors["Q"],
         }
         entries = [ca.project(scaled[name], factors[name].sparsity()).nz[:] for name in scaled]
-        return ca.densify(ca.vertcat(z * D / c, *entries, target, D, c, self.more))
+        return ca.densify(ca.vertcat(z * D / c, *entries, target, 1 / target, D, c, self.more))
 
     @property
     def more(self) -> ca.SX:

@@ -36,14 +36,15 @@ class AoBG(Unrolled):
 
     name: ClassVar[str] = "aobg"
     summary: ClassVar[str] = "alpha-order batched gradient, first and zeroth order mixed"
+    contact: ClassVar[str] = "exact"
 
     gamma: float | None = None
     delta: float = 0.05
     least: ClassVar[int] = 2
 
-    def check(self) -> None:
+    def check(self, experiment: Experiment) -> None:
         """As all, the bound and its probability."""
-        super().check()
+        super().check(experiment)
         if self.gamma is not None:
             positive("gamma", self.gamma)
         if not 0 < self.delta < 1:

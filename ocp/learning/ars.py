@@ -25,6 +25,7 @@ class ARS:
 
     name: ClassVar[str] = "ars"
     summary: ClassVar[str] = "augmented random search, V2-t"
+    contact: ClassVar[str] = "exact"
 
     directions: int = 16
     top: int = 8
@@ -35,8 +36,8 @@ class ARS:
         """All of them."""
         return asdict(self)
 
-    def begin(self, experiment: Experiment) -> State:
-        """The first policy."""
+    def check(self, experiment: Experiment) -> None:
+        """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
         at_least(1, "directions", self.directions)
         at_least(1, "top", self.top)
         if self.top > self.directions:
@@ -45,6 +46,10 @@ class ARS:
             )
         positive("spread", self.spread)
         positive("rate", self.rate)
+
+    def begin(self, experiment: Experiment) -> State:
+        """The first policy."""
+        self.check(experiment)
         return begun(experiment)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:

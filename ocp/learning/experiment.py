@@ -89,16 +89,20 @@ class Experiment:
     def rollouts(self, horizon: int, law: ContactLaw | None = None) -> TaskRollouts:
         """Unrolls of ``horizon`` steps, compiled once; through ``law``, by default the model's."""
         chosen = self.law if law is None else law
-        key = horizon, id(chosen)
-        if key not in self._compiled:
-            self._compiled[key] = TaskRollouts(
-                self.task, chosen, self.policy, horizon, threads=self.threads
-            )
-        return self._compiled[key]
+        known = [each for each in self._compiled if each.law is chosen]
+        for each in known:
+            if each.horizon == horizon:
+                return each
+        others = (each.over(horizon) for each in known)
+        found = next((each for each in others if each is not None), None)
+        if found is None:
+            found = TaskRollouts(self.task, chosen, self.policy, horizon, threads=self.threads)
+        self._compiled.append(found)
+        return found
 
     @cached_property
-    def _compiled(self) -> dict[tuple[int, int], TaskRollouts]:
-        return {}
+    def _compiled(self) -> list[TaskRollouts]:
+        return []
 
     def once(self, make: Callable[[Experiment], T]) -> T:
         """What ``make`` makes of the experiment, made at the first asking only."""

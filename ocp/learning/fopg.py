@@ -32,12 +32,13 @@ class FOPG(Unrolled):
 
     name: ClassVar[str] = "fopg"
     summary: ClassVar[str] = "first-order policy gradient through the contact model"
+    contact: ClassVar[str] = "adaptive"
 
     smoothing: str = "rollout"
 
-    def check(self) -> None:
+    def check(self, experiment: Experiment) -> None:
         """As all, and the smoothing."""
-        super().check()
+        super().check(experiment)
         choose("smoothing", self.smoothing, SMOOTHINGS)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:

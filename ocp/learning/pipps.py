@@ -31,6 +31,7 @@ class PIPPS(Unrolled):
 
     name: ClassVar[str] = "pipps"
     summary: ClassVar[str] = "total propagation: both estimates mixed at every step backwards"
+    contact: ClassVar[str] = "exact"
 
     sigma: float = 1e-2
     least: ClassVar[int] = 2

@@ -36,13 +36,19 @@ class Algorithm(Protocol):
 
     name: ClassVar[str]
     summary: ClassVar[str]
+    contact: ClassVar[str]
+    """Name of the contact law that it is meant to learn through."""
 
     def settings(self) -> dict[str, Any]:
         """What was chosen, for the run's record."""
         ...
 
+    def check(self, experiment: Experiment) -> None:
+        """Raise :class:`~ocp.errors.InputError` where settings do not fit, before any work."""
+        ...
+
     def begin(self, experiment: Experiment) -> State:
-        """State before the first iteration; raises ``InputError`` where settings do not fit."""
+        """State before the first iteration; raises as :meth:`check` does."""
         ...
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -39,12 +40,26 @@ class TaskRollouts:
         self.task, self.law, self.policy, self.horizon = task, law, policy, horizon
         step = law.close(replace(task.system, parameters=task.parameters))
         final = task.finals
-        if horizon != task.horizon:
+        if self._is_part:
             arguments = [task.system.x, task.parameters.vector]
             final = ca.Function("final", arguments, [ca.SX(0)])
         episode = Episode(task.rewards, final, task.ends)
         self.function = EpisodeFunction(step, episode, horizon, policy, **engine)
         self.parameters = self.function.parameters
+
+    @property
+    def _is_part(self) -> bool:
+        """Whether an unroll ends before an episode does, and so without what is gained there."""
+        return self.horizon != self.task.horizon and not ca.SX(self.task.final).is_zero()
+
+    def over(self, horizon: int) -> TaskRollouts | None:
+        """The same over another horizon, built and compiled once; None where that cannot be."""
+        other = copy(self)
+        other.horizon = horizon
+        if other._is_part != self._is_part:
+            return None
+        other.function = self.function.over(horizon)
+        return other
 
     def __call__(
         self,

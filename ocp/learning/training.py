@@ -74,6 +74,11 @@ def train(
     return _result(experiment, progress)
 
 
+def kept(arrays: dict[str, np.ndarray]) -> tuple[int, dict[str, Any]]:
+    """How many iterations a checkpoint's arrays under :data:`KEY` hold, and of which settings."""
+    return len(arrays[f"{_CURVE}wall_s"]), json.loads(str(arrays[_SETTINGS]))
+
+
 def _begun(experiment: Experiment) -> _Progress:
     return _Progress(experiment.algorithm.begin(experiment))
 

@@ -40,7 +40,7 @@ class Unrolled:
         """All of them."""
         return asdict(self)
 
-    def check(self) -> None:
+    def check(self, experiment: Experiment) -> None:
         """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
         if self.samples == 1 < self.least:
             raise InputError(f"samples is 1, but a variance needs two; give at least {self.least}")
@@ -62,7 +62,7 @@ class Unrolled:
 
     def begin(self, experiment: Experiment) -> State:
         """The first policy and a buffer of first states."""
-        self.check()
+        self.check(experiment)
         starts = Starts.first(experiment, self.starts(), self.steps(experiment))
         return {**begun(experiment), **starts.arrays()}
 

@@ -33,13 +33,14 @@ class ZOPG(Unrolled):
 
     name: ClassVar[str] = "zopg"
     summary: ClassVar[str] = "likelihood-ratio policy gradient, antithetic, with a baseline"
+    contact: ClassVar[str] = "exact"
 
     samples: int = 256
     least: ClassVar[int] = 4
 
-    def check(self) -> None:
+    def check(self, experiment: Experiment) -> None:
         """As all, and that samples come in pairs."""
-        super().check()
+        super().check(experiment)
         if self.samples % 2:
             raise InputError(f"samples come in pairs of w and -w: {self.samples} is odd")
 

@@ -8,6 +8,7 @@ import json
 import shutil
 import time
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -47,11 +48,14 @@ class Checkpoint:
 
     def state(self, key: str) -> dict[str, np.ndarray] | None:
         """Arrays of a sampling that was under way, or None."""
-        try:
-            with np.load(self._file(f"{key}.npz"), allow_pickle=False) as found:
-                return dict(found)
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-            return None
+        return _arrays(self._file(f"{key}.npz"))
+
+    def others(self, key: str) -> Iterator[dict[str, np.ndarray]]:
+        """Arrays of what is under way of the same problem, but was asked for otherwise."""
+        for directory in sorted(self._directory.parent.glob(".unfinished-*")):
+            found = None if directory == self._directory else _arrays(directory / f"{key}.npz")
+            if found is not None:
+                yield found
 
     def due(self) -> bool:
         """Whether the last saving is long enough ago."""
@@ -73,3 +77,11 @@ class Checkpoint:
 
     def _write(self, name: str, content: bytes) -> None:
         write(self._file(name), content, "what is done to")
+
+
+def _arrays(file: Path) -> dict[str, np.ndarray] | None:
+    try:
+        with np.load(file, allow_pickle=False) as found:
+            return dict(found)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None

@@ -20,11 +20,12 @@ from problems.studies.stiff_pushing import study as p5
 from problems.studies.study import Claim, Study
 from problems.studies.theory_of_noising import study as n0
 from problems.studies.thrown_ball import study as a7
+from problems.studies.unroll_variance import study as a3
 from problems.studies.wall_corner import study as p4
 
 _STUDIES = {
     study.id: study
-    for study in (n0, n1, n2, n3, p1, p2, p3, p4, p5, p6, p7, a1, a2, a2v, a6, a7, am, at, t1)
+    for study in (n0, n1, n2, n3, p1, p2, p3, p4, p5, p6, p7, a1, a2, a2v, a3, a6, a7, am, at, t1)
 }
 
 

@@ -51,11 +51,18 @@ class Pieces:
 
     def get(self, key: str, make: Callable[[], Mapping[str, ArrayLike]]) -> dict[str, np.ndarray]:
         """Arrays of a piece: those that were kept, or else made and kept now."""
-        found = self._checkpoint.state(key) if self._checkpoint else None
-        if found is None:
-            found = {name: np.asarray(array) for name, array in make().items()}
-            if self._checkpoint:
-                self._checkpoint.save_state(key, **found)
+        found = self.kept(key)
+        return self.keep(key, make()) if found is None else found
+
+    def kept(self, key: str) -> dict[str, np.ndarray] | None:
+        """Arrays of a piece that is finished, None where it is not."""
+        return self._checkpoint.state(key) if self._checkpoint else None
+
+    def keep(self, key: str, made: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
+        """Keep the arrays of a piece, and return them."""
+        found = {name: np.asarray(array) for name, array in made.items()}
+        if self._checkpoint:
+            self._checkpoint.save_state(key, **found)
         return found
 
 

@@ -21,6 +21,13 @@ citation = Citation(
     "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward, reset and end of Dojo's"
 )
 axes = ("x [m]", "z [m]")
+learner = "ars"
+training = {
+    # A torque of a hundredth of the bound turns the torso past its end in a few steps.
+    "all": {"initial": 0.0, "sigma": 3e-3, "rate": 1e-3},
+    "ars": {"directions": 32, "top": 8, "spread": 3e-3, "rate": 3e-3, "iterations": 2000,
+            "evaluate_every": 50},
+}  # fmt: skip
 equations = """
 max "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) + 0.1 - 10^(-4) norm(u_t)^2
 q = (x, z, theta, "thigh, leg, foot"), quad "dynamics as those of the problem hopper"

@@ -23,6 +23,7 @@ class TaskSpec(Spec):
     throw the first. ``known`` bounds observations by name, those that do not reach any number.
     ``training`` are settings by which an algorithm learns this task, of the
     algorithm called so, and under ``"all"`` of every one; others are at their own defaults.
+    ``learner`` is the algorithm that learns it where none is named.
     """
 
     build: Callable[[Any], Task]
@@ -32,6 +33,7 @@ class TaskSpec(Spec):
     decisions: int | None = None
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     training: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    learner: str = "fopg"
 
     def task(self, values: Mapping[str, Any] | None = None) -> Task:
         """Build the task at ``values``, the rest at their defaults.

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
-from ocp.errors import InputError, choose
-from ocp.learning.algorithms import ALGORITHMS
+from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
+from ocp.learning.fopg import FOPG
 from ocp.learning.protocol import Algorithm, Trained
-from ocp.learning.training import train
+from ocp.learning.training import KEY, kept, train
 from ocp.store.checkpoint import Checkpoint
+from ocp.store.plain import plain
 from ocp.store.provenance import versions
 from ocp.store.stored_run import StoredRun
 from ocp.task import Task
@@ -23,6 +24,7 @@ from problems.tasks.episodes import described, policy_of
 if TYPE_CHECKING:
     import xarray as xr
 
+_ALIKE = ("task", "algorithm", "seed")
 KIND = "train"
 """Kind of a stored run."""
 
@@ -33,7 +35,7 @@ class TrainingJob:
 
     ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``store`` holds the
     checkpoint, in a directory that workers elsewhere may see too; results do not depend on it, nor
-    on ``threads``.
+    on ``threads``. ``guesses`` are physical parameters of the model that are not the task's own.
     """
 
     task: str
@@ -41,21 +43,26 @@ class TrainingJob:
     algorithm: Algorithm
     law: ContactLaw
     seed: int
-    store: Path
+    store: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    guesses: Mapping[str, float] = field(default_factory=dict)
     threads: int | None = None
 
     @property
     def name(self) -> str:
         """Short, for a line on the terminal."""
-        return f"{self.algorithm.name} seed {self.seed}"
+        beside = self.algorithm.settings().get("of")
+        return f"{f'{beside} with psi' if beside else self.algorithm.name} seed {self.seed}"
 
     def experiment(self, task: Task | None = None) -> Experiment:
         """Build it, of ``task`` where that is built; raises :class:`~ocp.errors.InputError`."""
         spec = registry.spec(self.task)
         params = spec.params(self.params)
+        task = task or spec.build(params)
+        psi = task.parameters.pack(self.guesses) if self.guesses else None
         return Experiment(
-            task=task or spec.build(params),
+            task=task,
+            psi=psi,
             algorithm=self.algorithm,
             law=self.law,
             seed=self.seed,
@@ -65,9 +72,35 @@ class TrainingJob:
         )
 
     def checkpoint(self, experiment: Experiment) -> Checkpoint:
-        """What is kept of it, named after all that decides its result."""
+        """What is kept of it, named after all that decides its result; it needs a store."""
+        assert self.store is not None
         decisive = {**experiment.settings(), "iterations": experiment.iterations}
         return Checkpoint(self.store, self.task, {"training": decisive, "by": versions()})
+
+
+def under_way(job: TrainingJob, experiment: Experiment) -> list[str]:
+    """Sentences: from where the training goes on, and which like it were begun with other settings.
+
+    Those are of the same algorithm and seed on the same task.
+    """
+    checkpoint = job.checkpoint(experiment)
+    begun, asked = checkpoint.state(KEY), plain(experiment.settings())
+    told = [] if begun is None else [f"{job.name} goes on after {kept(begun)[0]} iterations"]
+    for other in checkpoint.others(KEY):
+        done, settings = kept(other)
+        if [settings.get(key) for key in _ALIKE] == [asked[key] for key in _ALIKE]:
+            names = [
+                name for name in {**settings, **asked} if settings.get(name) != asked.get(name)
+            ]
+            parts = (
+                f"{name} = {settings.get(name)} instead of {asked.get(name)}" for name in names
+            )
+            told.append(
+                f"another training by {job.name} is unfinished after {done} iterations, with"
+                f" {', '.join(parts) or 'other iterations or versions'}; its own command goes on"
+                " with it"
+            )
+    return told
 
 
 def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
@@ -76,7 +109,8 @@ def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Da
     Tells every row with its iteration; returns what is stored.
     """
     experiment = job.experiment()
-    checkpoint = job.checkpoint(experiment) if job.store.is_dir() else None
+    stored = job.store is not None and job.store.is_dir()
+    checkpoint = job.checkpoint(experiment) if stored else None
     data = train(experiment, checkpoint, lambda k, row: tell({"iteration": float(k), **row}))
     return described(experiment, data)
 
@@ -111,7 +145,8 @@ def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
     hidden = asked["hidden"]
     experiment = Experiment(
         task=spec.build(params),
-        algorithm=choose("algorithm", asked["algorithm"], ALGORITHMS)(),
+        # Which one made the policy does not matter where it is only judged.
+        algorithm=FOPG(),
         hidden=None if hidden is None else tuple(hidden),
         discount=asked["discount"],
         params=params.model_dump(),

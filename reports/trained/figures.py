@@ -11,11 +11,12 @@ from matplotlib.lines import Line2D
 
 from reports.figures.run import label
 from reports.strobe import draw_strobe
-from reports.style import CYCLE, GREY, WIDTH
+from reports.style import CYCLE, GREY, INK, WIDTH
 from reports.trained.summary import Group, measures
 from reports.view import RunView
 
 _MOST_STROBES = 6
+_COLORS = (*CYCLE, INK, GREY)
 _TOLD = {
     "return_mean": "return of the samples",
     "gradient_norm": "norm of the gradient",
@@ -62,7 +63,10 @@ def signals(found: Sequence[Group]) -> Figure | None:
 def strobes(found: Sequence[Group]) -> Figure | None:
     """An episode of the best policy of each group, from faint to dark."""
     views = [(group, RunView.of(group.best)) for group in found[:_MOST_STROBES]]
-    shown = [(group, view) for group, view in views if view.spec is not None and view.spec.draw]
+    shown = [
+        (group, view) for group, view in views
+        if view.spec is not None and view.spec.draw and view.array("x") is not None
+    ]  # fmt: skip
     if not shown:
         return None
     columns = 1 if len(shown) == 1 else 2
@@ -80,7 +84,7 @@ def strobes(found: Sequence[Group]) -> Figure | None:
 
 
 def _color(place: int) -> str:
-    return CYCLE[place % len(CYCLE)]
+    return _COLORS[place % len(_COLORS)]
 
 
 def _known(group: Group, name: str) -> bool:
@@ -110,4 +114,4 @@ def _legend(figure: Figure, found: Sequence[Group]) -> None:
         handles.append(
             Line2D([], [], color=GREY, linewidth=6, alpha=0.3, label="lowest to highest seed")
         )
-    figure.legend(handles=handles, loc="outside upper center", ncols=min(4, len(handles)))
+    figure.legend(handles=handles, loc="outside upper center", ncols=min(6, len(handles)))

@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from ocp.task import Task
 
 _CONFIDENCE = 0.95
+_SHARES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "steps unsolved"}
 
 
 def judgement(task: Task, seen: Evaluation) -> dict[str, Any]:
     """Return, length and measures, each with its mean, 95 % interval, least and most.
 
-    ``fallen`` is the share of episodes that ended before the task's horizon, ``unsolved`` the share
-    of steps at which a contact found no solution; an episode ends there too, and is not fallen.
+    ``fallen`` is the share of episodes that ended before the task's horizon, ``lost`` that of those
+    that ended where a contact found no solution, ``unsolved`` the share of such steps.
     """
     lost = {int(sample) for sample in np.asarray(seen.unsolved).reshape(-1, 2)[:, 0]}
     early = [n for n, length in enumerate(seen.lengths) if length < task.horizon and n not in lost]
@@ -37,6 +38,7 @@ def judgement(task: Task, seen: Evaluation) -> dict[str, Any]:
             name: _spread(values, units.get(name, "1")) for name, values in seen.measures.items()
         },
         "fallen": len(early) / len(seen.returns),
+        "lost": len(lost) / len(seen.returns),
         "unsolved": len(seen.unsolved) / steps,
     }
 
@@ -64,9 +66,12 @@ def sentence(told: Mapping[str, Any]) -> str:
     head = f"Return {number(found['mean'], 4)}{_interval(found)} under the {told['contact']} law"
     parts = [f"{head} over {many}; training's own judgement was {number(own['return'], 4)}"]
     if told["fallen"]:
-        parts.append(f"{100 * told['fallen']:.3g} % of episodes end early")
+        parts.append(f"{_share(told['fallen'])} of episodes end early")
     if told["unsolved"]:
-        parts.append(f"contacts were not solved at {100 * told['unsolved']:.2g} % of steps")
+        parts.append(
+            f"contacts were not solved at {_share(told['unsolved'])} of steps, where"
+            f" {_share(told['lost'])} of episodes end"
+        )
     return f"{'; '.join(parts)}."
 
 
@@ -88,7 +93,7 @@ def judgement_table(told: Mapping[str, Any]) -> Table:
         ends = (number(found[key], 4) for key in ("least", "most"))
         table.add_row(title, number(found["mean"], 4), _interval(found).strip(), *ends,
                       number(own.get(name), 4))  # fmt: skip
-    for name, title in (("fallen", "episodes fallen"), ("unsolved", "steps unsolved")):
+    for name, title in _SHARES.items():
         known = own.get(name)
         table.add_row(title, _share(told[name]), "", "", "", "–" if known is None else
                       _share(known))  # fmt: skip

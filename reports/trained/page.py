@@ -10,15 +10,16 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from reports.console import number
+from reports.figures.run import label
 from reports.trained.figures import learning, signals, strobes
-from reports.trained.summary import groups, measures, summary_rows, verdict
+from reports.trained.summary import Group, groups, measures, summary_rows, verdict
 from reports.view import RunView
 
-Page = tuple[dict[str, Any], dict[str, Figure]]
+Figures = dict[str, Figure]
 
 
-def training_content(views: Sequence[RunView]) -> Page:
-    """Verdicts, table and figures; the rest of a page is what every page has.
+def training_content(views: Sequence[RunView]) -> tuple[dict[str, Any], Figures, list[StoredRun]]:
+    """Verdicts, table and figures, and the first run of each group, for what every page has.
 
     Raises :class:`~ocp.errors.InputError` for runs on several tasks.
     """
@@ -35,11 +36,14 @@ def training_content(views: Sequence[RunView]) -> Page:
         "heads": heads,
         "rows": cells,
         "key": _key_numbers(views[0].run) if len(views) == 1 else [],
+        "psi": [row for group in found for row in _learned(group)],
+        "labels": [group.label for group in found],
         "hashes": [view.run.meta["hash"] for view in views],
         "seeds": max(len(group.runs) for group in found),
     }
-    figures = {"learning": learning(found), "signals": signals(found), "strobes": strobes(found)}
-    return content, {name: figure for name, figure in figures.items() if figure is not None}
+    drawn = {"learning": learning(found), "signals": signals(found), "strobes": strobes(found)}
+    figures = {name: figure for name, figure in drawn.items() if figure is not None}
+    return content, figures, [group.runs[0] for group in found]
 
 
 def _key_numbers(run: StoredRun) -> list[list[str]]:
@@ -50,10 +54,28 @@ def _key_numbers(run: StoredRun) -> list[list[str]]:
         ["untrained", number(told["untrained"]["return"], 5)],
         ["after the last iteration", number(told["last"]["return"], 5)],
         ["steps to an episode's end", number(best["length"], 4)],
-        *([name, number(best[name], 4)] for name in measures(best)),
+        *([_titled(run, name), number(best[name], 4)] for name in measures(best)),
         ["share of steps not solved", number(best["unsolved"], 2)],
         ["iterations", str(told["last"]["iteration"])],
         ["steps simulated", number(told["env_steps"], 4)],
         ["time [s]", number(told["wall_s"], 3)],
         ["parameters of the policy", str(run.data.sizes["parameter"])],
     ]
+
+
+def _titled(run: StoredRun, name: str) -> str:
+    unit = str(run.data[f"evaluation_{name}"].attrs.get("units", "1"))
+    return label(name, "" if unit == "1" else unit)
+
+
+def _learned(group: Group) -> list[list[str]]:
+    """Parameters of the model that were learned beside the policy, and the task's own."""
+    view = RunView.of(group.best)
+    if view.problem is None or "psi" not in view.run.data:
+        return []
+    own, psi = view.problem.parameters, view.run.data["psi"]
+    found = zip(map(str, psi["physical"].values), psi.values.tolist(), strict=True)
+    return [
+        [group.label, name, number(value, 6), number(own.get(name).value, 6), own.get(name).unit]
+        for name, value in found if value != own.get(name).value
+    ]  # fmt: skip

@@ -93,18 +93,26 @@ def groups(runs: Sequence[StoredRun]) -> list[Group]:
 
 def _flat(run: StoredRun) -> dict[str, Any]:
     asked = dict(run.record)
+    asked["algorithm"] = algorithm_of(run)
     for kind in ("params", "algorithm_settings", "contact_settings"):
         asked |= {f"{kind}.{name}": value for name, value in asked.pop(kind, {}).items()}
     return asked
 
 
+def algorithm_of(run: StoredRun) -> str:
+    """Its name; that of the one beside which physical parameters are learned, with psi."""
+    beside = run.record["algorithm_settings"].get("of")
+    return f"{beside} with psi" if beside else str(run.record["algorithm"])
+
+
 def _label(asked: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
-    """Algorithm and law, and what sets it apart from groups that share both."""
+    """Algorithm, the law where there are several, and what sets apart groups that share both."""
+    laws = {other["contact"] for other in firsts}
+    name = f"{asked['algorithm']} {asked['contact']}" if len(laws) > 1 else asked["algorithm"]
     both = [asked["algorithm"], asked["contact"]]
     alike = [other for other in firsts if [other["algorithm"], other["contact"]] == both]
     own = [key for key in asked if any(other.get(key) != asked[key] for other in alike)]
-    told = (f"{key.rpartition('.')[2]} {_short(asked[key])}" for key in own)
-    return ", ".join([" ".join(both), *told])
+    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {_short(asked[key])}" for key in own)])
 
 
 def _short(value: Any) -> str:
@@ -138,7 +146,7 @@ def document(found: Sequence[Group]) -> dict[str, Any]:
             for group in found
         ],
         "runs": [
-            {"run": str(run.path), "algorithm": run.record["algorithm"],
+            {"run": str(run.path), "algorithm": algorithm_of(run),
              **{key: run.meta.get(key) for key in keys}}
             for group in found for run in group.runs
         ],
@@ -149,7 +157,7 @@ def summary_rows(found: Sequence[Group]) -> tuple[list[str], list[list[str]]]:
     """Heads and cells: a line a run."""
     names = measures(found[0].runs[0].meta["evaluation"]) if found else []
     units = {name: found[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
-    heads = ["", "seed", "untrained", "exact return", "of iteration", *(
+    heads = ["", "seed", "untrained", "return", "iteration", *(
         f"{name}, {units[name]}" for name in names), "steps", "time, s"]  # fmt: skip
     cells = []
     for group in found:

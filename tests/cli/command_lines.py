@@ -72,7 +72,7 @@ SOLVER: Options = {
 COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
     "list": (st.just([]), {}),
     "show": (among(*PROBLEMS, *OBJECTIVES, "@data", "none.nc").map(lambda name: [name]), {}),
-    "runs": (st.just([]) | among("@solve", "wall").map(lambda run: [run]), STORE),
+    "runs": (st.just([]) | among("@solve", "@train", "wall").map(lambda run: [run]), STORE),
     "doctor": (st.just([]), {}),
     "solve": (
         among(*PROBLEMS).map(lambda name: [name]),
@@ -114,16 +114,16 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
             "--threads": number("1", "2"),
         },
     ),
-    "replay": (among("@solve", "@continue").map(lambda run: [run]), {**STORE, **LAW}),
+    "replay": (among("@solve", "@continue", "@train").map(lambda run: [run]), {**STORE, **LAW}),
     "report": (
         st.tuples(
-            st.lists(among("@solve", "@continue"), min_size=1, max_size=2),
+            st.lists(among("@solve", "@continue", "@train"), min_size=1, max_size=2),
             among("a.pdf", "new/b.pdf"),
         ).map(lambda t: [*t[0], "-o", t[1]]),
         STORE,
     ),
     "animate": (
-        st.tuples(among("@solve", "@continue"), among("a.gif", "a.html", "a.mp4")).map(
+        st.tuples(among("@solve", "@continue", "@train"), among("a.gif", "a.html", "a.mp4")).map(
             lambda t: [t[0], "-o", t[1]]
         ),
         {**STORE, "--fps": number("5", "25"), "--speed": number("1", "4")},
@@ -154,6 +154,25 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
             "--problem": among("push-1d", "wall-1d"), "--columns": among("qu=a,qa=b"),
         },
     ),
+    "train": (
+        among("ball-throw", "ball-throw", "hopper", "wall-1d").map(lambda task: [task]),
+        {
+            **STORE, **LAW, "-p": setting(h=("0.02",), horizon=("5",), m=("2",), spheres=("foot",)),
+            "-a": among("fopg", "ars", "zopg,ars", "aobg", "pipps", "fopg,fopg", "mbpo"),
+            "-s": setting(
+                hidden=("affine", "open-loop", "4", "4,x"), samples=("2", "4"), unroll=("3",),
+                rate=("0.1",), sigma=("0.1",), discount=("0.9", "1.1"), episodes=("2",),
+                ars__top=("1", "99"), evaluate_every=("1",), normalise=("false",),
+            ),
+            "--iterations": number("1", "2"), "--seeds": number("1", "2"), "--jobs": number("1"),
+            "--seed": number("0", "7"), "--scheduler": among("nowhere", "tcp://"),
+            "--pdf": among("a.pdf", "new/b.pdf"),
+        },
+    ),
+    "evaluate": (
+        among("@train", "@solve", "ball").map(lambda run: [run]),
+        {**STORE, **LAW, "--episodes": number("1", "3"), "--seed": number("0", "3")},
+    ),
     "figure": (
         among("P6", "p1", "N2", "T1").map(lambda name: [name]) | st.just([]),
         {
@@ -168,7 +187,7 @@ OFTEN = (*COMMANDS, *3 * ("solve", "estimate"), "continue", "replay")
 
 @st.composite
 def lines(draw: st.DrawFn, commands: tuple[str, ...] = OFTEN) -> list[str]:
-    """A command line; ``@solve`` and ``@continue`` stand for runs, ``@data`` for collected data."""
+    """A command line; ``@solve``, ``@continue``, ``@train`` stand for runs, ``@data`` for data."""
     name = draw(st.sampled_from(commands))
     words, options = draw(COMMANDS[name][0]), {**COMMANDS[name][1], **COMMON}
     given = draw(st.lists(st.sampled_from(sorted(options)), max_size=5))

@@ -29,13 +29,15 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     path = ["--over", "contact.mu", "--from", "1e-1", "--to", "1e-2", "--steps", "2"]
     assert main(["solve", *short, "--out", str(root / "a")]) == 0
     assert main(["continue", *short, *path, "--out", str(root / "b")]) == 0
+    small = ["-s", "samples=2", "-p", "horizon=3", "--iterations", "1", "--quiet"]
+    assert main(["train", "ball-throw", *small, "--out", str(root / "c")]) == 0
     data = root / "data.nc"
     assert main(["collect", "push-1d", "--samples", "100", "-o", str(data), "--quiet"]) == 0
     # Loads JAX, which takes longer than any check may.
     network = ["learn", str(data), "--model", "mlp", "--hidden", "2", "--epochs", "1"]
     assert main([*network, "-o", str(root / "model.nc"), "--quiet"]) == 0
     stored = {f"@{kind}": str(next((root / at).glob("*/2*")))
-              for kind, at in (("solve", "a"), ("continue", "b"))}  # fmt: skip
+              for kind, at in (("solve", "a"), ("continue", "b"), ("train", "c"))}  # fmt: skip
     return {**stored, "@data": str(data)}
 
 

@@ -26,6 +26,8 @@ typedef long long i64;
 #define NOT(m) (~(m))
 #define EVERYWHERE (~(M){})
 #define DIFFER(a, b) ((M)(a) != (M)(b))
+#define LANE(a, l) ((a)[l])
+#define SET_LANE(a, l, value) ((a)[l] = (value))
 #define INFINITE __builtin_inf()
 #define NOT_A_NUMBER __builtin_nan("")
 #if defined(__clang__) || __GNUC__ >= 12
@@ -65,6 +67,15 @@ _FUSED = (
     ("__builtin_ia32_vfmaddpd512_mask", 8, "__builtin_ia32_vfmaddpd512_mask(a, b, c, -1, 4)"),
     ("__builtin_ia32_vfmaddpd256", 4, "__builtin_ia32_vfmaddpd256(a, b, c)"),
     ("__builtin_ia32_vfmaddpd", 2, "__builtin_ia32_vfmaddpd(a, b, c)"),
+)
+# Of two numbers the larger or smaller; where one is no number, whichever the processor takes.
+_LARGER, _SMALLER = (
+    (
+        (f"__builtin_ia32_{name}pd512_mask", 8, f"__builtin_ia32_{name}pd512_mask(a, b, a, -1, 4)"),
+        (f"__builtin_ia32_{name}pd256", 4, f"__builtin_ia32_{name}pd256(a, b)"),
+        (f"__builtin_ia32_{name}pd", 2, f"__builtin_ia32_{name}pd(a, b)"),
+    )
+    for name in ("max", "min")
 )
 _PROBE = "#ifndef __has_builtin\n#define __has_builtin(x) 0\n#endif\n"
 
@@ -136,6 +147,9 @@ _SCALAR = {
     "NOT(m)": "(!(m))",
     "EVERYWHERE": "1",
     "DIFFER(a, b)": "((a) != (b) && ((a) == (a) || (b) == (b)))",
+    "W": "1",
+    "LANE(a, l)": "((void)(l), (a))",
+    "SET_LANE(a, l, value)": "((void)(l), (a) = (value))",
     "INFINITE": "((double)INFINITY)",
     "NOT_A_NUMBER": "((double)NAN)",
     "any(m)": "(m)",
@@ -146,6 +160,8 @@ _SCALAR = {
     "vsign(a)": "((a) < 0.0 ? -1.0 : (a) > 0.0 ? 1.0 : (a))",
     "vfmin(a, b)": "((a) < (b) || (b) != (b) ? (a) : (b))",
     "vfmax(a, b)": "((a) > (b) || (b) != (b) ? (a) : (b))",
+    "vlarger(a, b)": "((a) > (b) ? (a) : (b))",
+    "vsmaller(a, b)": "((a) < (b) ? (a) : (b))",
     **{
         f"v{name}": name
         for name in (*VECTOR_FUNCTIONS, "sqrt", "fabs", "copysign", "floor", "ceil", "fmod")
@@ -176,6 +192,8 @@ def prelude(compiler: Compiler) -> str:
             _PROBE,
             _instruction("vsqrt", "V a", _SQRT, "__builtin_sqrt(a[l])"),
             _fused(compiler),
+            _instruction("vlarger", "V a, V b", _LARGER, "a[l] > b[l] ? a[l] : b[l]"),
+            _instruction("vsmaller", "V a, V b", _SMALLER, "a[l] < b[l] ? a[l] : b[l]"),
             functions,
             f"UNUSED {_ERFINV_LANE}{_ERFINV}",
             _transpose(compiler.width),
@@ -196,9 +214,12 @@ def _instruction(
 ) -> str:
     """An inline function by the first builtin there is for this width (0: any), else by lanes."""
     lines = []
-    for keyword, (builtin, width, call) in zip(("#if", *3 * ["#elif"]), variants, strict=True):
+    for k, (builtin, width, call) in enumerate(variants):
         condition = f"__has_builtin({builtin})" + (f" && W == {width}" if width else "")
-        lines += [f"{keyword} {condition}", f"INLINE V {name}({parameters}) {{ return {call}; }}"]
+        lines += [
+            f"{'#elif' if k else '#if'} {condition}",
+            f"INLINE V {name}({parameters}) {{ return {call}; }}",
+        ]
     lines += ["#else", f"INLINE V {name}({parameters}) {{ V r; LANES r[l] = {lane}; return r; }}"]
     return "\n".join((*lines, "#endif\n"))
 

@@ -56,7 +56,8 @@ INLINE int all_over(const V *x) {
   return !any(on);
 }
 /* Returns after how many steps all samples of the block are over; from there on nothing moves. */
-static i64 forward(const job *q, const memory *a, i64 next, i64 end) {
+static i64 forward(const job *q, const memory *a, i64 live, i64 next, i64 end) {
+  (void)live;
   i64 ahead = next + U * W < end ? next + U * W : end, n = q->horizon, ts = a->ts;
   i64 theta_step = a->theta_step, rows = q->shared_theta || DENSE ? next : ahead;
   lines theta_lines = lines_of(q->theta, q->parts * NT, next, rows, n);
@@ -73,15 +74,16 @@ static i64 forward(const job *q, const memory *a, i64 next, i64 end) {
     FETCH(theta_lines, 0);
     FETCH(noise_lines, 0);
     choose_actions(a, t);
-    EACH for (int j = 0; j < U; j += A) {
+    EACH for (int j = 0; j < LIVE; j += A) {
       V stage[A];
-      const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j};
+      const V *before = t ? lam - NL * U + j : 0;
+      const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j, before};
       V *out[] = {after + j, lam + j, stage};
       one_step(in, out, ts);
       UNROLL for (int r = 0; r < A; r++) cost[j + r] += stage[r];
     }
   }
-  for (int j = 0; j < U; j += A) {
+  for (int j = 0; j < LIVE; j += A) {
     V last[A];
     const V *in[] = {x + j, p + (PS > 1) * j};
     V *out[] = {last};
@@ -91,7 +93,8 @@ static i64 forward(const job *q, const memory *a, i64 next, i64 end) {
   for (i64 k = NX * U; k < (n - t + 1) * NX * U; k++) x[k] = x[k - NX * U];
   return t;
 }
-static void backward(const job *q, const memory *a, i64 n, i64 row, i64 end) {
+static void backward(const job *q, const memory *a, i64 n, i64 live, i64 row, i64 end) {
+  (void)live;
   i64 last = row + U * W < end ? row + U * W : end, ts = a->ts;
   i64 theta_step = a->theta_step;
   lines gradient_lines = lines_of(q->gradient, q->parts * GT, row,
@@ -100,7 +103,7 @@ static void backward(const job *q, const memory *a, i64 n, i64 row, i64 end) {
   UNROLL for (int k = 0; k < NP * PS; k++) p[k] = a->p[k];
   V *x = a->x + n * NX * U, *lam = a->lam + n * NL * U, *g = a->gradient + (n - 1) * NT * U;
   const V *theta = a->theta + n * theta_step, *w = a->w + n * a->w_step;
-  for (int j = 0; j < U; j += A) {
+  for (int j = 0; j < LIVE; j += A) {
     const V *in[] = {x + j, p + (PS > 1) * j};
     V *out[] = {bars + j};
     terminal_adjoint(in, out);
@@ -112,7 +115,7 @@ static void backward(const job *q, const memory *a, i64 n, i64 row, i64 end) {
   for (i64 t = 0; t < n; t++) {
     x -= NX * U, lam -= NL * U, theta -= theta_step, w -= a->w_step;
     FETCH(gradient_lines, 1);
-    EACH for (int j = 0; j < U; j += A) {
+    EACH for (int j = 0; j < LIVE; j += A) {
       V before[NX * A + 1], part[NT * A + 1];
       const V *in[] = {x + j, theta + (ts > 1) * j, w + j, p + (PS > 1) * j, lam + j, bars + j};
       V *out[] = {before, part};
@@ -126,12 +129,13 @@ static void backward(const job *q, const memory *a, i64 n, i64 row, i64 end) {
     if (DENSE) blame(a, n - 1 - t, action_bar, bars, a->gradient);
   }
 }
-static void scores(const job *q, const memory *a, i64 n) {
+static void scores(const job *q, const memory *a, i64 n, i64 live) {
+  (void)live;
   i64 ts = a->ts, theta_step = a->theta_step, to = q->parts > 1 ? NT * U : 0;
   V part[NT * A + 1], weighed[NU * A + 1], action_bar[NT * U + 1];
   for (i64 k = 0; k < q->parts * GT * U; k++) a->score[k] = (V){};
   for (i64 t = 0; t < n; t++) {
-    for (int j = 0; j < U; j += A) {
+    for (int j = 0; j < LIVE; j += A) {
       const V *w = a->w + t * a->w_step + j, *x = a->x + t * NX * U + j;
       V *s = DENSE ? action_bar + j : a->score + t * to + j;
       for (int k = 0; k < NU * A; k++) weighed[k] = w[k / A * U + k % A] * q->precision[k / A];
@@ -152,6 +156,7 @@ _STRIDES = {
     "step": (_GIVEN, ("U", "U", "A")),
     "opening": (_GIVEN, ("A", "A")),
     "closing": ((*_GIVEN, "A"), ("U", "U", "A")),
+    "warm": (("U", "A"), ("PA",)),
     "adjoint": ((*_GIVEN, "U", "U"), ("A", "A")),
     "score": (("U", "ts", "A"), ("A",)),
     "terminal": (("U", "PS"), ("A",)),
@@ -260,9 +265,10 @@ static i64 roll_out(i64 begin, i64 end, i64 chunk, const job *q) {
   int starting = 1;
   for (i64 block = begin; block < end; block += U * W) {
     load_block(q, &a, block, end);
-    i64 steps = forward(q, &a, block + U * W, end);
-    if (score) scores(q, &a, steps);
-    if (gradient) backward(q, &a, steps, block, end);
+    i64 live = end - block < U * W ? (end - block + A * W - 1) / (A * W) * A : U;
+    i64 steps = forward(q, &a, live, block + U * W, end);
+    if (score) scores(q, &a, steps, live);
+    if (gradient) backward(q, &a, steps, live, block, end);
     V total[U];
     for (int j = 0; j < U; j++) total[j] = a.cost[j];
     if (gradient) add_up(a.gradient, nt, total);
@@ -320,7 +326,7 @@ def source(
     With `own_p` every sample has parameters of its own; else they may stay in registers. With
     `own_theta` so it is for the weights of dense layers.
     """
-    functions, layers = c_steps.graphs(tapes), tapes.layers
+    functions, layers = c_steps.graphs(tapes, warm=True), tapes.layers
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         functions[name] = getattr(tapes, name)
     if layers is not None:
@@ -329,6 +335,8 @@ def source(
     abreast = 2 if UNROLLED < length <= LONG else 1
     constants = {
         "EACH": "UNROLL" if length <= UNROLLED else "",
+        # Registers of the last block that nobody needs are worth leaving out of a long graph.
+        "LIVE": "U" if length <= UNROLLED else "live",
         "U": abreast * max(1, block // (abreast * machine.width)),
         "PS": "U" if own_p else "1",
         "GT": tapes.n_theta if layers is None else layers.n_weights,
@@ -341,7 +349,7 @@ def source(
             prelude(machine),
             c_steps.constants(tapes, abreast, constants),
             *c_steps.kernels(tapes, functions, abreast, _STRIDES),
-            c_steps.one_step(tapes, with_ts=True),
+            c_steps.one_step(tapes, with_ts=True, warm=True),
             c_random.source(),
             _JOB,
             c_dense.source(layers),

@@ -30,6 +30,7 @@ _CALLS = {
     **{ca.OP_COPYSIGN: "vcopysign", ca.OP_FMIN: "vfmin", ca.OP_FMAX: "vfmax"},
     **{ca.OP_FLOOR: "vfloor", ca.OP_CEIL: "vceil", ca.OP_FABS: "vfabs", ca.OP_SIGN: "vsign"},
 }
+_LOOSE = {ca.OP_FMIN: "vsmaller", ca.OP_FMAX: "vlarger"}
 _INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 
@@ -57,6 +58,7 @@ class Layout:
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     abreast: int = 1
+    loose: bool = False
 
     @property
     def with_ts(self) -> bool:
@@ -200,6 +202,8 @@ class _Part:
             return self._quotient(operation)
         if op in _INFIX:
             return f"{v[0]} {_INFIX[op]} {v[1]}"
+        if op in _LOOSE and self.layout.loose:
+            return f"{_LOOSE[op]}({', '.join(v)})"
         if op in _CALLS:
             return f"{_CALLS[op]}({', '.join(v)})"
         if op == ca.OP_CONSTPOW:

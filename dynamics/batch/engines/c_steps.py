@@ -12,13 +12,14 @@ from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.step_graphs import RolloutTapes
 from dynamics.batch.graphs.tape import UnsupportedOperation, tape_of, with_shared_reciprocals
+from dynamics.contact.path import ARRIVED
 
-_INNER_GRAPHS = ("opening", "newton", "settled", "path", "followed", "closing")
 _PATH_GRAPHS = ("path", "followed")
 # A or PA registers side by side: what a step keeps to itself while it is worked on.
 _OWN = {
     "newton": (("A", "A"), ("A", "A")),
     "settled": (("A", "A"), ("A",)),
+    "further": (("PA", "A"), ("PA",)),
     "path": (("PA", "A"), ("PA",)),
     "followed": (("PA", "A"), ("PA",)),
 }
@@ -26,35 +27,41 @@ _CLOSED_FORM = "#define one_step step\n"
 
 # A register that has come to rest keeps its value lane by lane, so that a sample does not depend on
 # its neighbours. NaN never looks open, and so ends the loop.
-_INNER = """\
-INLINE int differ(const V *a, const V *b) {
-  M changed = DIFFER(a[0], b[0]);
-  for (int k = 1; k < NW * PA; k++) changed |= DIFFER(a[k], b[k]);
-  return any(changed);
-}
+_FOLLOW = """\
 INLINE int some(const M *m, int n) {
   M either = m[0];
   for (int r = 1; r < n; r++) either |= m[r];
   return any(either);
 }
-static NOINLINE void follow_path(const V *data, const M *open, V *lam) {
-  V pair[NW * PA], moved[NW * PA], end[NB * PA], *to[] = {moved}, *out[] = {end};
+INLINE int still_open(const V *pair) {
+  M open[PA];
+  for (int r = 0; r < PA; r++) open[r] = pair[(NW - 1) * PA + r] < %(arrived)s;
+  return some(open, PA);
+}
+static NOINLINE void follow_path(const V *data, V *pair, int most) {
+  V moved[NW * PA], *to[] = {moved};
   const V *from[] = {pair, data};
-  if (!some(open, PA)) return;
-  for (int k = 0; k < NW * PA; k++) pair[k] = SPLAT(1.0);
-  for (int i = 0; i < %(path_iterations)d; i++) {
+  for (int i = 0; i < most && still_open(pair); i++) {
     path(from, to);
-    if (!differ(pair, moved)) break;
     for (int k = 0; k < NW * PA; k++) pair[k] = moved[k];
   }
+}
+"""
+_NEWTON = """\
+static NOINLINE void path_instead(const V *data, const M *open, V *lam) {
+  V pair[NW * PA], end[NB * PA], *out[] = {end};
+  const V *from[] = {pair, data};
+  for (int k = 0; k < NW * PA; k++) pair[k] = SPLAT(1.0);
+  follow_path(data, pair, %(most)d);
   followed(from, out);
   for (int k = 0; k < NB; k++)
     for (int r = 0; r < PA; r++) lam[k * A + r] = pick(open[r], end[k * PA + r], lam[k * A + r]);
 }
-INLINE void solve_branch(V *lam, const V *data) {
+INLINE void solve_branch(V *lam, const V *data, const V *before) {
   V moved[NB * A], unrest[A], *to[] = {moved, unrest}, *out[] = {moved};
   const V *from[] = {lam, data};
   M open[A];
+  (void)before;
   for (int r = 0; r < A; r++) open[r] = EVERYWHERE;
   for (int i = 0; i < %(newton_iterations)d && some(open, A); i++) {
     newton(from, to);
@@ -63,21 +70,98 @@ INLINE void solve_branch(V *lam, const V *data) {
   }
   settled(from, out);
   for (int k = 0; k < NB * A; k++) lam[k] = moved[k];
-  for (int r = 0; r < A; r += PA) follow_path(data + r, open + r, lam + r);
+  for (int r = 0; r < A; r += PA)
+    if (some(open + r, PA)) path_instead(data + r, open + r, lam + r);
 }
+"""
+_STARTS = """\
+/* Whether the first of the starts that leads anywhere has arrived. */
+INLINE int decided(const V *pair) {
+  for (int r = 0; r < A; r++)
+    for (int l = 0; l < W; l++) {
+      double phase = LANE(pair[(NW - 1) * A + r], l);
+      if (phase <= %(arrived)s) return phase == %(arrived)s;
+    }
+  return 1;
+}
+/* Other starts side by side for what one lane has; the first that leads to a solution counts. */
+static NOINLINE void search(const V *data, int lane, V *lam) {
+  V own[ND * A], number[A], pair[NW * A], moved[NW * A], end[NB * A];
+  V *first[] = {pair}, *to[] = {moved}, *out[] = {end};
+  const V *given[] = {number, own}, *from[] = {pair, own};
+  double total = 0.0;
+  for (int k = 0; k < ND; k++) {
+    double value = LANE(data[k * A], lane);
+    total += value;
+    for (int r = 0; r < A; r++) own[k * A + r] = SPLAT(value);
+  }
+  if (total - total != 0.0) return;
+  for (int begin = 0; begin < %(starts)d; begin += A * W) {
+    for (int r = 0; r < A; r++)
+      for (int l = 0; l < W; l++) SET_LANE(number[r], l, (double)(begin + r * W + l));
+    further(given, first);
+    for (int i = 0; i < %(most_further)d && !decided(pair); i++) {
+      path(from, to);
+      for (int k = 0; k < NW * A; k++) pair[k] = moved[k];
+    }
+    followed(from, out);
+    for (int r = 0; r < A; r++) {
+      V sum = end[r];
+      for (int k = 1; k < NB; k++) sum += end[k * A + r];
+      for (int l = 0; l < W; l++) {
+        double all = LANE(sum, l);
+        if (all - all != 0.0) continue;
+        for (int k = 0; k < NB; k++) SET_LANE(lam[k * A], lane, LANE(end[k * A + r], l));
+        return;
+      }
+    }
+  }
+}
+static NOINLINE void solve_branch(V *lam, const V *data, const V *before) {
+  V pair[NW * A], *first[] = {pair}, *out[] = {lam};
+  const V *from[] = {pair, data};
+  %(warm)s
+  follow_path(data, pair, before ? %(most_warm)d : %(most)d);
+  followed(from, out);
+  for (int r = 0; r < A; r++) {
+    V phase = pair[(NW - 1) * A + r], sum = phase - %(arrived)s;
+    for (int k = 0; k < NB; k++) {
+      sum += lam[k * A + r];
+      lam[k * A + r] = pick(phase == %(arrived)s, lam[k * A + r], SPLAT(INFINITE));
+    }
+    M lost = (phase != %(arrived)s) | (sum - sum != 0.0);
+    for (int l = 0; l < W && any(lost); l++)
+      if (LANE(lost, l)) search(data + r, l, lam + r);
+  }
+}
+"""
+_WARM = """\
+if (before) {
+    const V *given[] = {before, data};
+    warm(given, first);
+  } else
+    for (int k = 0; k < NW * A; k++) pair[k] = SPLAT(1.0);"""
+_COLD = """\
+(void)first;
+  for (int k = 0; k < NW * A; k++) pair[k] = SPLAT(1.0);"""
+_STEP = """\
 INLINE void one_step(const V *const in[], V *const out[]%(ts_parameter)s) {
   V lam[%(branches)d * NB * A], data[%(branches)d * ND * A];
   V *opened[] = {lam, data};
+  const V *before = %(before)s;
   opening(in, opened%(ts)s);
-  for (int b = 0; b < %(branches)d; b++) solve_branch(lam + b * NB * A, data + b * ND * A);
+  for (int b = 0; b < %(branches)d; b++)
+    solve_branch(lam + b * NB * A, data + b * ND * A, before ? before + b * NB * %(apart)s : 0);
   const V *all[] = {in[0], in[1], in[2], in[3], lam};
   closing(all, out%(ts)s);
 }
 """
 
 
-def graphs(tapes: RolloutTapes) -> dict[str, ca.Function]:
+def graphs(tapes: RolloutTapes, warm: bool = False) -> dict[str, ca.Function]:
     """The graphs that make up the forward step, by the names their kernels have.
+
+    ``warm`` where steps follow each other.
 
     Raises `UnsupportedOperation` for a learned step.
     """
@@ -85,7 +169,7 @@ def graphs(tapes: RolloutTapes) -> dict[str, ca.Function]:
     if isinstance(loop, Asked):
         raise UnsupportedOperation("a learned step is data, and has no C; choose another law")
     if isinstance(loop, InnerLoop):
-        return {name: getattr(loop, name) for name in _INNER_GRAPHS}
+        return {name: graph for name, graph in loop.graphs().items() if warm or name != "warm"}
     return {"step": loop}
 
 
@@ -99,14 +183,14 @@ def kernels(
     for name, fn in functions.items():
         inputs, outputs = (strides | _OWN if abreast > 1 else strides).get(name, ((), ()))
         registers = _path_abreast(tapes, abreast) if name in _PATH_GRAPHS else abreast
-        layout = Layout(inputs, outputs, registers)
+        layout = Layout(inputs, outputs, registers, name == "path")
         yield c_source.kernel(with_shared_reciprocals(tape_of(fn)), name, layout)
 
 
 def _path_abreast(tapes: RolloutTapes, abreast: int) -> int:
     """Where Newton's method comes first the path is rare, and its text shorter by half."""
     loop = tapes.forward
-    return 1 if isinstance(loop, InnerLoop) and loop.newton_iterations else abreast
+    return 1 if isinstance(loop, InnerLoop) and loop.newton else abreast
 
 
 def constants(tapes: RolloutTapes, abreast: int, more: Mapping[str, object]) -> str:
@@ -122,15 +206,20 @@ def constants(tapes: RolloutTapes, abreast: int, more: Mapping[str, object]) -> 
     return "".join(f"#define {name} {value}\n" for name, value in values.items())
 
 
-def one_step(tapes: RolloutTapes, with_ts: bool) -> str:
+def one_step(tapes: RolloutTapes, with_ts: bool, warm: bool = False) -> str:
     """C text of `one_step: (x, theta, w, p) -> (x_next, lam, cost)`, after its kernels.
 
-    `with_ts` where the strides of the kernels name `ts`, their last argument.
+    `with_ts` where the strides of the kernels name `ts`, their last argument. With `warm` there is
+    one argument more, `lam` of the step before, or a null pointer.
     """
     loop = tapes.forward
     if not isinstance(loop, InnerLoop):
         return _CLOSED_FORM
-    return _INNER % {
-        **{"newton_iterations": loop.newton_iterations, "path_iterations": loop.path_iterations},
+    solve = _NEWTON if loop.newton else _STARTS
+    return (_FOLLOW + solve + _STEP) % {
+        **{"newton_iterations": loop.newton_iterations, "starts": loop.starts},
+        **{"most": loop.most, "most_warm": loop.most_warm, "most_further": loop.most_further},
         **{"branches": loop.branches, "ts": ", ts" * with_ts, "ts_parameter": ", i64 ts" * with_ts},
+        **{"arrived": ARRIVED, "warm": _WARM if warm else _COLD},
+        **{"before": "in[4]" if warm else "0", "apart": "U" if warm else "1"},
     }

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
+from typing import Self
 
 import casadi as ca
 import numpy as np
 
 from dynamics.batch.engines.chunk_network import ChunkNetwork, Kernel
+from dynamics.batch.engines.chunk_solver import ChunkSolver
 from dynamics.batch.engines.scratch import Scratch
 from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
@@ -38,11 +41,16 @@ class ChunkRollout:
         if isinstance(loop, Asked):
             self.queries, self.closing = make(loop.queries), make(loop.closing)
         elif isinstance(loop, InnerLoop):
-            self.opening, self.newton = make(loop.opening), make(loop.newton)
-            self.settled, self.path = make(loop.settled), make(loop.path)
-            self.followed, self.closing = make(loop.followed), make(loop.closing)
+            self.solve = ChunkSolver(loop, make)
+            self.closing = make(loop.closing)
         else:
             self.step = make(loop)
+
+    def over(self, horizon: int) -> Self:
+        """The same kernels over another horizon."""
+        other = copy(self)
+        other.horizon, other.scratch = horizon, Scratch()
+        return other
 
     def forward(
         self,
@@ -76,7 +84,8 @@ class ChunkRollout:
                 evaluated = self._evaluate(self.tapes.forward, arguments, slopes)
                 self.closing.run([*arguments, evaluated], results)
             elif isinstance(self.tapes.forward, InnerLoop):
-                self.closing.run([*arguments, self._solve(self.tapes.forward, arguments)], results)
+                solved = self.solve(arguments, lam[t - 1] if t else None)
+                self.closing.run([*arguments, solved], results)
             else:
                 self.step.run(arguments, results)
             cost += stage
@@ -106,44 +115,6 @@ class ChunkRollout:
             found[at : at + len(columns)] = columns
             at += len(columns)
         return found
-
-    def _solve(self, loop: InnerLoop, arguments: list[Array]) -> Array:
-        """Multipliers (branches * n, m) of all samples."""
-        m = arguments[0].shape[-1]
-        lam, data = (np.empty((loop.branches * size, m)) for size in (loop.n, loop.n_data))
-        self.opening.run(arguments, [lam, data])
-        for branch in range(loop.branches):
-            rows = slice(branch * loop.n, (branch + 1) * loop.n)
-            given = data[branch * loop.n_data :][: loop.n_data]
-            lam[rows] = self._branch(loop, lam[rows], given)
-        return lam
-
-    def _branch(self, loop: InnerLoop, lam: Array, data: Array) -> Array:
-        still = np.arange(lam.shape[-1])
-        for _ in range(loop.newton_iterations):
-            moved, unrest = np.empty((loop.n, len(still))), np.empty((1, len(still)))
-            self.newton.run([lam[:, still], data[:, still]], [moved, unrest])
-            lam[:, still] = moved
-            still = still[unrest[0] != 0.0]
-            if not len(still):
-                break
-        end = np.empty_like(lam)
-        self.settled.run([lam, data], [end])
-        if len(still):
-            end[:, still] = self._follow_path(loop, np.ascontiguousarray(data[:, still]))
-        return end
-
-    def _follow_path(self, loop: InnerLoop, data: Array) -> Array:
-        pair, moved = np.ones((2, loop.n_pair, data.shape[-1]))
-        for _ in range(loop.path_iterations):
-            self.path.run([pair, data], [moved])
-            # NaN differs from itself: comparing bits lets a spoiled sample come to rest.
-            if np.array_equal(moved.view(np.int64), pair.view(np.int64)):
-                break
-            pair[...] = moved
-        end = np.empty((loop.n, data.shape[-1]))
-        self.followed.run([pair, data], [end])
-        return end
 
     def backward(
         self, x: Array, lam: Array, theta: Array, p: Array, w: Array, gradient: Array

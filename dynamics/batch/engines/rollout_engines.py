@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import casadi as ca
 import numpy as np
@@ -98,6 +99,10 @@ class RolloutEngine(Protocol):
         """
         ...
 
+    def over(self, horizon: int) -> Self:
+        """The same for rollouts of another horizon."""
+        ...
+
 
 class Job(ctypes.Structure):
     """The C structure `job` of `dynamics.batch.engines.c_rollout`; every field has eight bytes."""
@@ -121,6 +126,11 @@ class Job(ctypes.Structure):
     ]
 
 
+# Samples of the longest SIMD register, how many shares of the work there are for each thread, and
+# samples of which no share is worth while.
+_REGISTER, _SHARES, _FEW = 8, 4, 32
+
+
 class CompiledRolloutEngine:
     """Rollouts by a driver `run(next, n, chunk, job)` in machine code.
 
@@ -136,6 +146,10 @@ class CompiledRolloutEngine:
     ) -> None:
         self._nu, self._threads, self._make, self._dense = nu, threads, make, dense
         self._runs = {(False, False): make(False, False)}
+
+    def over(self, horizon: int) -> Self:
+        """The same: its loops take the horizon of each call."""
+        return self
 
     def samples(self, q: Call, results: Results) -> int:
         """Fill the arrays sample by sample."""
@@ -154,7 +168,15 @@ class CompiledRolloutEngine:
         run = self._runs[own]
         run.restype = ctypes.c_int64
         run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
-        return run_chunks(run, q.n, self.chunk, self._threads, ctypes.addressof(job))
+        chunk = self.chunk if want & 4 else self._share(q.n)
+        return run_chunks(run, q.n, chunk, self._threads, ctypes.addressof(job))
+
+    def _share(self, n: int) -> int:
+        """Samples that a thread takes at once: a few shares for each, of few samples one."""
+        if self._threads == 1:
+            return self.chunk
+        one, few = (_REGISTER * -(-n // (_REGISTER * k * self._threads)) for k in (1, _SHARES))
+        return min(self.chunk, max(few, min(one, _FEW)))
 
     def _job(self, q: Call, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
         """The structure to pass, and the arrays that must live as long as it is in use."""
@@ -215,6 +237,12 @@ class ChunkEngine:
         self._tapes, self._threads = tapes, threads
         self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
         self._rollout = ChunkRollout(tapes, horizon, per_step, make)
+
+    def over(self, horizon: int) -> Self:
+        """The same with other work arrays."""
+        other = copy(self)
+        other._rollout = self._rollout.over(horizon)
+        return other
 
     def samples(self, q: Call, results: Results) -> int:
         """Fill the arrays sample by sample."""

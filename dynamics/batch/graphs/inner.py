@@ -11,17 +11,19 @@ ill-conditioned and close to complementarity) the interior-point path of
 has the active set in place of the root: solve on {lam > s}, until the set stays as it is.
 
 All of it is in the solver's scaling, where F has a unit diagonal. Where the contact is no such
-problem (friction, curved gaps) there is the path of :mod:`dynamics.contact.path` alone: a sample
-whose path is lost is reported, and not tried from other starts as :mod:`dynamics.contact.ncp` does.
+problem (friction, curved gaps) there is the path of :mod:`dynamics.contact.path` alone, in a
+rollout from where the step before ended. A sample whose path is lost is tried from the starts of
+:mod:`dynamics.contact.starts`, and reported where none of them leads to a solution.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import casadi as ca
 
+from dynamics.contact import interior_point, starts
 from dynamics.contact.path import Path
 from dynamics.systems.elimination import solve_without_pivoting
 
@@ -29,28 +31,39 @@ NEWTON_ITERATIONS = 12
 # Newton's error after a step is of the order of its square over sqrt(mu); mu is 1e-14 or more.
 _SETTLED = 1e-11
 _FOLLOWED = 1e-7
+# Of ten that the path needs mostly; what needs many more has most likely lost it.
+_WARM, _COLD, _SEARCHED = 16, 24, 40
 
 
 @dataclass(frozen=True)
 class InnerLoop:
     """Graphs of the solve; `data` describes one branch, and every branch is solved on its own.
 
-    `pair` has the `n_pair` unknowns of the path.
+    `pair` has the `n_pair` unknowns of the path, the last of them where it stands, see
+    :class:`~dynamics.contact.path.Path`.
 
     - `opening: (x, theta, w, p) -> (lam, data)`, first guess and data of all branches in turn
-    - `newton: (lam, data) -> (lam, open)`, open 1 while the iteration has not come to rest
-    - `settled: (lam, data) -> lam` [N s], the end of Newton's method out of the scaling
-    - `path: (pair, data) -> pair`, from ones until nothing changes, `path_iterations` at most
+    - `path: (pair, data) -> pair`, from ones until it has arrived
     - `followed: (pair, data) -> lam` [N s], the end of the path out of the scaling, infinite where
       that is no solution, so that the sample is reported with those that are not finite
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
+
+    Either with Newton's method before a path of `most` iterations at most,
+
+    - `newton: (lam, data) -> (lam, open)`, open 1 while the iteration has not come to rest
+    - `settled: (lam, data) -> lam` [N s], the end of Newton's method out of the scaling
+
+    or with other starts: the path has `most_warm` iterations from `warm`, or `most` from ones, and
+    where it does not arrive `most_further` from each of `starts` others, of which the first that
+    leads to a solution counts.
+
+    - `warm: (lam_before, data) -> pair`, from the multipliers [N s] of the step before
+    - `further: (k, data) -> pair`, start number k
     """
 
     with_p: ClassVar[tuple[str, ...]] = ("opening", "closing")
 
     opening: ca.Function
-    newton: ca.Function
-    settled: ca.Function
     path: ca.Function
     followed: ca.Function
     closing: ca.Function
@@ -58,8 +71,21 @@ class InnerLoop:
     n_pair: int
     n_data: int
     branches: int
-    newton_iterations: int
-    path_iterations: int
+    newton: ca.Function | None = None
+    settled: ca.Function | None = None
+    warm: ca.Function | None = None
+    further: ca.Function | None = None
+    newton_iterations: int = 0
+    most: int = interior_point.ITERATIONS
+    most_warm: int = 0
+    most_further: int = 0
+    starts: int = 0
+
+    def graphs(self) -> dict[str, ca.Function]:
+        """The graphs that there are, by name."""
+        names = ("opening", "newton", "settled", "warm", "further", "path", "followed", "closing")
+        found = {name: getattr(self, name) for name in names}
+        return {name: graph for name, graph in found.items() if graph is not None}
 
 
 def guess(path: Path, data: ca.SX) -> ca.SX:
@@ -73,33 +99,44 @@ def guess(path: Path, data: ca.SX) -> ca.SX:
     return ca.if_else(z > 0, 2 * mu / q, q / 2)
 
 
-def loop_graphs(path: Path) -> dict[str, ca.Function]:
-    """The graphs `newton`, `settled`, `path` and `followed` of an `InnerLoop`.
-
-    Where the multipliers may not be unique there is no Newton method before the path.
-    """
-    lam, pair = ca.SX.sym("lam", path.n), ca.SX.sym("pair", path.size)
-    z, mu, D, c = (path.known[name] for name in ("z", "mu", "D", "c"))
+def solver_of(path: Path) -> dict[str, Any]:
+    """The fields of an `InnerLoop` that the path determines."""
+    pair = ca.SX.sym("pair", path.size)
     ends = path.ending()(pair, path.data)
-    F = ca.SX(path.pattern, path.known["entries"]) if path.unique else None
-    if F is None:
-        stepped, at_rest = (lam, ca.SX.ones(1)), lam
-    elif path.exact:
+    sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
+    followed = _function("followed", [pair, path.data], [_solved(ends[0], ends[2])])
+    return {
+        **sizes, "path": path.iteration(), "followed": followed,
+        **(_by_newton(path) if path.unique else _from_starts(path)),
+    }  # fmt: skip
+
+
+def _from_starts(path: Path) -> dict[str, Any]:
+    """Where the multipliers may not be unique there is no Newton method before the path."""
+    iterations = {"most": _COLD, "most_warm": _WARM, "most_further": _SEARCHED}
+    graphs = {"warm": starts.warm_start(path), "further": starts.further_start(path)}
+    return {**iterations, **graphs, "starts": starts.COUNT}
+
+
+def _by_newton(path: Path) -> dict[str, Any]:
+    lam = ca.SX.sym("lam", path.n)
+    z, mu, D, c = (path.known[name] for name in ("z", "mu", "D", "c"))
+    F = ca.SX(path.pattern, path.known["entries"])
+    if path.exact:
         stepped, at_rest = _active_set(lam, z, F), ca.fmax(0, lam) * c * D
     else:
         s = z + F @ lam
         # Where lam is the small one of the pair, mu / s has all its digits; the root has not.
         stepped, at_rest = _newton(lam, z, F, mu), ca.if_else(s > lam, mu / s, lam) * c * D
-    graphs = {
-        "newton": ([lam, path.data], list(stepped)),
-        "settled": ([lam, path.data], [at_rest]),
-        "followed": ([pair, path.data], [_solved(ends[0], ends[2])]),
+    return {
+        "newton": _function("newton", [lam, path.data], list(stepped)),
+        "settled": _function("settled", [lam, path.data], [at_rest]),
+        "newton_iterations": NEWTON_ITERATIONS,
     }
-    made = {
-        name: ca.Function(name, inputs, [ca.densify(value) for value in outputs])
-        for name, (inputs, outputs) in graphs.items()
-    }
-    return {**made, "path": path.iteration()}
+
+
+def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+    return ca.Function(name, inputs, [ca.densify(value) for value in outputs])
 
 
 def _solved(lam: ca.SX, error: ca.SX) -> ca.SX:

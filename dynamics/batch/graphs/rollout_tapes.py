@@ -22,12 +22,7 @@ import casadi as ca
 from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.carrying import carried
 from dynamics.batch.graphs.hoisting import hoisted
-from dynamics.batch.graphs.inner import (
-    NEWTON_ITERATIONS,
-    InnerLoop,
-    guess,
-    loop_graphs,
-)
+from dynamics.batch.graphs.inner import InnerLoop, guess, solver_of
 from dynamics.batch.graphs.objective import Objective, expanded, fits, of_first
 from dynamics.batch.graphs.policy import DensePolicy, RolloutPolicy
 from dynamics.batch.graphs.step_graphs import Layers, RolloutTapes
@@ -197,13 +192,8 @@ class _Closed:
         return InnerLoop(
             opening=_function("opening", self.arguments, [guesses, ca.vertcat(*columns)]),
             closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
-            **loop_graphs(path),
-            n=path.n,
-            n_pair=path.size,
-            n_data=path.data.numel(),
             branches=step.branches,
-            newton_iterations=NEWTON_ITERATIONS if path.unique else 0,
-            path_iterations=interior_point.ITERATIONS,
+            **solver_of(path),
         )
 
     def _openings(self, path: Path) -> list[ca.SX]:

@@ -11,8 +11,11 @@ from reports.cli.declared import argument, option
 from reports.cli.options import Command, LawOptions
 
 if TYPE_CHECKING:
+    from dynamics.contact import ContactLaw
     from ocp.learning.experiment import Experiment
+    from ocp.learning.protocol import Algorithm
     from ocp.store.checkpoint import Checkpoint
+    from ocp.task import Task
     from problems.tasks.training import TrainingJob
 
 _OWN_LAW = {"adaptive": "law=quartic"}
@@ -26,8 +29,12 @@ class TrainOptions(LawOptions):
     """A task, algorithms with their settings, seeds, and where all that is computed."""
 
     task: str = argument(help="A named task.")
-    algorithm: str = option("fopg", "--algorithm", "-a", help="Names with commas.")
-    contact: str = option("adaptive", "--contact", help="Law of the model that is learned through.")
+    algorithm: str = option(
+        "usual", "--algorithm", "-a", help="Names with commas; usual: the one that the task has."
+    )
+    contact: str = option(
+        "own", "--contact", help="Law to learn through; own: adaptive for fopg, exact for others."
+    )
     params: list[str] | None = option(
         None, "--param", "-p", metavar="K=V", help="Parameter of the task."
     )
@@ -59,39 +66,54 @@ class Asked:
 
 def check(options: TrainOptions) -> Asked:
     """Build the task and every algorithm, and see that the runs can be stored."""
+    from ocp.errors import InputError
     from problems.tasks import registry
     from problems.tasks.training import TrainingJob
-    from reports.cli.choices import assignments, closing_law
+    from reports.cli.choices import assignments
+    from reports.cli.learning.psi_words import believed, is_psi
     from reports.cli.learning.training_words import algorithms
     from reports.cli.places import check_places
 
     spec = registry.spec(options.task)
     params = assignments("-p", options.params)
     given = assignments("-s", options.settings)
-    chosen = algorithms(options.algorithm, given, spec)
-    every = {} if options.iterations is None else {"iterations": options.iterations}
     task = spec.task(params)
-    words = list(options.law_settings or ())
-    if not words and options.contact in _OWN_LAW:
-        words = [_OWN_LAW[options.contact]]
-    law = closing_law(options.contact, words, task.system)
+    psi = believed(given, task.parameters.names)
+    given = {key: value for key, value in given.items() if not is_psi(key)}
+    words = spec.learner if options.algorithm == "usual" else options.algorithm
+    chosen = algorithms(words, given, spec)
+    every = {} if options.iterations is None else {"iterations": options.iterations}
+    if options.scheduler is not None and options.jobs is not None:
+        raise InputError("--jobs are processes of this computer, --scheduler others; drop one")
     check_places(options.out, options.pdf)
     count = len(chosen) * options.seeds
     workers = min(count, options.jobs or _cpus())
     jobs = [
         TrainingJob(
-            task=options.task, params=params, algorithm=algorithm, law=law, seed=seed,
+            task=options.task, params=params, algorithm=psi.beside(algorithm), seed=seed,
+            law=_law(options, algorithm, task),
             store=options.out.resolve(), options={**own, **every},
-            threads=_threads(options, workers),
+            guesses=psi.guesses, threads=_threads(options, workers),
         )
         for algorithm, own in chosen
         for seed in range(options.seed, options.seed + options.seeds)
     ]  # fmt: skip
     built = [job.experiment(task) for job in jobs]
     for one in built[:: options.seeds]:
-        one.algorithm.begin(one)
+        one.algorithm.check(one)
     checkpoints = [job.checkpoint(one) for job, one in zip(jobs, built, strict=True)]
     return Asked(jobs, checkpoints, built, workers)
+
+
+def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
+    """The law that is asked for, or the algorithm's own."""
+    from reports.cli.choices import closing_law
+
+    name = algorithm.contact if options.contact == "own" else options.contact
+    words = list(options.law_settings or ())
+    if not words and name in _OWN_LAW:
+        words = [_OWN_LAW[name]]
+    return closing_law(name, words, task.system)
 
 
 def _cpus() -> int:
@@ -113,7 +135,7 @@ def run(options: TrainOptions, asked: Asked) -> int:
     """
     from ocp.errors import interruptible
     from ocp.scheduling import Failure, carried_out
-    from problems.tasks.training import trained
+    from problems.tasks.training import trained, under_way
     from reports.cli import interrupt
     from reports.trained.live import live
 
@@ -121,6 +143,9 @@ def run(options: TrainOptions, asked: Asked) -> int:
     if stored:
         output.say(f"went on: {len(stored)} of {len(asked.jobs)} trainings were done before")
     left = [place for place in range(len(asked.jobs)) if place not in stored]
+    for place in left:
+        for sentence in under_way(asked.jobs[place], asked.experiments[place]):
+            output.say(sentence)
     failed: dict[int, Exception] = {}
     jobs = [asked.jobs[place] for place in left]
     ends = {asked.jobs[place].name: asked.experiments[place].iterations for place in left}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import Field, fields
+from dataclasses import fields
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ocp.errors import InputError, choose, did_you_mean
+from problems.tasks.usual import made, settings_of, usual
+from reports.cli.learning.psi_words import SETTINGS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -51,36 +53,20 @@ def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Asked:
     for key, text in given.items():
         owner, dot, name = key.rpartition(".")
         alone = [word for word in chosen if not dot or word == owner]
-        takers = [word for word in alone if name in OWN or name in _settings(chosen[word])]
+        takers = [word for word in alone if name in OWN or name in settings_of(chosen[word])]
         if not takers:
             raise InputError(_unknown(key, chosen))
         for word in takers:
             values[word][name] = _value(key, name, text, chosen[word])
-    return [_made(chosen[word], values[word]) for word in chosen]
-
-
-def usual(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
-    """What the task has of an algorithm's settings, and of its experiment's."""
-    known = {**spec.training.get("all", {}), **spec.training.get(word, {})}
-    return {name: value for name, value in known.items() if not _foreign(name, cls)}
-
-
-def _foreign(name: str, cls: type) -> bool:
-    from ocp.learning.experiment import Experiment
-
-    return name not in _settings(cls) and name not in _settings(Experiment)
+    return [made(chosen[word], values[word]) for word in chosen]
 
 
 def _unknown(key: str, chosen: Mapping[str, type]) -> str:
-    known = {**OWN, **{name: "" for cls in chosen.values() for name in _settings(cls)}}
+    known = {**OWN, **{name: "" for cls in chosen.values() for name in settings_of(cls)}}
     return (
         f"no setting {key!r} of {', '.join(chosen)}{did_you_mean(key, known)}; there are"
         f" {', '.join(known)}"
     )
-
-
-def _settings(cls: type) -> dict[str, Field[Any]]:
-    return {field.name: field for field in fields(cls) if field.init}
 
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
@@ -91,7 +77,7 @@ def _value(key: str, name: str, text: str, cls: type) -> Any:
         return _hidden(text)
     if name not in OWN:
         return read(f"setting {key}", text, get_type_hints(cls)[name])
-    return read(f"setting {key}", text, type(_settings(Experiment)[name].default))
+    return read(f"setting {key}", text, type(settings_of(Experiment)[name].default))
 
 
 def _hidden(text: str) -> tuple[int, ...] | None:
@@ -106,15 +92,6 @@ def _hidden(text: str) -> tuple[int, ...] | None:
     return tuple(map(int, parts))
 
 
-def _made(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dict[str, Any]]:
-    own = {name: value for name, value in values.items() if name in _settings(cls)}
-    try:
-        made = cls(**own)
-    except (TypeError, ValueError) as error:
-        raise InputError(str(error)) from error
-    return made, {name: value for name, value in values.items() if name not in own}
-
-
 def help_text() -> str:
     """Tasks, algorithms and settings with their defaults, a line each."""
     from ocp.learning.algorithms import ALGORITHMS
@@ -125,8 +102,9 @@ def help_text() -> str:
     shared = {field.name: field for field in fields(Experiment)}
     parts = ["Tasks:", *_table(tasks), "", "Settings of all algorithms, -s name=value:"]
     parts += _table([(_shown(name, shared[name].default), OWN[name]) for name in OWN])
+    parts += ["", "Physical parameters learned beside the policy:", *_table([*SETTINGS.items()])]
     for name, cls in ALGORITHMS.items():
-        own = {field.name: field.default for field in _settings(cls).values()}
+        own = {field.name: field.default for field in settings_of(cls).values()}
         parts += ["", f"{name}: {cls.summary}", _listed(own)]
     for name in registry.names():
         for whose, values in registry.spec(name).training.items():

@@ -27,6 +27,7 @@ from reports.figures.studies import (
     stiff_pushing,
     theory_of_noising,
     thrown_ball,
+    unroll_variance,
     wall_corner,
 )
 
@@ -53,6 +54,7 @@ DRAWINGS: dict[str, Drawing] = {
     "A1": adaptive_mu,
     "A2": bouncing_ball,
     "A2v": landing_variance,
+    "A3": unroll_variance,
     "A6": impact_and_friction,
     "A7": thrown_ball,
     "AM": model_learning,

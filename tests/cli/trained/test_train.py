@@ -42,7 +42,9 @@ def test_each_seed_of_each_algorithm_is_a_run(trained: Path) -> None:
     for run in runs:
         data, asked = run.data, run.record
         assert data.sizes["iteration"] == 7 and asked["iterations"] == 6
-        assert asked["params"]["h"] == 0.02 and asked["contact_settings"]["law"] == "quartic"
+        assert asked["params"]["h"] == 0.02
+        law = asked["contact"], asked["contact_settings"].get("law")
+        assert law == (("adaptive", "quartic") if asked["algorithm"] == "fopg" else ("exact", None))
         assert asked["algorithm_settings"]["samples"] == 8
         judged = np.isfinite(data["evaluation_return"].values)
         assert list(np.flatnonzero(judged)) == [0, 2, 4, 6]
@@ -75,7 +77,7 @@ def test_the_result_does_not_depend_on_the_number_of_jobs(trained: Path, ocp: Oc
     assert [run["hash"] for run in found["runs"]] == [r.meta["hash"] for r in runs_of(trained)]
     mean = np.mean([run["return"] for run in found["runs"][:2]])
     assert found["groups"][0]["return_mean"] == pytest.approx(mean)
-    assert [group["label"] for group in found["groups"]] == ["fopg adaptive", "zopg adaptive"]
+    assert [group["label"] for group in found["groups"]] == ["fopg adaptive", "zopg exact"]
 
 
 def test_evaluate_says_first_what_the_policy_is_worth(trained: Path, ocp: Ocp) -> None:
@@ -133,3 +135,16 @@ def test_what_can_be_trained_is_told(ocp: Ocp) -> None:
     listed = strict(ocp("list", "--json"))
     assert {"ball-throw", "hopper"} <= {task["name"] for task in listed["tasks"]}
     assert {"fopg", "ars"} <= {algorithm["name"] for algorithm in listed["algorithms"]}
+
+
+def test_physical_parameters_are_learned_beside_the_policy(ocp: Ocp) -> None:
+    """A restitution that is believed to be 0.4 is found to be 0.7 from throws; gravity is known."""
+    asked = ("-s", "psi=restitution", "-s", "psi.restitution=0.4", "-s", "psi.steps=50")
+    found = strict(ocp("train", *SMALL, *asked, "-s", "psi.searched=40", "--json"))
+    run = store.load(Path(found["runs"][0]["run"]))
+    psi = dict(zip(run.data["physical"].values, run.data["psi"].values, strict=True))
+    assert psi["restitution"] == pytest.approx(0.7, abs=0.01) and psi["g"] == 9.81
+    assert run.record["algorithm_settings"]["of"] == "fopg"
+    assert found["groups"][0]["label"] == "fopg with psi"
+    judged = strict(ocp("evaluate", str(run.path), "--episodes", "3", "--json"))
+    assert judged["return"]["mean"] == pytest.approx(run.meta["return"], rel=1e-12)

@@ -267,3 +267,21 @@ def test_bad_input_is_told():
     with warnings.catch_warnings():
         warnings.simplefilter("error", BatchWarning)
         f(**call)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_another_horizon_is_that_horizon(backend):
+    f = rolled("inner loop", "network", backend)
+    call = given(f) | {"gradient": True, "states": True}
+    short = f.over(3)(**{**call, "noise": call["noise"][:, :3]})
+    again = f(**call)
+    made = EpisodeFunction(
+        Barrier(mu=1e-3).close(four_contacts()), functions(four_contacts())[0], 3, f.policy,
+        backend=backend,
+    )  # fmt: skip
+    wanted = made(**{**call, "noise": call["noise"][:, :3]})
+    for name in ("value", "gradient", "trail"):
+        np.testing.assert_array_equal(getattr(short, name), getattr(wanted, name))
+    assert again.trail.shape[1] == HORIZON + 1
+    with pytest.raises(ValueError, match="horizon must be a whole number"):
+        f.over(0)

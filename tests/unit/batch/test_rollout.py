@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynamics.batch import BatchWarning, Gaussian, RolloutFunction, affine, open_loop
-from dynamics.batch.graphs import rollout_tapes
+from dynamics.batch.graphs import inner
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from tests.unit.batch.backends import BACKENDS, FAST
@@ -241,7 +241,7 @@ def test_nan_ends_the_inner_loop_and_spoils_no_neighbour():
 @pytest.mark.parametrize("law", ["barrier", "exact"])
 def test_path_takes_over_where_newton_does_not_come_to_rest(law, backend, monkeypatch):
     newton = rollout("four", law, "open", backend)
-    monkeypatch.setattr(rollout_tapes, "NEWTON_ITERATIONS", 0)
+    monkeypatch.setattr(inner, "NEWTON_ITERATIONS", 0)
     path = RolloutFunction(*case("four", law), HORIZON, newton.policy, backend=backend)
     given = inputs(newton, 33)
     got = path(**given)

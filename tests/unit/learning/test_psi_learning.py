@@ -13,7 +13,7 @@ from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.fopg import FOPG
 from ocp.learning.identification import RandomSearch
-from ocp.learning.psi_learning import PsiLearning
+from ocp.learning.identification.psi_learning import PsiLearning
 from ocp.learning.training import train
 from tests.unit.learning.spring_mass import D, K, M, following, spring_task
 
@@ -30,6 +30,9 @@ class Told:
 
     def settings(self) -> dict[str, Any]:
         return {}
+
+    def check(self, experiment):
+        pass
 
     def begin(self, experiment):
         return {"theta": experiment.first_theta()}

@@ -34,6 +34,7 @@ class PsiLearning:
 
     name: ClassVar[str] = "psi"
     summary: ClassVar[str] = "any algorithm, the model's parameters being learned beside it"
+    contact: ClassVar[str] = "adaptive"
 
     algorithm: Algorithm
     names: tuple[str, ...]
@@ -52,14 +53,20 @@ class PsiLearning:
         }
         return {
             **own, **{f"search.{key}": value for key, value in asdict(self.search).items()},
-            "of": self.algorithm.name, **self.algorithm.settings(),
+            "of": self.algorithm.name,
+            **{f"of.{key}": value for key, value in self.algorithm.settings().items()},
         }  # fmt: skip
 
-    def begin(self, experiment: Experiment) -> State:
-        """The algorithm's state, episodes at their starts, and no transitions yet."""
+    def check(self, experiment: Experiment) -> None:
+        """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
+        self.algorithm.check(experiment)
         for name in ("walkers", "steps", "capacity", "rows", "searched"):
             at_least(1, name, getattr(self, name))
         not_below(0, "sigma", self.sigma)
+
+    def begin(self, experiment: Experiment) -> State:
+        """The algorithm's state, episodes at their starts, and no transitions yet."""
+        self.check(experiment)
         loss, explorer = experiment.once(self._loss), experiment.once(_explorer)
         start = loss.start(experiment.named(experiment.physics))
         x, age = explorer.first(self.walkers, experiment.rng(0, "psi starts"))

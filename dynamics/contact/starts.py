@@ -1,0 +1,58 @@
+"""Where the path of a step may start: at the impulses of the step before, or at many other points.
+
+All are starts on the true gap, whose s is the gap that belongs to the impulses, lifted where it is
+small; the first of the others is the path of the linearised gap, from ones.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact.path import Path
+
+COUNT = 128
+"""How many other starts there are."""
+# Pairs of the step before in scaled units are at least this, for the iteration to move both ways.
+_INSIDE = 1e-2
+# Next to no impulse, what a body in the air feels, is the first guess; the exponents of the others
+# are even, or a Kronecker sequence, which fills the cube evenly however many there are.
+_FIRST, _TINY = 4, 1e-6
+_LEAST, _SPAN = -4.0, 5.0
+_LIFTS = (1e-3, 1e-1, 1.0)
+
+
+def warm_start(path: Path) -> ca.Function:
+    """``(lam, data) -> pair`` at the impulses lam (n, 1) [N s] of the step before."""
+    before = ca.SX.sym("before", path.n)
+    lam = ca.fmax(before / (path.known["c"] * path.known["D"]), _INSIDE)
+    gap, _ = path.at(lam, ca.SX(1))
+    outputs = [path.pair(lam, ca.fmax(gap, _INSIDE))]
+    return ca.Function("warm", [before, path.data], outputs)
+
+
+def further_start(path: Path) -> ca.Function:
+    """``(k, data) -> pair`` of start number k = 0, 1, ..."""
+    k, n = ca.SX.sym("k"), path.n
+    shared = k * float(np.sqrt(2.0))
+    own = k * ca.DM(irrational(n))
+    turned = ca.if_else(ca.fmod(k, 2) > 0, shared, own)
+    exponent = _LEAST + _SPAN * (turned - ca.floor(turned))
+    lam = ca.if_else(k < _FIRST, _TINY, ca.exp(float(np.log(10.0)) * exponent))
+    gap, _ = path.at(lam, ca.SX(1))
+    lift = ca.SX(_LIFTS[0])
+    for i, value in enumerate(_LIFTS):
+        lift = ca.if_else(ca.fmod(k, len(_LIFTS)) == i, value, lift)
+    start = path.pair(lam, ca.fmax(gap, lift))
+    return ca.Function("further", [k, path.data], [ca.if_else(k > 0, start, 1)])
+
+
+def irrational(n: int) -> np.ndarray:
+    """Square roots of the first n primes: no sum of multiples of them is a whole number."""
+    primes: list[int] = []
+    candidate = 2
+    while len(primes) < n:
+        if all(candidate % prime for prime in primes):
+            primes.append(candidate)
+        candidate += 1
+    return np.sqrt(primes)

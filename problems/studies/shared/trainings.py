@@ -1,0 +1,58 @@
+"""Trainings of a study, done side by side, each kept as a piece."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dynamics.contact import ContactLaw
+from ocp.errors import choose
+from ocp.learning.algorithms import ALGORITHMS
+from ocp.scheduling import Failure, carried_out
+from problems.studies.study import Pieces
+from problems.tasks import registry
+from problems.tasks.training import TrainingJob, trained
+from problems.tasks.usual import made, usual
+
+Curves = dict[str, np.ndarray]
+
+
+def job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -> TrainingJob:
+    """A training at the settings that are usual for the task, but for those ``changed``."""
+    cls = choose("algorithm", algorithm, ALGORITHMS)
+    values = {**usual(registry.spec(task), algorithm, cls), **changed}
+    chosen, options = made(cls, values)
+    return TrainingJob(
+        task=task, params={}, algorithm=chosen, law=law, seed=seed, options=options, threads=1
+    )
+
+
+def curves(jobs: Mapping[str, TrainingJob], pieces: Pieces) -> dict[str, Curves]:
+    """Every array of every training, by the key of its job; those that were kept are not redone.
+
+    Trainings are done in as many processes as there are CPUs; results do not depend on them but
+    for ``wall_s``. Raises what a training raised.
+    """
+    found = {key: pieces.kept(key) for key in jobs}
+    left = [key for key, arrays in found.items() if arrays is None]
+    workers = min(len(os.sched_getaffinity(0)), max(1, len(left)))
+    for place, outcome in carried_out(trained, [jobs[key] for key in left], workers):
+        if isinstance(outcome, Failure):
+            raise outcome.error
+        arrays = {str(name): outcome[name].values for name in outcome.data_vars}
+        found[left[place]] = pieces.keep(left[place], arrays)
+    return {key: arrays for key, arrays in found.items() if arrays is not None}
+
+
+def at(grid: np.ndarray, along: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """``values`` over ``along``, where they are told, at the points of ``grid`` (n,).
+
+    A judgement holds until the next one; before the first there is none.
+    """
+    told = np.isfinite(values) & np.isfinite(along)
+    before = np.searchsorted(along[told], grid, side="right") - 1
+    held = values[told][np.maximum(before, 0)]
+    return np.where(before >= 0, held, np.nan)
