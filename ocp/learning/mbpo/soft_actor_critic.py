@@ -56,9 +56,7 @@ class Batch(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Learning ``rate`` of all networks, ``discount``, ``slow``, the targets' rate, and ``aim``, the
-    entropy of an input.
-    """
+    """Learning ``rate``, ``discount``, ``slow``, the targets' rate, ``aim``, entropy an input."""
 
     rate: float
     discount: float
