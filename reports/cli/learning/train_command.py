@@ -44,7 +44,9 @@ class TrainOptions(LawOptions):
     )  # fmt: skip
     seeds: int = option(1, "--seeds", min=1, max=1000, help="How many, from --seed on.")
     seed: int = option(0, "--seed", min=0, help="The first seed.")
-    iterations: int | None = option(None, "--iterations", min=1, help="Of each training.")
+    iterations: int | None = option(
+        None, "--iterations", min=1, help="Of each training; default: 100, or what the task has."
+    )
     jobs: int | None = option(
         None, "--jobs", "-j", min=1, max=1024, help="Processes side by side; default: one a CPU."
     )
@@ -134,10 +136,7 @@ def run(options: TrainOptions, asked: Asked) -> int:
     done is kept: the same command goes on after Ctrl-C, and ends as if it had never stopped.
     """
     from ocp.errors import interruptible
-    from ocp.scheduling import Failure, carried_out
-    from problems.tasks.training import trained, under_way
-    from reports.cli import interrupt
-    from reports.trained.live import live
+    from problems.tasks.training import under_way
 
     output, stored = options.output, _stored_before(asked)
     if stored:
@@ -146,10 +145,31 @@ def run(options: TrainOptions, asked: Asked) -> int:
     for place in left:
         for sentence in under_way(asked.jobs[place], asked.experiments[place]):
             output.say(sentence)
-    failed: dict[int, Exception] = {}
+    try:
+        with interruptible():
+            failed = _trained(options, asked, left, stored)
+    except KeyboardInterrupt:
+        output.say("the same command goes on from what is kept")
+        raise
+    for place in stored:
+        asked.checkpoints[place].discard()
+    _tell(options, [stored[place] for place in sorted(stored)], asked, failed)
+    return 0
+
+
+def _trained(
+    options: TrainOptions, asked: Asked, left: list[int], stored: dict[int, Path]
+) -> dict[int, Exception]:
+    """Do what is ``left`` and add it to ``stored`` as it ends; gives what failed."""
+    from ocp.scheduling import Failure, carried_out
+    from problems.tasks.training import trained
+    from reports.cli import interrupt
+    from reports.trained.live import live
+
+    failed = {}
     jobs = [asked.jobs[place] for place in left]
     ends = {asked.jobs[place].name: asked.experiments[place].iterations for place in left}
-    with interruptible(), live(ends, options.quiet, interrupt.check) as heard:
+    with live(ends, options.quiet, interrupt.check) as heard:
         work = carried_out(trained, jobs, asked.workers, options.scheduler, heard)
         with closing(work) as outcomes:
             for index, outcome in outcomes:
@@ -158,10 +178,7 @@ def run(options: TrainOptions, asked: Asked) -> int:
                     failed[place] = outcome.error
                 else:
                     stored[place] = _store(options, asked, place, outcome)
-    for place in stored:
-        asked.checkpoints[place].discard()
-    _tell(options, [stored[place] for place in sorted(stored)], asked, failed)
-    return 0
+    return failed
 
 
 def _stored_before(asked: Asked) -> dict[int, Path]:

@@ -98,17 +98,19 @@ def help_text() -> str:
     from ocp.learning.experiment import Experiment
     from problems.tasks import registry
 
-    tasks = [(name, registry.spec(name).title) for name in registry.names()]
+    specs = [registry.spec(name) for name in registry.names()]
+    tasks = [(spec.name, f"{spec.title}; {spec.learner}") for spec in specs]
     shared = {field.name: field for field in fields(Experiment)}
-    parts = ["Tasks:", *_table(tasks), "", "Settings of all algorithms, -s name=value:"]
+    parts = ["Tasks, and the algorithm that is usual:", *_table(tasks)]
+    parts += ["", "Settings of all algorithms, -s name=value:"]
     parts += _table([(_shown(name, shared[name].default), OWN[name]) for name in OWN])
     parts += ["", "Physical parameters learned beside the policy:", *_table([*SETTINGS.items()])]
     for name, cls in ALGORITHMS.items():
         own = {field.name: field.default for field in settings_of(cls).values()}
-        parts += ["", f"{name}: {cls.summary}", _listed(own)]
-    for name in registry.names():
-        for whose, values in registry.spec(name).training.items():
-            parts += ["", f"{name} has of {whose}, unless told otherwise:", _listed(values)]
+        parts += ["", f"{name}: {cls.summary}; {cls.contact} law", _listed(own)]
+    for spec in specs:
+        for whose, values in spec.training.items():
+            parts += ["", f"{spec.name} has of {whose}, unless told otherwise:", _listed(values)]
     return "\n".join(parts)
 
 

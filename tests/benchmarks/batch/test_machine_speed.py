@@ -1,12 +1,23 @@
-"""Rollouts with gradients through frictional contact: hopper and half-cheetah against CasADi."""
+"""Rollouts through frictional contact: hopper and half-cheetah against CasADi and MuJoCo."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
+from dynamics.batch import RolloutFunction, open_loop
+from dynamics.batch.graphs import inner, rollout_tapes
+from dynamics.contact import Barrier, starts
+from dynamics.contact.path import Path
+from problems.machines.half_cheetah import half_cheetah
+from problems.machines.hopper import hopper
+from problems.machines.simulation import simulation
+from tests.benchmarks.batch import mujoco_peer
 from tests.benchmarks.batch.peers import mapped
 from tests.benchmarks.batch.race import Row, race, tell
 from tests.benchmarks.batch.test_batch_speed import casadi_peers, of_problem
@@ -44,3 +55,88 @@ def test_machines_against_casadi(name, monkeypatch, tmp_path):
         rows.append(Row(f"C / CasADi {peer}", slow / ours, "x", least=None if k else 30.0))
     rows += [Row("compile", first, " s", most=60.0), Row("cached", again, " s")]
     tell(f"{name}, H = {HORIZON}", rows)
+
+
+def let_loose(name: str, threads: int) -> tuple[RolloutFunction, np.ndarray]:
+    """Rollouts of a machine with all its spheres from its environment's reset, and that state."""
+    problem, x0 = simulation(name)
+    step, system = Barrier(mu=1e-3).close(problem.system), problem.system
+    p, policy = step.p.vector, open_loop(system.nx, system.nu)
+    stage = ca.Function("stage", [system.x, system.u, p], [0.1 * ca.sumsqr(system.u)])
+    end = ca.Function("end", [system.x, p], [-system.x[0]])
+    return RolloutFunction(step, stage, end, HORIZON, policy, "c", threads), x0
+
+
+def from_ones(path: Path) -> ca.Function:
+    """Every step from the cold start, whatever the step before was."""
+    lam = ca.SX.sym("lam", path.n)
+    return ca.Function("warm", [lam, path.data], [ca.SX.ones(path.size)])
+
+
+def runner(f: RolloutFunction, x0: np.ndarray, theta: np.ndarray, **options: Any) -> Callable:
+    out = f(x0, theta, **options)
+    return lambda: f(x0, theta, out=out, **options)
+
+
+@pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
+def test_the_contact_solve_of_a_rollout(name, monkeypatch, tmp_path):
+    """Against a start from ones at every step, and that with the matrix between all pairs.
+
+    The last is how rollouts were before their solve went through coordinates and started warm. A
+    rollout without gradient saves no more than the sweep back, which is the smaller part: a step's
+    solve takes some eight iterations, each as long as the adjoint of the step.
+    """
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    began = time.perf_counter()
+    f, x0 = let_loose(name, 1)
+    compiled = time.perf_counter() - began
+    with monkeypatch.context() as patched:
+        patched.setattr(starts, "warm_start", from_ones)
+        patched.setattr(inner, "_WARM", inner._COLD)
+        cold, _ = let_loose(name, 1)
+        patched.setattr(rollout_tapes, "path_of", Path.of_system)
+        before, _ = let_loose(name, 1)
+    theta = 0.1 * np.random.default_rng(0).standard_normal((1024, HORIZON, f.tapes.nu))
+    batches = [runner(f, x0, few) for few in np.split(theta, len(theta) // 16)]
+    seconds = race({
+        "warm": runner(f, x0, theta), "forward": runner(f, x0, theta, gradient=False),
+        "few": lambda: [run() for run in batches], "cold": runner(cold, x0, theta),
+        "before": runner(before, x0, theta[:256]),
+    })  # fmt: skip
+    # A step of wild motion may have several solutions, of which each start finds its own.
+    apart = np.abs(f(x0, theta).cost / cold(x0, theta).cost - 1) > 1e-7
+    assert apart.mean() < 0.01
+    each = {key: seconds[key].processor / len(theta) for key in seconds}
+    each["before"] *= 4
+    ours = each["warm"]
+    tell(f"{name}, H = {HORIZON}, one thread", [
+        Row("rollouts with gradient", 1e-3 / ours, " k/s"),
+        Row("all pairs, from ones / that", each["before"] / ours, "x", least=1.8),
+        Row("from ones / that", each["cold"] / ours, "x", least=1.2),
+        Row("batches of 16: of that rate", ours / each["few"], "x", least=0.6),
+        Row("without gradient: of that rate", ours / each["forward"], "x"),
+        Row("compile", compiled, " s", most=60.0),
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
+def test_machines_against_mujoco(name):
+    mujoco = pytest.importorskip("mujoco")
+    machine = hopper() if name == "hopper" else half_cheetah()
+    model = mujoco.MjModel.from_xml_string(mujoco_peer.mjcf(machine))
+    f, x0 = let_loose(name, 2)
+    theta = 0.1 * np.random.default_rng(0).standard_normal((2048, HORIZON, f.tapes.nu))
+    start, some, few = x0[: 2 * model.nq], theta[:512], theta[:32]
+    seconds = race({
+        "ours": runner(f, x0, theta), "forward": runner(f, x0, theta, gradient=False),
+        "rollout": mujoco_peer.forward(model, start, some, 2),
+        "transitionFD": mujoco_peer.derivatives(model, start, few, 2),
+    })  # fmt: skip
+    sizes = {"ours": 2048, "forward": 2048, "rollout": 512, "transitionFD": 32}
+    each = {key: seconds[key].processor / size for key, size in sizes.items()}
+    tell(f"{name}, H = {HORIZON}, h = {machine.h}, against MuJoCo {mujoco.__version__}", [
+        Row("MuJoCo: rollouts", 1e-3 / each["rollout"], " k/s of a processor"),
+        Row("MuJoCo: with derivatives", 1e-3 / each["transitionFD"], " k/s of a processor"),
+        Row("C / mujoco.rollout", each["rollout"] / each["forward"], "x"),
+        Row("C / mjd_transitionFD", each["transitionFD"] / each["ours"], "x", least=5.0),
+    ])  # fmt: skip

@@ -79,10 +79,11 @@ def test_the_same_command_goes_on(tmp_path: Path, whole: list[xr.Dataset], how: 
     process = start([*LONG, "--jobs", "1"], tmp_path)
     wait_for(lambda: checkpoints(tmp_path))
     process.send_signal(how)
-    _, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=60)
     assert process.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130)
     if how == signal.SIGINT:
         assert "stopped by the user" in err and "Traceback" not in err
+        assert "the same command goes on" in out
     assert store.list_runs(tmp_path / "runs") == []
     with np.load(checkpoints(tmp_path)[0]) as kept:
         done = len(kept["curve.wall_s"])

@@ -1,0 +1,17 @@
+"""A5: first-order policy gradients on the half-cheetah through contact of different mu."""
+
+from problems.spec import Citation
+from problems.studies.study import Study
+
+study = Study(
+    id="A5",
+    title="Which mu to learn through: the half-cheetah",
+    citation=Citation("zhang2023adaptive", "Fig. 5, sec. 7.4"),
+    folder=__name__,
+    notes=(
+        "All curves are returns of whole episodes of 5 s under the exact law, without noise on the"
+        " actions; the paper's axis tells neither law nor noise.",
+        "FOPG with its usual settings for the task, as ocp train has them.",
+    ),
+    resumes=True,
+)

@@ -1,0 +1,47 @@
+"""What A5's data say of fig. 5."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from problems.studies.shared.compared_runs import area, difference
+from problems.studies.study import Claim, over
+
+_PLACE = "ABS, sec. 7.4"
+_SHARP, _WIDE = "mu 1e-10", "mu 0.01"
+_ADAPTIVE = ("adaptive", "adaptive, gaussian")
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """Slow at 1e-10, lower at 1e-2, adaptive best, or not."""
+    laws = [str(law) for law in data["law"].values]
+    curves = {law: data["exact_return"].sel(law=law).values for law in laws}
+    areas = {law: area(curve) for law, curve in curves.items()}
+    ends = {law: curve.max(axis=1) for law, curve in curves.items()}
+    fixed = [law for law in laws if law not in _ADAPTIVE]
+    slower = difference(areas[_WIDE], areas[_SHARP])
+    lower = difference(ends[_SHARP], ends[_WIDE])
+    best = max(fixed, key=lambda law: ends[law].mean())
+    gains = [difference(ends[law], ends[best]) for law in _ADAPTIVE]
+    ways = [difference(areas[law], areas[best]) for law in _ADAPTIVE]
+    variance = {law: float(np.nanmedian(data["variance"].sel(law=law))) for law in laws}
+    falling = [variance[law] < variance[_SHARP] for law in laws[1:]]
+    return [
+        Claim("mu = 1e-10 learns slowly", _PLACE,
+              "mean return over iterations below that of mu = 1e-2, 95 % over seeds",
+              str(slower), slower.better),
+        Claim("for its gradient has the higher variance", _PLACE, "above every other law's",
+              f"{over(laws[1:], falling)}: {variance[_SHARP]:.3g}, then"
+              f" {', '.join(f'{variance[law]:.3g}' for law in laws[1:])}", all(falling)),
+        Claim("mu = 1e-2 ends lower", _PLACE, "best return below that of mu = 1e-10, 95 %",
+              str(lower), lower.better),
+        Claim("The adaptive law ends the highest", _PLACE,
+              f"best return above that of {best}, the best fixed mu, 95 %",
+              f"{over(_ADAPTIVE, [g.better for g in gains])}: {', '.join(map(str, gains))}",
+              any(g.better for g in gains)),
+        Claim("The adaptive law learns the fastest", _PLACE,
+              f"mean return over iterations above that of {best}, 95 %",
+              f"{over(_ADAPTIVE, [g.better for g in ways])}: {', '.join(map(str, ways))}",
+              any(g.better for g in ways)),
+    ]  # fmt: skip
