@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -155,3 +156,9 @@ def test_it_learns_a_scalar_task_up_to_its_optimum():
     assert -0.25 < best < -0.1
     assert found[0] < -10
     assert best - 0.01 * (best - found[0]) < found[-1] < best + 0.02
+
+
+def test_without_its_libraries_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ocp.learning.mbpo.training", None)
+    with pytest.raises(InputError, match="which the extra learn installs"):
+        SMALL.begin(experiment())
