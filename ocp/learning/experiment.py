@@ -179,8 +179,10 @@ class Experiment:
         """What a policy sees, before it is normalised, (n, n_o), in states (n, nx)."""
         return self._observe(states, self.physics)
 
-    def inputs(self, trained: Trained, states: np.ndarray) -> np.ndarray:
-        """Inputs (n, nu) of a policy without noise in states (n, nx)."""
+    def inputs(
+        self, trained: Trained, states: np.ndarray, noise: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Inputs (n, nu) of a policy in states (n, nx), with ``noise`` (n, nu) on its actions."""
         if isinstance(self.policy, DensePolicy):
             normaliser = trained.normaliser
             seen = (self.observations(states) - normaliser.mean) / normaliser.scale
@@ -191,7 +193,7 @@ class Experiment:
             (self.task.upper - self.task.lower) / 2,
             (self.task.upper + self.task.lower) / 2,
         )
-        return middle + half * np.tanh(action)
+        return middle + half * np.tanh(action + noise)
 
     @cached_property
     def _observe(self) -> BatchFunction:
