@@ -9,7 +9,7 @@ import numpy as np
 
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
-from ocp.learning.particles import Particles, scatter
+from ocp.learning.pipps.particles import Particles, scatter
 from ocp.learning.protocol import Row, State
 from ocp.learning.starts import Starts
 from ocp.learning.unrolled import Unrolled
