@@ -113,7 +113,7 @@ def test_the_slope_of_the_error_is_that_of_differences():
     task = regulated()
     policy = dense(task.observe, (4, 3), task.lower, task.upper)
     rng = np.random.default_rng(0)
-    seen, wanted = rng.normal(size=(7, 2)), rng.normal(size=(7, 1))
+    seen, wanted = rng.normal(size=(150, 2)), rng.normal(size=(150, 1))
     theta = first_weights(policy.sizes, 1.0, rng)
     error, slope = squared_error(theta, policy, seen, wanted)
     actions = policy.means(theta, seen)
