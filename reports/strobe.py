@@ -15,6 +15,8 @@ from reports.view import RunView
 
 _FEWEST, _MOST = 3, 7
 _TALLEST = 3.3
+_BETWEEN = 80
+"""Nodes up to which forces between the instants are drawn too; of more they would hide it all."""
 
 
 def strobe(view: RunView) -> Figure | None:
@@ -77,7 +79,7 @@ def _forces(axis: Axes, view: RunView, chosen: np.ndarray) -> None:
     largest = forces.largest
     if not largest > 0:
         return
-    for node in range(1, len(x[0])):
+    for node in range(1, len(x[0])) if len(x[0]) <= _BETWEEN else chosen[chosen > 0]:
         frames = spec.frames(view.params, x[0, node])
         pushes = forces.normal[node - 1], forces.friction[node - 1]
         strength = {"alpha": 1.0, "cones": 0.5} if node in chosen else {"alpha": 0.35, "cones": 0}

@@ -98,6 +98,7 @@ class EpisodeFunction(Rolling):
         score: bool = False,
         states: bool = False,
         along: Episodes | None = None,
+        pull: np.ndarray | None = None,
     ) -> Episodes:
         """Return of each sample, with its gradient by theta, score and states where asked.
 
@@ -105,11 +106,13 @@ class EpisodeFunction(Rolling):
         counts the steps before the end. With `along`, episodes of the same samples whose states
         were kept, every step starts at *their* state, and the gradient is chained along them:
         where those went by the exact law and this function's step is smoothed, only the gradient
-        is smoothed (algorithm 2 of adaptive barrier smoothing).
+        is smoothed (algorithm 2 of adaptive barrier smoothing). `pull` (n, nx) is the gradient by
+        the last state of what else is gained there, of a critic's value say: `gradient` is then of
+        both, those that ended before left out; it carries its own discount.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        q = self._asked(x0, theta, p, noise, n_samples, gradient, score, along)
+        q = self._asked(x0, theta, p, noise, n_samples, gradient, score, along, pull)
         shape = (q.n, *self.policy.shape(self.horizon))
         nx, size = self.tapes.nx, q.theta.shape[1]
         results = Results(
@@ -151,7 +154,9 @@ class EpisodeFunction(Rolling):
         Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
         gradient (return - baseline) * score. Raises `ValueError` as a call does.
         """
-        q = self._asked(x0, theta, p, noise, n_samples, gradient, score, along, -float(baseline))
+        q = self._asked(
+            x0, theta, p, noise, n_samples, gradient, score, along, None, -float(baseline)
+        )
         last = np.empty((q.n, self.tapes.nx))
         (cost, slope, zeroth), nonfinite = self._summed(q, last)
         assert cost is not None
@@ -171,6 +176,7 @@ class EpisodeFunction(Rolling):
         gradient: bool,
         score: bool,
         along: Episodes | None,
+        pull: np.ndarray | None,
         baseline: float = 0.0,
     ) -> Call:
         states = as_rows(x0, self.tapes.nx - 2, "x0", "the rollout")
@@ -184,7 +190,11 @@ class EpisodeFunction(Rolling):
                     " were kept; ask for them with states=True"
                 )
             followed = along.trail.reshape(len(along.trail), -1)
+        pulled = None
+        if pull is not None:
+            rows = as_rows(pull, self.tapes.nx - 2, "pull", "the rollout")
+            pulled = np.hstack([-rows, np.zeros((len(rows), 2))])
         return self._request(
-            start, theta, p, noise, n_samples,
-            gradient=gradient, score=score, along=followed, baseline=baseline,
+            start, theta, p, noise, n_samples, gradient=gradient, score=score, along=followed,
+            pull=pulled, baseline=baseline,
         )  # fmt: skip

@@ -159,6 +159,7 @@ class Rolling:
         gradient: bool,
         score: bool,
         along: np.ndarray | None = None,
+        pull: np.ndarray | None = None,
         baseline: float = 0.0,
     ) -> Call:
         what, tapes = "the rollout", self.tapes
@@ -174,7 +175,8 @@ class Rolling:
             gaussian.scales(tapes.nu)
         elif noise is not None:
             w = self._noise_rows(noise)
-        rows = {"x0": start, "theta": thetas, "p": parameters, "noise": w, "along": along}
+        rows = {"x0": start, "theta": thetas, "p": parameters}
+        rows |= {"noise": w, "along": along, "pull": pull}
         return Call(
             n=_sample_count(rows, n_samples),
             horizon=self.horizon,
@@ -185,6 +187,7 @@ class Rolling:
             w=w,
             gaussian=gaussian,
             along=along,
+            pull=pull,
             gradient=gradient,
             score=score,
             baseline=baseline,
@@ -222,7 +225,7 @@ def _sample_count(rows: dict[str, np.ndarray | None], n_samples: int | None) -> 
     lengths = {
         name: len(a)
         for name, a in rows.items()
-        if a is not None and (len(a) != 1 or name in ("noise", "along"))
+        if a is not None and (len(a) != 1 or name in ("noise", "along", "pull"))
     }
     if n_samples is not None:
         if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:

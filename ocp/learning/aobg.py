@@ -65,11 +65,11 @@ class AoBG(Unrolled):
         alpha, bias = mixing(gradients[0], gradients[1], self.gamma, self.delta)
         g1, g0 = (each.mean(axis=0) for each in gradients)
         mixed = alpha * g1 + (1 - alpha) * g0
-        changed = {
+        moved = {
             **self.climb(state, mixed),
-            **remembered(experiment, state, first, good),
             **next_starts(experiment, state, first, k),
         }
+        changed = remembered(experiment, moved, first, good)
         row = {**told(first, good), **told_gradient(gradients[0]), "alpha": alpha, "bias": bias}
         row["gradient_norm"] = float(np.linalg.norm(mixed))
         row["gradient_variance"] = sum(

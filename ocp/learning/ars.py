@@ -68,7 +68,8 @@ class ARS:
         returns = np.where(good, found.value, found.value[good].min()).reshape(2, n)
         change = self.rate * search_direction(returns, delta, self.top)
         row = {**told(found, good), "gradient_norm": float(np.linalg.norm(change)) / self.rate}
-        return {**state, "theta": theta + change, **remembered(experiment, state, found, good)}, row
+        moved = {**state, "theta": theta + change}
+        return remembered(experiment, moved, found, good), row
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
         """The policy of the state."""

@@ -13,6 +13,7 @@ import numpy as np
 from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant, dense
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
+from ocp.learning.balancing import balanced, embedded
 from ocp.learning.network import first_weights
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.rollouts import TaskRollouts
@@ -34,8 +35,9 @@ class Experiment:
     The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with
     tanh layers of sizes ``hidden`` on normalised observations; ``()`` is the affine policy and None
     one input for all steps, without observations. Weights start normal with standard deviation
-    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; or they are
-    those of the policy ``start``, with what it has seen.
+    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; with a state
+    ``rest`` (nx,) they are those of linear feedback that keeps the system there; with a policy
+    ``start`` its own, with what it has seen.
 
     The algorithm learns through ``law``, at the task's parameters ``psi`` (all of them, in the
     order of the task's table; by default its own); evaluations are under the exact law, of
@@ -51,6 +53,7 @@ class Experiment:
     law: ContactLaw = field(default_factory=lambda: Adaptive("quartic"))
     hidden: tuple[int, ...] | None = ()
     initial: float = 0.1
+    rest: tuple[float, ...] | None = None
     normalise: bool = True
     discount: float = 1.0
     seed: int = 0
@@ -151,14 +154,16 @@ class Experiment:
         return np.random.SeedSequence([self.seed, k, zlib.crc32(purpose.encode())])
 
     def first_theta(self) -> np.ndarray:
-        """Parameters (n_theta,) to start from: those of ``start``, or out of the seed."""
+        """Parameters (n_theta,) to start from: of ``start``, balancing ``rest``, or by chance."""
         if self.start is not None:
             return np.array(self.start.theta, dtype=float)
         rng = self.rng(0, "theta")
-        if self.hidden is None:
+        if not isinstance(self.policy, DensePolicy):
             return self.initial * rng.standard_normal(self.policy.n_theta)
-        sizes = (len(self.task.observations), *self.hidden, self.task.system.nu)
-        return first_weights(sizes, self.initial, rng)
+        theta = first_weights(self.policy.sizes, self.initial, rng)
+        if self.rest is not None:
+            embedded(*balanced(self.task, np.array(self.rest)), self.policy.layers(theta))
+        return theta
 
     def first_normaliser(self) -> Normaliser:
         """What observations are normalised by at first: as ``start`` does it, or not at all."""
@@ -203,6 +208,7 @@ class Experiment:
             **{f"contact.{key}": value for key, value in law.items()},
             "hidden": self.hidden,
             "initial": self.initial,
+            "rest": self.rest,
             "normalise": self.normalise,
             "discount": self.discount,
             "seed": self.seed,

@@ -53,9 +53,9 @@ class FOPG(Unrolled):
         assert found.gradient is not None
         gradients = found.gradient[good]
         visited = found if followed is None else followed
-        changed = {
+        moved = {
             **self.climb(state, self.clipped(gradients).mean(axis=0)),
-            **remembered(experiment, state, visited, good),
             **next_starts(experiment, state, visited, k),
         }
+        changed = remembered(experiment, moved, visited, good)
         return changed, {**told(visited, good), **told_gradient(gradients)}

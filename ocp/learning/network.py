@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from dynamics.batch import DensePolicy, RolloutPolicy
+from ocp.learning.normaliser import Normaliser
 
 
 def first_weights(sizes: Sequence[int], last: float, rng: np.random.Generator) -> np.ndarray:
@@ -45,3 +46,19 @@ def pulled_back(
         if before is not seen:
             bar = bar * (1 - before**2)
     return np.hstack(parts), bar
+
+
+def rebased(
+    policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser
+) -> np.ndarray:
+    """Parameters of the same policy where ``after`` normalises what ``before`` did.
+
+    ``W' = W s'/s`` and ``b' = b + W (m' - m)/s`` of the first layer, with the means m and scales s.
+    """
+    if not isinstance(policy, DensePolicy):
+        return theta
+    moved = theta.copy()
+    weights, offsets = policy.layers(moved)[0]
+    offsets += weights @ ((after.mean - before.mean) / before.scale)
+    weights *= after.scale / before.scale
+    return moved

@@ -10,6 +10,7 @@ import numpy as np
 from dynamics.batch import Episodes, Gaussian
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, NotConverged
+from ocp.learning.network import rebased
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Row, State, Trained
 from ocp.learning.starts import Starts
@@ -111,14 +112,21 @@ def no_number(experiment: Experiment, step: int, where: str) -> str:
 
 
 def remembered(experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray) -> State:
-    """Entries of the state that change by what was seen: the normaliser's."""
-    if not experiment.normalise:
-        return {}
+    """The state with what was seen in its normaliser, and the policy as it was."""
     steps = np.arange(episodes.states.shape[1] - 1)
     alive = good[:, None] & (steps < episodes.lived[:, None])
     seen = experiment.observations(episodes.states[:, :-1][alive])
-    seen = seen[np.isfinite(seen).all(axis=1)]
-    return Normaliser.of(state).after(seen).arrays()
+    return with_seen(experiment, state, seen[np.isfinite(seen).all(axis=1)])
+
+
+def with_seen(experiment: Experiment, state: State, seen: np.ndarray) -> State:
+    """The state with observations (n, n_o) in its normaliser, and the policy as it was."""
+    if not experiment.normalise:
+        return state
+    before = Normaliser.of(state)
+    after = before.after(seen)
+    theta = rebased(experiment.policy, state["theta"], before, after)
+    return {**state, **after.arrays(), "theta": theta}
 
 
 def told(episodes: Episodes, good: np.ndarray) -> Row:

@@ -55,11 +55,11 @@ class ZOPG(Unrolled):
         pair = mirrored(experiment, state, state["starts.x"], steps, noise)
         good = np.logical_and(*(finite(experiment, state, each, k) for each in pair))
         gradients = likelihood_ratio(pair, good)
-        changed = {
+        moved = {
             **self.climb(state, self.clipped(gradients).mean(axis=0)),
-            **remembered(experiment, state, pair[0], good),
             **next_starts(experiment, state, pair[0], k),
         }
+        changed = remembered(experiment, moved, pair[0], good)
         row = {**told(pair[0], good), **told_gradient(gradients)}
         row["env_steps"] += float(pair[1].lived.sum())
         return changed, row

@@ -157,7 +157,7 @@ def summary_rows(found: Sequence[Group]) -> tuple[list[str], list[list[str]]]:
     """Heads and cells: a line a run."""
     names = measures(found[0].runs[0].meta["evaluation"]) if found else []
     units = {name: found[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
-    heads = ["", "seed", "untrained", "return", "iteration", *(
+    heads = ["", "seed", "untrained", "return", "best at", *(
         f"{name}, {units[name]}" for name in names), "steps", "time, s"]  # fmt: skip
     cells = []
     for group in found:
@@ -166,7 +166,7 @@ def summary_rows(found: Sequence[Group]) -> tuple[list[str], list[list[str]]]:
             cells.append([
                 group.label, str(told["seed"]), number(told["untrained"]["return"], 4),
                 number(told["return"], 4),
-                f"{told['best_iteration']} of {told['last']['iteration']}",
+                str(told["best_iteration"]),
                 *(number(told["evaluation"][name], 3) for name in names),
                 f"{told['env_steps']:.3g}", f"{told['wall_s']:.1f}",
             ])  # fmt: skip

@@ -22,7 +22,7 @@ _JOB = """\
 enum { WANT_GRADIENT = 1, WANT_SCORE = 2, WANT_MOMENTS = 4 };
 typedef struct {
   i64 horizon, parts, want, shared_x0, shared_theta, shared_p, noise, key0, key1, first;
-  const double *x0, *theta, *p, *w, *along, *sigma, *precision;
+  const double *x0, *theta, *p, *w, *along, *pull, *sigma, *precision;
   double *cost, *gradient, *score, *last, *trail, *moments;
   double baseline;
 } job;
@@ -108,6 +108,12 @@ static void backward(const job *q, const memory *a, i64 n, i64 live, i64 row, i6
     V *out[] = {bars + j};
     terminal_adjoint(in, out);
   }
+  if (q->pull)
+    for (int j = 0; j < U; j++) {
+      V more[NX];
+      load_rows(q->pull, NX, row + j * W, end, more, 1);
+      for (int k = 0; k < NX; k++) bars[k * U + j] += more[k];
+    }
   if (q->parts == 1) {
     g = DENSE ? action_bar : a->gradient;
     for (i64 k = 0; k < GT * U; k++) a->gradient[k] = (V){};

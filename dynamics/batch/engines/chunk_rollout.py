@@ -117,15 +117,27 @@ class ChunkRollout:
         return found
 
     def backward(
-        self, x: Array, lam: Array, theta: Array, p: Array, w: Array, gradient: Array
+        self,
+        x: Array,
+        lam: Array,
+        theta: Array,
+        p: Array,
+        w: Array,
+        gradient: Array,
+        pull: Array | None = None,
     ) -> None:
-        """Fill `gradient` (N or 1, n_theta, m) with the derivative of the cost by theta."""
+        """Fill `gradient` (N or 1, n_theta, m) with the derivative of the cost by theta.
+
+        ``pull`` (nx, m) is added to its derivative by what is carried at the end.
+        """
         m = x.shape[-1]
         xbar, before = self.scratch.array("bars", 2, self.tapes.nx, m)
         part = self.scratch.array("part", self.tapes.n_theta, m)
         if not self.per_step:
             gradient[...] = 0.0
         self.terminal_adjoint.run([x[-1], p], [xbar])
+        if pull is not None:
+            xbar += pull
         for t in reversed(range(self.horizon)):
             arguments = [x[t], self._theta(theta, x[t], p, t), w[t], p, lam[t], xbar]
             self.adjoint.run(arguments, [before, gradient[t] if self.per_step else part])

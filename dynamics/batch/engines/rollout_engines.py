@@ -28,7 +28,8 @@ class Call:
     `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is given noise,
     `gaussian` noise to be drawn, both None for none. `baseline` is subtracted from the cost before
     it multiplies the score, in moments. `along` (n, (horizon + 1) * nx), where given, is where
-    every step starts.
+    every step starts; `pull` (n, nx) is added to the derivative of the cost by what is carried at
+    the end.
     """
 
     n: int
@@ -40,6 +41,7 @@ class Call:
     w: Array | None = None
     gaussian: Gaussian | None = None
     along: Array | None = None
+    pull: Array | None = None
     gradient: bool = True
     score: bool = False
     baseline: float = 0.0
@@ -58,7 +60,7 @@ class Call:
         gaussian = None if self.gaussian is None else self.gaussian.after(begin)
         own = {
             name: None if value is None else value[begin:end]
-            for name, value in (("w", self.w), ("along", self.along))
+            for name, value in (("w", self.w), ("along", self.along), ("pull", self.pull))
         }
         same = {
             f.name: getattr(self, f.name)
@@ -118,7 +120,7 @@ class Job(ctypes.Structure):
         *(
             (name, ctypes.c_void_p)
             for name in (
-                *("x0", "theta", "p", "w", "along", "sigma", "precision"),
+                *("x0", "theta", "p", "w", "along", "pull", "sigma", "precision"),
                 *("cost", "gradient", "score", "last", "trail", "moments"),
             )
         ),
@@ -187,6 +189,7 @@ class CompiledRolloutEngine:
             noise, key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(self._nu)
         arrays = {
             **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w, "along": q.along},
+            **{"pull": q.pull},
             **{"sigma": sigma, "precision": 1.0 / sigma**2, **results},
         }
         job = Job(
@@ -299,7 +302,8 @@ class ChunkEngine:
         gradient, score = np.empty((0, m)), np.empty((0, m))
         if q.gradient:
             gradient = scratch.array("gradient", *shape)
-            rollout.backward(x, lam, theta, p, w, gradient)
+            pull = None if q.pull is None else q.pull.T
+            rollout.backward(x, lam, theta, p, w, gradient, pull)
         if q.score and q.gaussian is not None:
             score = scratch.array("score", *shape)
             precision = 1.0 / q.gaussian.scales(tapes.nu) ** 2

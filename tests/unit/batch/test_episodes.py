@@ -285,3 +285,23 @@ def test_another_horizon_is_that_horizon(backend):
     assert again.trail.shape[1] == HORIZON + 1
     with pytest.raises(ValueError, match="horizon must be a whole number"):
         f.over(0)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_else_is_gained_at_the_end_pulls_on_the_gradient(backend):
+    """A quadratic value of the last state, against one that the episode itself has."""
+    f, made = rolled("inner loop", "network", backend), four_contacts()
+    call = given(f) | {"gradient": True, "states": True}
+    plain = f(**call)
+    reached = (plain.lived == HORIZON) & (np.abs(plain.states[:, -1, 0]) <= WINDOW[made.name])
+    assert 0 < reached.sum() < N
+    x, p = made.x, made.parameters.vector
+    episode, _ = functions(made)
+    more = ca.Function("final", [x, p], [episode.final(x, p) + 0.3 * ca.sumsqr(x)])
+    other = EpisodeFunction(
+        Barrier(mu=1e-3).close(made), Episode(episode.reward, more, episode.done), HORIZON, f.policy
+    )
+    pull = 0.6 * plain.states[:, -1] * (DISCOUNT**HORIZON * reached)[:, None]
+    np.testing.assert_allclose(
+        f(**call, pull=pull).gradient, other(**call).gradient, rtol=1e-9, atol=1e-10
+    )

@@ -43,7 +43,7 @@ def before_the_wall() -> Task:
 
 
 def set_up(hidden: tuple[int, ...], law: ContactLaw, **settings: str) -> tuple[Experiment, State]:
-    """An experiment with a state whose observations are normalised."""
+    """An experiment with a state whose observations are normalised, by numbers that stay."""
     algorithm = FOPG(samples=SAMPLES, unroll=UNROLL, **PLAIN, sigma=0.3)
     experiment = Experiment(
         task=before_the_wall(),
@@ -52,6 +52,7 @@ def set_up(hidden: tuple[int, ...], law: ContactLaw, **settings: str) -> tuple[E
         hidden=hidden,
         initial=1.0,
         discount=0.97,
+        normalise=False,
         threads=1,
     )
     state = algorithm.begin(experiment)

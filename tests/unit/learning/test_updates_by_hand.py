@@ -16,7 +16,8 @@ from ocp.learning.ascent import ascend
 from ocp.learning.fopg import FOPG
 from ocp.learning.pipps import PIPPS
 from ocp.learning.zopg import ZOPG
-from tests.unit.learning.scalar import A, B, experiment, scalar
+from tests.unit.learning.scalar import A, B, scalar
+from tests.unit.learning.scalar import experiment as scalar_experiment
 
 MEAN, SCALE = 0.3, 0.6
 PLAIN = {"rate": 1.0, "optimiser": "plain", "clip": None}
@@ -26,6 +27,11 @@ SEEN = {
     "seen.m2": np.array([4 * SCALE**2]),
 }
 THETA = np.array([0.4, -0.2])
+
+
+def experiment(algorithm, **given):
+    """With the statistics left as they are, so that steps are steps of theta."""
+    return scalar_experiment(algorithm, normalise=False, **given)
 
 
 def follow(x: float, theta: np.ndarray, noise: np.ndarray, discount: float = 1.0):
@@ -73,11 +79,30 @@ def test_random_search_by_hand():
     change = sum((plus[i][0] - minus[i][0]) * delta[i] for i in best) * 0.3 / (2 * np.std(used))
     assert after["theta"] == pytest.approx(THETA + change, rel=1e-12)
     assert row["return_mean"] == pytest.approx(np.mean([v for v, *_ in plus + minus]), rel=1e-12)
-    seen = np.concatenate([states[:-1] for *_, states in plus + minus])
+
+
+def test_what_was_seen_moves_no_policy():
+    """The statistics are those of all states so far, and the same inputs come out."""
+    e = scalar_experiment(ARS(directions=3, top=2, spread=0.2, rate=0.3))
+    still = experiment(e.algorithm)
+    state = {**e.algorithm.begin(e), **SEEN, "theta": THETA}
+    (after, _), (fixed, _) = (each.algorithm.iterate(each, state, 5) for each in (e, still))
+    delta = e.rng(5, "directions").standard_normal((3, 2))
+    starts = e.first_states(3, e.rng(5, "starts"))[:, 0]
+    ways = [
+        follow(x, THETA + sign * 0.2 * d, np.zeros(2))[2]
+        for sign in (1, -1)
+        for x, d in zip(starts, delta, strict=True)
+    ]
+    seen = np.concatenate([states[:-1] for states in ways])
     whole = (4 * MEAN + seen.sum()) / (4 + len(seen))
     assert after["seen.mean"] == pytest.approx([whole], rel=1e-12)
     squares = 4 * (SCALE**2 + MEAN**2) + (seen**2).sum() - (4 + len(seen)) * whole**2
     assert after["seen.m2"] == pytest.approx([squares], rel=1e-12)
+    x = np.linspace(-1, 2, 7)[:, None]
+    assert np.abs(after["theta"] - fixed["theta"]).max() > 1e-3
+    moved, kept = (e.inputs(e.algorithm.policy(e, each), x) for each in (after, fixed))
+    assert moved == pytest.approx(kept, rel=1e-12)
 
 
 def test_random_search_stays_where_all_returns_agree():

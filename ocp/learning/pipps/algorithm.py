@@ -9,12 +9,11 @@ import numpy as np
 
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
-from ocp.learning.normaliser import Normaliser
-from ocp.learning.particles import Particles, scatter
+from ocp.learning.pipps.particles import Particles, scatter
 from ocp.learning.protocol import Row, State
 from ocp.learning.starts import Starts
 from ocp.learning.unrolled import Unrolled
-from ocp.learning.unrolling import no_number, trained
+from ocp.learning.unrolling import no_number, trained, with_seen
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,12 +54,11 @@ class PIPPS(Unrolled):
         part = found.part(good)
         gradients, share = total_propagation(part, noise[:, good] / self.sigma)
         gradient = self.clipped(gradients).mean(axis=0)
-        seen = part.seen[part.alive]
-        changed = {
+        moved = {
             **self.climb(state, gradient),
-            **(Normaliser.of(state).after(seen).arrays() if experiment.normalise else {}),
             **starts.after(experiment, found.states, found.lived, k).arrays(),
         }
+        changed = with_seen(experiment, moved, part.seen[part.alive])
         row = {
             "return_mean": float(part.rewards.sum(axis=0).mean()),
             "env_steps": float(found.alive.sum()),
