@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from ocp.errors import InputError
+from dynamics.batch import StepFunction
+from dynamics.contact import Barrier, Step
+from dynamics.systems import ContactSystem
+from ocp.errors import InputError, NotConverged
 from ocp.rollout import Gains, step_values
 from ocp.solution import Solution
+
+_SMOOTH = 1e-2
+"""Barrier parameter in characteristic sizes, under which contacts are felt before they close."""
 
 
 def demonstrations(
@@ -60,19 +68,26 @@ def _beside(
 def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
     """Feedback ``u = u_k + K_k (x - x_k)`` that leads back to a plan, K (N, nu, nx).
 
-    The linear-quadratic regulator of the exact step's linearisation along the plan,
-    ``A_k, B_k``, that minimises ``sum |dx / size|² + |du / size|²`` in the problem's characteristic
-    sizes: ``K = -(R + B' P B)^-1 B' P A``, ``P <- Q + A' P (A + B K)``, ``P_N = Q``.
+    The linear-quadratic regulator that minimises ``sum |dx / size|² + |du / size|²`` in the
+    problem's characteristic sizes: ``K = -(R + B' P B)^-1 B' P A``, ``P <- Q + A' P (A + B K)``,
+    ``P_N = Q``. ``A_k, B_k`` are the derivatives along the plan of a barrier law's step, since the
+    exact one has none where a contact is about to open or close.
+
+    Raises :class:`~ocp.errors.NotConverged` where such a step is not solved.
     """
     problem, sizes = plan.problem, plan.problem.sizes
-    x, lam = (plan.data[name].values[scenario] for name in ("x", "lam"))
+    x = plan.data["x"].values[scenario]
     all_inputs = plan.data["u"].values
     u = all_inputs[min(scenario, len(all_inputs) - 1)]
+    steps = _smoothed(problem.system, _SMOOTH * sizes.mu)
+    p = step_values(problem, steps.step, plan.values, own=False)
+    A, B = steps.function.slopes(x[:-1], u, p)[1:]
+    if not (np.isfinite(A).all() and np.isfinite(B).all()):
+        raise NotConverged(
+            f"{problem.name}: a step near the plan was not solved under the barrier law, so that no"
+            " feedback is known there; fit to the plan alone, with copies = 0"
+        )
     (N, nu), nx = u.shape, x.shape[1]
-    step = problem.exact_step
-    p = step_values(problem, step, plan.values, own=False)
-    found = step.map.jacobian()(x[:-1].T, u.T, p, x[1:].T, lam.T)[:2]
-    A, B = (np.array(J).reshape(nx, N, -1).transpose(1, 0, 2) for J in found)
     Q, R = np.diag(sizes.x**-2.0), np.diag(sizes.u**-2.0)
     P, K = Q, np.empty((N, nu, nx))
     for k in reversed(range(N)):
@@ -81,3 +96,15 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
         P = Q + A[k].T @ P @ (A[k] + B[k] @ K[k])
         P = (P + P.T) / 2
     return Gains(K, u - np.einsum("kij,kj->ki", K, x[:-1]))
+
+
+class _Smoothed(NamedTuple):
+    step: Step
+    function: StepFunction
+
+
+@lru_cache(maxsize=1)
+def _smoothed(system: ContactSystem, mu: float) -> _Smoothed:
+    """The step of a barrier law, built once for all plans of a task."""
+    step = Barrier(mu=mu).close(system)
+    return _Smoothed(step, StepFunction(step))
