@@ -35,9 +35,9 @@ class Experiment:
     The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with
     tanh layers of sizes ``hidden`` on normalised observations; ``()`` is the affine policy and None
     one input for all steps, without observations. Weights start normal with standard deviation
-    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; with a state
-    ``rest`` (nx,) they are those of linear feedback that keeps the system there; with a policy
-    ``start`` its own, with what it has seen.
+    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; or, with a state
+    ``rest`` (nx,), the policy starts as the linear one that keeps the system there, or it is the
+    policy ``start``, with what that has seen.
 
     The algorithm learns through ``law``, at the task's parameters ``psi`` (all of them, in the
     order of the task's table; by default its own); evaluations are under the exact law, of

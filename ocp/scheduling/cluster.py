@@ -12,6 +12,8 @@ from ocp.errors import InputError
 from ocp.scheduling.jobs import Failure, Function, Heard, attempt, died
 
 _ANSWER_S = 10.0
+NEEDED = "import ocp.scheduling.cluster"
+"""What workers must be able to do: a job that a worker cannot read would hang."""
 
 
 def over_cluster(
@@ -20,7 +22,7 @@ def over_cluster(
     """Do the jobs on the workers of the scheduler at ``address``; yield as they end.
 
     Raises :class:`~ocp.errors.InputError` where dask.distributed is not installed, no scheduler
-    answers, or it has no workers.
+    answers, it has no workers, or they cannot import this package.
     """
     with _connected(address) as client:
         news: queue.Queue[tuple[str, int, Any]] = queue.Queue()
@@ -97,4 +99,11 @@ def _connected(address: str) -> Iterator[Any]:
                 f"the Dask scheduler at {address} has no workers; start some with dask worker"
                 f" {address}"
             )
+        try:
+            client.run(exec, NEEDED)
+        except ImportError as error:
+            raise InputError(
+                f"the workers of the Dask cluster at {address} lack this program: {error}; install"
+                " the same centralpath for them"
+            ) from None
         yield client

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ocp.learning.protocol import Algorithm
     from ocp.store.checkpoint import Checkpoint
     from ocp.task import Task
+    from problems.tasks.spec import TaskSpec
     from problems.tasks.training import TrainingJob
 
 _OWN_LAW = {"adaptive": "law=quartic"}
@@ -70,41 +71,47 @@ def check(options: TrainOptions) -> Asked:
     """Build the task and every algorithm, and see that the runs can be stored."""
     from ocp.errors import InputError
     from problems.tasks import registry
-    from problems.tasks.training import TrainingJob
     from reports.cli.choices import assignments
-    from reports.cli.learning.psi_words import believed, is_psi
-    from reports.cli.learning.training_words import algorithms
     from reports.cli.places import check_places
 
     spec = registry.spec(options.task)
-    params = assignments("-p", options.params)
-    given = assignments("-s", options.settings)
-    task = spec.task(params)
-    psi = believed(given, task.parameters.names)
-    given = {key: value for key, value in given.items() if not is_psi(key)}
-    words = spec.learner if options.algorithm == "usual" else options.algorithm
-    chosen = algorithms(words, given, spec)
-    every = {} if options.iterations is None else {"iterations": options.iterations}
+    task = spec.task(assignments("-p", options.params))
     if options.scheduler is not None and options.jobs is not None:
         raise InputError("--jobs are processes of this computer, --scheduler others; drop one")
+    jobs, workers = _jobs(options, spec, task)
     check_places(options.out, options.pdf)
-    count = len(chosen) * options.seeds
-    workers = min(count, options.jobs or _cpus())
-    jobs = [
-        TrainingJob(
-            task=options.task, params=params, algorithm=psi.beside(algorithm), seed=seed,
-            law=_law(options, algorithm, task),
-            store=options.out.resolve(), options={**own, **every},
-            guesses=psi.guesses, threads=_threads(options, workers),
-        )
-        for algorithm, own in chosen
-        for seed in range(options.seed, options.seed + options.seeds)
-    ]  # fmt: skip
     built = [job.experiment(task) for job in jobs]
     for one in built[:: options.seeds]:
         one.algorithm.check(one)
     checkpoints = [job.checkpoint(one) for job, one in zip(jobs, built, strict=True)]
     return Asked(jobs, checkpoints, built, workers)
+
+
+def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[TrainingJob], int]:
+    """Every seed of every algorithm, and how many of them run side by side."""
+    from problems.tasks.training import TrainingJob
+    from reports.cli.choices import assignments
+    from reports.cli.learning.psi_words import believed, is_psi
+    from reports.cli.learning.training_words import algorithms
+
+    given = assignments("-s", options.settings)
+    psi = believed(given, task.parameters.names)
+    given = {key: value for key, value in given.items() if not is_psi(key)}
+    names = spec.learner if options.algorithm == "usual" else options.algorithm
+    chosen = algorithms(names, given, spec)
+    every = {} if options.iterations is None else {"iterations": options.iterations}
+    workers = min(len(chosen) * options.seeds, options.jobs or _cpus())
+    jobs = [
+        TrainingJob(
+            task=options.task, params=assignments("-p", options.params), seed=seed,
+            algorithm=psi.beside(algorithm), law=_law(options, algorithm, task),
+            store=options.out.resolve(), options={**own, **every}, guesses=psi.guesses,
+            threads=1 if options.scheduler is not None else max(1, _cpus() // workers),
+        )
+        for algorithm, own in chosen
+        for seed in range(options.seed, options.seed + options.seeds)
+    ]  # fmt: skip
+    return jobs, workers
 
 
 def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
@@ -122,11 +129,6 @@ def _cpus() -> int:
     import os
 
     return len(os.sched_getaffinity(0))
-
-
-def _threads(options: TrainOptions, workers: int) -> int | None:
-    """CPUs of each training; results do not depend on them."""
-    return 1 if options.scheduler is not None else max(1, _cpus() // workers)
 
 
 def run(options: TrainOptions, asked: Asked) -> int:

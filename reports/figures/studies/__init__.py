@@ -8,28 +8,30 @@ from typing import Protocol
 import xarray as xr
 from matplotlib.figure import Figure
 
+from reports.figures.policies import (
+    convergence_bound,
+    model_learning,
+    smoothing_ablation,
+    thrown_ball,
+    trained_policies,
+    unroll_variance,
+)
 from reports.figures.studies import (
     adaptive_mu,
     audited_theory,
     barrier_relaxation,
     bouncing_ball,
-    convergence_bound,
     friction_bias,
     heaviside_bias,
     impact_and_friction,
     interpolated_gradients,
     jumping_objectives,
     landing_variance,
-    model_learning,
     noised_contact,
-    smoothing_ablation,
     smoothings_compared,
     start_without_contact,
     stiff_pushing,
     theory_of_noising,
-    thrown_ball,
-    trained_policies,
-    unroll_variance,
     wall_corner,
 )
 

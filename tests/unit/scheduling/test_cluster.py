@@ -14,6 +14,7 @@ from distributed import LocalCluster
 
 from ocp.errors import InputError
 from ocp.scheduling import Failure, carried_out
+from ocp.scheduling import cluster as over
 from tests.unit.scheduling.jobs_done import squared
 
 
@@ -58,6 +59,14 @@ def test_jobs_end_when_the_caller_stops(cluster: LocalCluster, tmp_path: Path) -
     before = mark.stat().st_size
     time.sleep(0.5)
     assert mark.stat().st_size == before
+
+
+def test_workers_that_lack_the_program(
+    cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(over, "NEEDED", "import only_here")
+    with pytest.raises(InputError, match="lack this program: No module named 'only_here'"):
+        list(carried_out(squared, [{"x": 1.0}], 1, cluster.scheduler_address))
 
 
 def test_where_nobody_answers() -> None:

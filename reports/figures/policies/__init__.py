@@ -1,0 +1,1 @@
+"""Drawings of studies of policies and their gradients."""
