@@ -27,6 +27,7 @@ training = {
     "all": {"rest": (0.0, 1.21, *[0.0] * 10), "sigma": 3e-3, "rate": 1e-3},
     "ars": {"directions": 32, "top": 16, "spread": 3e-3, "rate": 1.5e-3, "iterations": 3000,
             "evaluate_every": 50},
+    "zopg": {"unroll": 100, "iterations": 400},
 }  # fmt: skip
 equations = """
 max "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) + 0.1 - 10^(-4) norm(u_t)^2
