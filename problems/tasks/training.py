@@ -117,7 +117,7 @@ def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Da
 
 def record(experiment: Experiment) -> dict[str, Any]:
     """What was asked, as a run's description has it; :func:`rebuilt` reads it."""
-    names = ("hidden", "initial", "normalise", "discount", "iterations", "evaluate_every")
+    names = ("hidden", "initial", "rest", "normalise", "discount", "iterations", "evaluate_every")
     return {
         "problem": experiment.task.name,
         "params": dict(experiment.params),
