@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from ocp.learning.aobg import AoBG
 from ocp.learning.ars import ARS
-from ocp.learning.fopg import FOPG
 from ocp.learning.mbpo import MBPO
 from ocp.learning.pipps import PIPPS
 from ocp.learning.protocol import Algorithm
-from ocp.learning.zopg import ZOPG
+from ocp.learning.unrolls.aobg import AoBG
+from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.zopg import ZOPG
 
 ALGORITHMS: dict[str, type[Algorithm]] = {
     algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, PIPPS, MBPO)

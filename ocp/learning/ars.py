@@ -10,7 +10,7 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.unrolling import begun, finite, remembered, roll, told, trained
+from ocp.learning.unrolls.unrolling import begun, finite, remembered, roll, told, trained
 
 
 @dataclass(frozen=True, kw_only=True)

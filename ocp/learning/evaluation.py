@@ -12,7 +12,7 @@ from dynamics.contact import ContactLaw
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, at_least
 from ocp.learning.protocol import Trained
-from ocp.learning.unrolling import no_number
+from ocp.learning.unrolls.unrolling import no_number
 from ocp.task import Task
 
 SEED = 1_000_000

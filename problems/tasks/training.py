@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
-from ocp.learning.fopg import FOPG
 from ocp.learning.protocol import Algorithm, Trained
 from ocp.learning.training import KEY, kept, train
+from ocp.learning.unrolls.fopg import FOPG
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.plain import plain
 from ocp.store.provenance import versions

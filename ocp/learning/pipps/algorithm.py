@@ -11,9 +11,9 @@ from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
 from ocp.learning.pipps.particles import Particles, scatter
 from ocp.learning.protocol import Row, State
-from ocp.learning.starts import Starts
-from ocp.learning.unrolled import Unrolled
-from ocp.learning.unrolling import no_number, trained, with_seen
+from ocp.learning.unrolls.starts import Starts
+from ocp.learning.unrolls.unrolled import Unrolled
+from ocp.learning.unrolls.unrolling import no_number, trained, with_seen
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,9 @@ import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
-from ocp.learning.fopg import FOPG, SHARP
 from ocp.learning.protocol import Algorithm
-from ocp.learning.zopg import ZOPG
+from ocp.learning.unrolls.fopg import FOPG, SHARP
+from ocp.learning.unrolls.zopg import ZOPG
 from ocp.task import Task
 from problems.studies.study import StudyParams, quantity_of, setting
 from problems.tasks.registry import get

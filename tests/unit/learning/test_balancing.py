@@ -14,7 +14,7 @@ from ocp.errors import InputError
 from ocp.learning.balancing import balanced
 from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT
-from ocp.learning.fopg import FOPG
+from ocp.learning.unrolls.fopg import FOPG
 from ocp.task import Task
 from tests.unit.learning.scalar import experiment
 

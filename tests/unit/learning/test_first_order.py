@@ -11,9 +11,9 @@ import pytest
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from dynamics.systems import Signal
 from ocp.learning.experiment import Experiment
-from ocp.learning.fopg import FOPG
 from ocp.learning.protocol import State
-from ocp.learning.unrolling import roll
+from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.unrolling import roll
 from ocp.task import Task
 from tests.unit.batch.rollout_cases import wall
 

@@ -14,7 +14,6 @@ from ocp import Solution, solve
 from ocp.errors import InputError
 from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
-from ocp.learning.fopg import FOPG
 from ocp.learning.mbpo import MBPO
 from ocp.learning.network import first_weights
 from ocp.learning.plans.demonstrations import demonstrations, tracking_gains
@@ -22,6 +21,7 @@ from ocp.learning.plans.imitation import fitted_policy, squared_error
 from ocp.learning.plans.problem import planned_problem
 from ocp.learning.protocol import Trained
 from ocp.learning.training import train
+from ocp.learning.unrolls.fopg import FOPG
 from ocp.problem import Reference
 from ocp.task import Task
 

@@ -12,12 +12,12 @@ from scipy.optimize import minimize
 from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
-from ocp.learning.fopg import FOPG
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.plans.guesses import by_held_inputs, by_policy, gliding
 from ocp.learning.plans.planned import episode_return, planned_return
 from ocp.learning.plans.problem import planned_problem
 from ocp.learning.protocol import Trained
+from ocp.learning.unrolls.fopg import FOPG
 from ocp.rollout import trajectory_costs
 from ocp.task import Task
 from problems import ball_throw

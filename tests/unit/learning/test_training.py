@@ -14,17 +14,17 @@ from scipy.optimize import minimize
 
 from dynamics.contact import Barrier
 from ocp.errors import InputError, NotConverged
-from ocp.learning.aobg import AoBG
 from ocp.learning.ars import ARS
 from ocp.learning.evaluation import SEED, evaluate
 from ocp.learning.experiment import EXACT
-from ocp.learning.fopg import FOPG
 from ocp.learning.normaliser import LEAST_SCALE, Normaliser
 from ocp.learning.pipps import PIPPS
 from ocp.learning.protocol import Trained
-from ocp.learning.starts import Starts
 from ocp.learning.training import train
-from ocp.learning.zopg import ZOPG
+from ocp.learning.unrolls.aobg import AoBG
+from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.starts import Starts
+from ocp.learning.unrolls.zopg import ZOPG
 from ocp.store.checkpoint import Checkpoint
 from tests.unit.learning.scalar import A, B, experiment, scalar
 

@@ -10,12 +10,12 @@ from math import log, sqrt, tanh
 import numpy as np
 import pytest
 
-from ocp.learning.aobg import AoBG, mixing
 from ocp.learning.ars import ARS, search_direction
-from ocp.learning.ascent import ascend
-from ocp.learning.fopg import FOPG
 from ocp.learning.pipps import PIPPS
-from ocp.learning.zopg import ZOPG
+from ocp.learning.unrolls.aobg import AoBG, mixing
+from ocp.learning.unrolls.ascent import ascend
+from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.zopg import ZOPG
 from tests.unit.learning.scalar import A, B, scalar
 from tests.unit.learning.scalar import experiment as scalar_experiment
 

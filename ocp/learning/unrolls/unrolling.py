@@ -13,7 +13,7 @@ from ocp.errors import InputError, NotConverged
 from ocp.learning.network import rebased
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.starts import Starts
+from ocp.learning.unrolls.starts import Starts
 
 if TYPE_CHECKING:
     from ocp.learning.experiment import Experiment

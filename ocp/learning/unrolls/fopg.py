@@ -7,11 +7,18 @@ from typing import ClassVar
 
 from dynamics.contact import Barrier
 from ocp.errors import choose
-from ocp.learning.critic import Critic
 from ocp.learning.experiment import Experiment, at_least
 from ocp.learning.protocol import Row, State
-from ocp.learning.unrolled import Unrolled
-from ocp.learning.unrolling import finite, next_starts, remembered, roll, told, told_gradient
+from ocp.learning.unrolls.critic import Critic
+from ocp.learning.unrolls.unrolled import Unrolled
+from ocp.learning.unrolls.unrolling import (
+    finite,
+    next_starts,
+    remembered,
+    roll,
+    told,
+    told_gradient,
+)
 
 SHARP = Barrier(mu=1e-10)
 """What stands for exact contact where gradients are wanted (abs, sec. 7.4)."""
@@ -29,7 +36,7 @@ class FOPG(Unrolled):
     With ``smoothing="rollout"`` states and gradient are those of the experiment's law; with
     ``"gradient"`` states are those of mu = 1e-10 and only the gradient along them is of the law
     (algorithm 2). With a ``critic`` of that many units in each layer, the value that it gives the
-    last state of an unroll is gained there (:class:`~ocp.learning.critic.Critic`).
+    last state of an unroll is gained there (:class:`~ocp.learning.unrolls.critic.Critic`).
     """
 
     name: ClassVar[str] = "fopg"

@@ -12,8 +12,8 @@ from dynamics.batch import Episodes, Gaussian
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State
-from ocp.learning.unrolled import Unrolled
-from ocp.learning.unrolling import (
+from ocp.learning.unrolls.unrolled import Unrolled
+from ocp.learning.unrolls.unrolling import (
     finite,
     next_starts,
     remembered,

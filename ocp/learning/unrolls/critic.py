@@ -14,7 +14,7 @@ from ocp.learning.network import first_weights, pulled_back, rebased
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.pipps.particles import with_jacobians
 from ocp.learning.protocol import Row, State
-from ocp.learning.unrolling import trained
+from ocp.learning.unrolls.unrolling import trained
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ocp.errors import InputError, choose
-from ocp.learning.ascent import RULES, ascend
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.protocol import State, Trained
-from ocp.learning.starts import Starts
-from ocp.learning.unrolling import begun, trained
+from ocp.learning.unrolls.ascent import RULES, ascend
+from ocp.learning.unrolls.starts import Starts
+from ocp.learning.unrolls.unrolling import begun, trained
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class Unrolled:
 
     ``samples`` unrolls of ``unroll`` steps, at most an episode's, from a buffer of states, with
     Gaussian noise of standard deviation ``sigma`` on the actions before tanh; steps of ``rate``
-    by ``optimiser``, one of :func:`~ocp.learning.ascent.ascend`'s. With ``clip`` a sample's
+    by ``optimiser``, one of :func:`~ocp.learning.unrolls.ascent.ascend`'s. With ``clip`` a sample's
     gradient is cut to ``clip`` times the median length of all, which biases the mean and saves it
     from the few samples that lose their way.
     """

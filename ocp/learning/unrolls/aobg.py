@@ -11,8 +11,8 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, positive
 from ocp.learning.protocol import Row, State
-from ocp.learning.unrolled import Unrolled
-from ocp.learning.unrolling import (
+from ocp.learning.unrolls.unrolled import Unrolled
+from ocp.learning.unrolls.unrolling import (
     finite,
     next_starts,
     remembered,
@@ -20,7 +20,7 @@ from ocp.learning.unrolling import (
     told,
     told_gradient,
 )
-from ocp.learning.zopg import likelihood_ratio
+from ocp.learning.unrolls.zopg import likelihood_ratio
 
 
 @dataclass(frozen=True, kw_only=True)
