@@ -23,6 +23,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     higher = [bias[k] > bias[0] for k in smooth]
     gains = (data["value"][..., -1] - data["value"][..., 0]).mean("run").values
     closest = laws[int(np.argmax(gains))]
+    unit = data["bias"].attrs["units"]
     least = laws[int(np.argmin(bias))]
     return [
         Claim("The smallest mean square gradient is below the bound", "ABS, thm. 4.2",
@@ -35,11 +36,12 @@ def claims(data: xr.Dataset) -> list[Claim]:
         Claim("Smoothing lowers the gradient's variance", "ABS, sec. 4.3",
               "below the exact law's, mean over steps and runs",
               f"{over([laws[k] for k in smooth], lower)}: exact {variance[0]:.3g}, then"
-              f" {', '.join(f'{variance[k]:.3g}' for k in smooth)} m^4", all(lower)),
+              f" {', '.join(f'{variance[k]:.3g}' for k in smooth)}"
+              f" {data['variance'].attrs['units']}", all(lower)),
         Claim("Smoothing adds bias", "ABS, sec. 5.1", "above the exact law's",
               f"{over([laws[k] for k in smooth], higher)}: exact {bias[0]:.3g}, then"
-              f" {', '.join(f'{bias[k]:.3g}' for k in smooth)} m^2", all(higher)),
+              f" {', '.join(f'{bias[k]:.3g}' for k in smooth)} {unit}", all(higher)),
         Claim("The law of the least bias climbs the most", "our check",
-              f"{least}, of the least mean bias", f"{closest} gained {gains.max():.3g} m^2",
+              f"{least}, of the least mean bias", f"{closest} gained {gains.max():.3g} {unit}",
               closest == least),
     ]  # fmt: skip
