@@ -38,9 +38,10 @@ class StepFunction:
         f = StepFunction(step)
         x_next = f(x, u).x_next        # x (n, nx), u (n, nu)
 
-    Where :attr:`dynamics.contact.Step.solve` would try other starts, the path alone is followed:
-    a sample that loses it is not finite, and named by `nonfinite`. Backends, threads and block are
-    those of `BatchFunction`; results depend neither on threads nor on block, to the last bit.
+    A path that is lost is tried from other starts, fewer than those of
+    :attr:`dynamics.contact.Step.solve`; where none leads to a solution the sample is not finite,
+    and named by `nonfinite`. Backends, threads and block are those of `BatchFunction`; results
+    depend neither on threads nor on block, to the last bit.
 
     Raises `ValueError` for shapes that do not fit, `UnsupportedOperation` and `CompilerError` as
     `BatchFunction` does.

@@ -94,7 +94,9 @@ def advance(
     step_plain, step_corrected = length(plain, fraction), length(corrected, fraction)
     # What is left of a step's products is (1 - step) off + step^2 dlam ds, at most.
     curving = ca.mmax(ca.fabs(plain[0] * plain[1]) * per_mu)
-    step_plain = ca.if_else(near, ca.fmin(step_plain, worst / (2 * curving)), step_plain)
+    step_plain = ca.if_else(
+        near, ca.fmin(step_plain, worst / ca.fmax(ca.fmax(2 * curving, worst), 1e-300)), step_plain
+    )
     better = ca.sum1(ca.fabs(excess(corrected, step_corrected, target - bent))) < ca.sum1(
         ca.fabs(excess(plain, step_plain, target))
     )

@@ -29,6 +29,8 @@ _NEAR = 1e-2
 # Violations of products, relative, and of gaps, which one more iteration squares: where F is
 # singular, or belongs to a curved gap, the linear model promises a better point for ever.
 _CLOSE, _MET = 1e-7, 1e-9
+# Of a curved gap: the scale is at least so much of it.
+_LEAST = 1e-6
 TRUE_GAP, ARRIVED, LOST = 2.0, 3.0, 4.0
 """What the last entry of a pair says beside 1: the true gap is followed, to its end, or lost."""
 
@@ -74,15 +76,16 @@ class Path:
     def opening_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
         """``data`` of a step as an expression in the system's (x, u, p) and mu (n, 1)."""
         reduced = system.reduced
-        return self.opening(reduced.z_linear, reduced.F, mu)
+        return self.opening(reduced.z_linear, reduced.F, mu, reduced.z)
 
-    def opening(self, z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
+    def opening(self, z: ca.SX, F: ca.SX, mu: ca.SX, true: ca.SX | None = None) -> ca.SX:
         """``data`` of the problem ``lam (z + F lam) = mu``, z and mu (n, 1), F (n, n).
 
         In scaled numbers lam' = lam / (c D), s' = s D / c and mu' = mu / c²: the path is the same.
-        With ``exact`` mu is ignored and :data:`MU_EXACT` stands in its place.
+        With ``exact`` mu is ignored and :data:`MU_EXACT` stands in its place. ``true`` are curved
+        gaps at lam = 0, of which z is the linear model.
         """
-        D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs)
+        D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs, true)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         F = ca.project(ca.diag(D) @ F @ ca.diag(D), self.pattern)
         return ca.densify(ca.vertcat(z * D / c, F.nz[:], target, 1 / target, D, c, self.more))
@@ -192,8 +195,12 @@ def _on_active_set(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.
     return ca.if_else(valid, ca.fmax(0, on_set), lam), ca.if_else(valid, ca.fmax(0, slack), s)
 
 
-def scaling(z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...]) -> tuple[ca.SX, ca.SX]:
+def scaling(
+    z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...], true: ca.SX | None = None
+) -> tuple[ca.SX, ca.SX]:
     """D (n, 1) and a scalar c so that ``z D / c`` and ``D F D`` are of order one.
+
+    A curved gap, ``true`` at lam = 0, is no more than a million: its linear model may be zero.
 
     A slip pair, whose F_ii is zero, is scaled against the pairs that it meets. Without ``pairs`` F
     is a P-matrix; where it is not, the path of a negative F_ii is not a number from its start.
@@ -206,7 +213,8 @@ def scaling(z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...]) -> tuple[ca.
         met = [ca.fabs(F[i, j]) * known[j] for j in known if not F[i, j].is_zero()]
         D[i] = 1 / ca.mmax(ca.vertcat(*met))
     column = ca.vertcat(ca.SX(0, 1), *(D[i] for i in range(n)))
-    size = ca.mmax(ca.vertcat(ca.fabs(z * column), ca.sqrt(mu)))
+    more = ca.SX(0, 1) if true is None else _LEAST * ca.fabs(true * column)
+    size = ca.mmax(ca.vertcat(ca.fabs(z * column), more, ca.sqrt(mu)))
     return column, ca.fmax(size, 1e-150)
 
 

@@ -52,7 +52,7 @@ class ReducedPath(Path):
         """``data`` of a step as an expression in the system's (x, u, p) and mu (n, 1)."""
         own, reduced, signs = self.coordinates.own, system.reduced, self.coordinates.Q_signs
         z = reduced.z if reduced.affine else reduced.z_linear
-        D, c = scaling(z, self._near(), 0 * mu if self.exact else mu, self.pairs)
+        D, c = scaling(z, self._near(), 0 * mu if self.exact else mu, self.pairs, reduced.z)
         D = ca.fabs(signs) @ D[own]
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         factors = self._factors

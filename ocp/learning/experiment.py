@@ -35,9 +35,9 @@ class Experiment:
     The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with
     tanh layers of sizes ``hidden`` on normalised observations; ``()`` is the affine policy and None
     one input for all steps, without observations. Weights start normal with standard deviation
-    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; or, with a state
-    ``rest`` (nx,), the policy starts as the linear one that keeps the system there, or it is the
-    policy ``start``, with what that has seen.
+    1 / sqrt(fan in), those of the last layer ``initial`` times that, offsets at 0; with a state
+    ``rest`` (nx,) they are those of linear feedback that keeps the system there; with a policy
+    ``start`` its own, with what it has seen.
 
     The algorithm learns through ``law``, at the task's parameters ``psi`` (all of them, in the
     order of the task's table; by default its own); evaluations are under the exact law, of
@@ -179,8 +179,10 @@ class Experiment:
         """What a policy sees, before it is normalised, (n, n_o), in states (n, nx)."""
         return self._observe(states, self.physics)
 
-    def inputs(self, trained: Trained, states: np.ndarray) -> np.ndarray:
-        """Inputs (n, nu) of a policy without noise in states (n, nx)."""
+    def inputs(
+        self, trained: Trained, states: np.ndarray, noise: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Inputs (n, nu) of a policy in states (n, nx), with ``noise`` (n, nu) on its actions."""
         if isinstance(self.policy, DensePolicy):
             normaliser = trained.normaliser
             seen = (self.observations(states) - normaliser.mean) / normaliser.scale
@@ -191,7 +193,7 @@ class Experiment:
             (self.task.upper - self.task.lower) / 2,
             (self.task.upper + self.task.lower) / 2,
         )
-        return middle + half * np.tanh(action)
+        return middle + half * np.tanh(action + noise)
 
     @cached_property
     def _observe(self) -> BatchFunction:

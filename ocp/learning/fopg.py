@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from dynamics.contact import Barrier
 from ocp.errors import choose
-from ocp.learning.experiment import Experiment
+from ocp.learning.critic import Critic
+from ocp.learning.experiment import Experiment, at_least
 from ocp.learning.protocol import Row, State
 from ocp.learning.unrolled import Unrolled
 from ocp.learning.unrolling import finite, next_starts, remembered, roll, told, told_gradient
@@ -27,7 +28,8 @@ class FOPG(Unrolled):
 
     With ``smoothing="rollout"`` states and gradient are those of the experiment's law; with
     ``"gradient"`` states are those of mu = 1e-10 and only the gradient along them is of the law
-    (algorithm 2).
+    (algorithm 2). With a ``critic`` of that many units in each layer, the value that it gives the
+    last state of an unroll is gained there (:class:`~ocp.learning.critic.Critic`).
     """
 
     name: ClassVar[str] = "fopg"
@@ -35,27 +37,51 @@ class FOPG(Unrolled):
     contact: ClassVar[str] = "adaptive"
 
     smoothing: str = "rollout"
+    critic: int = 0
+
+    @property
+    def valued(self) -> Critic | None:
+        """The critic, if there is one."""
+        return Critic(units=self.critic) if self.critic else None
 
     def check(self, experiment: Experiment) -> None:
-        """As all, and the smoothing."""
+        """As all, and the smoothing, and whether there is something for a critic."""
         super().check(experiment)
         choose("smoothing", self.smoothing, SMOOTHINGS)
+        at_least(0, "critic", self.critic)
+        if critic := self.valued:
+            critic.check(experiment, self.steps(experiment))
+
+    def begin(self, experiment: Experiment) -> State:
+        """As all, and the critic's network."""
+        state, critic = super().begin(experiment), self.valued
+        return {**state, **critic.begin(experiment)} if critic else state
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """One step along the mean gradient."""
-        x0, steps = state["starts.x"], self.steps(experiment)
+        x0, steps, critic = state["starts.x"], self.steps(experiment), self.valued
         noise = experiment.noise(self.sigma, k, "actions")
-        followed = None
+        followed = pull = None
         if self.smoothing == "gradient":
             followed = roll(experiment, state, x0, steps, law=SHARP, noise=noise)
-        found = roll(experiment, state, x0, steps, noise=noise, gradient=True, along=followed)
+        if critic:
+            reached = followed or roll(experiment, state, x0, steps, noise=noise)
+            pull = critic.pull(experiment, state, reached)
+        found = roll(
+            experiment, state, x0, steps, noise=noise, gradient=True, along=followed, pull=pull
+        )
         good = finite(experiment, state, found, k)
         assert found.gradient is not None
         gradients = found.gradient[good]
         visited = found if followed is None else followed
+        row = {**told(visited, good), **told_gradient(gradients)}
         moved = {
             **self.climb(state, self.clipped(gradients).mean(axis=0)),
             **next_starts(experiment, state, visited, k),
         }
         changed = remembered(experiment, moved, visited, good)
-        return changed, {**told(visited, good), **told_gradient(gradients)}
+        if critic:
+            goals = critic.targets(experiment, state, visited, noise)
+            changed, more = critic.learned(experiment, changed, goals, visited, k)
+            row |= more
+        return changed, row

@@ -41,11 +41,13 @@ def roll(
     gradient: bool = False,
     score: bool = False,
     along: Episodes | None = None,
+    pull: np.ndarray | None = None,
 ) -> Episodes:
     """Unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
 
     ``theta`` (n, n_theta) are other parameters for each sample, ``law`` another contact law than
     the model's; physical parameters are the state's ``psi`` where it has any; states are kept.
+    ``pull`` (n, nx) is the slope of what else is gained at the last state, for the gradient.
     Samples that are not finite, where a contact found no solution or a motion overflowed, are left
     to :func:`finite`.
     """
@@ -61,6 +63,7 @@ def roll(
         score=score,
         states=True,
         along=along,
+        pull=pull,
     )
 
 

@@ -21,7 +21,7 @@ citation = Citation(
     "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward and reset of Dojo's"
 )
 axes = ("x [m]", "z [m]")
-training = {"all": {"iterations": 150}}
+training = {"all": {"iterations": 150}, "mbpo": {"iterations": 60, "hidden": (32, 32)}}
 equations = """
 max "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) - 0.1 norm(u_t)^2
 q = (x, z, theta, "three joints of the hind leg, three of the fore leg"), quad

@@ -13,8 +13,9 @@ import casadi as ca
 from dynamics.batch.graphs.parts import Parts
 from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, chosen
 
-# gcc's time grows faster than a function's length; past this many operations a tape is cut.
-PART = 1500
+# Past this many operations a tape is cut, into parts of so many: gcc's time grows faster than a
+# function's length, and so do the values that it moves from registers to memory and back.
+WHOLE, PART = 1500, 300
 # Operations beyond which a call costs nothing that shows, and its caller compiles sooner for it.
 INLINED = 150
 # Values and masks in a statement.
@@ -75,13 +76,15 @@ class Layout:
         return at if register == 0 else f"{at} + ({stride} > 1) * {register}"
 
 
-def kernel(tape: Tape, name: str, layout: Layout | None = None, part: int = PART) -> str:
+def kernel(tape: Tape, name: str, layout: Layout | None = None, part: int | None = None) -> str:
     """C text of `void name(const V *const in[], V *const out[])`.
 
     `in[k][j]` is nonzero j of input k, `out` likewise, laid out as `layout` says; no output may
-    overlap an input. A tape of more than `part` operations becomes several functions that pass
-    values through memory.
+    overlap an input. A long tape becomes several functions, of `part` operations if given, that
+    pass values through memory.
     """
+    if part is None:
+        part = WHOLE if len(tape.operations) <= WHOLE else PART
     return _Emitter(tape, name, layout or Layout(), part).text()
 
 

@@ -26,7 +26,9 @@ class MBPO:
     on batches of which the part ``real`` is of steps seen, the rest of branches, those of the last
     ``kept`` iterations. Reward and end of a step of the model are the task's own, but the critics
     are told rewards cut to at most ``cut`` in size, for one good step before a fall is none to
-    learn from. Actions before tanh start with deviation ``sigma``, the temperature with ``alpha``.
+    learn from. Actions before tanh start with deviation ``sigma``, the temperature with ``alpha``,
+    which keeps the entropy at ``aim`` an input: for a Gaussian well within the bounds, of deviation
+    s in half ranges, 1.42 + ln s.
 
     The policy is the experiment's: tanh layers on observations, normalised once by the explored
     steps. ``critic_discount`` times the experiment's discount is the critics'. Sizes are for two
@@ -58,6 +60,7 @@ class MBPO:
     rate: float = 3e-4
     sigma: float = 0.3
     alpha: float = 0.1
+    aim: float = -1.0
     cut: float = math.inf
     critic_discount: float = 0.99
     slow: float = 0.005
@@ -105,7 +108,7 @@ class MBPO:
             positive(name, getattr(self, name))
         for name, (low, high) in {
             "elites": (1, self.members), "longest": (self.shortest, 1000),
-            "held_out": (0.01, 0.5), "cut": (1e-9, math.inf),
+            "aim": (-10.0, 0.6), "held_out": (0.01, 0.5), "cut": (1e-9, math.inf),
             "real": (0, 1), "critic_discount": (0, 1), "slow": (0, 1),
             "capacity": (self.explored, 10_000_000),
         }.items():  # fmt: skip

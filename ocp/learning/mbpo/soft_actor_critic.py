@@ -17,7 +17,7 @@ import optax
 
 from ocp.learning.mbpo.layers import Layers, begin, begin_many, values
 
-NARROWEST, WIDEST = -5.0, 2.0
+NARROWEST, WIDEST = -8.0, 2.0
 """Bounds of the logarithm of an action's standard deviation."""
 
 
@@ -56,11 +56,12 @@ class Batch(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Learning ``rate`` of all networks, ``discount``, and ``slow``, the targets' rate."""
+    """Learning ``rate``, ``discount``, ``slow``, the targets' rate, ``aim``, entropy an input."""
 
     rate: float
     discount: float
     slow: float
+    aim: float
 
 
 def begin_agent(
@@ -129,9 +130,9 @@ def actor_loss(
     return jnp.mean(jnp.exp(log_alpha) * log_density - best), log_density.mean()
 
 
-def temperature_loss(log_alpha: jax.Array, log_density: jax.Array, nu: int) -> jax.Array:
-    """``-log alpha (mean log pi - nu)``: alpha grows while the entropy is below -nu."""
-    return -log_alpha * jax.lax.stop_gradient(log_density - nu)
+def temperature_loss(log_alpha: jax.Array, log_density: jax.Array, aim: float) -> jax.Array:
+    """``-log alpha (mean log pi + aim)``: alpha grows while the entropy is below ``aim``."""
+    return -log_alpha * jax.lax.stop_gradient(log_density + aim)
 
 
 @functools.cache
@@ -154,7 +155,7 @@ def updater(rates: Rates) -> Callable[..., tuple[Agent, dict[str, jax.Array]]]:
         of_actor = jax.value_and_grad(actor_loss, has_aux=True)
         (_, density), slopes = of_actor(actor, critics, log_alpha, batch.o, next(noises))
         actor, first = moved(slopes, first, actor)
-        slope = jax.grad(temperature_loss)(log_alpha, density, shape[1])
+        slope = jax.grad(temperature_loss)(log_alpha, density, rates.aim * shape[1])
         log_alpha, third = moved(slope, third, log_alpha)
         slow = jax.tree.map(lambda old, new: old + rates.slow * (new - old), agent.targets, critics)
         networks = Networks(actor, critics, log_alpha)

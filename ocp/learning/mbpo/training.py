@@ -77,7 +77,9 @@ class Room:
         walked = experiment.iterations * own.walkers * own.steps
         self.most_seen = min(own.capacity, own.explored + walked)
         self.train = trainer(own.model_rate)
-        self.update = updater(Rates(own.rate, own.critic_discount * experiment.discount, own.slow))
+        self.update = updater(
+            Rates(own.rate, own.critic_discount * experiment.discount, own.slow, own.aim)
+        )
 
     def begun(self) -> State:
         """The state before iteration 0."""

@@ -8,6 +8,9 @@ import pytest
 
 from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import Barrier
+from problems.machines.half_cheetah import half_cheetah
+from problems.machines.hopper import hopper
+from tests.benchmarks.batch import mujoco_peer
 from tests.benchmarks.batch.peers import casadi_forms, fastest, generated, mapped
 from tests.benchmarks.batch.race import Row, race, tell
 from tests.unit.batch.rollout_cases import closed, four_contacts, wall
@@ -97,3 +100,26 @@ def test_a_race_tells_both_clocks():
     found = race({"idle": lambda: None, "busy": lambda: sum(range(200_000))}, rounds=3)
     assert 0 < found["idle"].wall < found["busy"].wall
     assert found["idle"].processor < found["busy"].processor
+
+
+@pytest.mark.parametrize("machine", [hopper(), half_cheetah()], ids=["hopper", "half-cheetah"])
+def test_mujoco_has_the_same_machines_and_their_derivatives(machine):
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(mujoco_peer.mjcf(machine))
+    data, chain, x0 = mujoco.MjData(model), machine.chain(), machine.reset(0)
+    q0 = data.qpos[:] = x0[: model.nq]
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    q = ca.SX.sym("q", model.nq)
+    np.testing.assert_allclose(mass, ca.Function("M", [q], [chain.mass(q)])(q0), atol=1e-12)
+    gaps = [float(contact.phi) for contact in machine.contacts(chain, ca.SX(q0)).values()]
+    heights = data.geom_xpos[1:, 2] - model.geom_size[1:, 0]
+    np.testing.assert_allclose(sorted(heights), sorted(gaps), atol=1e-12)
+
+    inputs = 0.05 * np.random.default_rng(0).standard_normal((1, 8, model.nu))
+    slopes = mujoco_peer.derivatives(model, x0, inputs, 1)()
+    aside = np.zeros_like(inputs)
+    aside[0, 3, 1] = 1e-5
+    ends = [mujoco_peer.forward(model, x0, inputs + sign * aside, 1)()[0] for sign in (1, -1)]
+    np.testing.assert_allclose(slopes[0, 3, 1], (ends[0] - ends[1])[0, -1, 1] / 2e-5, rtol=1e-3)

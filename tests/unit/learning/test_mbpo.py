@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,13 +10,15 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp.errors import InputError
+from ocp.learning.buffer import Buffer
 from ocp.learning.experiment import Experiment
 from ocp.learning.exploring import Explorer
 from ocp.learning.mbpo import MBPO
 from ocp.learning.mbpo.branching import branch_length, branched
+from ocp.learning.normaliser import Normaliser
 from ocp.learning.training import train
 from tests.unit.learning.scalar import A, B, scalar
-from tests.unit.learning.spring_mass import spring_task
+from tests.unit.learning.spring_mass import D, K, M, following, spring_task
 
 SMALL = MBPO(
     walkers=4, steps=8, explored=64, members=3, elites=2, model_units=16, model_layers=1,
@@ -92,6 +95,21 @@ def test_the_policy_is_the_experiment_s_own_with_observations_scaled_by_what_was
     assert trained.normaliser.scale == pytest.approx(state["seen.x"].std(axis=0))
 
 
+def test_critics_are_told_cut_rewards_and_where_the_task_ends():
+    from ocp.learning.mbpo.training import Room, Scales
+
+    room = Room(replace(SMALL, cut=0.05), experiment())
+    x, u = np.array([[0.2, 0.5], [0.1, 0.0], [0.29, 3.0]]), np.array([[1.0], [0.0], [6.0]])
+    seen = Buffer(x, u, following(x, u, M, K, D))
+    found = room._batch(Scales(Normaliser(2.0, np.ones(2), np.full(2, 8.0)), np.ones(2)), seen, 5)
+    rewards = -(seen.x_next[:, 0] ** 2) - 0.1 * u[:, 0] ** 2
+    assert (rewards < -0.05).tolist() == [True, False, True]
+    assert found.reward == pytest.approx([-0.05, rewards[1], -0.05, 0, 0], rel=1e-5)
+    assert found.ended.tolist() == [0, 0, 1, 0, 0]
+    assert found.o[:3] == pytest.approx((x - 1) / 2)
+    assert found.t[:3, 0] == pytest.approx((u[:, 0] - 2) / 4)
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -138,3 +156,9 @@ def test_it_learns_a_scalar_task_up_to_its_optimum():
     assert -0.25 < best < -0.1
     assert found[0] < -10
     assert best - 0.01 * (best - found[0]) < found[-1] < best + 0.02
+
+
+def test_without_its_libraries_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ocp.learning.mbpo.training", None)
+    with pytest.raises(InputError, match="which the extra learn installs"):
+        SMALL.begin(experiment())

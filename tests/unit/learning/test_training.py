@@ -31,6 +31,7 @@ from tests.unit.learning.scalar import A, B, experiment, scalar
 SMALL = {
     "fopg": FOPG(samples=4, unroll=3),
     "along": FOPG(samples=4, unroll=3, smoothing="gradient", optimiser="normalised"),
+    "critic": FOPG(samples=4, unroll=3, critic=4),
     "zopg": ZOPG(samples=6, unroll=3),
     "ars": ARS(directions=3, top=2),
     "aobg": AoBG(samples=4, unroll=3),
@@ -46,6 +47,12 @@ class Always(Checkpoint):
         return True
 
 
+def given_to(name: str) -> dict[str, float]:
+    """Settings of the experiments with an algorithm."""
+    discount = 0.9 if name == "critic" else 1.0
+    return {"iterations": 6, "evaluate_every": 2, "discount": discount}
+
+
 def run(name: str, root: Path | None = None, kill_at: int = -1, **given) -> xr.Dataset:
     """Train, under a checkpoint in ``root``; the process is killed after iteration ``kill_at``."""
     checkpoint = None if root is None else Always(root, "scalar", {"name": name})
@@ -54,7 +61,7 @@ def run(name: str, root: Path | None = None, kill_at: int = -1, **given) -> xr.D
         if k == kill_at:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    settings = {"iterations": 6, "evaluate_every": 2, "task": scalar(**TASK), **given}
+    settings = {**given_to(name), "task": scalar(**TASK), **given}
     return train(experiment(SMALL[name], **settings), checkpoint, report)
 
 
@@ -65,7 +72,7 @@ def assert_same(one: xr.Dataset, other: xr.Dataset) -> None:
         np.testing.assert_array_equal(one[name].values, other[name].values, err_msg=str(name))
 
 
-@pytest.mark.parametrize("name", ["fopg", "ars", "pipps"])
+@pytest.mark.parametrize("name", ["fopg", "critic", "ars", "pipps"])
 def test_a_killed_training_goes_on_to_the_same_end(name, tmp_path):
     """Killed with signal 9 in iteration 3, taken up by another process."""
     context = multiprocessing.get_context("spawn")
@@ -75,7 +82,7 @@ def test_a_killed_training_goes_on_to_the_same_end(name, tmp_path):
     assert process.exitcode == -signal.SIGKILL
     done = []
     resumed = train(
-        experiment(SMALL[name], iterations=6, evaluate_every=2, task=scalar(**TASK)),
+        experiment(SMALL[name], **given_to(name), task=scalar(**TASK)),
         Always(tmp_path, "scalar", {"name": name}),
         lambda k, _: done.append(k),
     )
