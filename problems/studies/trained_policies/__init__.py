@@ -12,7 +12,7 @@ study = Study(
         "All curves are returns of whole episodes of 5 s under the exact law, without noise on the"
         " actions; what is drawn at a number of steps is the last judgement before it.",
         "Every algorithm has its usual settings for the task, as ocp train has them, and as many"
-        " simulated steps; MBPO, whose steps cost the most, a part of them.",
+        " simulated steps; PIPPS and MBPO, whose steps cost the most, a part of them.",
         "Policies are affine in normalised observations. The paper tells neither horizon, batch,"
         " rate nor network.",
         "Wall time is that of this machine, one process a run, and depends on what else it does.",

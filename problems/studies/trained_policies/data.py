@@ -31,9 +31,9 @@ METHODS = {
     "FOPG": Method("fopg", _SHARP),
     "ZOPG": Method("zopg", _SHARP),
     "ARS": Method("ars", _SHARP),
-    "PIPPS": Method("pipps", _SHARP),
+    "PIPPS": Method("pipps", _SHARP, share=0.1),
     "AoBG": Method("aobg", _SHARP),
-    "MBPO": Method("mbpo", _SHARP, share=0.02),
+    "MBPO": Method("mbpo", _SHARP, share=0.01),
 }
 
 
@@ -41,7 +41,7 @@ class Params(StudyParams):
     """Parameters of A4; the paper states none but the number of seeds."""
 
     runs: int = setting(5, "1", "seeds of each algorithm and task", least=2)
-    kilosteps: int = setting(1000, "1", "thousand simulated steps of each run", least=1)
+    kilosteps: int = setting(500, "1", "thousand simulated steps of each run", least=1)
     judged: int = setting(20, "1", "judgements along a run", least=2)
 
 
