@@ -27,17 +27,10 @@ training = {
     "all": {"rest": (0.0, 1.21, *[0.0] * 10), "sigma": 3e-3, "rate": 1e-3},
     "ars": {"directions": 32, "top": 16, "spread": 3e-3, "rate": 1.5e-3, "iterations": 3000,
             "evaluate_every": 50},
-<<<<<<< HEAD
     # One wild jerk gives the most at once, whatever follows; cut rewards make a fall the dearer.
     "mbpo": {"initial": 0.1, "sigma": 0.1, "rate": 3e-4, "cut": 0.3, "hidden": (32, 32),
              "iterations": 80},
     "zopg": {"unroll": 100, "iterations": 400},
-=======
-    "zopg": {"unroll": 100, "iterations": 400},
-    # One wild jerk gives the most at once, whatever follows; cut rewards make a fall the dearer.
-    "mbpo": {"initial": 0.1, "sigma": 0.1, "rate": 3e-4, "cut": 0.3, "hidden": (32, 32),
-             "iterations": 80},
->>>>>>> 1de41a0
 }  # fmt: skip
 equations = """
 max "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) + 0.1 - 10^(-4) norm(u_t)^2

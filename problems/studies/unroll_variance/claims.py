@@ -91,8 +91,8 @@ def claims(data: xr.Dataset) -> list[Claim]:
                   for t in TASKS)),
         Claim("The growth stays below theorem 4.4's", "ABS, thm. 4.4, constant mended",
               "4 log(sqrt 2 L_f L_pi) a step",
-              f"bounds {', '.join(f'{bound_rate(data, t, _SHARP):.3g}' for t in TASKS)} at {_SHARP},"
-              f" {', '.join(f'{r:.2g}' for r in loose)} times the growth", all(below)),
+              f"bounds {', '.join(f'{bound_rate(data, t, _SHARP):.3g}' for t in TASKS)} at"
+              f" {_SHARP}, {', '.join(f'{r:.2g}' for r in loose)} times the growth", all(below)),
         Claim("A larger mu means a larger Lipschitz constant", "ABS, sec. 7.2, as printed",
               "L_f at mu = 1e-2 above that at 1e-10",
               ", ".join(f"{t} {float(constants.sel(task=t, law=_WIDE)):.3g} and"
