@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -90,7 +90,8 @@ class Study:
     which returns pure data, where every numeric variable and coordinate has ``units``
     (:func:`quantity_of`); its ``claims`` has ``claims(data)``, which reads that data, whose
     attributes hold the parameters. ``notes`` say on the page what a reader must know of choices and
-    corrections. A long one ``resumes``: ``run(params, pieces)`` asks for each of them first.
+    corrections. A long one ``resumes``: ``run(params, pieces)`` asks for each of them first;
+    ``quick`` are sizes at which it takes a minute or two, and its claims little weight.
     """
 
     id: str
@@ -99,6 +100,7 @@ class Study:
     folder: str
     notes: Sequence[str] = ()
     resumes: bool = False
+    quick: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def Params(self) -> type[StudyParams]:

@@ -24,6 +24,7 @@ class FigureOptions(StoreOptions):
 
     figures: list[str] | None = argument(default=None, help="Figures, such as P6; ocp list.")
     every: bool = option(False, "--all", help="Every figure there is.")
+    quick: bool = option(False, "--quick", help="Small sizes of long studies.")
     params: list[str] | None = option(
         None, "--param", "-p", metavar="K=V", help="Parameter of the study."
     )
@@ -48,7 +49,10 @@ def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
         raise InputError("--seed and -p seed say the same; drop one of them")
     chosen = [studies.get(name) for name in dict.fromkeys(asked_for) or studies.ids()]
     asked = {"seed": options.seed, **values}
-    found = [(study, study.params(asked).model_dump()) for study in chosen]
+    found = [
+        (study, study.params({**(study.quick if options.quick else {}), **asked}).model_dump())
+        for study in chosen
+    ]
     for study, params in found:
         counts = {n: f.default for n, f in study.Params.model_fields.items() if f.annotation is int}
         growth = math.prod(max(1.0, params[n] / usual) for n, usual in counts.items() if usual)

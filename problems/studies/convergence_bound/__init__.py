@@ -16,4 +16,5 @@ study = Study(
         " the sum of gains telescopes over all steps taken.",
         "delta is the largest |theta| among the iterates.",
     ),
+    quick={"runs": 2, "iterations": 20, "measured": 2000},
 )

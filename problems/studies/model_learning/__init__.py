@@ -18,4 +18,5 @@ study = Study(
         "Intervals: 95 % of the minima of resampled transitions, out to what was found.",
     ),
     resumes=True,
+    quick={"seeds": 1, "held": 300, "iterations": 100, "rows": 64, "units": 64, "epochs": 100},
 )

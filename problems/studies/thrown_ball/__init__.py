@@ -15,4 +15,5 @@ study = Study(
         "Every curve is the return of the decision itself, without noise, under the exact law.",
         "All methods have as many samples, the same rate, the same starts and Adam.",
     ),
+    quick={"runs": 3, "iterations": 60},
 )

@@ -18,4 +18,5 @@ study = Study(
         "Wall time is that of this machine, one process a run, and depends on what else it does.",
     ),
     resumes=True,
+    quick={"runs": 2, "kilosteps": 40, "judged": 5},
 )

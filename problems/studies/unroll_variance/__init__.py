@@ -18,4 +18,5 @@ study = Study(
         " policy's, in the states' and inputs' own units.",
     ),
     resumes=True,
+    quick={"stages": 2, "unrolls": 64},
 )
