@@ -20,12 +20,17 @@ SMALL: dict[str, dict[str, float]] = {
     "A1": {},
     "A2": {},
     "A2v": {"n_samples": 300},
+    "A3": {},
+    "A4": {},
+    "A5": {},
     "A6": {},
+    "A7": {},
     "AM": {"seeds": 1, "held": 300, "iterations": 100, "rows": 64, "units": 64, "epochs": 100},
+    "AT": {},
     "T1": {"draws": 60, "sweep": 8, "pairs": 20, "n_samples": 5000},
 }
 
-SLOW = {"N0", "N1", "N2", "N3", "AM"}
+SLOW = {"N0", "N1", "N2", "N3", "A3", "A4", "A5", "AM", "AT"}
 """Those that take minutes."""
 
 VERDICTS: dict[str, dict[str, bool]] = {
