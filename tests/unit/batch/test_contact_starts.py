@@ -46,7 +46,10 @@ def rolled(
     return found.states
 
 
-@pytest.mark.parametrize("law", [Barrier(mu=1e-3), Barrier(mu=1e-10), Exact()], ids=str)
+LAWS = [Barrier(mu=1e-3), Barrier(mu=1e-10), Exact()]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=["barrier 1e-3", "barrier 1e-10", "exact"])
 @pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
 def test_a_warm_start_ends_where_a_cold_one_does(name: str, law: ContactLaw) -> None:
     step, x0 = machine(name, law)
