@@ -25,8 +25,8 @@ learner = "ars"
 training = {
     # A hundredth of the largest torque turns the torso past its end in a few steps.
     "all": {"rest": (0.0, 1.21, *[0.0] * 10), "sigma": 3e-3, "rate": 1e-3},
-    "ars": {"directions": 32, "top": 16, "spread": 3e-3, "rate": 1.5e-3, "iterations": 3000,
-            "evaluate_every": 50},
+    "ars": {"directions": 32, "top": 16, "spread": 3e-3, "rate": 1.5e-3, "iterations": 5000,
+            "evaluate_every": 50, "episodes": 100},
     # One wild jerk gives the most at once, whatever follows; cut rewards make a fall the dearer.
     "mbpo": {"initial": 0.1, "sigma": 0.1, "rate": 3e-4, "cut": 0.3, "hidden": (32, 32),
              "iterations": 80},

@@ -14,6 +14,8 @@ from problems.tasks.training import TrainingJob
 
 TASKS = ("hopper", "half-cheetah")
 POINTS = 60
+EPISODES = 16
+"""Of each judgement."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def _job(task: str, method: Method, params: Params, run: int) -> TrainingJob:
     iterations = max(2, round(1e3 * params.kilosteps * method.share / _steps(first)))
     every = max(1, iterations // params.judged)
     return job(task, method.algorithm, method.law, seed, iterations=iterations,
-               evaluate_every=every)  # fmt: skip
+               evaluate_every=every, episodes=EPISODES)  # fmt: skip
 
 
 def _steps(asked: TrainingJob) -> float:
