@@ -323,3 +323,11 @@ def test_training_without_jax_names_the_extra(
     done = ocp("learn", data, "--model", "mlp", "-o", "x.nc")
     assert done.code == 2 and "pip install 'centralpath[learn]'" in done.err
     assert ocp("learn", data, "--model", "ewda", "-o", "x.nc", "-q").code == 0
+
+
+def test_a_next_state_that_never_varies_is_told(ocp: Ocp) -> None:
+    """The hand of the thrown ball: 1 before the throw, 0 after it, whatever was thrown."""
+    assert ocp("collect", "ball-throw", "--samples", "300", "-o", "data.nc").code == 0
+    done = ocp("learn", "data.nc", "--model", "ewda", "-o", "model.nc")
+    assert done.code == 2
+    assert "the next hand never varies" in done.err

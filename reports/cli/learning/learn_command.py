@@ -138,11 +138,12 @@ def _data(options: LearnOptions) -> Transitions:
             data = read_table(options.data, columns, signals, told)
         except ValueError as error:
             raise InputError(str(error)) from error
-    if spec is not None and signals is not None:
-        try:
+    try:
+        if spec is not None and signals is not None:
             data.check_signals(*signals, spec.name)
-        except ValueError as error:
-            raise InputError(f"{options.data}: {error}") from error
+        _ = data.samples().scales
+    except ValueError as error:
+        raise InputError(f"{options.data}: {error}") from error
     return data
 
 
