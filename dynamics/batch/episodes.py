@@ -107,8 +107,8 @@ class EpisodeFunction(Rolling):
         were kept, every step starts at *their* state, and the gradient is chained along them:
         where those went by the exact law and this function's step is smoothed, only the gradient
         is smoothed (algorithm 2 of adaptive barrier smoothing). `pull` (n, nx) is the gradient by
-        the last state of what else is gained there, of a critic's value say: `gradient` is then of
-        both, those that ended before left out; it carries its own discount.
+        the last state of what else is gained there, of a critic's value say, with its discount, and
+        zero for episodes that ended before: `gradient` is then of both.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
