@@ -19,8 +19,8 @@ class Params(Parameters):
     friction: float = quantity(0.3, "1", "Coulomb's coefficient, pusher on object", least=0)
     goal_x: float = quantity(1.0, "m", "goal of the object, x")
     goal_y: float = quantity(0.3, "m", "goal of the object, y")
-    h: float = quantity(0.1, "s", "step size", above=0)
-    N: int = structure(25, "number of steps", least=1)
+    h: float = quantity(0.05, "s", "step size", above=0)
+    N: int = structure(40, "number of steps", least=1)
 
 
 def scene(p):
@@ -52,9 +52,9 @@ def build(params: Params) -> Problem:
         params.N,
         stage_cost=0.01 * ca.sumsqr(off) + 0.1 * ca.sumsqr(du),
         terminal_cost=10 * ca.sumsqr(off),
-        x0=things.start,
+        x0=things.at_rest(system),
         parameters=p,
         du=du,
-        u_before=things.rest,
+        u_before=things.hold,
         reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )

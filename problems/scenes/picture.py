@@ -9,7 +9,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from pydantic import BaseModel
 
 from problems.drawing import ContactFrame, Disc, Segment, Shape
 from problems.scenes.scene import Scene
@@ -18,6 +17,8 @@ from problems.solids import solid
 
 Draw = Callable[[Any, np.ndarray], list[Shape]]
 Frames = Callable[[Any, np.ndarray], list[ContactFrame]]
+Place = tuple[float, float, float]
+"""x, y [m], and the angle [rad], clockwise."""
 
 
 def pictured(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
@@ -28,19 +29,20 @@ def pictured(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
     """
 
     @cache
-    def made(params: BaseModel) -> tuple[Scene, ca.Function]:
+    def made(params: Any) -> tuple[Scene, ca.Function]:
         found = scene(params.model_dump())
         return found, _places(found)
 
-    def draw(params: BaseModel, state: np.ndarray) -> list[Shape]:
+    def draw(params: Any, state: np.ndarray) -> list[Shape]:
         there, places = made(params)
         poses = np.array(places(state[: places.numel_in(0)])[0]).T.tolist()
-        return _shapes(there, poses)
+        return _shapes(there, [(x, y, angle) for x, y, angle in poses])
 
-    def frames(params: BaseModel, state: np.ndarray) -> list[ContactFrame]:
+    def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
         places = made(params)[1]
         _, found, friction = (np.array(v).T for v in places(state[: places.numel_in(0)]))
-        return [ContactFrame(*at, f) for at, f in zip(found.tolist(), friction.flat, strict=True)]
+        rows = np.column_stack([found, friction.ravel()]).tolist()
+        return [ContactFrame(x, y, nx, ny, f) for x, y, nx, ny, f in rows]
 
     return draw, frames
 
@@ -59,7 +61,7 @@ def _places(scene: Scene) -> ca.Function:
     return ca.Function("places", [q], [ca.densify(out) for out in outputs])
 
 
-def _shapes(scene: Scene, poses: list[list[float]]) -> list[Shape]:
+def _shapes(scene: Scene, poses: list[Place]) -> list[Shape]:
     """Obstacles, then goals, then what moves."""
     there = {thing.name: thing for thing in scene.things}
     placed = list(zip(scene.things, poses, strict=True))
@@ -73,11 +75,11 @@ def _shapes(scene: Scene, poses: list[list[float]]) -> list[Shape]:
     return found
 
 
-def _goal_pose(goal: Goal) -> list[float]:
-    return [float(goal.at[0]), float(goal.at[1]), -float(goal.angle)]
+def _goal_pose(goal: Goal) -> Place:
+    return float(goal.at[0]), float(goal.at[1]), -float(goal.angle)
 
 
-def _marked(thing: Thing, at: list[float], role: str) -> list[Shape]:
+def _marked(thing: Thing, at: Place, role: str) -> list[Shape]:
     """The thing, and on a disc that turns the radius that is upright at angle zero."""
     drawn = solid(thing.shape, *at, role)
     if not (thing.turns and isinstance(drawn, Disc)):

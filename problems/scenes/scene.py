@@ -68,9 +68,13 @@ class Scene:
         return ca.vertcat(ca.SX(0, 1), *(thing.start for thing in self.moving))
 
     @cached_property
-    def rest(self) -> ca.SX:
-        """The coordinates of the pushers at the start: inputs that leave all where it is."""
+    def hold(self) -> ca.SX:
+        """The commanded places that hold the pushers where they start, (nu, 1)."""
         return ca.vertcat(ca.SX(0, 1), *(pusher.start for pusher in self.pushers))
+
+    def at_rest(self, system: ContactSystem) -> ca.SX:
+        """The state in which everything stands where it starts, (nx, 1)."""
+        return ca.vertcat(self.start, ca.SX.zeros(system.nx - self.start.numel()))
 
     def of(self, name: str, x: ca.SX) -> ca.SX:
         """The coordinates of one thing in a state ``x``, or in ``q``."""
