@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 _COLOURS = {"survives": "#1a7f37", "certified": "#b35900", "failed": "#c62828"}
 
 
+def main() -> int:
+    """Run the command line."""
+    from reports.cli.app import main
+
+    return main()
+
+
 def save(solution: Solution, root: Path) -> Path:
     """Store the run; its record names the script that called."""
     return store.save(solution, root, ["python", Path(sys.argv[0]).name])
