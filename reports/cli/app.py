@@ -31,6 +31,7 @@ from reports.cli.learning import (
     train_command,
 )
 from reports.cli.options import register
+from reports.cli.sweeping import sweep_command
 
 app = typer.Typer(
     help="Optimal control through contact: solve, replay, continue and report named problems.",
@@ -45,6 +46,7 @@ for name, command in {
     "solve": solve_command.COMMAND,
     "replay": replay_command.COMMAND,
     "continue": continue_command.COMMAND,
+    "sweep": sweep_command.COMMAND,
     "estimate": estimate_command.COMMAND,
     "collect": collect_command.COMMAND,
     "learn": learn_command.COMMAND,
