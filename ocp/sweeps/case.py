@@ -6,17 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ocp import floors
-from ocp.choices import (
-    check_spelling,
-    closing_law,
-    law_settings,
-    method_of,
-    policy_of,
-    split_policy_settings,
-)
+from ocp.asking import Source
+from ocp.choices import law_settings
 from ocp.errors import InputError, did_you_mean
-from ocp.floors import Source
+from ocp.floors import lent
 from ocp.session import Session
 from ocp.settings import OWN
 from ocp.solve import new_session
@@ -43,7 +36,7 @@ class Case:
 
     def source(self) -> Source:
         """What builds the problem; raises :class:`~ocp.errors.InputError` for an unknown name."""
-        return floors.problems().source(self.problem)
+        return lent("problems").source(self.problem)
 
     def session(self, source: Source | None = None) -> Session:
         """Build it, of ``source`` where that is at hand.
@@ -51,12 +44,10 @@ class Case:
         Raises :class:`~ocp.errors.InputError` as :func:`~ocp.solve.new_session` does, and for names
         and settings that there are not.
         """
-        problem = (source or self.source()).problem(self.params)
-        own, settings = split_policy_settings(self.settings)
-        check_spelling(settings, self.solver)
-        law = closing_law(self.contact, self.contact_settings, problem.system)
-        policy, method = policy_of(self.policy, own), method_of(self.method)
-        return new_session(problem, law, method, policy, self.solver, settings)
+        return new_session(
+            source or self.source(), self.contact, self.method, self.policy, self.solver,
+            self.settings, params=self.params, contact_settings=self.contact_settings,
+        )  # fmt: skip
 
     def at(self, values: Mapping[str, float]) -> Case:
         """The same with other values by full name, as :meth:`full_name` gives it."""

@@ -17,7 +17,7 @@ import casadi as ca
 
 from dynamics.contact import ContactLaw, Step
 from dynamics.systems import KNOB, ParameterTable
-from ocp.floors import Source
+from ocp.asking import Source
 from ocp.problem import Problem
 from ocp.session import Session
 from ocp.sweeps.case import Case

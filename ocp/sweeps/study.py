@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ocp.asking import Source
 from ocp.errors import InputError
-from ocp.floors import Source
 from ocp.session import Session
 from ocp.solve import Rank
 from ocp.store.checkpoint import Checkpoint

@@ -82,7 +82,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
 
     asked, start = checked
     output = options.output
-    solution = asked.described(_solved(options, asked, start))
+    solution = _solved(options, asked, start)
     path = store.save(solution, options.out, options.argv)
     show(output, solution)
     if solution.record["jit"] not in (None, "compiled"):
@@ -118,7 +118,7 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
                 asked.session, case, options.starts, options.seed, told, rank, options.jobs
             )
         except Interrupted as stop:
-            kept = store.save(asked.described(stop.solution), options.out, options.argv)
+            kept = store.save(stop.solution, options.out, options.argv)
             finished = len(stop.solution.others)
             options.output.say(f"run: {kept} (the best of {finished} finished starts)")
             raise

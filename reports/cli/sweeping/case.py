@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ocp.sweeps.case import Case
-from problems import spec
+from problems.lent import source
 from reports.cli.choices import assignments
 
 if TYPE_CHECKING:
@@ -18,9 +18,7 @@ def case_of(options: SolverOptions) -> Case:
     Raises :class:`~ocp.errors.InputError` for an unknown problem, and for words that are no
     assignments.
     """
-    named = Case(options.problem)
-    named.source()
-    path = spec(options.problem).path
+    path = source(options.problem).path
     return Case(
         options.problem if path is None else str(path),
         assignments("-p", options.params),
