@@ -12,7 +12,6 @@ from reports.console import number, table_of
 MOST = 200
 """Points that a table shows; all are in the stored study."""
 HEADS = ("cost", "exact", "referee", "iter", "s", "verdict")
-_GRADES = {"survives": "survives", "certified": "certified"}
 
 
 def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[list[str]]:
@@ -22,7 +21,7 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
             *(f"{row[dim]:.4g}" for dim in dims),
             *(number(row[name], 6) for name in ("cost", "exact_cost", "referee_cost")),
             str(row["iterations"]), f"{row['seconds']:.1f}",
-            _GRADES.get(row["grade"], row["status"]),
+            str(row["status"] if row["grade"] == "failed" else row["grade"]),
         ]
         for row in rows[:MOST]
     ]  # fmt: skip
