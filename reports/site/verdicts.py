@@ -19,7 +19,7 @@ from typing import Any
 
 from ocp.store.runs import load
 from problems import names, spec
-from reports.site import measured
+from reports.site import measured, pictures
 from reports.strobe import strobe
 from reports.style import styled
 from reports.view import RunView
@@ -101,9 +101,7 @@ def draw(name: str, run: Path) -> None:
     """Draw the strobe of a run as the picture of its problem."""
     figure = strobe(RunView.of(load(run)))
     if figure is not None:
-        file = measured.DOCS / "pictures" / "problems" / f"{name}.png"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(file, dpi=110, bbox_inches="tight", metadata={"Software": None})
+        pictures.save(figure, f"problems/{name}")
 
 
 def store(name: str, rows: Sequence[Row]) -> None:
