@@ -48,7 +48,7 @@ def check(options: SweepOptions) -> Asked:
     """Read the grid, and build what can be known to fit before any work."""
     from ocp.errors import InputError, choose
     from ocp.sweeps.axes import axes
-    from ocp.sweeps.sweep import asked, kept_in
+    from ocp.sweeps.sweep import asked, check_side_by_side, kept_in
     from reports.cli.places import check_places
     from reports.cli.sweeping.case import case_of
 
@@ -61,6 +61,7 @@ def check(options: SweepOptions) -> Asked:
     case = case_of(options)
     study = asked(case, over, options.starts, options.seed, RANKS[options.rank])
     session = study.checked()
+    check_side_by_side(session, options.jobs)
     check_places(options.out, options.pdf)
     source = case.problem if case.problem.endswith(".py") else None
     return Asked(study, session, kept_in(study, session, options.out), source)
