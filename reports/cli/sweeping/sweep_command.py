@@ -41,7 +41,6 @@ class Asked:
     study: Study
     session: Session
     checkpoint: Checkpoint
-    source: str | None
 
 
 def check(options: SweepOptions) -> Asked:
@@ -63,8 +62,7 @@ def check(options: SweepOptions) -> Asked:
     session = study.checked()
     check_side_by_side(session, options.jobs)
     check_places(options.out, options.pdf)
-    source = case.problem if case.problem.endswith(".py") else None
-    return Asked(study, session, kept_in(study, session, options.out), source)
+    return Asked(study, session, kept_in(study, session, options.out))
 
 
 def run(options: SweepOptions, asked: Asked) -> int:
@@ -80,8 +78,11 @@ def run(options: SweepOptions, asked: Asked) -> int:
 
     output, study = options.output, asked.study
     data = dataset(study, asked.session, _points(options, asked))
-    meta = {**described(study, asked.session, data), "argv": options.argv}
-    meta["record"] |= {"source": asked.source}
+    meta = {
+        **described(study, asked.session, data),
+        "argv": options.argv,
+        "tags": options.tags or (),
+    }
     path = store.write(options.out, asked.session.problem.name, data, meta)
     asked.checkpoint.discard()
     dims = [axis["name"] for axis in meta["study"]["axes"]]
@@ -137,4 +138,12 @@ def _document(
     }  # fmt: skip
 
 
-COMMAND = Command(SweepOptions, check, run)
+COMMAND = Command(
+    SweepOptions,
+    check,
+    run,
+    examples=(
+        "sweep push-disc --over M=0.5:2:7 --over contact.mu=1e-4:1e-1:4:log --jobs 2",
+        "sweep push-1d --over N=10:40:4 --contact exact --starts 3 --pdf sweep.pdf",
+    ),
+)
