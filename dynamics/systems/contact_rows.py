@@ -78,9 +78,9 @@ def contact_rows(
     """Write the pairs of ``touching`` for a step of h from q to q_next.
 
     ``way(J)`` is how far a step goes along the rows J. The pairs are the normal ones, those of the
-    limits, and what else friction's cone needs, in this order. A contact whose friction is zero,
-    now or as long as a parameter is zero, has its pairs too, but they neither see its slip nor
-    push.
+    limits, and what else friction's cone needs, in this order. A contact whose friction is the
+    number zero has its normal pair alone; where a parameter is zero at present it has all its
+    pairs, but they neither see its slip nor push.
 
     Raises ``ValueError`` where a dimension does not fit.
     """
@@ -103,28 +103,46 @@ def contact_rows(
         limits = [Row("limit", gap, slope, stops)]
     phi, J, gap = approached("distance(q)", touching.distance, nc)
     rows, lam = [Row("normal", gap, J, list(touching.contacts))], ca.SX.sym("lam", nc + nl)
+    owners, rough = [list(range(nc))], []
+    f = ca.SX.zeros(nc)
     if touching.friction is not None and touching.sliding is not None:
+        f = ca.SX.ones(nc) * touching.friction
+        rough = [i for i in range(nc) if not f[i].is_zero()]
+    if touching.sliding is not None and rough:
         form, J_t = FORMS[touching.cone], touching.sliding(q)
         check_shape(name, "sliding(q)", J_t, (nc, nq))
-        f, slid = ca.SX.ones(nc) * touching.friction, way(J_t)
-        lam = ca.SX.sym("lam", nl + (1 + form.more) * nc)
-        own = [lam[:nc], *ca.vertsplit(lam[nc + nl :], nc)]
-        rubbing = Rubbing(touching.contacts, gap, J, J_t, f, slid, own)
-        rows, normal, along = form.pairs(rubbing)
+        slid, m = way(J_t), len(rough)
+        lam = ca.SX.sym("lam", nc + nl + form.more * m)
+        own = [lam[rough], *ca.vertsplit(lam[nc + nl :], m)]
+        named = tuple(touching.contacts[i] for i in rough)
+        at = Rubbing(named, gap[rough], J[rough, :], J_t[rough, :], f[rough], slid[rough], own)
+        (first, *more), pressed, rubbed = form.pairs(at)
+        rows, owners = [_replaced(rows[0], first, rough), *more], [*owners, *[rough] * len(more)]
+        normal, along = lam[:nc], ca.SX.zeros(nc)
+        normal[rough], along[rough] = pressed, rubbed
         names = tuple(contact.name for contact in touching.contacts)
         forces = ContactForces(names, normal, along, slid / h, f)
-    rows[1:1] = limits
+    rows[1:1], owners[1:1] = limits, [list(range(nc, nc + nl))] * len(limits)
     return ContactRows(
         lam,
         ca.vertcat(ca.SX(0, 1), *(row.gap for row in rows)),
         ca.vertcat(ca.SX(0, nq), *(row.direction for row in rows)).T @ lam,
         tuple(signal for row in rows for signal in row.signals),
         tuple(
-            Pair(row.kind, i + (nc if row.kind == "limit" else 0))
-            for row in rows
-            for i in range(len(row.signals))
+            Pair(row.kind, owner)
+            for row, owned in zip(rows, owners, strict=True)
+            for owner in owned
         ),
         forces,
         ca.vertcat(phi, left),
         ca.depends_on(ca.vertcat(J, *(limit.direction for limit in limits)), q),
     )
+
+
+def _replaced(row: Row, part: Row, where: list[int]) -> Row:
+    """``row`` with ``part`` at the places ``where``."""
+    gap, direction, signals = ca.SX(row.gap), ca.SX(row.direction), list(row.signals)
+    gap[where], direction[where, :] = part.gap, part.direction
+    for i, signal in zip(where, part.signals, strict=True):
+        signals[i] = signal
+    return Row(row.kind, gap, direction, signals)

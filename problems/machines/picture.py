@@ -9,8 +9,9 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import Machine, contacts
-from problems.drawing import Box, Capsule, ContactFrame, Disc, HalfPlane, Shape
+from dynamics.systems import Machine
+from problems.drawing import Capsule, ContactFrame, HalfPlane, Shape
+from problems.solids import solid
 
 _THICKNESS = 0.03
 _JOINT = (0.0, 0.0)
@@ -19,10 +20,10 @@ _JOINT = (0.0, 0.0)
 def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
     """Draw the machine at ``state`` (q, v, ...): bars, spheres, parts and the ground."""
     places = _places(machine)
-    bars, bodies = (np.array(out).T.tolist() for out in places(state[: places.numel_in(0)]))
+    bars, poses = (np.array(out).T.tolist() for out in places(state[: places.numel_in(0)]))
     links = [Capsule(x1, z1, x2, z2, _THICKNESS) for x1, z1, x2, z2 in bars]
     shapes = (part.shape for part in (*machine.spheres, *machine.parts))
-    drawn = (_drawn(shape, *at) for shape, at in zip(shapes, bodies, strict=True))
+    drawn = (solid(shape, *at) for shape, at in zip(shapes, poses, strict=True))
     return [HalfPlane(0, 0, 0, 1), *links, *drawn]
 
 
@@ -33,31 +34,6 @@ def machine_frames(
     frames = _frames(machine, None if spheres is None else tuple(spheres))
     found = np.array(frames(state[: frames.numel_in(0)])).T.tolist()
     return [ContactFrame(x, z, nx, nz, friction) for x, z, nx, nz in found]
-
-
-def _drawn(shape: contacts.Shape, x: float, z: float, x2: float, z2: float, angle: float) -> Shape:
-    """A shape that lies around (x, z), or from there to (x2, z2), at an angle clockwise."""
-    match shape:
-        case contacts.Disc(radius):
-            return Disc(x, z, float(radius))
-        case contacts.Capsule(_, _, radius):
-            return Capsule(x, z, x2, z2, float(radius))
-        case contacts.HalfPlane():
-            return HalfPlane(x, z, x2 - x, z2 - z, "object")
-        case contacts.Box(half, radius):
-            size = 2 * float(half[0]), 2 * float(half[1])
-            return Box(x, z, *size, -angle, rounding=float(radius))
-    raise TypeError(f"no way to draw a {type(shape).__name__}")
-
-
-def _ends(shape: contacts.Shape) -> tuple[contacts.Point, contacts.Point]:
-    """Two points of a shape's body that place it, with the angle."""
-    match shape:
-        case contacts.HalfPlane(origin, normal):
-            return origin, (origin[0] + normal[0], origin[1] + normal[1])
-        case contacts.Box():
-            return _JOINT, _JOINT
-    return shape.corners[0], shape.corners[-1]
 
 
 @cache
@@ -72,14 +48,14 @@ def _frames(machine: Machine, spheres: tuple[str, ...] | None) -> ca.Function:
 
 @cache
 def _places(machine: Machine) -> ca.Function:
-    """Map q to the ends of every bar, (4, bars), and to points and angle of parts, (5, parts).
+    """Map q to the ends of every bar, (4, bars), and to the poses of all parts, (3, parts).
 
     A link's bars run from its joint to its spheres and to the joints it carries; the link that
     floats is drawn through these, from back to front.
     """
     chain = machine.chain()
     q = ca.SX.sym("q", chain.nq)
-    bars, bodies = [ca.SX(4, 0)], [ca.SX(5, 0)]
+    bars, poses = [ca.SX(4, 0)], [ca.SX(3, 0)]
     for link in machine.links:
         joints = [other.anchor for other in machine.links if other.parent == link.name]
         own = [s.centre for s in machine.spheres if s.link == link.name]
@@ -88,6 +64,6 @@ def _places(machine: Machine) -> ca.Function:
         place = chain.pose(q, link.name).place
         bars += [ca.vertcat(place(start), place(end)) for start, end in ends if start != end]
     for part in (*machine.spheres, *machine.parts):
-        pose, (start, end) = chain.pose(q, part.link), _ends(part.shape)
-        bodies.append(ca.vertcat(pose.place(start), pose.place(end), pose.angle))
-    return ca.Function("places", [q], [ca.densify(ca.horzcat(*each)) for each in (bars, bodies)])
+        pose = chain.pose(q, part.link)
+        poses.append(ca.vertcat(pose.position, pose.angle))
+    return ca.Function("places", [q], [ca.densify(ca.horzcat(*each)) for each in (bars, poses)])

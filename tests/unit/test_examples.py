@@ -21,7 +21,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.mark.parametrize(
-    ("file", "most"), [("bumper.py", 35), ("logistic.py", 50), ("control_variate.py", 40)]
+    ("file", "most"),
+    [("bumper.py", 35), ("logistic.py", 50), ("control_variate.py", 40), ("past_a_post.py", 60)],
 )
 def test_an_addition_is_short(file: str, most: int) -> None:
     assert len((EXAMPLES / file).read_text().splitlines()) <= most
@@ -36,6 +37,19 @@ def test_the_problem_solves_is_certified_and_survives() -> None:
     assert u.sum() + lam.sum() == pytest.approx(x[-1, 1] + 3.0, abs=1e-9)
     assert lam.sum() > 3 - 20 * 0.1 - 0.1
     assert x[-1] == pytest.approx([0.2, 0], abs=0.02) and x[:, 0].min() >= -1e-9
+
+
+def test_an_object_is_pushed_past_a_post_in_its_way() -> None:
+    past = spec(str(EXAMPLES / "past_a_post.py"))
+    found = solve(past.problem(), Exact())
+    assert found.success and found.certificate.stationarity == "B" and found.referee.survives
+    assert found.data["x"].values[0, -1, :2] == pytest.approx([1.0, 0.3], abs=0.02)
+    here = found.data.sel(scenario=0, point=["object on post", "pusher on object"])
+    push, drag = (
+        np.abs(here[f"{kind}_impulse"]).max("interval") for kind in ("normal", "friction")
+    )
+    assert push.min() > 0.1, "the post is in the way"
+    assert drag[0] == 0 and drag[1] > 0.01, "the post is smooth, the pusher is not"
 
 
 def contact(law, compliance: float) -> ca.Function:

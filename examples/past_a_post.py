@@ -1,0 +1,60 @@
+"""A pusher brings an object past a post: contacts and drawing are made from the shapes."""
+
+import casadi as ca
+
+from ocp.problem import Problem, Reference
+from problems.parameters import Parameters, quantity, structure, table
+from problems.scenes import Body, Disc, Goal, Obstacle, Pusher, Scene, pictured
+
+name = "past-a-post"
+title = "An object pushed past a post"
+
+
+class Params(Parameters):
+    """The post stands on the straight way from the object to its goal."""
+
+    R: float = quantity(0.2, "m", "radius of the object", above=0)
+    r: float = quantity(0.1, "m", "radius of the pusher", above=0)
+    post: float = quantity(0.1, "m", "radius of the post", above=0)
+    friction: float = quantity(0.3, "1", "Coulomb's coefficient, pusher on object", least=0)
+    goal_x: float = quantity(1.0, "m", "goal of the object, x")
+    goal_y: float = quantity(0.3, "m", "goal of the object, y")
+    h: float = quantity(0.05, "s", "step size", above=0)
+    N: int = structure(40, "number of steps", least=1)
+
+
+def scene(p):
+    """What stands on the table; the post is smooth."""
+    return Scene(
+        [
+            Pusher("pusher", Disc(p["r"]), at=(-0.4, 0.0), stiffness=50.0),
+            Body("object", Disc(p["R"]), at=(0.0, 0.0), mass=1.0, inertia=0.02),
+            Obstacle("post", Disc(p["post"]), at=(0.5, 0.1)),
+            Goal("object", at=(p["goal_x"], p["goal_y"])),
+        ],
+        friction={("pusher", "object"): p["friction"]},
+    )
+
+
+draw, frames = pictured(scene)
+
+
+def build(params: Params) -> Problem:
+    """Effort is how fast the commanded place of the pusher changes."""
+    p = table(params)
+    things = scene(p)
+    system = things.quasi_dynamic(name, p, h=p["h"])
+    off = things.of("object", system.x)[:2] - ca.vertcat(p["goal_x"], p["goal_y"])
+    du = ca.SX.sym("du", system.nu)
+    return Problem(
+        name,
+        system,
+        params.N,
+        stage_cost=0.01 * ca.sumsqr(off) + 0.1 * ca.sumsqr(du),
+        terminal_cost=10 * ca.sumsqr(off),
+        x0=things.at_rest(system),
+        parameters=p,
+        du=du,
+        u_before=things.hold,
+        reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+    )

@@ -1,0 +1,19 @@
+"""Pushing problems from shapes: what is there, who touches whom, the system and the drawing."""
+
+from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane
+from problems.scenes.picture import pictured
+from problems.scenes.scene import Scene
+from problems.scenes.things import Body, Goal, Obstacle, Pusher
+
+__all__ = [
+    "Body",
+    "Box",
+    "Capsule",
+    "Disc",
+    "Goal",
+    "HalfPlane",
+    "Obstacle",
+    "Pusher",
+    "Scene",
+    "pictured",
+]

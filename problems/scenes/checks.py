@@ -1,0 +1,157 @@
+"""Things of a scene that make no sense, each told in one sentence."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import ParameterTable
+from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Shape
+from dynamics.systems.contacts.pose import Point, Scalar
+from ocp.errors import InputError, did_you_mean
+from problems.scenes.things import Body, Goal, Obstacle, Pusher, Thing
+
+if TYPE_CHECKING:
+    from problems.scenes.scene import Scene
+
+Value = Callable[[Scalar], float]
+_ROUNDING = 1e-9
+
+
+def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]) -> None:
+    """Refuse what is no thing of a scene, a name used twice, and names that nothing has."""
+    for thing in things:
+        _check_kind(thing)
+    names = [thing.name for thing in things if isinstance(thing, Thing)]
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise InputError(f"two things are called {twice[0]!r}; give each its own name")
+    moving = {thing.name: thing for thing in things if isinstance(thing, Body | Pusher)}
+    if not moving:
+        raise InputError("nothing in the scene moves; add a Body or a Pusher")
+    for goal in (thing for thing in things if isinstance(thing, Goal)):
+        _known(goal.body, list(moving), "a goal is for")
+    for pair in pairs:
+        if isinstance(pair, str) or len(pair) != 2:
+            raise InputError(f"{pair!r} is no pair of names; expected ('one', 'other')")
+        for name in pair:
+            _known(name, names, "a pair names")
+        if pair[0] == pair[1]:
+            raise InputError(f"{pair[0]!r} cannot touch itself; a pair needs two names")
+        if not any(name in moving for name in pair):
+            raise InputError(f"{pair[0]!r} and {pair[1]!r} are obstacles and never touch")
+
+
+def _check_kind(thing: object) -> None:
+    if isinstance(thing, Goal):
+        return
+    if not isinstance(thing, Thing):
+        raise InputError(
+            f"a scene holds bodies, pushers, obstacles and goals; got a {type(thing).__name__}"
+        )
+    if not isinstance(thing.shape, Shape):
+        raise InputError(
+            f"the shape of {thing.name!r} is a {type(thing.shape).__module__}."
+            f"{type(thing.shape).__name__}; expected a Disc, Box, Capsule or HalfPlane of"
+            " problems.scenes"
+        )
+    if isinstance(thing.shape, HalfPlane) and not isinstance(thing, Obstacle):
+        raise InputError(
+            f"{thing.name!r} moves, and a half-plane has no end; make it an Obstacle, or its shape"
+            " a Box"
+        )
+
+
+def _known(name: str, names: list[str], who: str) -> None:
+    if name not in names:
+        raise InputError(f"{who} {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}")
+
+
+def told(pusher: Pusher, value: Scalar | None, what: str, where: str) -> Scalar:
+    """The pusher's ``value``, which what is built of it needs."""
+    if value is None:
+        raise InputError(
+            f"the pusher {pusher.name!r} has no {what}, which it needs in {where}; give it one"
+        )
+    return value
+
+
+def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
+    """Refuse sizes and masses that make no sense, and things that start inside each other.
+
+    All at the values of the ``parameters``.
+    """
+    symbols, values = parameters.vector, parameters.values
+
+    def value(expression: Scalar) -> float:
+        at = ca.Function("at", [symbols], [ca.densify(ca.SX(expression))])
+        return float(at(values))
+
+    for thing in scene.things:
+        _check_shape(thing, value)
+        for what, number in _weights(thing):
+            if not value(number) > 0:
+                raise InputError(
+                    f"{thing.name!r} has the {what} {value(number):g}; expected a positive number"
+                )
+        if isinstance(thing, Pusher) and thing.along is not None:
+            _check_unit(f"the rail of {thing.name!r} runs along", thing.along, value)
+    for i, touch in enumerate(scene.touches):
+        if value(scene.friction[i]) < 0:
+            raise InputError(
+                f"{touch.name}: Coulomb's coefficient is {value(scene.friction[i]):g}; expected a"
+                " number >= 0"
+            )
+    apart = ca.Function("apart", [symbols], [ca.densify(scene.distance(scene.start))])
+    distances = np.array(apart(values)).ravel()
+    if distances.size and (deepest := int(distances.argmin())) >= 0:
+        touch, depth = scene.touches[deepest], -distances[deepest]
+        if depth > _ROUNDING:
+            raise InputError(
+                f"{touch.one.name!r} starts {depth:.3g} m inside {touch.other.name!r}; move one of"
+                " them by as much"
+            )
+
+
+def _weights(thing: Thing) -> list[tuple[str, Scalar]]:
+    names = ("mass", "inertia", "stiffness")
+    found = ((name, getattr(thing, name, None)) for name in names)
+    return [(name, number) for name, number in found if number is not None]
+
+
+def _check_shape(thing: Thing, value: Value) -> None:
+    match thing.shape:
+        case Disc(radius):
+            _check_size(thing, "disc has the radius", value(radius))
+        case Capsule(start, end, radius):
+            _check_size(thing, "capsule has the radius", value(radius))
+            length = math.hypot(*(value(end[i] - start[i]) for i in range(2)))
+            _check_size(thing, "capsule has the length", length)
+        case Box(half, radius):
+            sides = [value(half[i]) for i in range(2)]
+            _check_size(thing, "box has a half side of", min(sides))
+            if not 0 <= value(radius) <= min(sides):
+                raise InputError(
+                    f"the corners of {thing.name!r} are rounded by {value(radius):g} m; expected"
+                    f" at least 0 and at most half its shorter side, {min(sides):g} m"
+                )
+        case HalfPlane(_, normal):
+            _check_unit(f"the half-plane of {thing.name!r} has the normal", normal, value)
+
+
+def _check_size(thing: Thing, what: str, size: float) -> None:
+    if not size > 0:
+        raise InputError(f"{thing.name!r}: its {what} {size:g} m; expected a positive number")
+
+
+def _check_unit(what: str, vector: Point, value: Value) -> None:
+    x, y = (value(vector[i]) for i in range(2))
+    if not math.isclose(math.hypot(x, y), 1, rel_tol=1e-6):
+        raise InputError(
+            f"{what} ({x:g}, {y:g}) of length {math.hypot(x, y):g}; expected a vector of length 1"
+        )

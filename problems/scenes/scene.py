@@ -1,0 +1,217 @@
+"""A scene: bodies, pushers and obstacles that touch, as one contact system."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from itertools import accumulate, pairwise
+
+import casadi as ca
+
+from dynamics.systems import (
+    ContactSystem,
+    ParameterTable,
+    Signal,
+    quasi_dynamic,
+    time_stepping,
+)
+from dynamics.systems.contact_rows import Cone
+from dynamics.systems.contacts import Contact, Pose
+from dynamics.systems.contacts.pose import Point, Scalar, column
+from problems.scenes.books import books
+from problems.scenes.checks import check_names, check_numbers, told
+from problems.scenes.things import Body, Goal, Pusher, Thing
+from problems.scenes.touching import Touch, touches
+
+Pair = tuple[str, str]
+
+
+class Scene:
+    """What stands in the plane, and how rough it is where two things touch.
+
+    ``things`` are bodies, pushers and obstacles, each a shape, and goals, which are only drawn. Any
+    two touch of which one moves, but the pairs of names in ``apart``. Of the plane's axes y points
+    up where there is gravity, and angles count anticlockwise.
+
+    ``friction`` is Coulomb's coefficient, one for all contacts, or one for each pair of names; a
+    pair that is not named is frictionless. All numbers may be symbols of a problem's parameters.
+
+    Coordinates ``q`` are those of the bodies and then of the pushers, in the order of ``things``.
+    Raises :class:`~ocp.errors.InputError` for things that make no sense or names that are unknown.
+    """
+
+    def __init__(
+        self,
+        things: Sequence[Thing | Goal],
+        friction: Scalar | Mapping[Pair, Scalar] = 0.0,
+        apart: Sequence[Pair] = (),
+    ) -> None:
+        self.things = tuple(thing for thing in things if isinstance(thing, Thing))
+        self.goals = tuple(thing for thing in things if isinstance(thing, Goal))
+        self.apart, self._given = tuple(map(frozenset, apart)), friction
+        rough = [*friction] if isinstance(friction, Mapping) else []
+        check_names(things, [*rough, *apart])
+        self.bodies = tuple(thing for thing in self.things if isinstance(thing, Body))
+        self.pushers = tuple(thing for thing in self.things if isinstance(thing, Pusher))
+        self.touches = tuple(touches(self.things, self.apart))
+        self.moving = (*self.bodies, *self.pushers)
+        self.coordinates = tuple(signal for thing in self.moving for signal in thing.coordinates)
+        ends = [0, *accumulate(len(thing.coordinates) for thing in self.moving)]
+        self._at = {
+            thing.name: slice(*both)
+            for thing, both in zip(self.moving, pairwise(ends), strict=True)
+        }
+
+    @cached_property
+    def start(self) -> ca.SX:
+        """Where all that moves starts, (nq, 1)."""
+        return ca.vertcat(ca.SX(0, 1), *(thing.start for thing in self.moving))
+
+    @cached_property
+    def hold(self) -> ca.SX:
+        """The commanded places that hold the pushers where they start, (nu, 1)."""
+        return ca.vertcat(ca.SX(0, 1), *(pusher.start for pusher in self.pushers))
+
+    def at_rest(self, system: ContactSystem) -> ca.SX:
+        """The state in which everything stands where it starts, (nx, 1)."""
+        return ca.vertcat(self.start, ca.SX.zeros(system.nx - self.start.numel()))
+
+    def of(self, name: str, x: ca.SX) -> ca.SX:
+        """The coordinates of one thing in a state ``x``, or in ``q``."""
+        return x[self._at[name]]
+
+    def pose(self, q: ca.SX) -> Callable[[Thing], Pose]:
+        """Where every thing is at ``q``."""
+        return lambda thing: thing.pose(q[self._at.get(thing.name, slice(0, 0))])
+
+    def contacts(self, q: ca.SX) -> list[Contact]:
+        """The contacts at ``q``, in the order of ``touches``."""
+        pose = self.pose(q)
+        return [touch.contact(pose) for touch in self.touches]
+
+    @cached_property
+    def friction(self) -> ca.SX:
+        """Coulomb's coefficient of every contact, (nc, 1)."""
+        return ca.vertcat(ca.SX(0, 1), *map(self._rough, self.touches))
+
+    def _rough(self, touch: Touch) -> Scalar:
+        if not isinstance(self._given, Mapping):
+            return self._given
+        return {frozenset(pair): f for pair, f in self._given.items()}.get(touch.pair, 0.0)
+
+    def distance(self, q: ca.SX) -> ca.SX:
+        """Signed distance of every contact at ``q``, (nc, 1) [m]."""
+        return ca.vertcat(ca.SX(0, 1), *(contact.phi for contact in self.contacts(q)))
+
+    def sliding(self, q: ca.SX) -> ca.SX:
+        """Rows of the velocity along every contact's tangent at ``q``, (nc, nq)."""
+        rows = (contact.jacobians(q)[1] for contact in self.contacts(q))
+        return ca.vertcat(ca.SX(0, q.numel()), *rows)
+
+    @cached_property
+    def _masses(self) -> list[ca.SX]:
+        """Mass or inertia of every coordinate of the bodies."""
+        found = []
+        for body in self.bodies:
+            found += [ca.SX(body.mass)] * 2
+            found += [] if body.inertia is None else [ca.SX(body.inertia)]
+        return found
+
+    def _signals(self) -> tuple[Signal, ...]:
+        return tuple(Signal(t.name, "N s", "impulse along the normal") for t in self.touches)
+
+    def quasi_dynamic(
+        self,
+        name: str,
+        parameters: ParameterTable,
+        *,
+        h: Scalar,
+        cone: Cone = "linearised",
+        linearised: bool = False,
+        load: Point | None = None,
+    ) -> ContactSystem:
+        """Bodies without momentum, and pushers that springs draw to where they are told to be.
+
+        The state is q, the input the commanded coordinates of the pushers [m]; gaps are the true
+        ones at the next state unless ``linearised``. ``load`` [m/s²] pulls at every body's mass.
+        See :func:`~dynamics.systems.quasidynamic.quasi_dynamic`.
+
+        Raises :class:`~ocp.errors.InputError` for numbers that make no sense at the parameters'
+        values, such as things that start inside each other.
+        """
+        stiffness = [
+            ca.SX(told(p, p.stiffness, "stiffness", "a quasi-dynamic scene"))
+            for p in self.pushers
+            for _ in p.coordinates
+        ]
+        check_numbers(self, parameters)
+        pull = ca.SX.zeros(2) if load is None else column(load)
+        weights = [ca.vertcat(b.mass * pull, *[0] * b.turns) for b in self.bodies]
+        return quasi_dynamic(
+            name,
+            states=self.coordinates,
+            inputs=self._commands("m", "commanded"),
+            contacts=self._signals(),
+            h=h,
+            mass=ca.diag(ca.vertcat(ca.SX(0, 1), *self._masses)),
+            stiffness=ca.diag(ca.vertcat(ca.SX(0, 1), *stiffness)),
+            distance=self.distance,
+            sliding=self.sliding,
+            friction=self.friction,
+            cone=cone,
+            linearised=linearised,
+            load=ca.vertcat(ca.SX(0, 1), *weights),
+            parameters=parameters,
+        )
+
+    def time_stepping(
+        self,
+        name: str,
+        parameters: ParameterTable,
+        *,
+        h: Scalar,
+        gravity: Point = (0.0, 0.0),
+        cone: Cone = "linearised",
+        linearised: bool = False,
+    ) -> ContactSystem:
+        """Bodies and pushers with masses and velocities, the pushers under forces.
+
+        The state is (q, v), the input the forces [N] on the pushers along their coordinates;
+        ``gravity`` [m/s²] is a vector of the plane. See
+        :func:`~dynamics.systems.timestepping.time_stepping`; raises as :meth:`quasi_dynamic` does.
+        """
+        masses = [
+            ca.SX(told(p, p.mass, "mass", "a scene with velocities"))
+            for p in self.pushers
+            for _ in p.coordinates
+        ]
+        check_numbers(self, parameters)
+        pull, M = column(gravity), ca.vertcat(ca.SX(0, 1), *self._masses, *masses)
+        falling = ca.vertcat(
+            ca.SX(0, 1),
+            *(ca.vertcat(pull, *[0] * body.turns) for body in self.bodies),
+            *(pusher.directions.T @ pull for pusher in self.pushers),
+        )
+        free = M.numel() - len(masses)
+        speeds = (Signal(f"v_{c.name}", f"{c.unit}/s", f"speed of {c.name}")
+                  for c in self.coordinates)  # fmt: skip
+        return time_stepping(
+            name,
+            states=(*self.coordinates, *speeds),
+            inputs=self._commands("N", "force on"),
+            contacts=self._signals(),
+            h=h,
+            mass=ca.diag(M),
+            impulse=lambda q, v, u: h * (M * falling + ca.vertcat(ca.SX.zeros(free), u)),
+            distance=self.distance,
+            sliding=self.sliding,
+            friction=self.friction,
+            cone=cone,
+            linearised=linearised,
+            parameters=parameters,
+            book=books(self, M, M * falling, h),
+        )
+
+    def _commands(self, unit: str, what: str) -> tuple[Signal, ...]:
+        coordinates = (c for pusher in self.pushers for c in pusher.coordinates)
+        return tuple(Signal(f"u_{c.name}", unit, f"{what} {c.name}") for c in coordinates)
