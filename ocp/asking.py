@@ -11,7 +11,7 @@ from ocp.choices import law_settings
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.floors import lent
 from ocp.problem import Problem
-from ocp.programs.options import has_option
+from ocp.programs.options import documented, has_option
 from ocp.programs.solver import SOLVERS
 
 
@@ -80,16 +80,21 @@ def asked(
 
 
 def check_spelling(settings: Mapping[str, Any], solver: str) -> None:
-    """Catch a misspelt setting of ours before the solver is asked about an option of that name."""
+    """Refuse a setting that is neither ours nor an option of the solver.
+
+    Raises :class:`~ocp.errors.InputError` with the one that was meant, and where all are listed.
+    """
     from ocp.settings import OWN
 
     choose("solver", solver, SOLVERS)
     for key in sorted(set(settings) - set(OWN)):
-        hint = did_you_mean(key, OWN, 0.8)
-        if hint and not has_option(solver, key):
+        bare = key.removeprefix("ipopt.")
+        if not has_option(solver, bare):
+            known = [*OWN, *documented(solver)]
             raise InputError(
-                f"unknown setting {key!r}{hint}; there are {', '.join(OWN)}, policy.<name>, and"
-                " every option of the solver"
+                f"unknown setting {key!r}{did_you_mean(bare, known, 0.6)}; there are"
+                f" {', '.join(OWN)}, policy.<name>, and the options of {solver}: ocp settings and"
+                f" ocp settings {solver} tell them"
             )
 
 

@@ -92,11 +92,12 @@ def _refuse(values: Mapping[str, Any], reason: str) -> None:
 
 def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) -> T:
     takes = inspect.signature(cls).parameters
+    where = "ocp settings " + name if kind == "policy" else "ocp laws " + name
     for key in values:
         if key not in takes:
             raise InputError(
                 f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
-                f" it takes {', '.join(takes) or 'none'}"
+                f" it takes {', '.join(takes) or 'none'}; {where} tells them"
             )
     from ocp.typed import read
 

@@ -42,13 +42,13 @@ def report(solution: Solution, path: Path) -> Path:
 
 def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
     """Write the motion, plan beside replay."""
-    from reports.animation import Animation
-    from reports.movie import check_format, playable, write
+    from reports.motion.animation import Animation
+    from reports.motion.movie import check_format, write
     from reports.style import styled
 
-    check_format(path)
+    check_format(path, fps)
     with styled():
-        write(Animation(_view(solution), playable(fps, path), speed), path)
+        write(Animation(_view(solution), fps, speed), path)
     return path
 
 
