@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo check test test-slow bench bench-solve bench-mpcc bench-random lint gallery claims
+.PHONY: setup demo check test test-slow bench bench-solve bench-mpcc bench-random lint gallery claims docs generated
 
 setup: $(READY)
 
@@ -35,7 +35,7 @@ test-slow: setup
 bench: setup
 	$(BIN)/pytest -m bench -s tests/benchmarks
 
-# Solves every named problem from 21 guesses and rewrites the table in the README;
+# Solves every named problem from 21 guesses and rewrites the table of the site;
 # PROBLEMS="hopper push-1d" does some of them.
 bench-solve: setup
 	$(BIN)/python -m tests.benchmarks.ocp.dependability $(PROBLEMS)
@@ -52,11 +52,21 @@ COUNT ?= 30
 bench-random: setup
 	$(BIN)/python -m tests.benchmarks.ocp.random_instances --count $(COUNT) $(PROBLEMS)
 
-# Makes every figure of the papers and rewrites the README's tables of their claims.
+# The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo build/site/index.html
+
+# Pages of docs/generated, from specs, help texts and the JSON in docs/generated/data.
+generated: setup
+	$(BIN)/python -m reports.site
+
+# Makes every figure of the papers and stores their claims and pictures for the site.
 claims: setup
 	mkdir -p runs/claims
 	$(BIN)/ocp figure --all --json --quiet --out runs/claims > runs/claims/figures.json
-	$(BIN)/python -m reports.claims runs/claims/figures.json README.md
+	$(BIN)/python -m reports.site.claims runs/claims/figures.json
+	$(BIN)/python -m reports.site
 
 # Pictures of the README: these problems in this order, solved under the exact law, or as
 # SOLVE_<problem> says; those of MOVING also as animations.
@@ -68,5 +78,5 @@ SOLVE_cart-walls := --contact barrier -c mu=1e-3
 gallery: setup
 	$(foreach name,$(GALLERY),$(BIN)/ocp solve $(name) $(or $(SOLVE_$(name)),--contact exact) \
 		--out runs/gallery --quiet &&) true
-	$(BIN)/python -m reports.gallery runs/gallery docs/pictures --still $(GALLERY) \
+	$(BIN)/python -m reports.motion.gallery runs/gallery docs/pictures --still $(GALLERY) \
 		--moving $(MOVING)

@@ -1,4 +1,4 @@
-"""The table "which smoothing to trust" as Markdown, from the data of study N3."""
+"""The table "which smoothing to trust", from the data of study N3."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import math
 import xarray as xr
 
 from problems.studies.smoothings_compared.laws import WITHIN, described, excess
-
-BEGIN, END = "<!-- made by make claims: N3 -->", "<!-- end of N3 -->"
 
 
 def dearer(share: float) -> str:
@@ -32,20 +30,20 @@ def seconds_of(data: xr.Dataset) -> xr.DataArray:
     return data["seconds"].sum("part").median("seed")
 
 
-def table(data: xr.Dataset) -> str:
-    """Markdown: one row a law, a problem's cells with excess, survival and seconds."""
+def rows(data: xr.Dataset) -> list[list[str]]:
+    """Columns, then one row a law: a problem's cells with excess and survival, then seconds."""
     names = [str(name) for name in data["problem"].values]
     dear, spent = excess(data).median("seed"), seconds_of(data)
     survives, of = data["survives"].sum("seed"), data.sizes["seed"]
-    rows = [["law", *names, "seconds"], ["---"] * (len(names) + 2)]
+    found = [["law", *names, "seconds"]]
     for law, text in described(data.attrs).items():
         cells = [
             _cell(float(dear.sel(law=law, problem=p)), int(survives.sel(law=law, problem=p)), of)
             for p in names
         ]
         own = spent.sel(law=law)
-        rows.append([text, *cells, f"{float(own.min()):.2g} to {float(own.max()):.2g}"])
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+        found.append([text, *cells, f"{float(own.min()):.2g} to {float(own.max()):.2g}"])
+    return found
 
 
 def _cell(share: float, lives: int, of: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,11 +18,11 @@ if TYPE_CHECKING:
     from dynamics.systems import Signal
 
 
-def policy_of(data: xr.Dataset) -> Trained:
+def policy_of(data: xr.Dataset | Mapping[str, np.ndarray]) -> Trained:
     """The policy of a stored training: parameters and normaliser, to the last bit."""
-    scale = data["scale"].values
+    theta, mean, scale = (np.asarray(data[name]) for name in ("theta", "mean", "scale"))
     # In binary numbers the root of the square of a number is that number.
-    return Trained(data["theta"].values, Normaliser(2.0, data["mean"].values, 2.0 * scale**2))
+    return Trained(theta, Normaliser(2.0, mean, 2.0 * scale**2))
 
 
 def described(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:

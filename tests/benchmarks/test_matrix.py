@@ -1,10 +1,11 @@
-"""Every named problem under every law by every method: the README's table of solves."""
+"""Every named problem under every law by every method: the site's table of solves."""
 
 import pytest
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Direct, MultipleShooting, SingleShooting, Solution, solve
 from problems import get, names
+from reports.site.measured import write_table
 
 LAWS = (Exact(), Barrier(mu=1e-3), Adaptive(sigma=0.02))
 METHODS = (Direct(), MultipleShooting(), SingleShooting())
@@ -30,13 +31,10 @@ def cell(found: Solution) -> str:
 @pytest.mark.bench
 def test_all_combinations() -> None:
     """All must be certified."""
-    print("\ncost under the law / under the exact law / under the referee / iterations\n")
-    print("| problem | method | exact | barrier, mu = 1e-3 | adaptive, sigma = 0.02 |")
-    print("|---|---|---|---|---|")
-    unsolved = set()
+    rows, unsolved = [], set()
     for name in names():
         for method in METHODS:
-            row = []
+            row = [f"`{name}`", method.name]
             for law in LAWS:
                 if why := left_out(name, method.name, law.name):
                     row.append(why)
@@ -45,5 +43,13 @@ def test_all_combinations() -> None:
                 row.append(cell(found))
                 if not found.success:
                     unsolved.add((name, method.name, law.name))
-            print(f"| `{name}` | {method.name} | {' | '.join(row)} |", flush=True)
+            print("  ".join(row), flush=True)
+            rows.append(row)
+    write_table(
+        "matrix",
+        title="Every problem, law and method",
+        command="pytest -m bench -s tests/benchmarks/test_matrix.py",
+        columns=("problem", "method", "exact", "barrier, mu = 1e-3", "adaptive, sigma = 0.02"),
+        rows=rows,
+    )
     assert not unsolved

@@ -1,6 +1,11 @@
-"""What the README shows must work as it stands."""
+"""What the README and the pages of the site show, solved: the mathematics behind the examples.
 
-import re
+That every command on them works as printed is :mod:`tests.docs.test_pages`.
+"""
+
+from __future__ import annotations
+
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,35 +15,37 @@ from dynamics.contact import Exact
 from ocp import solve
 from problems import spec
 from reports.cli.app import main
+from reports.site.markdown import cell
+from tests.docs.pages import ROOT, blocks
 
-README = Path(__file__).parents[2] / "README.md"
-
-
-def python_blocks() -> list[str]:
-    return re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-
-
-def saved(name: str, folder: Path) -> Path:
-    """The block that defines a problem, as the file that the README calls it."""
-    source = next(block for block in python_blocks() if f'"{name}"' in block)
-    path = folder / f"{name.replace('-', '_')}.py"
-    path.write_text(source)
-    return path
+README, DOCS = ROOT / "README.md", ROOT / "docs"
+LARGEST = 8192
 
 
-@pytest.fixture
-def example(tmp_path: Path) -> Path:
-    return saved("catch", tmp_path)
+def saved(page: Path, file: str, folder: Path) -> Path:
+    """The block of ``page`` that is called ``file``, as that file."""
+    source = next(b.text for b in blocks(page.read_text()) if b.file == file)
+    (folder / file).write_text(source)
+    return folder / file
 
 
-def test_added_problem_works_with_solve_and_show(example: Path, tmp_path: Path) -> None:
-    assert main(["show", str(example)]) == 0
-    assert main(["solve", str(example), "--contact", "exact", "--out", str(tmp_path / "r")]) == 0
+def test_the_readme_is_short() -> None:
+    assert len(README.read_bytes()) <= LARGEST
 
 
-def test_added_problem_catches_the_mass(example: Path) -> None:
+def test_its_table_of_smoothings_says_what_was_measured() -> None:
+    measured = json.loads((DOCS / "generated" / "data" / "smoothings.json").read_text())
+    wanted = {tuple(map(cell, row[:5])) for row in measured["rows"]}
+    text = README.read_text().partition("## Which smoothing")[2].partition("\n## ")[0]
+    lines = [line for line in text.splitlines() if line.startswith("| ")][2:]
+    rows = [tuple(part.strip() for part in line.strip("| ").split(" | ")) for line in lines]
+    assert len(rows) == 6 and set(rows) <= wanted
+
+
+def test_added_problem_catches_the_mass(tmp_path: Path) -> None:
     """The mass is to rest at 0.8 m; the walls at 0 and 1 m must hold it in on the way."""
-    found = solve(spec(str(example)).problem({}), contact=Exact())
+    file = saved(DOCS / "reference" / "problem-file.md", "catch.py", tmp_path)
+    found = solve(spec(str(file)).problem({}), contact=Exact())
     x = found.data["x"].values[0]
     assert found.success
     assert x[:, 0].min() >= -1e-9 and x[:, 0].max() <= 1 + 1e-9
@@ -47,9 +54,9 @@ def test_added_problem_catches_the_mass(example: Path) -> None:
 
 def test_built_machine_lifts_itself(tmp_path: Path) -> None:
     """The bar ends turned by -0.5 rad (nose up) and at rest, on tail and hand alone."""
-    found = solve(spec(str(saved("push-up", tmp_path))).problem({}), contact=Exact())
+    file = saved(DOCS / "theory" / "machines.md", "push_up.py", tmp_path)
+    found = solve(spec(str(file)).problem({}), contact=Exact())
     assert found.success
-    assert found.verdict in README.read_text()
     end = found.data["x"].values[0, -1]
     assert end[2] == pytest.approx(-0.5, abs=0.02)
     assert abs(end[4:]).max() < 0.05
@@ -61,15 +68,15 @@ def test_built_machine_lifts_itself(tmp_path: Path) -> None:
 
 
 def test_machine_example_shows_and_draws(tmp_path: Path) -> None:
-    path = str(saved("push-up", tmp_path))
+    path = str(saved(DOCS / "theory" / "machines.md", "push_up.py", tmp_path))
     assert main(["show", path]) == 0
     drawn = spec(path)
     assert drawn.draw is not None
     assert len(drawn.draw(drawn.params({}), np.zeros(8))) == 1 + 2 + 3
 
 
-def test_python_example_runs(tmp_path: Path) -> None:
-    source = next(block for block in python_blocks() if "solution.verdict" in block)
+def test_python_example_gives_what_it_says() -> None:
+    source = next(b.text for b in blocks(README.read_text()) if "solution.verdict" in b.text)
     scope: dict = {}
     exec(compile(source, str(README), "exec"), scope)
     solution, replay = scope["solution"], scope["solution"].replay(scope["Exact"]())

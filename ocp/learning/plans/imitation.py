@@ -33,17 +33,23 @@ def fitted_policy(
     copies: int = 0,
     spread: float = 0.0,
 ) -> Trained:
-    """The policy with tanh layers ``hidden`` that does what ``plans`` do, to least squares.
-
-    Over the states and inputs of :func:`~ocp.learning.plans.demonstrations.demonstrations`, which
-    ``copies`` and ``spread`` go to, it minimises the mean of ``|a(o) - a*|²``, the action before
-    tanh against ``a* = artanh((u - mid) / half)``, with u cut to 0.99 of its way to the bounds.
-    Observations are normalised by the plans' own. The affine policy, ``()``, is the solution of
-    least norm; others are where 500 iterations of L-BFGS lead from weights out of the ``seed``.
+    """The policy :func:`fitted_to` what ``plans`` show, with ``copies`` and ``spread`` beside them.
 
     Raises :class:`~ocp.errors.InputError` as :func:`demonstrations` does.
     """
-    states, inputs = demonstrations(plans, copies, spread, seed)
+    return fitted_to(task, *demonstrations(plans, copies, spread, seed), hidden, seed)
+
+
+def fitted_to(
+    task: Task, states: np.ndarray, inputs: np.ndarray, hidden: tuple[int, ...] = (), seed: int = 0
+) -> Trained:
+    """The policy with tanh layers ``hidden`` that does ``inputs`` (n, nu) in ``states`` (n, nx).
+
+    It minimises the mean of ``|a(o) - a*|²``, the action before tanh against
+    ``a* = artanh((u - mid) / half)``, with u cut to 0.99 of its way to the bounds. Observations are
+    normalised by their own mean and deviation. The affine policy, ``()``, is the solution of least
+    norm; others are where 500 iterations of L-BFGS lead from weights out of the ``seed``.
+    """
     policy = dense(task.observe, hidden, task.lower, task.upper)
     seen = BatchFunction(task.observe, "numpy", 1)(states, task.parameters.values)
     normaliser = Normaliser.identity(seen.shape[1]).after(seen)

@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from ocp.errors import choose
 from ocp.learning.algorithms import ALGORITHMS
-from ocp.scheduling import Failure, carried_out
+from ocp.scheduling import Failure, Function, Tell, carried_out
 from problems.studies.study import Pieces
 from problems.tasks import registry
 from problems.tasks.training import TrainingJob, trained
@@ -31,19 +31,32 @@ def job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -
 
 
 def curves(jobs: Mapping[str, TrainingJob], pieces: Pieces) -> dict[str, Curves]:
-    """Every array of every training, by the key of its job; those that were kept are not redone.
+    """Every array of every training, by the key of its job; see :func:`side_by_side`.
 
-    Trainings are done in as many processes as there are CPUs; results do not depend on them but
-    for ``wall_s``. Raises what a training raised.
+    Results do not depend on how many processes there are, but for ``wall_s``.
+    """
+    return side_by_side(trained_curves, jobs, pieces)
+
+
+def trained_curves(job: TrainingJob, tell: Tell) -> Curves:
+    """Do a training; a :data:`~ocp.scheduling.Function`."""
+    data = trained(job, tell)
+    return {str(name): data[name].values for name in data.data_vars}
+
+
+def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) -> dict[str, Curves]:
+    """What ``function`` gives for every job, arrays by name, by the key of the job.
+
+    Those that were kept are not redone; the others are done in as many processes as there are
+    CPUs. Raises what a job raised.
     """
     found = {key: pieces.kept(key) for key in jobs}
     left = [key for key, arrays in found.items() if arrays is None]
     workers = min(len(os.sched_getaffinity(0)), max(1, len(left)))
-    for place, outcome in carried_out(trained, [jobs[key] for key in left], workers):
+    for place, outcome in carried_out(function, [jobs[key] for key in left], workers):
         if isinstance(outcome, Failure):
             raise outcome.error
-        arrays = {str(name): outcome[name].values for name in outcome.data_vars}
-        found[left[place]] = pieces.keep(left[place], arrays)
+        found[left[place]] = pieces.keep(left[place], outcome)
     return {key: arrays for key, arrays in found.items() if arrays is not None}
 
 

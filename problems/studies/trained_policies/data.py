@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,6 +12,8 @@ import xarray as xr
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from problems.studies.shared.trainings import Curves, at, curves, job
 from problems.studies.study import Pieces, StudyParams, quantity_of, setting
+from problems.studies.trained_policies import plans
+from problems.tasks.episodes import policy_of
 from problems.tasks.training import TrainingJob
 
 TASKS = ("hopper", "half-cheetah")
@@ -25,17 +29,23 @@ class Method:
     algorithm: str
     law: ContactLaw
     share: float = 1.0
+    hidden: tuple[int, ...] = ()
+    shown: bool = False
+    """Whether it begins at a policy fitted to plans."""
 
 
-_SHARP = Barrier(mu=1e-10)
+_SHARP, _ABS = Barrier(mu=1e-10), Adaptive("quartic")
+NETWORK, SHOWN = "FOPG-ABS, network", "the same, from plans"
 METHODS = {
-    "FOPG-ABS": Method("fopg", Adaptive("quartic")),
+    "FOPG-ABS": Method("fopg", _ABS),
     "FOPG": Method("fopg", _SHARP),
     "ZOPG": Method("zopg", _SHARP),
     "ARS": Method("ars", _SHARP),
     "PIPPS": Method("pipps", _SHARP, share=0.1),
     "AoBG": Method("aobg", _SHARP),
-    "MBPO": Method("mbpo", _SHARP, share=0.01),
+    "MBPO": Method("mbpo", _SHARP, share=0.01, hidden=plans.HIDDEN),
+    NETWORK: Method("fopg", _ABS, hidden=plans.HIDDEN),
+    SHOWN: Method("fopg", _ABS, hidden=plans.HIDDEN, shown=True),
 }
 
 
@@ -45,12 +55,14 @@ class Params(StudyParams):
     runs: int = setting(5, "1", "seeds of each algorithm and task", least=2)
     kilosteps: int = setting(500, "1", "thousand simulated steps of each run", least=1)
     judged: int = setting(20, "1", "judgements along a run", least=2)
+    plans: int = setting(4, "1", "starts that episodes are planned from", least=1)
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """Returns of every run over simulated steps and over time, and what the best policy does."""
+    shown = plans.plans(TASKS, params.plans, pieces)
     jobs = {
-        f"{task}-{name}-{r}": _job(task, METHODS[name], params, r)
+        f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, shown[task])
         for task in TASKS for name in METHODS for r in range(params.runs)
     }  # fmt: skip
     found = curves(jobs, pieces)
@@ -73,28 +85,70 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
             "best": quantity_of(one, best("evaluation_return"), "1", "best exact return"),
             "speed": quantity_of(one, best("evaluation_speed"), "m/s", "mean speed of the best"),
             "length": quantity_of(one, best("evaluation_length"), "1", "steps that it lives"),
+            **_against_plans(params, pieces, shown, jobs, found),
         },
         {
             "task": list(TASKS),
             "algorithm": list(METHODS),
             "steps": quantity_of("steps", steps, "1", "simulated steps"),
             "wall": quantity_of("wall", wall, "s", "wall time"),
+            "guess": ["held inputs", "best policy"],
         },
     )
+
+
+def _against_plans(
+    params: Params,
+    pieces: Pieces,
+    shown: Mapping[str, list[Curves]],
+    jobs: Mapping[str, TrainingJob],
+    found: Mapping[str, Curves],
+) -> dict[str, tuple[Any, np.ndarray, dict[str, str]]]:
+    """Returns over the steps of a plan: of plans from both guesses, and of every policy."""
+    n = params.plans
+    policies = {
+        key: plans.Policy(job.task, policy_of(found[key]), job.options["hidden"])
+        for key, job in jobs.items()
+    }
+    reached = {key: policy.returns(n) for key, policy in policies.items()}
+    best = {
+        task: max((key for key in jobs if jobs[key].task == task), key=lambda k: reached[k].mean())
+        for task in TASKS
+    }
+    near = plans.plans(TASKS, n, pieces, {task: policies[key] for task, key in best.items()})
+
+    def told(of: str) -> np.ndarray:
+        return np.array(
+            [[[one[of] for one in guess[task]] for guess in (shown, near)] for task in TASKS]
+        )
+
+    shape = (len(TASKS), len(METHODS), params.runs, n)
+    each = ("task", "guess", "start")
+    return {
+        "planned": quantity_of(each, told("returned"), "1", "return of a plan"),
+        "replayed": quantity_of(each, told("replayed"), "1", "exact return of its inputs"),
+        "certified": quantity_of(each, told("certified"), "1", "whether it is certified"),
+        "reached": quantity_of(
+            ("task", "algorithm", "run", "start"), np.reshape(list(reached.values()), shape), "1",
+            "exact return of a policy over as many steps",
+        ),
+    }  # fmt: skip
 
 
 def _held(found: Curves, along: str, grid: np.ndarray) -> np.ndarray:
     return at(grid, found[along], found["evaluation_return"])
 
 
-def _job(task: str, method: Method, params: Params, run: int) -> TrainingJob:
+def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves]) -> TrainingJob:
     """A training of so many iterations as the simulated steps allow, were no episode to end."""
     seed = params.seed * 1000 + run
-    first = job(task, method.algorithm, method.law, seed)
+    start = plans.fitted(task, shown, seed) if method.shown else None
+    hidden = method.hidden
+    first = job(task, method.algorithm, method.law, seed, hidden=hidden)
     iterations = max(2, round(1e3 * params.kilosteps * method.share / _steps(first)))
     every = max(1, iterations // params.judged)
-    return job(task, method.algorithm, method.law, seed, iterations=iterations,
-               evaluate_every=every, episodes=EPISODES)  # fmt: skip
+    return job(task, method.algorithm, method.law, seed, hidden=hidden, iterations=iterations,
+               evaluate_every=every, episodes=EPISODES, start=start)  # fmt: skip
 
 
 def _steps(asked: TrainingJob) -> float:

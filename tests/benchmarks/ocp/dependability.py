@@ -1,4 +1,4 @@
-"""Exact-law solves of every named problem from 21 guesses, and the README's table of them.
+"""Exact-law solves of every named problem from 21 guesses, and the site's table of them.
 
 ``make bench-solve`` runs it; ``PROBLEMS="hopper push-1d"`` asks for some of them, and rewrites
 their rows alone.
@@ -7,14 +7,12 @@ their rows alone.
 from __future__ import annotations
 
 import math
-import re
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
-from pathlib import Path
 from statistics import median
 
 from dynamics.contact import Exact
@@ -24,9 +22,9 @@ from ocp.programs.status import Status
 from ocp.solution import Solution
 from ocp.solve import new_session
 from problems import get, names, spec
+from reports.site.measured import DATA, read, write_table
 
-README = Path(__file__).parents[3] / "README.md"
-BEGIN, END = "<!-- made by make bench-solve -->", "<!-- end of make bench-solve -->"
+TABLE = "dependability"
 COLUMNS = (
     "problem", "N", "pairs a step", "audited of 20", "certified of 20", "default guess",
     "median iterations", "median s", "certificate s", "best cost", "worst cost",
@@ -119,24 +117,22 @@ def certified(starts: Sequence[Start]) -> int:
     return sum(start.success for start in starts if start.index > 0)
 
 
-def table(rows: Sequence[Sequence[str]]) -> str:
-    """A markdown table, the first column to the left."""
-    head = [COLUMNS, ["---", *["---:"] * (len(COLUMNS) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in head) + "\n"
+def merged(old: Sequence[Sequence[str]], fresh: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Rows in the order of the registry: fresh ones replace their own, the others stay."""
+    rows = {cells[0]: list(cells) for cells in (*old, *fresh)}
+    return [rows[key] for name in names() if (key := f"`{name}`") in rows]
 
 
-def rewritten(text: str, fresh: Sequence[Sequence[str]]) -> str:
-    """Put rows between the markers of ``text``: fresh ones replace, the others stay."""
-    before, found = text.split(BEGIN)
-    old, after = found.split(END)
-    rows = {}
-    for line in re.findall(r"^\| (`.*) \|$", old, re.MULTILINE):
-        cells = line.split(" | ")
-        rows[cells[0]] = cells
-    rows |= {cells[0]: list(cells) for cells in fresh}
-    order = [f"`{name}`" for name in names()]
-    kept = [rows[name] for name in order if name in rows]
-    return f"{before}{BEGIN}\n{table(kept)}{END}{after}"
+def store(fresh: Sequence[Sequence[str]]) -> None:
+    """Put rows into the table of the site."""
+    old = read(TABLE)["rows"] if (DATA / f"{TABLE}.json").exists() else []
+    write_table(
+        TABLE,
+        title="Exact-law solves from 21 guesses",
+        command="make bench-solve",
+        columns=COLUMNS,
+        rows=merged(old, fresh),
+    )
 
 
 def measured(chosen: Sequence[str]) -> Iterator[list[Start]]:
@@ -149,7 +145,7 @@ def measured(chosen: Sequence[str]) -> Iterator[list[Start]]:
 
 
 def main() -> int:
-    """Measure, print failures as they come, rewrite the README; 1 where a floor is missed."""
+    """Measure, print failures as they come, store the table; 1 where a floor is missed."""
     chosen = [spec(name).name for name in sys.argv[1:]] or names()
     rows, missed = [], []
     for starts in measured(chosen):
@@ -165,8 +161,9 @@ def main() -> int:
                 print(f"  start {start.index}: {start.status}; {start.where}", file=sys.stderr)
         if audited(starts) < FLOORS.get(name, 0):
             missed.append(f"{name}: {audited(starts)} of {PERTURBED}, floor {FLOORS[name]}")
-        README.write_text(rewritten(README.read_text(), rows))
-    print(table(rows))
+        store(rows)
+    for cells in rows:
+        print("  ".join(cells))
     print("below the floor: " + "; ".join(missed) if missed else "every floor is met")
     return 1 if missed else 0
 

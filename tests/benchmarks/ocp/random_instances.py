@@ -31,8 +31,9 @@ from ocp.routes.relaxations import CentralPath
 from ocp.session import Session
 from ocp.solution import Solution
 from ocp.solve import new_session, solve
-from ocp.transcription import MultipleShooting, SingleShooting
+from ocp.transcription import Method, MultipleShooting, SingleShooting
 from problems import get
+from reports.site.measured import write_table
 from tests.benchmarks.ocp.random_draws import PROBLEMS, Instance, drawn
 
 STORE = Path("runs/bench-random.json")
@@ -84,10 +85,10 @@ def alone(instance: Instance) -> Answer:
 
 def _from_session(
     instance: Instance, run: Callable[[Session], Outcome], settings: dict[str, str] | None = None,
-    method: MultipleShooting | SingleShooting | None = None,
+    method: Method | str = "direct",
 ) -> Answer:  # fmt: skip
-    session = new_session(get(instance.problem, **instance.params), Exact(), method, None,
-                          "ipopt", settings)  # fmt: skip
+    problem = get(instance.problem, **instance.params)
+    session = new_session(problem, Exact(), method, settings=settings)
     began, wall = time.process_time(), time.perf_counter()
     outcome = run(session)
     spent = time.process_time() - began, time.perf_counter() - wall
@@ -244,15 +245,15 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def row(name: str, s: Summary) -> str:
+def row(name: str, s: Summary) -> list[str]:
     """A line of the table."""
     cells = (name, s.count, s.solved, s.worse, s.shot, s.uncertified, s.slow, s.misplaced,
              f"{s.seconds:.2g}", f"{s.ratio:.2f}")  # fmt: skip
-    return f"| {' | '.join(str(cell) for cell in cells)} |"
+    return [str(cell) for cell in cells]
 
 
 def main() -> int:
-    """Measure, tell the worse ones as they come, print the table; 1 where a floor is missed."""
+    """Measure, tell the worse ones as they come, store the table; 1 where a floor is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("problems", nargs="*", metavar="PROBLEM", choices=[*PROBLEMS, []])
     parser.add_argument("--count", type=int, default=30, help="instances a problem")
@@ -270,11 +271,18 @@ def main() -> int:
             every[name].append(answers)
             _keep(store)
             _tell(instance, answers)
-    print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
-    for name, found in every.items():
-        print(row(f"`{name}`", summary(found)))
     total = summary([answers for found in every.values() for answers in found])
-    print(row("all", total))
+    rows = [*(row(f"`{name}`", summary(found)) for name, found in every.items()), row("all", total)]
+    for cells in rows:
+        print("  ".join(cells))
+    if not given.problems:
+        write_table(
+            "random-instances",
+            title="Instances with drawn parameters",
+            command=f"make bench-random COUNT={given.count}",
+            columns=COLUMNS,
+            rows=rows,
+        )
     print("missed: " + "; ".join(total.missed) if total.missed else "every floor is met")
     return 1 if total.missed else 0
 

@@ -1,69 +1,63 @@
-"""The README's tables of claims: how they are written, and that they say what the tests say."""
+"""Claims of the figures on the site: how they are kept, and that they say what the tests say."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
 
 from ocp.errors import InputError
 from reports import smoothings
-from reports.claims import BEGIN, END, rewritten, with_table
+from reports.site import claims, figures, measured
 from tests.golden.figures.compared import compared
 from tests.golden.figures.verdicts import VERDICTS
 
-README = Path(__file__).parents[3] / "README.md"
-FIGURES = [
-    {"id": "X1", "claims": [
-        {"claim": "|a| < 1", "source": "s", "expected": "e", "measured": "0.5", "holds": True},
-        {"claim": "b", "source": "s", "expected": "e", "measured": "2", "holds": False},
-    ]},
-    {"id": "X2", "claims": [
-        {"claim": "c", "source": "s", "expected": "e", "measured": "3", "holds": True},
-    ]},
-]  # fmt: skip
+CLAIMS = [
+    {"claim": "|a_b| < 1", "source": "s", "expected": "e", "measured": "0.5", "holds": True},
+    {"claim": "b", "source": "s", "expected": "e", "measured": "2", "holds": False},
+]
 
 
-def test_the_block_is_replaced_and_nothing_else() -> None:
-    page = rewritten(f"before\n{BEGIN}\nstale\n{END}\nafter\n", FIGURES)
-    assert page.startswith(f"before\n{BEGIN}\nOf 3 claims 2 hold;")
-    assert page.endswith(f"</details>\n{END}\nafter\n")
-    assert "stale" not in page
-    assert "<summary>X1: 1 of 2 hold</summary>" in page
-    assert "| \\|a\\| < 1 | s | e | 0.5 | yes |" in page
-    assert "| b | s | e | 2 | no |" in page
-    assert rewritten(page, FIGURES) == page
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(measured, "DOCS", tmp_path)
+    monkeypatch.setattr(measured, "DATA", tmp_path / "data")
+    return tmp_path
 
 
-@pytest.mark.parametrize("text", ["", BEGIN, f"{END} {BEGIN}", f"{BEGIN} {END} {BEGIN} {END}"])
-def test_a_page_without_its_markers_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="once each"):
-        rewritten(text, FIGURES)
+def test_claims_are_kept_with_where_they_come_from(folder: Path) -> None:
+    (file,) = claims.keep([{"id": "P1", "claims": CLAIMS}])
+    assert file == folder / "data" / "claims" / "P1.json"
+    kept = measured.read("claims/P1")
+    assert kept["claims"] == CLAIMS and kept["command"] == "ocp figure P1"
+    assert all(kept[name] for name in ("commit", "date", "machine"))
+    assert figures.good(kept) == "1 of 2"
+    rows = figures.claims(kept).splitlines()
+    assert rows[2].startswith("| \\|a\\_b\\| \\< 1 |") and rows[2].endswith("| yes |")
+    assert rows[3].endswith("| **no** |")
 
 
-def test_the_table_of_smoothings_is_read_from_its_file(tmp_path: Path) -> None:
+def test_a_figure_that_is_none_is_refused(folder: Path) -> None:
+    with pytest.raises(InputError, match="figure"):
+        claims.keep([{"id": "X1", "claims": CLAIMS}])
+
+
+def test_picture_and_table_of_smoothings_are_made_from_the_file(folder: Path) -> None:
     made = compared(lambda key: (1.0, 1.0 if "exact" in key else 1.05))
-    file = tmp_path / "N3.nc"
+    file = folder / "N3.nc"
     made.to_netcdf(file, engine="scipy", format="NETCDF3_64BIT")
-    figures = [*FIGURES, {"id": "N3", "files": [str(tmp_path / "N3.pdf"), str(file)]}]
-    text = f"before\n{smoothings.BEGIN}\nstale\n{smoothings.END}\nafter\n"
-    page = with_table(text, figures)
-    inside = smoothings.table(made)
-    assert page == f"before\n{smoothings.BEGIN}\n{inside}{smoothings.END}\nafter\n"
-    assert with_table(page, figures) == page
-    assert with_table(text, FIGURES) == text
-    with pytest.raises(InputError, match="once each"):
-        with_table("no markers", figures)
+    files = [str(folder / "N3.pdf"), str(file)]
+    claims.keep([{"id": "N3", "claims": CLAIMS, "files": files}])
+    table = measured.read("smoothings")
+    assert [table["columns"], *table["rows"]] == smoothings.rows(made)
+    assert (folder / "pictures" / "figures" / "N3.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_readme_has_the_claims_and_verdicts_of_the_studies() -> None:
-    block = README.read_text().split(BEGIN)[1].split(END)[0]
-    found: dict[str, dict[str, bool]] = {}
-    for part in block.split("<details>")[1:]:
-        name = re.findall(r"<summary>(\w+):", part)[0]
-        rows = re.findall(r"^\| (.*?) (?<!\\)\| .* \| (yes|no) \|$", part, re.MULTILINE)
-        found[name] = {claim.replace("\\|", "|"): word == "yes" for claim, word in rows}
+def test_the_site_has_the_claims_and_verdicts_of_the_studies() -> None:
+    found = {
+        name: {claim["claim"]: claim["holds"] for claim in figure["claims"]}
+        for name, figure in figures.measured().items()
+    }
     assert found == VERDICTS
     every = [held for study in VERDICTS.values() for held in study.values()]
-    assert f"Of {len(every)} claims {sum(every)} hold;" in block
+    assert f"Of {len(every)} claims {sum(every)} hold;" in figures.index(figures.measured())

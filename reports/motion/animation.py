@@ -1,0 +1,174 @@
+"""A run in motion: the plan beside its replay under the exact law, with contact forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ocp.errors import InputError
+from problems.drawing import ContactFrame, Shape
+from reports.camera import Camera, film
+from reports.forces import Forces, forces_of
+from reports.view import RunView
+
+_MOST_FRAMES = 1500
+_SAME = 2e-4
+"""Of the largest state: less than a pixel of the picture."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """States (n, nx), shapes and contacts of n frames, and the forces during each (n, points).
+
+    There are fewer frames than times where a replay ran away to states that are no numbers.
+    ``suffix`` is what names of its arrays end in.
+    """
+
+    title: str
+    suffix: str
+    x: np.ndarray
+    shapes: list[list[Shape]]
+    contacts: list[list[ContactFrame]]
+    forces: Forces | None
+
+
+class Animation:
+    """What is seen of a run at ``times`` [s]: one or two ``motions``, each under its camera.
+
+    ``forces`` tells the longest arrow and its unit, and is None where nothing is ever pushed.
+    """
+
+    def __init__(
+        self, view: RunView, fps: int = 25, speed: float = 1.0, cones: bool = False
+    ) -> None:
+        """Look at ``fps`` instants a second; ``speed`` 0.5 shows a second of the motion in two.
+
+        Raises :class:`~ocp.errors.InputError` for a run without states or a problem without a
+        drawing, and for more frames than a file should hold.
+        """
+        check_drawable(view)
+        assert view.spec is not None
+        self.view, self.fps, self.speed, self.cones = view, fps, speed, cones
+        self.times = frame_times(float(view.time[-1]), fps, speed)
+        self.motions = motions(view, self.times)
+        self.cameras: list[Camera] = film([motion.shapes for motion in self.motions])
+        self.axes: tuple[str, str] = view.spec.axes
+
+    @property
+    def title(self) -> str:
+        """The problem's title, and which scenario is shown where there are several."""
+        scenarios = self.view.run.data.sizes["scenario"]
+        which = f", scenario 0 of {scenarios}" if scenarios > 1 else ""
+        return f"{self.view.title}{which}"
+
+    @property
+    def largest(self) -> float:
+        """Size of the largest force of all motions, 0 where nothing is pushed."""
+        found = [motion.forces.largest for motion in self.motions if motion.forces]
+        return max(found, default=0.0)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the forces, empty where there are none."""
+        return next((motion.forces.unit for motion in self.motions if motion.forces), "")
+
+    @property
+    def rough(self) -> bool:
+        """Whether friction cones are shown."""
+        known = (contact.friction for motion in self.motions for contact in motion.contacts[0])
+        return self.cones and any(known)
+
+    def clock(self, frame: int) -> str:
+        """Time of a frame, and how fast it goes where that is not real time."""
+        pace = "" if self.speed == 1 else f"   {self.speed:g} × real time"
+        return f"t = {self.times[frame]:.2f} s{pace}"
+
+
+def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
+    """Times [s] of the frames from 0 to ``duration``, evenly apart and nearest to ``speed / fps``.
+
+    Raises :class:`~ocp.errors.InputError` for more frames than a file should hold.
+    """
+    steps = max(1.0, duration * fps / speed)
+    if steps > _MOST_FRAMES:
+        raise InputError(
+            f"{duration:.4g} s at {fps} frames a second and speed {speed:g} are {steps:.0f}"
+            f" frames, expected at most {_MOST_FRAMES}; raise --speed or lower --fps"
+        )
+    return np.linspace(0.0, duration, round(steps) + 1)
+
+
+def motions(view: RunView, times: np.ndarray) -> list[Motion]:
+    """The plan and its replay under the exact law, at ``times``; one motion where they agree."""
+    law = view.run.record.get("contact", "chosen")
+    title = f"planned under the {law} law"
+    if view.run.kind == "train":
+        title = f"the policy of {view.run.record['algorithm']} under the exact law"
+    plan = _motion(view, "", title, times)
+    x, x_replay = view.array("x"), view.array("x_replay")
+    assert x is not None
+    if x_replay is None:
+        return [plan]
+    apart = float(np.max(np.abs(x[0] - x_replay[0])))
+    if apart <= _SAME * max(1.0, float(np.max(np.abs(x[0])))):
+        same = f"the replay under the exact law is the same (states within {apart:.0e})"
+        return [replace(plan, title=f"{plan.title}; {same}")]
+    return [plan, _motion(view, "_replay", "replayed under the exact law", times)]
+
+
+def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion:
+    spec, x = view.spec, view.array(f"x{suffix}")
+    assert spec is not None and spec.draw is not None and x is not None
+    states = np.stack([np.interp(times, view.time, column) for column in x[0].T], axis=1)
+    known = np.isfinite(states).all(axis=1)
+    if not known.all():
+        end = max(1, int(np.argmin(known)))
+        states = states[:end]
+        title = f"{title}; runs away at {times[end]:.2f} s"
+    frames: Callable[..., list[ContactFrame]] = spec.frames or (lambda *_: [])
+    forces = forces_of(view, suffix)
+    return Motion(
+        title,
+        suffix,
+        states,
+        [spec.draw(view.params, state) for state in states],
+        [frames(view.params, state) for state in states],
+        None if forces is None else _sampled(forces, view.time, times),
+    )
+
+
+def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
+    """Force of the step that led to the node nearest to each frame; none has led to the first.
+
+    Where steps are shorter than frames it is the mean over those since the last frame.
+    """
+    nearest = np.abs(times[:, None] - nodes).argmin(axis=1)
+    count = max(1, round((times[1] - times[0]) / (nodes[1] - nodes[0])))
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        at_nodes = np.concatenate([np.zeros_like(values[:1]), values])
+        return np.stack([at_nodes[max(0, k - count + 1) : k + 1].mean(axis=0) for k in nearest])
+
+    return replace(forces, normal=mean(forces.normal), friction=mean(forces.friction))
+
+
+def check_drawable(view: RunView) -> None:
+    """Raise :class:`~ocp.errors.InputError` for a run that does not move or has no drawing."""
+    name = view.run.meta["problem"]
+    if view.run.kind not in ("solve", "train") or view.array("x") is None:
+        raise InputError(
+            f"{view.run.path} holds a {view.run.kind} study, which does not move; give a run of"
+            " ocp solve or ocp train"
+        )
+    if view.spec is None:
+        raise InputError(
+            f"the problem {name!r} of {view.run.path} is not found again; its file is gone or no"
+            " longer fits the run"
+        )
+    if view.spec.draw is None:
+        raise InputError(
+            f"the problem {name!r} has no drawing; add draw(params, state) -> list of shapes"
+            " (problems.drawing) to its file"
+        )

@@ -1,0 +1,137 @@
+"""Draw the README's pictures from stored runs.
+
+``python -m reports.motion.gallery ROOT FOLDER --still NAME... --moving NAME...`` draws
+``strobes.png`` of all that are still, and ``<name>.gif`` of each that moves.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ocp.errors import InputError
+from ocp.problem import Problem
+from ocp.store.runs import list_runs, load
+from reports.motion.animation import Animation
+from reports.motion.movie import write
+from reports.strobe import draw_strobe
+from reports.style import styled
+from reports.view import RunView
+
+_COLUMNS, _WIDTH = 3, 10.5
+_STRIDES = 4
+LARGEST = 1_500_000
+"""Bytes that a page can carry for one animation."""
+
+
+def picture(views: Sequence[RunView]) -> Figure:
+    """Strobes in rows of three, each under the title of its problem; rows as high as they need."""
+    columns = min(_COLUMNS, len(views))
+    rows = -(-len(views) // columns)
+    figure = Figure(layout="constrained")
+    grid = figure.add_gridspec(rows, columns)
+    heights = np.zeros(rows)
+    for index, view in enumerate(views):
+        row, column = divmod(index, columns)
+        axis = figure.add_subplot(grid[row, column])
+        draw_strobe(axis, view)
+        axis.set_title("", loc="left")
+        axis.set_title(view.title, fontsize=10)
+        heights[row] = max(heights[row], _height(axis, _WIDTH / columns - 0.7))
+    grid.set_height_ratios(heights)
+    figure.set_size_inches(_WIDTH, float(heights.sum()))
+    return figure
+
+
+def _height(axis: Axes, width: float) -> float:
+    """Height [inch] of a picture ``width`` wide, with its labels."""
+    ratio = np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim())
+    return 0.9 + width * float(np.clip(ratio, 0.2, 1.1))
+
+
+def newest(root: Path, name: str) -> RunView:
+    """Look at the latest run of a problem below ``root``.
+
+    Raises :class:`~ocp.errors.InputError` where there is none.
+    """
+    found = [entry.path for entry in list_runs(root) if entry.path.parent.name == name]
+    if not found:
+        raise InputError(f"{root} holds no run of {name}; ocp solve {name} --out {root} makes one")
+    return RunView.of(load(found[-1]))
+
+
+def moving(view: RunView) -> Animation:
+    """Animate a run; of a periodic one several strides, slowed down since they are quick."""
+    return Animation(repeated(view, _STRIDES), speed=0.5) if is_periodic(view) else Animation(view)
+
+
+def is_periodic(view: RunView) -> bool:
+    """Whether the problem's motion ends as it began."""
+    start = view.problem.start if isinstance(view.problem, Problem) else None
+    return start is not None and bool(start.periodic)
+
+
+def repeated(view: RunView, count: int) -> RunView:
+    """Look at ``count`` strides of a periodic run, each begun where the last one ended.
+
+    States go on by what they gained over the stride (the way forward; nothing for those that are
+    periodic), time by its duration; impulses are the same in every stride.
+    """
+    data = view.run.data.reset_coords()
+    nodes = data[[name for name in data if "node" in data[name].dims]]
+    gained = nodes.isel(node=-1) - nodes.isel(node=0)
+    strides = [nodes.isel(node=slice(bool(k), None)) + k * gained for k in range(count)]
+    pushes = data[[name for name in data if "interval" in data[name].dims]]
+    again = xr.merge([xr.concat(strides, "node"), xr.concat([pushes] * count, "interval")])
+    run = replace(view.run, data=again.set_coords("time"))
+    if view.spec is None:
+        return replace(view, run=run)
+    title = f"{view.spec.title}, the stride {count} times"
+    return replace(view, run=run, spec=replace(view.spec, title=title))
+
+
+def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -> list[Path]:
+    """Draw the newest run of every problem and return the files, the strobes first.
+
+    Raises :class:`~ocp.errors.InputError` for a problem without a run and for an animation that
+    came out too large.
+    """
+    files = [folder / "strobes.png", *(folder / f"{name}.gif" for name in moved)]
+    with styled():
+        strobes = picture([newest(root, name) for name in still])
+        strobes.savefig(files[0], dpi=110, metadata={"Software": None})
+        for name, file in zip(moved, files[1:], strict=True):
+            write(moving(newest(root, name)), file)
+            if file.stat().st_size > LARGEST:
+                raise InputError(
+                    f"{file} has {file.stat().st_size / 1e6:.1f} MB, expected at most"
+                    f" {LARGEST / 1e6:g}; give the problem fewer steps in the gallery"
+                )
+    return files
+
+
+def main() -> None:
+    """Draw what the command line names, and tell the size of every file."""
+    parser = ArgumentParser(prog="python -m reports.motion.gallery", description=__doc__)
+    parser.add_argument("root", type=Path, metavar="ROOT")
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--still", nargs="+", required=True, metavar="NAME")
+    parser.add_argument("--moving", nargs="*", default=[], metavar="NAME")
+    asked = parser.parse_args()
+    try:
+        for file in draw(asked.root, asked.folder, asked.still, asked.moving):
+            print(f"{file}  {file.stat().st_size / 1e3:.0f} kB")
+    except InputError as error:
+        sys.exit(f"error: {error}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The documentation site: what writes ``docs/generated``, and what ``mkdocs`` calls in building."""

@@ -1,0 +1,29 @@
+"""``python -m reports.site`` writes the generated pages of the site anew; ``make generated``."""
+
+from __future__ import annotations
+
+from ocp.store.atomic import write
+from reports.site import commands, figures, gallery, tables
+from reports.site.measured import DATA, GENERATED
+
+
+def pages() -> dict[str, str]:
+    """Every generated page by its path below ``docs/generated``."""
+    made: dict[str, str] = {}
+    for part in (gallery, figures, tables, commands):
+        made |= part.pages()
+    return made
+
+
+def main() -> None:
+    """Write all pages, and take away those that nothing makes any more."""
+    made = pages()
+    for name, text in made.items():
+        write(GENERATED / name, text.encode())
+    for file in GENERATED.rglob("*.md"):
+        if not file.is_relative_to(DATA) and file.relative_to(GENERATED).as_posix() not in made:
+            file.unlink()
+
+
+if __name__ == "__main__":
+    main()

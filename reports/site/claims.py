@@ -1,0 +1,86 @@
+"""Store for the site what ``ocp figure --all --json`` printed.
+
+``python -m reports.site.claims FIGURES.json`` writes the claims of every figure in it to
+``docs/generated/data/claims/<id>.json``, its picture to ``docs/pictures/figures/<id>.png``, and of
+N3 the table :mod:`reports.smoothings`; ``make claims`` makes the figures first.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from argparse import ArgumentParser
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from ocp.errors import InputError
+from problems import studies
+from reports import smoothings
+from reports.figures.studies import DRAWINGS
+from reports.site import measured
+from reports.style import styled
+
+COLUMNS = ("claim", "source", "expected", "measured", "holds")
+
+
+def stored(figure: Mapping[str, Any]) -> dict[str, Any]:
+    """What the site keeps of a figure: its claims, and where they come from."""
+    claims = [{name: claim[name] for name in COLUMNS} for claim in figure["claims"]]
+    command = f"ocp figure {figure['id']}"
+    return {"id": figure["id"], **measured.origin(command), "claims": claims}
+
+
+def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
+    """Write claims, pictures and the table of smoothings; returns the files.
+
+    Raises :class:`~ocp.errors.InputError` for a figure that no study has.
+    """
+    written = []
+    for figure in figures:
+        study = studies.get(figure["id"])
+        written.append(measured.write_data(f"claims/{study.id}", stored(figure)))
+        for file in (name for name in figure.get("files", ()) if name.endswith(".nc")):
+            with xr.open_dataset(file, engine="scipy") as data:
+                written.append(_picture(study.id, data))
+                if study.id == "N3":
+                    written.append(_smoothings(data))
+    return written
+
+
+def _picture(name: str, data: xr.Dataset) -> Path:
+    file = measured.DOCS / "pictures" / "figures" / f"{name}.png"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with styled():
+        figure = DRAWINGS[name].draw(data)
+        figure.savefig(file, dpi=100, metadata={"Software": None})
+    return file
+
+
+def _smoothings(data: xr.Dataset) -> Path:
+    columns, *rows = smoothings.rows(data)
+    return measured.write_table(
+        "smoothings",
+        title="Which smoothing to trust",
+        command="ocp figure N3",
+        columns=columns,
+        rows=rows,
+    )
+
+
+def main() -> None:
+    """Store what the file that the command line names holds."""
+    parser = ArgumentParser(prog="python -m reports.site.claims", description=__doc__)
+    parser.add_argument("figures", type=Path, metavar="FIGURES.json")
+    asked = parser.parse_args()
+    content = json.loads(asked.figures.read_text())
+    try:
+        keep(content.get("figures", [content]))
+    except InputError as error:
+        sys.exit(f"error: {asked.figures}: {error}")
+
+
+if __name__ == "__main__":
+    main()

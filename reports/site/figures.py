@@ -1,0 +1,101 @@
+"""A page a figure: its picture, what it shows, and every claim of the papers beside the measured.
+
+Claims lie as JSON in ``docs/generated/data/claims``; ``make claims`` measures them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from problems import studies
+from problems.studies import Study
+from reports.bibliography import full_citation
+from reports.figures.studies import DRAWINGS
+from reports.site.markdown import provenance, table
+from reports.site.measured import DATA, DOCS, read
+
+COLUMNS = ("claim", "source", "expected", "measured", "holds")
+PAPERS = {
+    "N": "How noising data affects learned contact dynamics",
+    "P": "Pathologies of differentiable simulation through contact",
+    "A": "Adaptive barrier smoothing",
+    "T": "Theorems of all three",
+}
+"""What figures reproduce, by the first letter of their names."""
+
+
+def measured() -> dict[str, dict[str, Any]]:
+    """Claims of every figure that was made, by its name, in the order of the papers."""
+    made = {file.stem for file in (DATA / "claims").glob("*.json")}
+    return {name: read(f"claims/{name}") for name in studies.ids() if name in made}
+
+
+def pages() -> dict[str, str]:
+    """The page of each figure, and one that lists them."""
+    found = measured()
+    written = {f"figures/{name}.md": page(studies.get(name), found[name]) for name in found}
+    return {"figures/index.md": index(found), **written}
+
+
+def good(figure: Mapping[str, Any]) -> str:
+    """How many claims of a figure hold, of how many."""
+    held = sum(claim["holds"] for claim in figure["claims"])
+    return f"{held} of {len(figure['claims'])}"
+
+
+def index(found: Mapping[str, Mapping[str, Any]]) -> str:
+    """List the figures, paper by paper, with how many of their claims hold."""
+    every = [claim for figure in found.values() for claim in figure["claims"]]
+    held = sum(claim["holds"] for claim in every)
+    parts = [
+        "# Figures\n",
+        f"Of {len(every)} claims {held} hold; those that do not are in the list on purpose.\n",
+        "A figure of the papers is one command, which computes its data, draws it, and checks"
+        " what the paper says about it: `ocp figure P3` writes a PDF beside its data.\n",
+    ]
+    for letter, paper in PAPERS.items():
+        rows = [
+            (f"[{name}]({name}.md)", studies.get(name).title, good(figure))
+            for name, figure in found.items()
+            if name.startswith(letter)
+        ]
+        if rows:
+            parts += [f"## {paper}\n", table(("", "what it shows", "claims that hold"), rows)]
+    return "\n".join(parts)
+
+
+def page(study: Study, figure: Mapping[str, Any]) -> str:
+    """One figure: picture, caption, source, notes, claims, and where the numbers come from."""
+    source = f"{study.citation.text} of {full_citation(study.citation.key)}"
+    parts = [f"# {study.id}: {study.title}\n"]
+    if (DOCS / "pictures" / "figures" / f"{study.id}.png").exists():
+        parts.append(f"![{study.title}](../../pictures/figures/{study.id}.png)\n")
+    parts += [f"{DRAWINGS[study.id].caption}\n", f"Source: {source}.\n"]
+    parts += [f"## Claims\n\n{good(figure)} hold.\n", claims(figure), provenance(figure)]
+    if study.notes:
+        parts.append("## Notes\n\n" + "".join(f"- {note}\n" for note in study.notes))
+    return "\n".join(parts)
+
+
+def claims(figure: Mapping[str, Any]) -> str:
+    """A figure's claims as a table, one that does not hold marked so."""
+    return table(
+        COLUMNS,
+        (
+            [*(escaped(claim[name]) for name in COLUMNS[:-1]), mark(claim["holds"])]
+            for claim in figure["claims"]
+        ),
+    )
+
+
+def escaped(text: str) -> str:
+    """Keep the signs of formulas from being read as Markdown."""
+    for sign in "\\`*_{}[]<>":
+        text = text.replace(sign, f"\\{sign}")
+    return text
+
+
+def mark(holds: bool) -> str:
+    """Yes, or a no that catches the eye."""
+    return "yes" if holds else "**no**"

@@ -1,0 +1,93 @@
+"""A page a problem: picture, equations, parameters, best known values, verdicts under every law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from problems import describe, names, spec
+from problems.spec import ProblemSpec
+from reports.bibliography import full_citation
+from reports.notation import plain
+from reports.site.markdown import provenance, table
+from reports.site.measured import DATA, DOCS, read
+
+PICTURES = DOCS / "pictures"
+
+
+def pages() -> dict[str, str]:
+    """The page of each problem, and one that shows them all."""
+    verdicts = read("verdicts") if (DATA / "verdicts.json").exists() else None
+    written = {f"gallery/{name}.md": page(spec(name), verdicts) for name in names()}
+    return {"gallery/index.md": index(), **written}
+
+
+def index() -> str:
+    """All problems as cards, each with its picture."""
+    cards = "".join(_card(spec(name)) for name in names())
+    return (
+        "# Gallery\n\nThe problems that ship with the workbench. Each is one command,"
+        " `ocp solve NAME`, at any parameters, under any law, by any method.\n\n"
+        f'<div class="grid cards" markdown>\n\n{cards}\n</div>\n'
+    )
+
+
+def _card(found: ProblemSpec) -> str:
+    picture = f"    ![]({still})\n\n" if (still := _still(found.name)) else ""
+    return f"-   [**{found.name}**]({found.name}.md)\n\n{picture}    {found.title}\n\n"
+
+
+def _still(name: str) -> str:
+    file = PICTURES / "problems" / f"{name}.png"
+    return f"../../pictures/problems/{name}.png" if file.exists() else ""
+
+
+def page(found: ProblemSpec, verdicts: Mapping[str, Any] | None) -> str:
+    """One problem from its spec, and what solving it under the laws gave."""
+    parts = [f"# {found.name}\n", f"{found.title}.\n", *_pictures(found)]
+    if found.equations:
+        lines = "\n".join(plain(line) for line in found.equations)
+        parts.append(f"## Equations\n\n```text\n{lines}\n```\n")
+    parts.append(f"## Parameters\n\n{_parameters(found)}")
+    if found.golden:
+        parts.append(f"## Best known values\n\n{_golden(found)}")
+    if verdicts is not None:
+        parts.append(_verdicts(found.name, verdicts))
+    if found.citation is not None:
+        source = full_citation(found.citation.key)
+        parts.append(f"## Source\n\n{found.citation.text} ({source}).\n")
+    return "\n".join(parts)
+
+
+def _pictures(found: ProblemSpec) -> list[str]:
+    moving = PICTURES / f"{found.name}.gif"
+    shown = []
+    if moving.exists():
+        shown.append(f"![{found.title}, in motion](../../pictures/{found.name}.gif)\n")
+    if still := _still(found.name):
+        shown.append(f"![{found.title}: early instants faint, contact forces in orange]({still})\n")
+    return shown
+
+
+def _parameters(found: ProblemSpec) -> str:
+    rows = [
+        (f"`{row['name']}`", row["value"], row["unit"], row["range"], row["description"])
+        for row in describe(found)
+    ]
+    return table(("parameter", "default", "unit", "range", "meaning"), rows)
+
+
+def _golden(found: ProblemSpec) -> str:
+    rows = [
+        (key, known.law, known.method, f"{known.cost:.9g}", known.certificate, known.tried)
+        for key, known in found.golden.items()
+    ]
+    columns = ("best known", "law", "method", "cost", "certificate", "of solves")
+    said = [f"- {key}: {known.remarks}\n" for key, known in found.golden.items() if known.remarks]
+    return table(columns, rows) + ("\n" + "".join(said) if said else "")
+
+
+def _verdicts(name: str, verdicts: Mapping[str, Any]) -> str:
+    rows = [row[1:] for row in verdicts["rows"] if row[0] == name]
+    head = "## Verdicts under every law\n\n"
+    return f"{head}{table(verdicts['columns'][1:], rows)}\n{provenance(verdicts)}"

@@ -1,0 +1,30 @@
+"""Docstrings for the site: their references as links, their indented formulas as they stand."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import griffe
+
+_ROLE = re.compile(r":(?:class|func|meth|mod|attr|data|exc|obj):`(~?)([\w.]+)`")
+
+
+def linked(text: str) -> str:
+    """Replace roles such as ``:func:`~a.b``` by links to what they name, where the site has it."""
+    return _ROLE.sub(_link, text).replace("::\n\n    ", ":\n\n    ")
+
+
+def _link(found: re.Match[str]) -> str:
+    short, name = found.groups()
+    shown = name.rpartition(".")[2] if short else name
+    return f'<autoref optional identifier="{name}"><code>{shown}</code></autoref>'
+
+
+class Roles(griffe.Extension):
+    """Rewrite every docstring that griffe reads."""
+
+    def on_object(self, *, obj: griffe.Object, **kwargs: Any) -> None:
+        """Rewrite the docstring of ``obj``, where it has one."""
+        if obj.docstring is not None:
+            obj.docstring.value = linked(obj.docstring.value)

@@ -1,0 +1,176 @@
+"""Pages of README and docs as walks: what a reader would run, one after the other, in one folder.
+
+A ``console`` block holds commands, each behind ``$ ``, and the stdout that follows it; a
+``python`` block runs in one namespace a page; a block with ``title="FILE"`` is written to that
+file. ``<!-- slow -->`` before a block keeps it for the slow tests, ``<!-- not run: REASON -->`` for
+readers alone. Other blocks are texts.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+TOLERANCE = 1e-3
+"""How far numbers that are printed may be from those that come out, relative."""
+_BLOCK = re.compile(
+    r"(?:<!-- (?P<mark>slow|not run: [^\n]+?) -->\n+)?"
+    r"^(?P<indent> *)```(?P<language>\w+)(?P<about>[^\n]*)\n(?P<body>.*?)^(?P=indent)```$",
+    re.DOTALL | re.MULTILINE,
+)
+_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\d)")
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block: its language, its text, the file that it is, what it is marked with."""
+
+    language: str
+    text: str
+    file: str
+    mark: str
+    line: int
+
+    @property
+    def slow(self) -> bool:
+        return self.mark == "slow"
+
+    @property
+    def runs(self) -> bool:
+        return not self.mark.startswith("not run") and (
+            bool(self.file) or self.language in ("console", "python")
+        )
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command of a console block, and what it prints; "" where the page does not say."""
+
+    line: str
+    output: str
+
+
+def pages() -> list[Path]:
+    """README and every page that is written by hand."""
+    docs = ROOT / "docs"
+    written = (p for p in docs.rglob("*.md") if not p.is_relative_to(docs / "generated"))
+    return [ROOT / "README.md", *sorted(written)]
+
+
+def blocks(text: str) -> list[Block]:
+    """Blocks of a page in order."""
+    found = []
+    for match in _BLOCK.finditer(text):
+        indent = len(match["indent"])
+        body = "\n".join(line[indent:] for line in match["body"].splitlines())
+        file = re.findall(r'title="([^"]+)"', match["about"])
+        line = text[: match.start("language")].count("\n") + 1
+        found.append(Block(match["language"], body, "".join(file), match["mark"] or "", line))
+    return found
+
+
+def commands(text: str) -> list[Command]:
+    """Commands of a console block; a line that ends in a backslash goes on in the next."""
+    found: list[tuple[str, list[str]]] = []
+    for line in text.splitlines():
+        if line.startswith("$ "):
+            found.append((line[2:], []))
+        elif found and found[-1][0].endswith("\\") and not found[-1][1]:
+            found[-1] = (f"{found[-1][0]}\n{line.removeprefix('> ')}", [])
+        elif found:
+            found[-1][1].append(line)
+        else:
+            raise ValueError(f"a console block begins with a command, got {line!r}")
+    return [Command(line, "\n".join(output).strip("\n")) for line, output in found]
+
+
+def agrees(printed: str, shown: str) -> bool:
+    """Whether what was ``printed`` is what a page has ``shown``.
+
+    A line ``...`` of the page stands for any lines, ``...`` within a line for any characters;
+    numbers agree within :data:`TOLERANCE`.
+    """
+    lines = [line.rstrip() for line in printed.strip("\n").splitlines()]
+    wanted = [line.rstrip() for line in shown.splitlines()]
+    return _match(lines, wanted)
+
+
+def _match(lines: list[str], wanted: list[str]) -> bool:
+    if not wanted:
+        return not lines
+    if wanted[0] == "...":
+        return any(_match(lines[k:], wanted[1:]) for k in range(len(lines) + 1))
+    return bool(lines) and _same(lines[0], wanted[0]) and _match(lines[1:], wanted[1:])
+
+
+def _same(line: str, wanted: str) -> bool:
+    parts = []
+    for part in wanted.split("..."):
+        words = re.split(f"({_NUMBER.pattern})", part)
+        parts.append("".join(_captured(word, k) for k, word in enumerate(words)))
+    found = re.fullmatch(".*?".join(parts), line)
+    if found is None:
+        return False
+    numbers = [n for part in wanted.split("...") for n in _NUMBER.findall(part)]
+    return all(_near(a, b) for a, b in zip(found.groups(), numbers, strict=True))
+
+
+def _captured(word: str, index: int) -> str:
+    spaced = r"\s+".join(re.escape(piece) for piece in re.split(r"\s{2,}", word))
+    return f"({_NUMBER.pattern})" if index % 2 else spaced
+
+
+def _near(a: str, b: str) -> bool:
+    return abs(float(a) - float(b)) <= TOLERANCE * abs(float(b))
+
+
+class Walk:
+    """A page read from top to bottom in an empty folder."""
+
+    def __init__(self, page: Path, folder: Path) -> None:
+        self.page, self.folder, self.scope = page, folder, {"__name__": "__main__"}
+
+    def through(self, slow: bool) -> None:
+        """Do what every block says; those marked slow only if asked for."""
+        for block in blocks(self.page.read_text(encoding="utf-8")):
+            if block.runs and (slow or not block.slow):
+                self.do(block)
+
+    def do(self, block: Block) -> None:
+        """Write the block's file, or run it; raises AssertionError with the place in the page."""
+        place = f"{self.page.relative_to(ROOT)}:{block.line}"
+        if block.file:
+            (self.folder / block.file).write_text(block.text + "\n", encoding="utf-8")
+        elif block.language == "python":
+            exec(compile(block.text, place, "exec"), self.scope)
+        else:
+            for command in commands(block.text):
+                self.run(command, place)
+
+    def run(self, command: Command, place: str) -> None:
+        """Run one command as a shell does; its stdout must be what the page shows."""
+        done = subprocess.run(
+            ["bash", "-o", "pipefail", "-c", command.line], cwd=self.folder, env=environment(),
+            capture_output=True, text=True,
+        )  # fmt: skip
+        told = f"{place}: $ {command.line}\n{done.stdout}\n{done.stderr[-2000:]}"
+        assert done.returncode == 0, told
+        assert not command.output or agrees(done.stdout, command.output), told
+
+
+def environment() -> dict[str, str]:
+    """The shell's variables, with this interpreter's programs and this checkout first."""
+    programs = str(Path(sys.executable).parent)
+    return {
+        **os.environ,
+        "PATH": os.pathsep.join([programs, os.environ.get("PATH", "")]),
+        "PYTHONPATH": os.pathsep.join(
+            part for part in (str(ROOT), os.environ.get("PYTHONPATH", "")) if part
+        ),
+        "COLUMNS": "80",
+    }

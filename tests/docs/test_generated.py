@@ -1,0 +1,77 @@
+"""``docs/generated`` is what ``make generated`` writes, and every measured table is shown."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from ocp.errors import InputError
+from problems import describe, names, spec
+from reports.site import measured
+from reports.site.__main__ import pages as fresh
+from reports.site.markdown import cell, table
+from tests.docs.pages import pages
+
+LIMIT = 6_000_000
+"""Bytes of all pictures of the documentation."""
+
+
+def test_generated_pages_are_in_step() -> None:
+    """Those of specs and helps with the code, those of measurements with their JSON."""
+    wanted = fresh()
+    there = {
+        file.relative_to(measured.GENERATED).as_posix(): file.read_text(encoding="utf-8")
+        for file in measured.GENERATED.rglob("*.md")
+    }
+    assert sorted(there) == sorted(wanted)
+    stale = [name for name in wanted if there[name] != wanted[name]]
+    assert not stale, "make generated writes them anew"
+
+
+def test_every_measured_table_is_shown_on_a_page() -> None:
+    shown = {
+        name
+        for page in pages()
+        for name in re.findall(r'--8<-- "generated/tables/([\w-]+)\.md"', page.read_text())
+    }
+    measured_ones = {file.stem for file in measured.DATA.glob("*.json")} - {"verdicts"}
+    assert shown == measured_ones
+
+
+def test_what_is_measured_says_how_where_and_when() -> None:
+    for file in measured.DATA.rglob("*.json"):
+        content = json.loads(file.read_text(encoding="utf-8"))
+        assert all(content[key] for key in ("command", "commit", "date", "machine")), file.name
+        widths = {len(row) for row in content.get("rows", [])}
+        assert widths <= {len(content.get("columns", []))}, file.name
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_problems_page_has_its_parameters_and_best_known_values(name: str) -> None:
+    text = (measured.GENERATED / "gallery" / f"{name}.md").read_text(encoding="utf-8")
+    for row in describe(spec(name)):
+        assert f"| `{row['name']}` | {cell(row['value'])} | {row['unit']} |" in text
+    for golden in spec(name).golden.values():
+        assert f"{golden.cost:.9g}" in text
+
+
+def test_a_table_is_kept_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measured, "DATA", tmp_path)
+    rows = [["a", 1.5, None], ["b|c", 2, True]]
+    given = {"title": "t", "command": "make x", "columns": ("n", "v", "w"), "note": "so"}
+    measured.write_table("some", rows=rows, **given)
+    kept = measured.read("some")
+    assert kept["rows"] == rows and kept["command"] == "make x" and kept["note"] == "so"
+    with pytest.raises(InputError, match="3 cells"):
+        measured.write_table("some", rows=[["a"]], **given)
+    assert table(kept["columns"], kept["rows"]).splitlines() == [
+        "| n | v | w |", "| --- | ---: | --- |", "| a | 1.5 | – |", "| b\\|c | 2 | yes |",
+    ]  # fmt: skip
+
+
+def test_pictures_stay_small() -> None:
+    pictures = measured.DOCS / "pictures"
+    assert sum(file.stat().st_size for file in pictures.rglob("*") if file.is_file()) < LIMIT

@@ -1,0 +1,101 @@
+"""Every command and program on README and docs works as printed, and prints what is printed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import ROOT, Walk, agrees, blocks, commands, pages
+
+EXEMPT_AT_MOST = 8
+
+
+def name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def with_blocks(slow: bool) -> list[Path]:
+    """Pages with something to run, of those with slow blocks all, else any."""
+    return [
+        page for page in pages()
+        if (found := [b for b in blocks(page.read_text(encoding="utf-8")) if b.runs])
+        and (any(b.slow for b in found) if slow else not all(b.slow for b in found))
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("page", with_blocks(slow=False), ids=name)
+def test_a_page_works_as_printed(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Walk(page, tmp_path).through(slow=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", with_blocks(slow=True), ids=name)
+def test_a_page_works_to_its_slow_end(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Walk(page, tmp_path).through(slow=True)
+
+
+def test_few_blocks_are_never_run() -> None:
+    every = [b for page in pages() for b in blocks(page.read_text(encoding="utf-8"))]
+    exempt = [b for b in every if b.mark.startswith("not run")]
+    assert len(exempt) <= EXEMPT_AT_MOST
+    assert all(len(b.mark.removeprefix("not run:").strip()) > 8 for b in exempt), "say why"
+
+
+def test_blocks_are_found_with_their_marks_and_files() -> None:
+    text = (
+        '# t\n\n```python title="a.py"\nx = 1\n```\n\n<!-- slow -->\n```console\n$ a\nb\n```\n\n'
+        "<!-- not run: needs a cluster -->\n\n```python\n1 / 0\n```\n    ```text\n    z\n    ```\n"
+    )
+    found = blocks(text)
+    assert [(b.language, b.file, b.slow, b.runs) for b in found] == [
+        ("python", "a.py", False, True), ("console", "", True, True),
+        ("python", "", False, False), ("text", "", False, False),
+    ]  # fmt: skip
+    assert [b.text for b in found] == ["x = 1", "$ a\nb", "1 / 0", "z"]
+    assert found[0].line == 3
+
+
+def test_commands_are_parted_from_what_they_print() -> None:
+    found = commands("$ a b\nout\n\nmore\n$ c \\\n    d\n$ e")
+    assert [(c.line, c.output) for c in found] == [
+        ("a b", "out\n\nmore"), ("c \\\n    d", ""), ("e", ""),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("printed", "shown", "same"),
+    [
+        ("cost 0.100609, ok\n", "cost 0.100609, ok", True),
+        ("cost 0.100610, ok", "cost 0.100609, ok", True),
+        ("cost 0.110609, ok", "cost 0.100609, ok", False),
+        ("cost -0.100609", "cost 0.100609", False),
+        ("run: runs/a/2026", "run: ...", True),
+        ("a\nb\nc\nd", "a\n...\nd", True),
+        ("a\nb\nc", "a\n...\nd", False),
+        ("a\nb", "a", False),
+        ("a", "a\nb", False),
+        ("3 folds", "4 folds", False),
+        ("mu   1e-8  x", "mu    1e-08  x", True),
+        ("push-1d", "push-2d", False),
+    ],
+)
+def test_output_agrees_in_words_and_nearly_in_numbers(printed: str, shown: str, same: bool) -> None:
+    assert agrees(printed, shown) is same
+
+
+def test_a_wrong_page_is_told_with_its_place(tmp_path: Path) -> None:
+    page = ROOT / "README.md"
+    good, bad = (f"```console\n$ echo 1.5\n{text}\n```\n" for text in ("1.5", "1.6"))
+    walk = Walk(page, tmp_path)
+    walk.do(blocks(good)[0])
+    with pytest.raises(AssertionError, match=r"README.md:1: \$ echo"):
+        walk.do(blocks(bad)[0])
+    with pytest.raises(AssertionError, match=r"README.md:1"):
+        walk.do(blocks("```console\n$ false\n```\n")[0])

@@ -1,0 +1,39 @@
+"""The README's pictures: one strobe and one animation a problem, none too large for a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ocp.errors import InputError
+from reports.motion import gallery
+from tests.unit.reports.made import sliding_box
+
+NORMAL = np.ones((2, 2))
+
+
+@pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (3, 1, 3), (5, 2, 3)])
+def test_strobes_stand_in_rows_of_three(count: int, rows: int, columns: int) -> None:
+    figure = gallery.picture([sliding_box(NORMAL, NORMAL)] * count)
+    assert [axis.get_title() for axis in figure.axes] == ["A box that slides"] * count
+    grids = [axis.get_subplotspec().get_gridspec() for axis in figure.axes]
+    assert {(grid.nrows, grid.ncols) for grid in grids} == {(rows, columns)}
+
+
+def test_every_problem_gets_its_animation(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(gallery, "newest", lambda root, name: sliding_box(NORMAL, NORMAL))
+    files = gallery.draw(tmp_path, tmp_path, ["box"], ["box"])
+    assert [file.name for file in files] == ["strobes.png", "box.gif"]
+    with Image.open(files[1]) as movie:
+        assert movie.n_frames == 6
+    monkeypatch.setattr(gallery, "LARGEST", 1000)
+    with pytest.raises(InputError, match=r"box\.gif has 0\.\d MB, expected at most 0\.001"):
+        gallery.draw(tmp_path, tmp_path, ["box"], ["box"])
+
+
+def test_a_problem_without_a_run_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no run of hopper; ocp solve hopper --out"):
+        gallery.newest(tmp_path, "hopper")
