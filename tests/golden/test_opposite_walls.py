@@ -72,7 +72,7 @@ def test_every_step_is_solved_and_is_the_root_of_its_one_gap() -> None:
     landed = ca.Function("landed", [s.x, s.u, s.lam, s.parameters.vector], [s.landing])
     distance, met = problem().signed_distance, 0
     assert distance is not None
-    for x, u in states(60):
+    for x, u in states(200):
         x_next, lam, gap, error = (np.array(v).ravel() for v in step.solve(x, u, p))
         assert error.max() < 1e-9 and lam.min() >= 0 and gap[:4].min() > -1e-9
         pushed = np.flatnonzero(lam[:4] > 1e-6)
@@ -91,4 +91,4 @@ def test_every_step_is_solved_and_is_the_root_of_its_one_gap() -> None:
         ends = 0.5 * lam[i], 1.5 * lam[i]
         assert lam[i] == pytest.approx(brentq(opened, *ends, xtol=1e-13), rel=1e-5)
         np.testing.assert_allclose(np.array(landed(x, u, lam, p)).ravel(), x_next, atol=1e-9)
-    assert met > 20
+    assert met >= 20
