@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from ocp.errors import InputError
 
@@ -30,9 +30,9 @@ class Feedback:
     Raises :class:`~ocp.errors.InputError` for a negative or non-finite penalty or bound.
     """
 
-    penalty: float = 1e-4
-    bound: float = math.inf
-    stationary: bool = False
+    penalty: Annotated[float, "times sum |K|², added to the cost"] = 1e-4
+    bound: Annotated[float, "largest size of a gain"] = math.inf
+    stationary: Annotated[bool, "one K and k for all steps"] = False
     name: ClassVar[str] = "feedback"
     summary: ClassVar[str] = "u = K x + k with gains shared by all scenarios"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -36,6 +37,7 @@ from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
 
+_LOG = logging.getLogger(__name__)
 _NEAR, _WIDE = 1e-6, 1e-3
 """Relaxations of lam gap, in characteristic units, on which an exact solve starts from a point
 nearby, and from elsewhere."""
@@ -90,7 +92,13 @@ class Session:
             self.nlps[form] = self.method.transcribe(
                 self.problem, self.step, self.policy, form, self.compiled
             )
-            self.build_s += time.perf_counter() - began
+            took = time.perf_counter() - began
+            self.build_s += took
+            built = self.nlps[form]
+            _LOG.info(
+                "%s by %s, %s form: %d variables, %d constraints, built in %.3f s",
+                self.problem.name, self.method.name, form, built.n, built.m, took,
+            )  # fmt: skip
         return self.nlps[form]
 
     @property

@@ -41,24 +41,6 @@ def golden_table(golden: Mapping[str, Golden]) -> Table:
     )  # fmt: skip
 
 
-def runs_table(entries: Sequence[Mapping[str, Any]]) -> Table:
-    """One line a stored run; a damaged one shows why."""
-    table = table_of(("problem", "left"), ("run", "left"), ("what", "left"), ("cost", "right"),
-                   ("", "left"))  # fmt: skip
-    for entry in entries:
-        name = entry["run"].rpartition("/")[2]
-        if entry["damage"]:
-            table.add_row(entry["problem"], name, "damaged", "", "")
-            continue
-        keys = ("algorithm", "contact", "method")
-        what = " ".join(str(entry[key]) for key in keys if entry[key])
-        told = entry["status"] or ""
-        if entry["return"] is not None:
-            what, told = f"{what}, seed {entry['seed']}", f"return {number(entry['return'], 4)}"
-        table.add_row(entry["problem"], name, what or entry["kind"], number(entry["cost"]), told)
-    return table
-
-
 def run_table(run: StoredRun) -> Table:
     """What one run's description says, one line a key."""
     table = table_of(("", "left"), ("", "left"))
@@ -66,9 +48,9 @@ def run_table(run: StoredRun) -> Table:
     meta, record = run.meta, run.meta.get("record") or {}
     table.add_row("run", str(run.path))
     for key in ("kind", "problem", "created", "status", "cost", "return", "iterations", "seed",
-                "revision"):  # fmt: skip
-        if meta.get(key) is not None:
-            table.add_row(key, str(meta[key]))
+                "tags", "revision"):  # fmt: skip
+        if meta.get(key) not in (None, []):
+            table.add_row(key, _inline(meta[key]))
     for key, value in record.items():
         if value not in (None, {}, []) and key not in ("problem", "seed"):
             table.add_row(key, _inline(value))
@@ -93,4 +75,6 @@ def claim_table(claims: Sequence[Claim]) -> Table:
 def _inline(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key}={_inline(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        return " ".join(map(_inline, value))
     return number(value) if isinstance(value, float) else str(value)

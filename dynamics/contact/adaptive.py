@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import casadi as ca
 
@@ -16,6 +16,16 @@ from dynamics.systems import ContactSystem, ParameterTable
 MU_FLOOR = 1e-10
 """mu where the quartic law finds no inactive contact to measure a distance to."""
 _ACTIVE_IMPULSE = 1.0
+_QUARTIC = {"mu_max": 1e-2, "scale": 100.0, "power": 4.0}
+_USUAL = {"gaussian": {"sigma": 0.02}, "quartic": _QUARTIC, "quartic-per-contact": _QUARTIC}
+"""The laws by name, with the values of their knobs where none are given."""
+
+
+def _knob_of(law: str, knob: str, meaning: str) -> str:
+    return f"{law}: {meaning}; {_USUAL[law][knob]:g} if not given"
+
+
+_GRADIENTS = ("total", "frozen")
 
 
 def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
@@ -59,23 +69,32 @@ class Adaptive(ContactLaw):
 
     def __init__(
         self,
-        law: str | Callable[[ca.SX, ca.SX], ca.SX] = "gaussian",
-        sigma: float | None = None,
-        mu_max: float | None = None,
-        scale: float | None = None,
-        power: float | None = None,
-        gradient: str = "total",
+        law: Annotated[
+            str | Callable[[ca.SX, ca.SX], ca.SX], f"mu(z): {' or '.join(_USUAL)}"
+        ] = "gaussian",
+        sigma: Annotated[
+            float | None, _knob_of("gaussian", "sigma", "width of the noise [m]")
+        ] = None,
+        mu_max: Annotated[
+            float | None, _knob_of("quartic", "mu_max", "mu at a distance of 0 [N s m]")
+        ] = None,
+        scale: Annotated[
+            float | None, _knob_of("quartic", "scale", "times the distance squared [1/m²]")
+        ] = None,
+        power: Annotated[
+            float | None, _knob_of("quartic", "power", "by which mu falls with it")
+        ] = None,
+        gradient: Annotated[
+            str, f"of mu: {' or '.join(_GRADIENTS)}; frozen holds mu, which shooting alone takes"
+        ] = "total",
     ) -> None:
-        known = ("gaussian", "quartic", "quartic-per-contact")
-        if not callable(law) and law not in known:
-            raise ValueError(f"adaptive: law must be one of {', '.join(known)}, got {law!r}")
-        if gradient not in ("total", "frozen"):
+        if not callable(law) and law not in _USUAL:
+            raise ValueError(f"adaptive: law must be one of {', '.join(_USUAL)}, got {law!r}")
+        if gradient not in _GRADIENTS:
             raise ValueError(f"adaptive: gradient must be total or frozen, got {gradient!r}")
         self.law, self.gradient = law, gradient
         given = {"sigma": sigma, "mu_max": mu_max, "scale": scale, "power": power}
-        wanted = {"gaussian": {"sigma": 0.02}}.get(str(law), {})
-        if str(law).startswith("quartic"):
-            wanted = {"mu_max": 1e-2, "scale": 100.0, "power": 4.0}
+        wanted = _USUAL.get(str(law), {})
         for name, value in given.items():
             if value is not None and name not in wanted:
                 raise ValueError(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import casadi as ca
 
 from dynamics.contact.closure import Schedule
 from dynamics.contact.law import ContactLaw, by_mu, knob, positive
 from dynamics.systems import ContactSystem, ParameterTable
+
+_USUAL_MU = 1e-3
 
 
 class Barrier(ContactLaw):
@@ -27,11 +29,19 @@ class Barrier(ContactLaw):
     name: ClassVar[str] = "barrier"
     summary: ClassVar[str] = "lam gap = mu, a fixed log-barrier"
 
-    def __init__(self, mu: float | None = None, kappa: float | None = None) -> None:
+    def __init__(
+        self,
+        mu: Annotated[
+            float | None, f"lam gap [N s m]; {_USUAL_MU:g} where kappa is not given either"
+        ] = None,
+        kappa: Annotated[
+            float | None, "weight of the log-barrier [1/J] instead of mu, which falls as it grows"
+        ] = None,
+    ) -> None:
         if mu is not None and kappa is not None:
             raise ValueError("barrier: give mu or kappa, not both; they fix each other")
         if mu is None and kappa is None:
-            mu = 1e-3
+            mu = _USUAL_MU
         hint = "for mu = 0 use the exact law"
         self.mu = None if mu is None else positive("barrier", "mu", mu, hint)
         self.kappa = None if kappa is None else positive("barrier", "kappa", kappa)

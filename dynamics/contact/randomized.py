@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,8 @@ from dynamics.contact.step import Step
 from dynamics.systems import ContactSystem, ParameterTable
 
 SCHEMES = ("sobol", "monte-carlo", "gauss-hermite")
+_NOISES = ("input", "state")
+_SAMPLES, _NODES = 16, 5
 
 
 class Randomized(ContactLaw):
@@ -31,24 +33,29 @@ class Randomized(ContactLaw):
 
     def __init__(
         self,
-        sigma: float = 0.1,
-        samples: int | None = None,
-        seed: int = 0,
-        scheme: str = "sobol",
-        noise: str = "input",
-        base: ContactLaw | None = None,
+        sigma: Annotated[float, "standard deviation of the noise [SI]"] = 0.1,
+        samples: Annotated[
+            int | None,
+            f"nodes, an even number; {_SAMPLES} if not given. gauss-hermite: an axis, {_NODES}",
+        ] = None,
+        seed: Annotated[int, "of the nodes"] = 0,
+        scheme: Annotated[str, f"of the nodes: {', '.join(SCHEMES)}"] = "sobol",
+        noise: Annotated[str, f"on what: {' or '.join(_NOISES)}"] = "input",
+        base: Annotated[
+            ContactLaw | None, "law that is averaged, exact if not given; its own as base.NAME"
+        ] = None,
     ) -> None:
         if scheme not in SCHEMES:
             raise ValueError(
                 f"randomized: scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}"
             )
-        if noise not in ("input", "state"):
+        if noise not in _NOISES:
             raise ValueError(f"randomized: noise must be on input or state, got {noise!r}")
         if isinstance(base, Randomized):
             raise ValueError("randomized: the base law must not be randomized itself")
         self.sigma = positive("randomized", "sigma", sigma)
         if samples is None:
-            samples = 5 if scheme == "gauss-hermite" else 16
+            samples = _NODES if scheme == "gauss-hermite" else _SAMPLES
         high = 64 if scheme == "gauss-hermite" else 4096
         self.samples = whole("randomized", "samples", samples, 2, high)
         if scheme != "gauss-hermite" and self.samples % 2:

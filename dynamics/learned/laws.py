@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import casadi as ca
 
@@ -17,6 +17,8 @@ from dynamics.learned.files import read_model
 from dynamics.learned.model import StepModel
 from dynamics.systems import KNOB, ContactSystem, Parameter, ParameterTable
 
+_Model = Annotated[str | Path | StepModel | None, "file of a model, made by ocp learn; required"]
+
 
 class LearnedLaw(ContactLaw):
     """``x_next = g(x, u)``, g a model of transitions: contact is closed by what was seen.
@@ -25,7 +27,7 @@ class LearnedLaw(ContactLaw):
     multipliers. Raises ``ValueError`` for a file that is no such model.
     """
 
-    def __init__(self, model: str | Path | StepModel | None = None) -> None:
+    def __init__(self, model: _Model = None) -> None:
         if model is None:
             raise ValueError(
                 f"{self.name}: a learned law needs its model; give model=FILE, made by ocp learn"
@@ -98,7 +100,11 @@ class Ewda(LearnedLaw):
     name: ClassVar[str] = "ewda"
     summary: ClassVar[str] = "distance-weighted average of transitions, from a model file"
 
-    def __init__(self, model: str | Path | StepModel | None = None, trust: float = 0.0) -> None:
+    def __init__(
+        self,
+        model: _Model = None,
+        trust: Annotated[float, "weight of -log p of the data in the stage cost"] = 0.0,
+    ) -> None:
         super().__init__(model)
         if not 0 <= trust < float("inf"):
             raise ValueError(f"ewda: trust must be at least 0 and finite, got {trust}")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dynamics.systems import KNOB
 from ocp.continuation.events import LOCATED, Event, joined
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose
@@ -63,13 +64,21 @@ class Continuation:
 
 
 def resolve(session: Session, over: str) -> str:
-    """Find the parameter that ``over`` means: ``contact.mu``, ``M`` or ``problem.M``.
+    """Find the parameter that ``over`` means: ``M`` or ``problem.M``, ``contact.mu`` or ``mu``.
 
-    Raises :class:`~ocp.errors.InputError` with the names that there are.
+    Raises :class:`~ocp.errors.InputError` with the names that there are, and with another way for
+    what shapes the program, as ``N`` does.
     """
     names = [*session.problem.parameters.names, *session.step.p.names]
     name = over.removeprefix("problem.")
-    return choose("parameter", name, {known: known for known in names})
+    if name in ("N", *session.problem.settings):
+        raise InputError(
+            f"{name} cannot be followed: each value is another program, with no curve between"
+            f" them; solve at each, from the last, with ocp solve {session.problem.name} -p"
+            f" {name}=... --from @last, or all of them with ocp sweep"
+        )
+    known = {one.removeprefix(KNOB): one for one in names} | {one: one for one in names}
+    return choose("parameter", name, known)
 
 
 def continue_over(

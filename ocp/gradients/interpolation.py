@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from ocp.errors import InputError
 
@@ -77,9 +77,11 @@ class ConfidenceTest:
     Raises :class:`~ocp.errors.InputError` for gamma <= 0, delta outside (0, 1), deviation < 0.
     """
 
-    gamma: float | None = None
-    delta: float = 0.05
-    deviation: float | None = None
+    gamma: Annotated[
+        float | None, "bound on the error; a tenth of the zeroth-order gradient if not given"
+    ] = None
+    delta: Annotated[float, "probability that the test fails"] = 0.05
+    deviation: Annotated[float | None, "bound on one sample; the largest seen if not given"] = None
     name: ClassVar[str] = "alpha"
     summary: ClassVar[str] = "both orders, weighted subject to a confidence test"
 
@@ -127,7 +129,7 @@ class InverseVariance:
 class FixedWeight:
     """A constant alpha in [0, 1]; raises :class:`~ocp.errors.InputError` outside."""
 
-    alpha: float = 0.5
+    alpha: Annotated[float, "weight of the first order"] = 0.5
     name: ClassVar[str] = "alpha-fixed"
     summary: ClassVar[str] = "both orders, with a constant weight"
 

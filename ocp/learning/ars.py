@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -27,10 +27,10 @@ class ARS:
     summary: ClassVar[str] = "augmented random search, V2-t"
     contact: ClassVar[str] = "exact"
 
-    directions: int = 16
-    top: int = 8
-    spread: float = 0.1
-    rate: float = 0.05
+    directions: Annotated[int, "random directions an iteration"] = 16
+    top: Annotated[int, "best directions that count"] = 8
+    spread: Annotated[float, "distance gone along each direction"] = 0.1
+    rate: Annotated[float, "length of a step"] = 0.05
 
     def settings(self) -> dict[str, Any]:
         """All of them."""

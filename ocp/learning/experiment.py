@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
 
@@ -51,15 +51,17 @@ class Experiment:
     task: Task
     algorithm: Algorithm
     law: ContactLaw = field(default_factory=lambda: Adaptive("quartic"))
-    hidden: tuple[int, ...] | None = ()
-    initial: float = 0.1
+    hidden: Annotated[
+        tuple[int, ...] | None, "units of each tanh layer, as 64,64; affine, or open-loop"
+    ] = ()
+    initial: Annotated[float, "size of the last layer's first weights"] = 0.1
     rest: tuple[float, ...] | None = None
-    normalise: bool = True
-    discount: float = 1.0
+    normalise: Annotated[bool, "observations by their running mean and scale"] = True
+    discount: Annotated[float, "of later rewards, above 0 and at most 1"] = 1.0
     seed: int = 0
     iterations: int = 100
-    evaluate_every: int = 10
-    episodes: int = 16
+    evaluate_every: Annotated[int, "iterations between judgements under the exact law"] = 10
+    episodes: Annotated[int, "of each judgement"] = 16
     psi: np.ndarray | None = None
     start: Trained | None = None
     params: Mapping[str, Any] = field(default_factory=dict)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,10 @@ _MOST = 2**31 - 1
 
 @dataclass(frozen=True)
 class Option:
-    """An option's type, ``integer``, ``real`` or ``string``, its range and its words, if any."""
+    """An option's type, ``integer``, ``real`` or ``string``, its range and its words, if any.
+
+    ``default`` and ``meaning`` are the solver's own words, where it has told them.
+    """
 
     kind: str
     low: float = -math.inf
@@ -45,6 +48,8 @@ class Option:
     open_low: bool = False
     open_high: bool = False
     words: tuple[str, ...] = ()
+    default: str = ""
+    meaning: str = ""
 
     def takes(self, value: Any) -> bool:
         """Whether ``value`` is of the type and within the range."""
@@ -66,6 +71,14 @@ class Option:
         low = f" {'>' if self.open_low else '>='} {self.low:g}" if math.isfinite(self.low) else ""
         high = f" {'<' if self.open_high else '<='} {self.high:g}" if self.high < 1e300 else ""
         return f"{_WORDS[self.kind]}{low}{' and' if low and high else ''}{high}"
+
+
+def documented(solver: str) -> dict[str, Option]:
+    """The options of a solver that are known beforehand; of the others only its own answer tells.
+
+    IPOPT documents its own; of Uno the names are known, of fatrop and SLEQP nothing.
+    """
+    return {"ipopt": _ipopt, "uno": _uno}.get(solver, dict)()
 
 
 def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -102,13 +115,16 @@ def has_option(solver: str, name: str) -> bool:
 
 
 def _option(solver: str, name: str) -> Option:
-    if solver in ("ipopt", "uno"):
-        known = _ipopt() if solver == "ipopt" else {key: Option(_UNO[key]) for key in _UNO}
+    if known := documented(solver):
         if name in known:
             return known[name]
         raise InputError(f"{solver} refused its options: it has no {name!r}"
                          f"{did_you_mean(name, known, 0.6)}")  # fmt: skip
     return _probed(solver, name)
+
+
+def _uno() -> dict[str, Option]:
+    return {key: Option(kind) for key, kind in _UNO.items()}
 
 
 @cache
@@ -127,8 +143,31 @@ def _ipopt() -> dict[str, Option]:
         }  # fmt: skip
         ca.nlpsol("options", "ipopt", {"x": x, "f": x**2}, {"print_time": False, "ipopt": said})()
         text = html.unescape(file.read_text())
-    found = re.findall(r"<strong>(\w+)</strong>.*?<blockquote>\n(.*?)</blockquote>", text, re.S)
-    return {name: _described(name, about) for name, about in found}
+    found = re.findall(
+        r"<strong>(\w+)</strong>:? ?(.*?)<blockquote>\n(.*?)</blockquote>", text, re.S
+    )
+    return {
+        name: replace(
+            _described(name, about),
+            default=_default(about),
+            meaning=" ".join(title.removeprefix("(<em>advanced</em>): ").split()),
+        )
+        for name, title, about in found
+    }
+
+
+def _default(about: str) -> str:
+    """The default value as IPOPT states it: a number, or a word in quotes."""
+    stated = re.search(
+        r"default value(?: for this \w+ option)? is (\"[^\"]*\"|.*?)\.?\s*$", about, re.M
+    )
+    if stated is None:
+        return ""
+    return _as_number(stated[1].strip('"'))
+
+
+def _as_number(text: str) -> str:
+    return re.sub(r"10<sup>(.*?)</sup>", r"1e\1", text).replace("·1e", "e").replace("+", "")
 
 
 def _described(name: str, about: str) -> Option:

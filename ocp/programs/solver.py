@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import time
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from ocp.programs.program import Program
 from ocp.programs.scaled import Point, Scaled
 from ocp.programs.status import Status
 
+_LOG = logging.getLogger(__name__)
 SOLVERS = {
     "ipopt": "interior point, exact Hessian, MUMPS or SPRAL inside (the default)",
     "fatrop": "interior point for staged problems",
@@ -150,10 +152,16 @@ class Solver:
         point, cost, g = scaled.answer(float(answer["f"]), **values)
         if not np.all(np.isfinite(values["x"])):
             status = Status.DIVERGED
-        return Result(
+        result = Result(
             point, cost, g, status, word, int(stats.get("iter_count", 0)), seconds,
             _evaluation_s(stats),
         )  # fmt: skip
+        _LOG.debug(
+            "%s on %s: %s after %d it in %.4f s, %.4f s of it in functions; options %s", self.name,
+            nlp.title, word, result.iterations, seconds, result.evaluation_s,
+            {**self.options, **overrides},
+        )  # fmt: skip
+        return result
 
     def _thrown(
         self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from ocp.programs.solver import Point, Result, Solver
 from ocp.programs.status import Status
 from ocp.solution import StageRecord
 
+_LOG = logging.getLogger(__name__)
 Progress = Callable[[StageRecord], None]
 WARM = {
     "warm_start_init_point": "yes",
@@ -171,6 +173,11 @@ class Homotopy:
         self.trace.iterations += result.iterations
         self.trace.seconds += result.seconds
         self.trace.evaluation_s += result.evaluation_s
+        _LOG.info(
+            "%s %.3g: cost %.7g, lam gap %.1e, residual %.1e, %d it, %.3f s, %s",
+            knob, value, line.cost, line.complementarity, line.residual, line.iterations,
+            line.seconds, line.status,
+        )  # fmt: skip
         if result.ok:
             self.trace.points.append((nlp.form, result.point.x))
         if self.progress is not None:

@@ -1,5 +1,6 @@
 """The store of runs: what was asked and what came out, on disk, and read back."""
 
+from ocp.store.lookup import default_root, find
 from ocp.store.runs import SCHEMA, check_writable, list_runs, load, read_meta, save, write
 from ocp.store.stored_run import StoredRun
 
@@ -7,6 +8,8 @@ __all__ = [
     "SCHEMA",
     "StoredRun",
     "check_writable",
+    "default_root",
+    "find",
     "list_runs",
     "load",
     "read_meta",

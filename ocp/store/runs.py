@@ -23,6 +23,7 @@ from ocp.store.atomic import drafts, flush, told
 from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import DATA_FILE, META_FILE, StoredRun
+from ocp.store.tags import checked
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,7 +40,9 @@ class RunEntry:
     damage: str = ""
 
 
-def save(solution: Solution, root: Path | str, argv: Sequence[str]) -> Path:
+def save(
+    solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()
+) -> Path:
     """Store a solution and return its run directory; see :func:`write` for what it raises."""
     record = dict(solution.record)
     told = ("idle_cost", "grade", "cost", "verdict", "iterations", "build_s", "solve_s",
@@ -48,6 +51,7 @@ def save(solution: Solution, root: Path | str, argv: Sequence[str]) -> Path:
     meta = {
         "kind": "solve",
         "argv": list(argv),
+        "tags": tags,
         "seed": record.get("seed"),
         "record": record,
         "status": solution.status.label,
@@ -61,11 +65,12 @@ def save(solution: Solution, root: Path | str, argv: Sequence[str]) -> Path:
 def write(root: Path | str, problem: str, data: xr.Dataset, meta: dict[str, Any]) -> Path:
     """Store ``data`` and ``meta`` as one run of ``problem`` and return its directory.
 
-    ``meta`` needs ``kind``; ``schema problem created versions revision hash checksum`` are added.
-    The hash in the name covers the content without times, so identical solves share it.
+    ``meta`` needs ``kind`` and may have ``tags``, words that mark the run; ``schema problem created
+    versions revision hash checksum`` are added. The hash in the name covers the content without
+    times and tags, so identical solves share it.
 
-    Raises :class:`~ocp.errors.InputError` where the directory cannot be written or the disk is
-    full; then nothing of the run is left behind.
+    Raises :class:`~ocp.errors.InputError` for a tag that is no word, and where the directory cannot
+    be written or the disk is full; then nothing of the run is left behind.
     """
     described = plain(meta)
     data_bytes = bytes(data.to_netcdf(engine="netcdf4"))
@@ -73,7 +78,8 @@ def write(root: Path | str, problem: str, data: xr.Dataset, meta: dict[str, Any]
     described |= {
         "schema": SCHEMA,
         "problem": problem,
-        "created": created.isoformat(timespec="seconds"),
+        "created": created.isoformat(timespec="microseconds"),
+        "tags": checked(meta.get("tags") or ()),
         "versions": versions(),
         "revision": git_revision(),
         "hash": content_hash(data, described),
@@ -151,7 +157,10 @@ def read_meta(directory: Path) -> dict[str, Any]:
 
 
 def list_runs(root: Path | str) -> list[RunEntry]:
-    """List all runs under ``root``, oldest first, the damaged ones with the reason."""
+    """List all runs under ``root``, oldest first, the damaged ones with the reason.
+
+    Runs of the same second are in order too, but for damaged ones, which then come first.
+    """
     entries = []
     for directory in sorted(Path(root).glob("*/*"), key=lambda path: (path.name, path)):
         if not directory.is_dir() or directory.name.startswith("."):
@@ -160,7 +169,12 @@ def list_runs(root: Path | str) -> list[RunEntry]:
             entries.append(RunEntry(directory, read_meta(directory)))
         except DamagedRun as error:
             entries.append(RunEntry(directory, None, str(error)))
-    return entries
+    return sorted(entries, key=_age)
+
+
+def _age(entry: RunEntry) -> tuple[str, str]:
+    """Sorts runs by when they were stored: the second by the name, the rest as described."""
+    return entry.path.name.partition("-")[0], (entry.meta or {}).get("created", "")
 
 
 def _rename_into(partial: Path, shelf: Path, name: str) -> Path:

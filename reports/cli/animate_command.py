@@ -91,4 +91,12 @@ def _progress(output: Output, frames: int) -> Iterator[Callable[[int], None]]:
         yield told
 
 
-COMMAND = Command(AnimateOptions, check, run)
+COMMAND = Command(
+    AnimateOptions,
+    check,
+    run,
+    examples=(
+        "animate @last -o motion.gif",
+        "animate push-disc -o push.html --speed 0.5",
+    ),
+)

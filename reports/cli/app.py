@@ -6,6 +6,7 @@ import re
 import sys
 import traceback
 from collections.abc import Sequence
+from typing import Annotated
 
 import typer
 
@@ -30,17 +31,36 @@ from reports.cli.learning import (
     learn_command,
     train_command,
 )
+from reports.cli.named import laws_command, methods_command, settings_command
 from reports.cli.options import register
+from reports.cli.shell import streams
+from reports.cli.shell.program import Program, tell_version
+from reports.cli.stored import rm_command, save_as_command
 
 app = typer.Typer(
-    help="Optimal control through contact: solve, replay, continue and report named problems.",
-    add_completion=False,
+    cls=Program,
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool,
+        typer.Option("--version", is_eager=True, callback=tell_version, help="Show the version."),
+    ] = False,
+) -> None:
+    """Optimal control through contact: solve, replay, continue and report named problems."""
+
+
 for name, command in {
     "list": list_command.COMMAND,
+    "laws": laws_command.COMMAND,
+    "methods": methods_command.COMMAND,
+    "settings": settings_command.COMMAND,
     "show": show_command.COMMAND,
     "solve": solve_command.COMMAND,
     "replay": replay_command.COMMAND,
@@ -55,6 +75,8 @@ for name, command in {
     "animate": animate_command.COMMAND,
     "export": export_command.COMMAND,
     "runs": runs_command.COMMAND,
+    "runs rm": rm_command.COMMAND,
+    "runs export": save_as_command.COMMAND,
     "doctor": doctor_command.COMMAND,
 }.items():
     register(app, name, command)
@@ -66,6 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Errors go to stderr in one or two lines; ``--debug`` shows the traceback as well.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
+    streams.prepare()
     command = typer.main.get_command(app)
     try:
         with interrupt.watched():

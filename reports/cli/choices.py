@@ -73,11 +73,12 @@ def split_policy_settings(values: Mapping[str, str]) -> tuple[dict[str, str], di
 
 def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) -> T:
     takes = inspect.signature(cls).parameters
+    where = "ocp settings " + name if kind == "policy" else "ocp laws " + name
     for key in values:
         if key not in takes:
             raise InputError(
                 f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
-                f" it takes {', '.join(takes) or 'none'}"
+                f" it takes {', '.join(takes) or 'none'}; {where} tells them"
             )
     from ocp.settings import read
 

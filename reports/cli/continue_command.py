@@ -104,6 +104,7 @@ def _meta(options: ContinueOptions, asked: Request, path: Continuation) -> dict[
     return {
         "kind": "continue",
         "argv": options.argv,
+        "tags": options.tags,
         "seed": options.seed,
         "record": {**path.points[0].solution.record, **asked.origin},
         "over": path.parameter,
@@ -143,4 +144,12 @@ def _verdict(path: Any, end: float) -> str:
     )
 
 
-COMMAND = Command(ContinueOptions, check, run)
+COMMAND = Command(
+    ContinueOptions,
+    check,
+    run,
+    examples=(
+        "continue push-disc --over contact.mu --from 1e-1 --to 1e-5 --scale log",
+        "continue push-1d --over M --from 1 --to 2 --contact exact --pdf path.pdf",
+    ),
+)

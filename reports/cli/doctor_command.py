@@ -114,4 +114,12 @@ def _words(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
-COMMAND = Command(DoctorOptions, check, run)
+COMMAND = Command(
+    DoctorOptions,
+    check,
+    run,
+    examples=(
+        "doctor",
+        "doctor --json",
+    ),
+)

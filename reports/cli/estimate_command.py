@@ -105,6 +105,7 @@ def _meta(asked: EstimateRequest, study: SweepRun) -> dict[str, Any]:
     return {
         "kind": "estimate",
         "argv": asked.options.argv,
+        "tags": asked.options.tags,
         "problem": asked.spec.name,
         "seed": asked.sampling.seed,
         "record": asked.record,
@@ -118,4 +119,12 @@ def _meta(asked: EstimateRequest, study: SweepRun) -> dict[str, Any]:
     }  # fmt: skip
 
 
-COMMAND = Command(EstimateOptions, check, run)
+COMMAND = Command(
+    EstimateOptions,
+    check,
+    run,
+    examples=(
+        "estimate heaviside --samples 1e5 --sweep sigma=0.01:1:9:log",
+        "estimate push-1d --contact exact --estimators zobg,alpha -s alpha.gamma=1",
+    ),
+)

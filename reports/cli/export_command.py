@@ -185,4 +185,12 @@ def run(options: ExportOptions, asked: Asked) -> int:
     return 0
 
 
-COMMAND = Command(ExportOptions, check, run)
+COMMAND = Command(
+    ExportOptions,
+    check,
+    run,
+    examples=(
+        "export push-disc --contact barrier -c mu=1e-3 -o step.c",
+        "export @last -o policy.c",
+    ),
+)

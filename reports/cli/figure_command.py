@@ -108,4 +108,12 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
             "seed": asked["seed"], "claims": meta["claims"]}  # fmt: skip
 
 
-COMMAND = Command(FigureOptions, check, run)
+COMMAND = Command(
+    FigureOptions,
+    check,
+    run,
+    examples=(
+        "figure A1",
+        "figure --all --quick --out studies",
+    ),
+)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import Any
 
 from reports.cli.options import Command, Options
 
+_MARGIN = 21
 Catalogue = dict[str, list[dict[str, Any]]]
 
 
@@ -17,8 +19,14 @@ def run(options: Options, content: Catalogue) -> int:
             if items:
                 print(title)
             for item in items:
-                print(f"  {item['name']:<18} {item['summary']}")
+                print(named(item["name"], item["summary"]))
     return 0
+
+
+def named(name: str, summary: str) -> str:
+    """A name and what it is, on lines of 80 columns."""
+    head = f"  {name:<{_MARGIN - 3}} "
+    return fill(head + summary, 80, subsequent_indent=" " * _MARGIN, break_on_hyphens=False)
 
 
 def catalogue(options: Options) -> Catalogue:
@@ -53,4 +61,4 @@ def catalogue(options: Options) -> Catalogue:
     }
 
 
-COMMAND = Command(Options, catalogue, run)
+COMMAND = Command(Options, catalogue, run, examples=("list", "list --json"))

@@ -11,6 +11,7 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Callable
+from copy import copy
 from dataclasses import MISSING, Field, dataclass, fields
 from inspect import Parameter
 from pathlib import Path
@@ -18,12 +19,14 @@ from typing import Annotated, Any, Generic, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand
+from typer.models import ArgumentInfo
 
 from reports.cli.declared import argument, option
 from reports.cli.output import Output
+from reports.cli.shell import logs
 
 T = TypeVar("T")
-RUN = "A run: its path, or part of its name."
+RUN = "A run: its path, part of its name, or @last, @2, ... from the latest back."
 PROBLEM = "Registered name or path/to/file.py."
 
 
@@ -33,13 +36,20 @@ class Options:
 
     as_json: bool = option(False, "--json", help="Print one JSON document on stdout.")
     quiet: bool = option(False, "--quiet", "-q", help="No progress and no tables.")
+    verbose: int = option(
+        0, "--verbose", "-v", count=True, show_default=False,
+        help="Log what is done on stderr; -vv in every detail.",
+    )  # fmt: skip
     debug: bool = option(False, "--debug", help="Show the traceback of an error.")
     given: frozenset[str] = frozenset()
+
+    def check(self) -> None:
+        """Raise InputError for what every command that has these options refuses."""
 
     @property
     def output(self) -> Output:
         """Where results and progress go."""
-        return Output(self.as_json, self.quiet)
+        return Output(self.as_json, self.quiet, self.verbose > 0)
 
     @property
     def argv(self) -> list[str]:
@@ -51,31 +61,50 @@ class Options:
 class StoreOptions(Options):
     """Where runs are kept."""
 
-    out: Path = option(Path("runs"), "--out", help="Directory of the run store.")
+    out: Path = option(Path("runs"), "--out", envvar="OCP_RUNS", help="Directory of the run store.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TagOptions(StoreOptions):
+    """What a stored run is marked with."""
+
+    tags: list[str] | None = option(
+        None, "--tag", metavar="WORD", help="Mark the run; ocp runs --tag WORD finds it."
+    )
+
+    def check(self) -> None:
+        """Raise InputError for a tag that is no word."""
+        from ocp.store.tags import checked
+
+        super().check()
+        checked(self.tags or ())
 
 
 @dataclass(frozen=True, kw_only=True)
 class LawOptions(StoreOptions):
     """A contact law and its settings."""
 
-    contact: str = option("barrier", "--contact", help="Contact law; ocp list shows them.")
+    contact: str = option("barrier", "--contact", help="Contact law; ocp laws tells them.")
     law_settings: list[str] | None = option(
-        None, "--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."
-    )
+        None, "--contact-setting", "-c", metavar="K=V",
+        help="Setting of the contact law; ocp laws tells them.",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProblemOptions(LawOptions):
+class ProblemOptions(LawOptions, TagOptions):
     """A problem under a law and a policy, and a report of what comes out."""
 
     problem: str = argument(help=PROBLEM)
     params: list[str] | None = option(
-        None, "--param", "-p", metavar="K=V", help="Parameter of the problem."
-    )
+        None, "--param", "-p", metavar="K=V",
+        help="Parameter of the problem; ocp show PROBLEM tells them.",
+    )  # fmt: skip
     policy: str = option("open-loop", "--policy", help="open-loop or feedback.")
     settings: list[str] | None = option(
-        None, "--setting", "-s", metavar="K=V", help="Setting of the method or the solver."
-    )
+        None, "--setting", "-s", metavar="K=V",
+        help="Setting of method, policy or solver; ocp settings tells them.",
+    )  # fmt: skip
     seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
     pdf: Path | None = option(None, "--pdf", help="Write a report here.")
 
@@ -94,18 +123,21 @@ class Command(Generic[T]):
 
     ``check(options)`` raises :class:`~ocp.errors.InputError`, or its kin, for whatever cannot be;
     ``run(options, checked)`` returns the exit code. Its docstring is the command's help, below
-    whose options stands what ``epilog()`` gives.
+    whose options stand ``examples``, lines without ``ocp``, and what ``epilog()`` gives.
     """
 
     options: type[Any]
     check: Callable[[Any], T]
     run: Callable[[Any, T], int]
     epilog: Callable[[], str] | None = None
+    examples: tuple[str, ...] = ()
 
 
 def carry_out(command: Command[T], options: Options) -> int:
-    """Check the options of a command, then do its work."""
-    return work(command, options, command.check(options))
+    """Check the options of a command, then do its work; what is logged is shown if asked for."""
+    with logs.shown(options.verbose):
+        options.check()
+        return work(command, options, command.check(options))
 
 
 def work(command: Command[T], options: Options, checked: T) -> int:
@@ -135,36 +167,42 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
                   default=Parameter.empty if default is MISSING else default)
         for key, (annotation, default) in parameters.items()
     ])  # fmt: skip
-    app.command(name, cls=_shaped(command.epilog))(called)
+    app.command(name, cls=_shaped(command))(called)
 
 
-def _shaped(epilog: Callable[[], str] | None) -> type[Strict]:
-    """The class of a command whose help ends with what ``epilog`` gives."""
-    return (
-        Strict if epilog is None else type("Told", (Strict,), {"epilog_of": staticmethod(epilog)})
-    )
+def _shaped(command: Command[Any]) -> type[Strict]:
+    """The class of a command whose help ends as ``command`` says."""
+    return type("Told", (Strict,), {"told": command})
 
 
 def _annotation(hint: Any, field: Field[Any]) -> Any:
-    return Annotated[hint, field.metadata["typer"]] if field.metadata else hint
+    if not field.metadata:
+        return hint
+    shown = copy(field.metadata["typer"])
+    if isinstance(shown, ArgumentInfo) and shown.metavar is None:
+        shown.metavar = field.name.upper()
+    return Annotated[hint, shown]
 
 
 class Strict(TyperCommand):
     """A command that takes each option once, texts that are not empty, and finite numbers."""
 
-    epilog_of: Callable[[], str] | None = None
+    told: Command[Any]
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write what stands below the options of the help, made when it is asked for."""
-        if self.epilog_of is not None:
-            formatter.write(f"\n{self.epilog_of()}\n")
+        if self.told.examples:
+            formatter.write("\nExamples:\n")
+            formatter.write("".join(f"  ocp {line}\n" for line in self.told.examples))
+        if self.told.epilog is not None:
+            formatter.write(f"\n{self.told.epilog()}\n")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the words of the command line, and refuse them as a usage error."""
         raw, _, order = self.make_parser(ctx).parse_args(args=list(args))
         for parameter, times in Counter(order).items():
             label = _label(parameter)
-            if times > 1 and not parameter.multiple:
+            if times > 1 and not (parameter.multiple or getattr(parameter, "count", False)):
                 ctx.fail(f"{label} is given {times} times; give it once")
             value = raw.get(parameter.name)
             for word in value if isinstance(value, list | tuple) else [value]:

@@ -15,10 +15,13 @@ GRADES = {"survives": "green", "certified": "yellow", "failed": "red"}
 
 
 class Output:
-    """Results go to stdout, the rest to stderr; with ``--json`` stdout has JSON alone."""
+    """Results go to stdout, the rest to stderr; with ``--json`` stdout has JSON alone.
 
-    def __init__(self, as_json: bool, quiet: bool) -> None:
-        self.as_json, self.quiet = as_json, quiet
+    Where progress is ``logged`` nothing else shows it.
+    """
+
+    def __init__(self, as_json: bool, quiet: bool, logged: bool = False) -> None:
+        self.as_json, self.quiet, self.logged = as_json, quiet, logged
 
     @property
     def console(self) -> Console:

@@ -86,4 +86,12 @@ def replay(
     }
 
 
-COMMAND = Command(ReplayOptions, check, run)
+COMMAND = Command(
+    ReplayOptions,
+    check,
+    run,
+    examples=(
+        "replay @last",
+        "replay @last --contact barrier -c mu=1e-2",
+    ),
+)

@@ -41,4 +41,12 @@ def run(options: ReportOptions, runs: list[StoredRun]) -> int:
     return 0
 
 
-COMMAND = Command(ReportOptions, check, run)
+COMMAND = Command(
+    ReportOptions,
+    check,
+    run,
+    examples=(
+        "report @last -o report.pdf",
+        "report @2 @last -o both.pdf",
+    ),
+)

@@ -71,16 +71,18 @@ class Request:
 
 
 def _check_spelling(settings: dict[str, str], solver: str) -> None:
-    """Catch a misspelt setting of ours before the solver is asked about an option of that name."""
-    from ocp.programs.options import has_option
+    """Refuse a setting that is neither ours nor an option of the solver."""
+    from ocp.programs.options import documented, has_option
     from ocp.programs.solver import SOLVERS
     from ocp.settings import OWN
 
     choose("solver", solver, SOLVERS)
     for key in sorted(set(settings) - set(OWN)):
-        hint = did_you_mean(key, OWN, 0.8)
-        if hint and not has_option(solver, key):
+        bare = key.removeprefix("ipopt.")
+        if not has_option(solver, bare):
+            known = [*OWN, *documented(solver)]
             raise InputError(
-                f"unknown setting {key!r}{hint}; there are {', '.join(OWN)}, policy.<name>, and"
-                " every option of the solver"
+                f"unknown setting {key!r}{did_you_mean(bare, known, 0.6)}; there are"
+                f" {', '.join(OWN)}, policy.<name>, and the options of {solver}: ocp settings and"
+                f" ocp settings {solver} tell them"
             )

@@ -134,4 +134,12 @@ def _source(found: Spec) -> None:
         print(f"\nSource: {found.citation.text} ({full_citation(found.citation.key)})")
 
 
-COMMAND = Command(ShowOptions, check, run)
+COMMAND = Command(
+    ShowOptions,
+    check,
+    run,
+    examples=(
+        "show push-disc",
+        "show data.nc",
+    ),
+)

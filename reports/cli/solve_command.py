@@ -78,7 +78,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     asked, start = checked
     output = options.output
     solution = asked.described(_solved(options, asked, start))
-    path = store.save(solution, options.out, options.argv)
+    path = store.save(solution, options.out, options.argv, options.tags or ())
     show(output, solution)
     if solution.record["jit"] not in (None, "compiled"):
         output.say(f"jit: {solution.record['jit']}")
@@ -108,7 +108,9 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
             rank = RANKS[options.rank]
             return solve_session(asked.session, options.starts, options.seed, told, rank)
         except Interrupted as stop:
-            kept = store.save(asked.described(stop.solution), options.out, options.argv)
+            kept = store.save(
+                asked.described(stop.solution), options.out, options.argv, options.tags or ()
+            )
             finished = len(stop.solution.others)
             options.output.say(f"run: {kept} (the best of {finished} finished starts)")
             raise
@@ -180,4 +182,14 @@ def document(solution: Solution, path: Path) -> dict[str, Any]:
     }
 
 
-COMMAND = Command(SolveOptions, check, run)
+COMMAND = Command(
+    SolveOptions,
+    check,
+    run,
+    examples=(
+        "solve push-disc",
+        "solve push-disc -p M=2 -p N=40 --contact exact --pdf plan.pdf",
+        "solve push-disc --contact adaptive -c sigma=0.05 -s tol=1e-8 --tag soft",
+        "solve push-disc -p goal_x=0.5 --from @last",
+    ),
+)

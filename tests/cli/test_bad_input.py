@@ -19,7 +19,7 @@ CASES = {
     "problem in show": (["show", "ball-bonce"], ["did you mean 'ball-bounce'"]),
     "command": (["sole"], ["sole", "solve"]),
     "option": ([*SOLVE, "--bogus"], ["--bogus"]),
-    "no problem": (["solve"], ["problem"]),
+    "no problem": (["solve"], ["PROBLEM"]),
     "law": ([*SOLVE, "--contact", "barier"], ["did you mean 'barrier'", "randomized"]),
     "law's setting": ([*SOLVE, "-c", "nu=1"], ["'nu'", "did you mean 'mu'", "kappa"]),
     "setting's type": ([*SOLVE, "-c", "mu=abc"], ["mu must be a number", "'abc'"]),

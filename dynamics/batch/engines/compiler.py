@@ -13,6 +13,7 @@ import contextlib
 import ctypes
 import functools
 import hashlib
+import logging
 import os
 import re
 import shutil
@@ -20,9 +21,11 @@ import stat
 import subprocess
 import tempfile
 import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
+_LOG = logging.getLogger(__name__)
 CANDIDATES = ("cc", "gcc", "clang")
 # No flag here lets the compiler assume that NaN or infinity do not occur, reorder a sum, or choose
 # where to contract a*b+c: the emitted source says so itself with explicit fused operations.
@@ -178,6 +181,7 @@ def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -
     if directory is not None:
         found = _verified(directory, key)
         if found is not None:
+            _LOG.debug("%s: taken from the cache", found.name)
             return found
         with contextlib.suppress(OSError):
             return _compile(key, source, compiler, flags, directory)
@@ -200,7 +204,12 @@ def _compile(
         text, built = Path(build) / "batch.c", Path(build) / "batch.so"
         text.write_text(source)
         libraries = ["-lmvec", "-lm"] if compiler.vector_math else ["-lm"]
+        began = time.perf_counter()
         _run([compiler.path, *flags, "-o", str(built), str(text), *libraries])
+        _LOG.info(
+            "%s compiled %d lines of C in %.2f s", compiler.path, source.count("\n"),
+            time.perf_counter() - began,
+        )  # fmt: skip
         built.chmod(0o600)
         checksum = hashlib.sha256(built.read_bytes()).hexdigest()
         return built.replace(directory / f"{key}-{checksum}.so")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, at_least, positive
@@ -39,34 +39,34 @@ class MBPO:
     summary: ClassVar[str] = "soft actor-critic on short branches of a network ensemble"
     contact: ClassVar[str] = "exact"
 
-    walkers: int = 16
-    steps: int = 16
-    explored: int = 2048
-    capacity: int = 100_000
-    members: int = 7
-    elites: int = 5
-    model_units: int = 100
-    model_layers: int = 3
-    model_rate: float = 1e-3
-    model_steps: int = 200
-    model_batch: int = 128
-    held_out: float = 0.1
-    branches: int = 400
-    shortest: int = 1
-    longest: int = 5
-    kept: int = 10
-    critic_units: int = 128
-    critic_layers: int = 2
-    rate: float = 3e-4
-    sigma: float = 0.3
-    alpha: float = 0.1
-    aim: float = -1.0
-    cut: float = math.inf
-    critic_discount: float = 0.99
-    slow: float = 0.005
-    updates: int = 1000
-    batch: int = 128
-    real: float = 0.05
+    walkers: Annotated[int, "episodes that go on under the exact law in every iteration"] = 16
+    steps: Annotated[int, "steps that each of them goes on"] = 16
+    explored: Annotated[int, "steps of random policies in iteration 0"] = 2048
+    capacity: Annotated[int, "steps that are kept"] = 100_000
+    members: Annotated[int, "networks of the ensemble"] = 7
+    elites: Annotated[int, "of which this many are used"] = 5
+    model_units: Annotated[int, "units of a layer of the model"] = 100
+    model_layers: Annotated[int, "its layers"] = 3
+    model_rate: Annotated[float, "step length of its fit"] = 1e-3
+    model_steps: Annotated[int, "steps of its fit in an iteration"] = 200
+    model_batch: Annotated[int, "transitions in a batch of its fit"] = 128
+    held_out: Annotated[float, "part of the steps that chooses the elites"] = 0.1
+    branches: Annotated[int, "branches of the model in an iteration"] = 400
+    shortest: Annotated[int, "their steps at first"] = 1
+    longest: Annotated[int, "their steps from half of the iterations on"] = 5
+    kept: Annotated[int, "iterations whose branches are learned from"] = 10
+    critic_units: Annotated[int, "units of a layer of the critics"] = 128
+    critic_layers: Annotated[int, "their layers"] = 2
+    rate: Annotated[float, "step length of actor, critics and temperature"] = 3e-4
+    sigma: Annotated[float, "deviation of the actions before tanh at first"] = 0.3
+    alpha: Annotated[float, "temperature of the entropy at first"] = 0.1
+    aim: Annotated[float, "entropy an input that the temperature keeps"] = -1.0
+    cut: Annotated[float, "most size of a reward that the critics are told"] = math.inf
+    critic_discount: Annotated[float, "times the experiment's discount, the critics'"] = 0.99
+    slow: Annotated[float, "share by which the target critics follow"] = 0.005
+    updates: Annotated[int, "of actor and critics in an iteration"] = 1000
+    batch: Annotated[int, "steps in a batch of an update"] = 128
+    real: Annotated[float, "part of a batch that was seen, not of branches"] = 0.05
 
     def settings(self) -> dict[str, Any]:
         """All of them."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class PIPPS(Unrolled):
     summary: ClassVar[str] = "total propagation: both estimates mixed at every step backwards"
     contact: ClassVar[str] = "exact"
 
-    sigma: float = 1e-2
+    sigma: Annotated[float, "deviation of the particles' noise [units of the state]"] = 1e-2
     least: ClassVar[int] = 2
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:

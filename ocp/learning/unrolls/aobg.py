@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import log, sqrt
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -38,8 +38,8 @@ class AoBG(Unrolled):
     summary: ClassVar[str] = "alpha-order batched gradient, first and zeroth order mixed"
     contact: ClassVar[str] = "exact"
 
-    gamma: float | None = None
-    delta: float = 0.05
+    gamma: Annotated[float | None, "bound on the bias; a tenth of |g0| if not given"] = None
+    delta: Annotated[float, "probability that the test fails"] = 0.05
     least: ClassVar[int] = 2
 
     def check(self, experiment: Experiment) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from dynamics.contact import Barrier
 from ocp.errors import choose
@@ -43,8 +43,10 @@ class FOPG(Unrolled):
     summary: ClassVar[str] = "first-order policy gradient through the contact model"
     contact: ClassVar[str] = "adaptive"
 
-    smoothing: str = "rollout"
-    critic: int = 0
+    smoothing: Annotated[
+        str, "rollout: states and gradient are the law's; gradient: the gradient alone"
+    ] = "rollout"
+    critic: Annotated[int, "units in each layer of a critic; 0 for none"] = 0
 
     @property
     def valued(self) -> Critic | None:

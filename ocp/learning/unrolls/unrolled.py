@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -26,12 +26,15 @@ class Unrolled:
     from the few samples that lose their way.
     """
 
-    samples: int = 64
-    unroll: int = 32
-    sigma: float = 0.1
-    rate: float = 0.01
-    optimiser: str = "adam"
-    clip: float | None = 1.0
+    samples: Annotated[int, "unrolls an iteration"] = 64
+    unroll: Annotated[int, "steps of an unroll, at most an episode's"] = 32
+    sigma: Annotated[float, "standard deviation of the noise on the actions before tanh"] = 0.1
+    rate: Annotated[float, "length of a step of the optimiser"] = 0.01
+    optimiser: Annotated[str, f"rule of a step: {', '.join(RULES)}"] = "adam"
+    clip: Annotated[
+        float | None,
+        "most times the median length of all that a sample's gradient may have",
+    ] = 1.0
 
     least: ClassVar[int] = 1
     """Samples that the estimate needs."""

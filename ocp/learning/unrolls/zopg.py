@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class ZOPG(Unrolled):
     summary: ClassVar[str] = "likelihood-ratio policy gradient, antithetic, with a baseline"
     contact: ClassVar[str] = "exact"
 
-    samples: int = 256
+    samples: Annotated[int, "unrolls an iteration, in pairs of noise w and -w"] = 256
     least: ClassVar[int] = 4
 
     def check(self, experiment: Experiment) -> None:

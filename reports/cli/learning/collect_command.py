@@ -97,4 +97,9 @@ def run(options: CollectOptions, asked: Asked) -> int:
     return 0
 
 
-COMMAND = Command(CollectOptions, check, run)
+COMMAND = Command(
+    CollectOptions,
+    check,
+    run,
+    examples=("collect push-1d --samples 1e5 -o data.nc",),
+)

@@ -70,4 +70,12 @@ def run(options: EvaluateOptions, asked: Asked) -> int:
     return 0
 
 
-COMMAND = Command(EvaluateOptions, check, run)
+COMMAND = Command(
+    EvaluateOptions,
+    check,
+    run,
+    examples=(
+        "evaluate @last",
+        "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000",
+    ),
+)

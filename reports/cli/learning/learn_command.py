@@ -223,4 +223,12 @@ def _trained(options: LearnOptions, asked: Asked, training: Training) -> tuple[A
     return training.model(), training.held_out
 
 
-COMMAND = Command(LearnOptions, check, run)
+COMMAND = Command(
+    LearnOptions,
+    check,
+    run,
+    examples=(
+        "learn data.nc --model ewda -o model.nc",
+        "learn data.nc --model mlp --hidden 64,64 --epochs 100 -o model.nc",
+    ),
+)

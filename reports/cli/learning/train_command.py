@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from reports.cli.declared import argument, option
-from reports.cli.options import Command, LawOptions
+from reports.cli.options import Command, LawOptions, TagOptions
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw
@@ -26,7 +26,7 @@ _ENDED = 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainOptions(LawOptions):
+class TrainOptions(LawOptions, TagOptions):
     """A task, algorithms with their settings, seeds, and where all that is computed."""
 
     task: str = argument(help="A named task.")
@@ -199,7 +199,12 @@ def _store(options: TrainOptions, asked: Asked, place: int, data: Any) -> Path:
     from reports.trained.summary import meta
 
     job, experiment = asked.jobs[place], asked.experiments[place]
-    described = {"argv": options.argv, "seed": job.seed, "record": record(experiment)}
+    described = {
+        "argv": options.argv,
+        "tags": options.tags,
+        "seed": job.seed,
+        "record": record(experiment),
+    }
     path = store.write(options.out, job.task, data, {**described, **meta(data)})
     asked.checkpoints[place].save_rows(_ENDED, [{"run": str(path.resolve())}])
     return path
@@ -241,4 +246,13 @@ def epilog() -> str:
     return help_text()
 
 
-COMMAND = Command(TrainOptions, check, run, epilog)
+COMMAND = Command(
+    TrainOptions,
+    check,
+    run,
+    epilog,
+    examples=(
+        "train ball-throw",
+        "train hopper --algorithm fopg,ars --seeds 3 --iterations 200 --tag night",
+    ),
+)

@@ -7,6 +7,8 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ocp.errors import InputError, choose, did_you_mean
+from ocp.learning.experiment import Experiment
+from ocp.settings import declared
 from problems.tasks.usual import made, settings_of, usual
 from reports.cli.learning.psi_words import SETTINGS
 
@@ -16,14 +18,7 @@ if TYPE_CHECKING:
     from ocp.learning.protocol import Algorithm
     from problems.tasks.spec import TaskSpec
 
-OWN = {
-    "hidden": "units of each tanh layer, as 64,64; affine, or open-loop",
-    "initial": "size of the last layer's first weights",
-    "normalise": "observations by their running mean and scale",
-    "discount": "of later rewards, above 0 and at most 1",
-    "evaluate_every": "iterations between judgements under the exact law",
-    "episodes": "of each judgement",
-}
+OWN = {setting.name: setting.meaning for setting in declared(Experiment)}
 """Settings that every algorithm has, fields of :class:`~ocp.learning.experiment.Experiment`."""
 _SHAPES: dict[str, tuple[int, ...] | None] = {"affine": (), "open-loop": None}
 
@@ -70,7 +65,6 @@ def _unknown(key: str, chosen: Mapping[str, type]) -> str:
 
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
-    from ocp.learning.experiment import Experiment
     from ocp.settings import read
 
     if name == "hidden":
@@ -95,7 +89,6 @@ def _hidden(text: str) -> tuple[int, ...] | None:
 def help_text() -> str:
     """Tasks, algorithms and settings with their defaults, a line each."""
     from ocp.learning.algorithms import ALGORITHMS
-    from ocp.learning.experiment import Experiment
     from problems.tasks import registry
 
     specs = [registry.spec(name) for name in registry.names()]

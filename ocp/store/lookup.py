@@ -1,0 +1,92 @@
+"""Which run a person means: a path, part of a name, or how many back; and where runs are kept."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from ocp.errors import InputError, did_you_mean
+from ocp.store.runs import RunEntry, list_runs
+from ocp.store.stored_run import DATA_FILE, META_FILE
+
+VARIABLE = "OCP_RUNS"
+"""Environment variable that names the store where none is said."""
+
+
+def default_root() -> Path:
+    """The store where none is said: ``$OCP_RUNS``, else ``runs`` in the working directory."""
+    return Path(os.environ.get(VARIABLE) or "runs")
+
+
+def find(text: str, root: Path | str | None = None) -> Path:
+    """Return the run that ``text`` names.
+
+    That is a path; part of a run's name in ``root`` (:func:`default_root` if not said), the latest
+    of several with identical content; ``@last``, the latest of all; ``@2`` the one before it, and
+    so on.
+
+    Raises :class:`~ocp.errors.InputError` for none and for several that differ.
+    """
+    store = default_root() if root is None else Path(root)
+    if not text.startswith("@") and Path(text).exists():
+        return Path(text)
+    runs = list_runs(store)
+    if re.fullmatch(r"@(last|[1-9]\d{0,8})", text):
+        return _back(text, runs, store)
+    return _named(text, runs, store)
+
+
+def _back(text: str, runs: Sequence[RunEntry], store: Path) -> Path:
+    back = 1 if text == "@last" else int(text[1:])
+    if back > len(runs):
+        holds = f"holds {len(runs)} runs" if runs else "holds no runs"
+        raise InputError(f"there is no run {text}: {store} {holds}; ocp runs lists them")
+    return runs[-back].path
+
+
+def _named(text: str, runs: Sequence[RunEntry], store: Path) -> Path:
+    named = {f"{entry.path.parent.name}/{entry.path.name}": entry for entry in runs}
+    matches = [entry for name, entry in named.items() if text in name]
+    if matches and len({_content(entry) for entry in matches}) == 1:
+        return matches[-1].path
+    if matches:
+        some = ", ".join(entry.path.name for entry in matches[:3])
+        raise InputError(f"{text!r} names {len(matches)} runs ({some}, ...); give more of it")
+    raise InputError(
+        f"there is no run {text!r}{did_you_mean(text, named)}; ocp runs lists what {store} holds"
+    )
+
+
+def _content(entry: RunEntry) -> str:
+    return str(entry.path) if entry.meta is None else entry.meta["hash"]
+
+
+def check_removable(path: Path) -> None:
+    """Raise :class:`~ocp.errors.InputError` unless ``path`` is a run's directory, damaged or not.
+
+    A run holds its two files and nothing else.
+    """
+    found = {file.name for file in path.iterdir()} if path.is_dir() else set()
+    if not found & {DATA_FILE, META_FILE}:
+        raise InputError(f"{path} is no run; ocp runs lists what the store holds")
+    if foreign := sorted(found - {DATA_FILE, META_FILE}):
+        raise InputError(f"{path} holds {foreign[0]}, which is no part of a run; move it away")
+
+
+def remove(paths: Iterable[Path]) -> None:
+    """Delete runs, and the directory of a problem with the last of its runs.
+
+    Raises :class:`~ocp.errors.InputError`, before anything is deleted, where one of them is none
+    (:func:`check_removable`).
+    """
+    runs = list(dict.fromkeys(paths))
+    for path in runs:
+        check_removable(path)
+    for path in runs:
+        shutil.rmtree(path)
+        with suppress(OSError):
+            path.parent.rmdir()

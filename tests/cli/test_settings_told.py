@@ -1,0 +1,124 @@
+"""``ocp laws``, ``methods``, ``settings``: everything that may be set, as it is declared."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import fields
+from typing import TYPE_CHECKING, Annotated
+
+import pytest
+
+from dynamics.laws import LAWS
+from ocp.learning.algorithms import ALGORITHMS
+from ocp.policy import POLICIES
+from ocp.programs.options import documented
+from ocp.programs.solver import IPOPT_DEFAULTS
+from ocp.settings import OWN, Setting, Settings, declared
+from ocp.transcription import METHODS
+from problems.tasks.usual import settings_of
+
+if TYPE_CHECKING:
+    from ocp.problem import Problem
+
+
+class Made:
+    """A class with a declared argument, one that is not, and one that only checkers know."""
+
+    def __init__(
+        self,
+        size: Annotated[float, "of it [m]"] = 0.5,
+        names: Annotated[tuple[int, ...] | None, "numbers"] = None,
+        plain: int = 3,
+        other: Problem | None = None,
+    ) -> None: ...
+
+
+def test_a_declared_argument_has_name_kind_default_and_meaning() -> None:
+    assert declared(Made) == [
+        Setting("size", "number", 0.5, "of it [m]"),
+        Setting("names", "whole numbers", None, "numbers"),
+    ]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_setting_of_a_law_is_declared_and_told(ocp, name: str) -> None:
+    takes = inspect.signature(LAWS[name]).parameters
+    told = ocp("laws", name, "--json").json["laws"][0]
+    assert [one["name"] for one in told["settings"]] == list(takes)
+    for one in told["settings"]:
+        default = takes[one["name"]].default
+        assert one["default"] == default and one["meaning"] and one["kind"]
+    text = ocp("laws", name).out
+    assert all(f"\n  {key}" in text for key in takes)
+
+
+def test_every_class_of_settings_declares_all_of_them() -> None:
+    for cls in (*ALGORITHMS.values(), *POLICIES.values()):
+        assert [one.name for one in declared(cls)] == [*settings_of(cls)]
+    assert set(OWN) == {field.name for field in fields(Settings)} - {"options"}
+
+
+def test_settings_tells_all_of_them(ocp) -> None:
+    told = {group["name"]: group for group in ocp("settings", "--json").json["settings"]}
+    assert {*LAWS, *POLICIES, *ALGORITHMS, "solve", "train", "alpha", "ipopt"} <= set(told)
+    assert [one["name"] for one in told["solve"]["settings"]] == list(OWN)
+    of_ipopt = {one["name"]: one["default"] for one in told["ipopt"]["settings"]}
+    assert of_ipopt.items() <= IPOPT_DEFAULTS.items()
+    lines = ocp("settings").out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert (
+        "  jit=false (true or false): evaluate by compiled C, cached, where a compiler is" in lines
+    )
+
+
+def test_a_solvers_options_are_those_it_documents(ocp) -> None:
+    told = ocp("settings", "ipopt", "--json").json["settings"][0]["settings"]
+    assert {one["name"] for one in told} == set(documented("ipopt"))
+    tol, scale = (next(o for o in told if o["name"] == name) for name in ("tol", "s_max"))
+    assert tol["default"] == IPOPT_DEFAULTS["tol"], "as it is set here"
+    assert scale["default"] == "100" and scale["meaning"] == "Scaling threshold for the NLP error."
+
+
+def test_a_setting_is_found_by_its_name(ocp) -> None:
+    told = ocp("settings", "policy.penalty", "--json").json["settings"]
+    assert [(group["name"], [one["name"] for one in group["settings"]]) for group in told] == [
+        ("feedback", ["penalty"])
+    ]
+    several = ocp("settings", "sigma", "--json").json["settings"]
+    assert {"adaptive", "randomized", "fopg", "pipps"} <= {group["name"] for group in several}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["settings", "fobg"], ["did you mean 'fopg'", "randomized"]),
+        (["laws", "barier"], ["did you mean 'barrier'", "exact"]),
+        (["solve", "wall-1d", "-s", "homotpy=true"], ["did you mean 'homotopy'", "ocp settings"]),
+        (["solve", "wall-1d", "-s", "toll=1"], ["did you mean 'tol'", "strategy", "jit"]),
+        (["solve", "wall-1d", "-c", "nu=1"], ["mu, kappa", "ocp laws barrier"]),
+    ],
+)
+def test_what_is_unknown_is_told_what_there_is(ocp, arguments: list[str], told: list[str]) -> None:
+    done = ocp(*arguments)
+    assert done.code == 2
+    assert all(part in done.err for part in told), done.err
+
+
+def test_methods(ocp) -> None:
+    found = ocp("methods", "--json").json
+    assert [method["name"] for method in found["methods"]] == list(METHODS)
+    assert "feedback (-s policy.NAME=VALUE)" in ocp("methods").out
+
+
+def test_a_knob_may_be_called_without_its_room(ocp) -> None:
+    path = ["--from", "1e-2", "--to", "1e-3", "--steps", "1", "--json", "--quiet"]
+    short = ocp("continue", "wall-1d", "--over", "mu", *path).json
+    assert short["over"] == "contact.mu"
+    assert [point["complementarity"] for point in short["points"]] == pytest.approx([1e-2, 1e-3])
+
+
+@pytest.mark.parametrize(("problem", "name"), [("wall-1d", "N"), ("push-disc", "scenarios")])
+def test_what_shapes_the_program_is_told_another_way(ocp, problem: str, name: str) -> None:
+    done = ocp("continue", problem, "--over", name, "--from", "5", "--to", "9")
+    assert done.code == 2
+    assert f"-p {name}=" in done.err and "ocp sweep" in done.err
