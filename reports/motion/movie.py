@@ -107,7 +107,8 @@ def _write_mp4(animation: Animation, draft: Path, told: Callable[[int], None]) -
         "ffmpeg", "-y", "-loglevel", "error",
         "-f", "rawvideo", "-pix_fmt", "rgba", "-video_size", f"{width}x{height}",
         "-framerate", str(animation.fps), "-i", "-",
-        "-codec:v", "h264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(draft),
+        "-codec:v", "h264", "-preset", "veryfast", "-pix_fmt", "yuv420p",
+        "-movflags", "+faststart", str(draft),
     ]  # fmt: skip
     log = draft.with_name("ffmpeg.log")
     # Where it has ended early, its own words and exit code say why.
