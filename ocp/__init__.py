@@ -1,13 +1,21 @@
 """Optimal control through contact: problems, methods, policies, and judged solutions."""
 
+from typing import TYPE_CHECKING
+
+from ocp.distribution import version  # first: it sees to it that what follows is ours
 from ocp.errors import DamagedRun, InputError, NotConverged
 from ocp.policy import Feedback, OpenLoop
 from ocp.problem import Constraint, Problem, Reference, Scenarios
 from ocp.programs.status import Status
+from ocp.replay import Replay
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.solution import Solution
 from ocp.solve import solve
+from ocp.stored import load
 from ocp.transcription import Direct, MultipleShooting, SingleShooting
+
+if TYPE_CHECKING:
+    __version__: str
 
 __all__ = [
     "Constraint",
@@ -21,11 +29,23 @@ __all__ = [
     "OpenLoop",
     "Problem",
     "Reference",
+    "Replay",
     "Rollout",
     "Scenarios",
     "SingleShooting",
     "Solution",
     "Status",
+    "load",
     "roll_out",
     "solve",
 ]
+
+
+# Not for a type checker, to which any name would then be one of ours.
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> str:
+        """``__version__``, looked up when it is asked for."""
+        if name == "__version__":
+            return version()
+        raise AttributeError(f"module 'ocp' has no attribute {name!r}")
