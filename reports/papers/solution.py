@@ -25,7 +25,7 @@ _DASHES = ("-", (0, (4, 2)))
 _COLORS = (*CYCLE, INK, GREY)
 _LEVEL = 1e-6
 """Of its size, below which a change is drawn as none."""
-_LINE = 0.11
+_LINE = 0.14
 """Height of a line of the key, of a panel's."""
 
 
