@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ocp.errors import InputError
-from reports.figures.run import label
 from reports.forces import forces_of
 from reports.strobe import draw_strobe
-from reports.style import CYCLE, GREY, INK, WIDTH
+from reports.style import CYCLE, INK, WIDTH
+from reports.units import label
 from reports.view import RunView
 
 _COLUMNS = 3
@@ -22,7 +22,6 @@ _ROW, _TALLEST = 1.75, 3.0
 _LEAST = 0.02
 """Contacts whose force stays below this fraction of the largest are left out."""
 _DASHES = ("-", (0, (4, 2)))
-_COLORS = (*CYCLE, INK, GREY)
 _LEVEL = 1e-6
 """Of its size, below which a change is drawn as none."""
 _LINE = 0.14
@@ -95,7 +94,7 @@ def _by_unit(view: RunView, kind: str, name: str) -> Iterable[Group]:
     for unit in dict.fromkeys(signal.unit for signal in signals):
         own = [i for i, signal in enumerate(signals) if signal.unit == unit]
         yield Group(
-            label(kind, "" if unit == "1" else unit),
+            label(kind, unit),
             [signals[i].name for i in own],
             values[..., own],
             None if again is None else again[..., own],
@@ -132,7 +131,7 @@ def _draw(axis: Axes, time: np.ndarray, group: Group) -> None:
         for i, name in enumerate(group.names):
             told = name if dash == _DASHES[0] else None
             for scenario, line in enumerate(values[..., i]):
-                color, text = _COLORS[i % len(_COLORS)], told if scenario == 0 else None
+                color, text = CYCLE[i % len(CYCLE)], told if scenario == 0 else None
                 if line.size < time.size:
                     axis.stairs(line, time, baseline=None, color=color, label=text, **look)
                 else:
