@@ -259,4 +259,5 @@ def record(session: Session, seed: int) -> dict[str, Any]:
         "seed": seed,
         "versions": versions(),
         "citation": problem.citation,
+        "source": problem.source,
     }  # fmt: skip

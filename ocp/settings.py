@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import inspect
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field
 
-from ocp.errors import InputError, choose
+from ocp.errors import choose
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
-
-_KINDS = {
-    "bool": "true or false",
-    "int": "a whole number",
-    "float": "a number",
-    "finite": "a finite number",
-    "less": "between 0 and 1",
-    "greater": "a positive finite number",
-}
-"""What to expect, by the first word of pydantic's name for what was wrong."""
+from ocp.typed import read
 
 
 @dataclass(frozen=True)
@@ -50,7 +42,7 @@ class Settings:
     options: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def read(cls, raw: dict[str, Any]) -> Settings:
+    def read(cls, raw: Mapping[str, Any]) -> Settings:
         """Read strings (or values) by key; raises :class:`~ocp.errors.InputError`."""
         types = get_type_hints(cls, include_extras=True)
         own = {key: read(f"setting {key}", raw[key], types[key]) for key in OWN if key in raw}
@@ -58,20 +50,6 @@ class Settings:
             choose("strategy", own["strategy"], STRATEGIES)
         options = {k.removeprefix("ipopt."): literal(v) for k, v in raw.items() if k not in OWN}
         return cls(**own, options=options)
-
-
-def read(what: str, value: Any, kind: Any) -> Any:
-    """Return ``value``, a word or already a value, as the type ``kind``.
-
-    Raises :class:`~ocp.errors.InputError` that says what was expected of ``what``.
-    """
-    try:
-        adapter = TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True))
-        return adapter.validate_python(value)
-    except ValidationError as error:
-        known = (_KINDS.get(found["type"].partition("_")[0]) for found in error.errors())
-        expected = next((words for words in known if words), error.errors()[0]["msg"].lower())
-        raise InputError(f"{what} must be {expected}, got {value!r}") from None
 
 
 @dataclass(frozen=True)

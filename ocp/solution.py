@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
+from dynamics.systems import KNOB
+from ocp.choices import closing_law
 from ocp.errors import InputError
+from ocp.floors import lent
 from ocp.judges.findings import Audit, Refereed
-from ocp.judges.verdict import Grade, grade, verdict
+from ocp.judges.verdict import Grade, grade, headline, verdict
 from ocp.problem import Problem
 from ocp.programs.status import Status
-from ocp.rollout import Gains, Rollout, roll_out
+from ocp.replay import Replay, replayed
+from ocp.rollout import Gains
 from ocp.stationarity.certificate import Certificate
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,7 @@ class StageRecord:
     evaluation_s: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution:
     """A solved (or not) problem.
 
@@ -111,13 +117,44 @@ class Solution:
         count = self.iterations or math.nan
         return {"evaluation": self.evaluation_s / count, "solver": self.solver_s / count}
 
-    def replay(self, law: ContactLaw | None = None) -> Rollout:
-        """Roll the plan out under another law (the exact one if not said).
+    def replay(
+        self,
+        law: ContactLaw | str = "exact",
+        contact_settings: Mapping[str, Any] | None = None,
+        **knobs: Any,
+    ) -> Replay:
+        """Roll the plan out under another law, a name with its settings or an object.
 
         Open loop: the same inputs; feedback: the same policy from each scenario.
+
+        Raises :class:`~ocp.errors.InputError` for a law that is none, or cannot close the system,
+        and :class:`~ocp.errors.NotConverged` where one of its steps did not solve.
         """
-        plan = self.gains if self.gains is not None else self.data["u"].values
-        return roll_out(self.problem, plan, self.values, law, self.data["x"].values[:, 0])
+        settings = {**(contact_settings or {}), **knobs}
+        made = closing_law(law, settings, self.problem.system)
+        return replayed(self.problem, self.data, self.cost, self.gains, self.values, made)
+
+    def plot(self) -> Figure:
+        """Draw the motion as a strobe, or the trajectories of a problem that has no drawing."""
+        return lent("reports").plot(self)
+
+    def animate(self, path: Path | str, fps: int = 25, speed: float = 1.0) -> Path:
+        """Write the motion, plan beside replay, to a .gif, .mp4 or .html, as ``ocp animate`` does.
+
+        Raises :class:`~ocp.errors.InputError` for another ending, and for a problem not drawn.
+        """
+        return lent("reports").animate(self, Path(path), fps, speed)
+
+    def report(self, path: Path | str) -> Path:
+        """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
+        return lent("reports").report(self, Path(path))
+
+    def save(self, root: Path | str = "runs") -> Path:
+        """Store it as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.
+
+        Raises :class:`~ocp.errors.InputError` where ``root`` cannot be written.
+        """
+        return lent("reports").save(self, Path(root))
 
     @property
     def success(self) -> bool:
@@ -128,6 +165,18 @@ class Solution:
     def verdict(self) -> str:
         """Headline with costs and survival, then a line a finding (:mod:`ocp.judges.verdict`)."""
         return verdict(self)
+
+    def __repr__(self) -> str:
+        asked = self.record
+        knobs = "".join(
+            f" {name.removeprefix(KNOB)}={value:g}" for name, value in asked["knobs"].items()
+        )
+        law = f"{asked['contact']}{knobs}"
+        how = f"{asked['problem']}, {law}, {asked['method']}, {asked['policy']}"
+        return f"<Solution of {how}: {headline(self)}>"
+
+    def _repr_html_(self) -> str:
+        return lent("reports").html(self)
 
     @property
     def grade(self) -> Grade:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from dynamics.contact import ContactLaw, Exact
+from dynamics.contact import ContactLaw
+from ocp.asking import Named, asked, check_spelling
+from ocp.choices import closing_law, method_of, policy_of, split_policy_settings
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
 from ocp.guesses import guesses
 from ocp.judgement import judged
-from ocp.policy import OpenLoop, Policy
+from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver
 from ocp.programs.status import Status
 from ocp.routes.outcome import Outcome
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
-from ocp.transcription import Direct, Method
+from ocp.transcription import Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.warm_start import carried_guess, carry
 
@@ -29,19 +31,34 @@ Rank = Literal["planned", "referee"]
 
 
 def solve(
-    problem: Problem,
-    contact: ContactLaw | None = None,
-    transcription: Method | None = None,
-    policy: Policy | None = None,
+    problem: Named,
+    contact: ContactLaw | str = "barrier",
+    transcription: Method | str = "direct",
+    policy: Policy | str = "open-loop",
     solver: str = "ipopt",
-    settings: dict[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None,
     starts: int = 1,
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
     start: Solution | None = None,
     rank_by: Rank = "planned",
+    *,
+    method: Method | str | None = None,
+    params: Mapping[str, Any] | None = None,
+    contact_settings: Mapping[str, Any] | None = None,
+    **keywords: Any,
 ) -> Solution:
-    """Solve ``problem``, audit the answer, certify it and have it refereed.
+    """Solve ``problem``, audit the answer, certify it and have it refereed, as ``ocp solve`` does.
+
+    Problem, law, method and policy are objects or names, with the defaults of the command line::
+
+        solve("push-disc", contact="barrier", mu=1e-3, M=2.0)
+        solve(problems.get("push-disc", M=2.0), Barrier(mu=1e-3), Direct(), OpenLoop())
+
+    ``problem`` may also be the path of a file that defines one. What is named takes its settings
+    as ``keywords`` or, with the same name as something else, in ``params`` (of the problem) and
+    ``contact_settings`` (of the law). ``settings`` are those of ``-s``: the method's, the solver's,
+    and ``policy.<name>``. ``method`` is another word for ``transcription``.
 
     ``starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
     by seeded noise of 0.3 characteristic units; the best certified answer wins, by its own cost or,
@@ -57,7 +74,10 @@ def solve(
     """
     if not 1 <= starts <= 10_000:
         raise InputError(f"starts must be from 1 to 10000, got {starts}")
-    session = new_session(problem, contact, transcription, policy, solver, settings)
+    session = new_session(
+        problem, contact, transcription, policy, solver, settings,
+        method=method, params=params, contact_settings=contact_settings, **keywords,
+    )  # fmt: skip
     if start is None:
         return solve_session(session, starts, seed, progress, rank_by)
     if starts != 1:
@@ -97,14 +117,19 @@ def from_solution(
 
 
 def new_session(
-    problem: Problem,
-    contact: ContactLaw | None = None,
-    transcription: Method | None = None,
-    policy: Policy | None = None,
+    problem: Named,
+    contact: ContactLaw | str = "barrier",
+    transcription: Method | str = "direct",
+    policy: Policy | str = "open-loop",
     solver: str = "ipopt",
-    settings: dict[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    method: Method | str | None = None,
+    params: Mapping[str, Any] | None = None,
+    contact_settings: Mapping[str, Any] | None = None,
+    **keywords: Any,
 ) -> Session:
-    """Build what a solve, or a whole study, needs once.
+    """Build what a solve, or a whole study, needs once; arguments as :func:`solve` has them.
 
     Raises :class:`~ocp.errors.InputError` for what cannot be, what would not fit into memory, and
     a setting that would change nothing.
@@ -112,13 +137,21 @@ def new_session(
     # Here, since pydantic costs a fifth of importing this package.
     from ocp.settings import Settings
 
-    chosen = Settings.read(settings or {})
-    check_memory(f"{problem.name} with N = {problem.N}{_several(problem)}", solve_memory(problem))
+    if method is not None and transcription != "direct":
+        raise InputError("method and transcription say the same; give one of them")
+    for_policy, own = split_policy_settings(settings or {})
+    made, for_law = asked(problem, contact, params, contact_settings, keywords, solver)
+    way = method_of(transcription if method is None else method)
+    check_spelling(own, solver)
+    made_policy = policy_of(policy, for_policy)
+    law = closing_law(contact, for_law, made.system)
+    chosen = Settings.read(own)
+    check_memory(f"{made.name} with N = {made.N}{_several(made)}", solve_memory(made))
     session = Session(
-        problem,
-        contact or Exact(),
-        transcription or Direct(),
-        policy or OpenLoop(),
+        made,
+        law,
+        way,
+        made_policy,
         Solver(solver, chosen.options),
         chosen.strategy,
         chosen.homotopy,
@@ -126,7 +159,7 @@ def new_session(
         chosen.start,
         StageCompiler() if chosen.jit else None,
     )
-    _check_use(session, set(settings or {}))
+    _check_use(session, set(own))
     return session
 
 

@@ -137,6 +137,7 @@ class ProblemSpec(Spec):
             reference=replace(problem.reference, units=natural_units(params)),
             settings={**_fixed(params, problem), **problem.settings},
             citation=problem.citation or (self.citation.key if self.citation else ""),
+            source=None if self.path is None else str(self.path),
         )
 
 

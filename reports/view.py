@@ -12,32 +12,17 @@ from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.stored_run import StoredRun
 from ocp.task import Task
-from problems import ProblemSpec, spec
-from problems.spec import Spec
+from problems import ProblemSpec
+from problems.lent import known_parameters, problem_of
 from problems.tasks import registry as tasks
 from problems.tasks.spec import TaskSpec
 
 
-def problem_of(run: StoredRun) -> tuple[ProblemSpec, Any, Problem]:
-    """Build a run's problem again: its spec, its parameters, the problem.
-
-    Raises :class:`~ocp.errors.InputError` where the problem's file is gone or no longer fits.
-    """
-    found = spec(run.record.get("source") or run.meta["problem"])
-    given = _given(run, found)
-    return found, found.params(given), found.problem(given)
-
-
 def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
-    """Build the task of a training again; raises as :func:`problem_of` does."""
+    """Build the task of a training again; raises as :func:`~problems.lent.problem_of` does."""
     found = tasks.spec(str(run.meta["problem"]))
-    params = found.params(_given(run, found))
+    params = found.params(known_parameters(run, found))
     return found, params, found.build(params)
-
-
-def _given(run: StoredRun, found: Spec) -> dict[str, Any]:
-    known = found.Params.model_fields
-    return {k: v for k, v in run.record.get("params", {}).items() if k in known}
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,19 @@ def save(
     solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()
 ) -> Path:
     """Store a solution and return its run directory; see :func:`write` for what it raises."""
+    return write(root, *_parts(solution, argv, tags))
+
+
+def unsaved(solution: Solution) -> StoredRun:
+    """The run that :func:`save` would store, for whatever shows a run; it has no place on disk."""
+    problem, data, meta = _parts(solution, [], [])
+    return StoredRun(Path(), data, _completed(problem, data, meta, datetime.now(UTC)))
+
+
+def _parts(
+    solution: Solution, argv: Sequence[str], tags: Sequence[str]
+) -> tuple[str, xr.Dataset, dict[str, Any]]:
+    """Name of the problem, arrays and description of a solution."""
     record = dict(solution.record)
     told = ("idle_cost", "grade", "cost", "verdict", "iterations", "build_s", "solve_s",
             "evaluation_s", "solver_s", "others")  # fmt: skip
@@ -59,7 +72,7 @@ def save(
         **{name: asdict(getattr(solution, name)) for name in judged},
         **{name: getattr(solution, name) for name in told},
     }
-    return write(root, str(record.get("problem", "problem")), solution.data, meta)
+    return str(record.get("problem", "problem")), solution.data, meta
 
 
 def write(root: Path | str, problem: str, data: xr.Dataset, meta: dict[str, Any]) -> Path:
@@ -72,19 +85,10 @@ def write(root: Path | str, problem: str, data: xr.Dataset, meta: dict[str, Any]
     Raises :class:`~ocp.errors.InputError` for a tag that is no word, and where the directory cannot
     be written or the disk is full; then nothing of the run is left behind.
     """
-    described = plain(meta)
     data_bytes = bytes(data.to_netcdf(engine="netcdf4"))
     created = datetime.now(UTC)
-    described |= {
-        "schema": SCHEMA,
-        "problem": problem,
-        "created": created.isoformat(timespec="microseconds"),
-        "tags": checked(meta.get("tags") or ()),
-        "versions": versions(),
-        "revision": git_revision(),
-        "hash": content_hash(data, described),
-        "checksum": hashlib.sha256(data_bytes).hexdigest(),
-    }
+    described = _completed(problem, data, meta, created)
+    described["checksum"] = hashlib.sha256(data_bytes).hexdigest()
     meta_bytes = (json.dumps(described, indent=1, sort_keys=True) + "\n").encode()
     name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
     shelf = Path(root) / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
@@ -96,6 +100,21 @@ def write(root: Path | str, problem: str, data: xr.Dataset, meta: dict[str, Any]
         final = _rename_into(room, shelf, name)
         flush(shelf)
     return final
+
+
+def _completed(
+    problem: str, data: xr.Dataset, meta: dict[str, Any], created: datetime
+) -> dict[str, Any]:
+    described = plain(meta)
+    return described | {
+        "schema": SCHEMA,
+        "problem": problem,
+        "created": created.isoformat(timespec="microseconds"),
+        "tags": checked(meta.get("tags") or ()),
+        "versions": versions(),
+        "revision": git_revision(),
+        "hash": content_hash(data, described),
+    }
 
 
 def check_writable(root: Path | str) -> None:

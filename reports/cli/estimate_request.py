@@ -7,14 +7,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from ocp.errors import InputError, choose, did_you_mean
-from reports.cli.choices import (
-    assignments,
-    closing_law,
-    contact_law,
-    policy,
-    split_policy_settings,
-    whole,
-)
+from reports.cli.choices import assignments, closing_law, contact_law, whole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,6 +39,7 @@ class EstimateRequest:
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
         """Check the words of a command line; raises InputError for the first that does not fit."""
+        from ocp.choices import split_policy_settings
         from ocp.gradients.estimation import Sampling
         from ocp.gradients.known_gradient import kind_of
         from ocp.gradients.sweep import Sweep
@@ -153,6 +147,7 @@ def _rollouts(
     spec: ProblemSpec, given: Mapping[str, Any], options: EstimateOptions, engine: dict[str, Any]
 ) -> tuple[SampledObjective, float]:
     """Return a problem's rollouts as an objective, and a share of its inputs' size as noise."""
+    from ocp.choices import policy_of
     from ocp.effort import check_memory, sampling_memory
     from ocp.gradients.estimators import CHUNK
     from ocp.gradients.rollout_objective import RolloutObjective
@@ -160,7 +155,7 @@ def _rollouts(
     problem = spec.problem(given)
     law = closing_law(options.contact, options.law_settings, problem.system)
     own = _policy_settings(options)
-    chosen = policy(options.policy, own)
+    chosen = policy_of(options.policy, own)
     if unused := own.keys() - {"stationary"}:
         raise InputError(
             f"-s policy.{min(unused)} would change nothing: an estimate has no gains to limit; drop"
@@ -184,6 +179,8 @@ def _rollouts(
 
 
 def _policy_settings(options: EstimateOptions) -> dict[str, str]:
+    from ocp.choices import split_policy_settings
+
     return split_policy_settings(assignments("-s", options.settings))[0]
 
 
@@ -231,7 +228,7 @@ def _stored_decision(options: EstimateOptions) -> np.ndarray:
 def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
     from ocp.gradients.interpolation import RULES
-    from ocp.settings import read
+    from ocp.typed import read
 
     known = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
     settings: dict[str, dict[str, float]] = {}

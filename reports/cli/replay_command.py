@@ -64,24 +64,18 @@ def replay(
     by true signed distance, ``final_state`` (scenario, state), ``inputs`` "open-loop" or
     "feedback".
     """
-    import numpy as np
-
-    from ocp.judges.audit import signed_distances
-
     rolled = solution.replay(law)
-    distance = signed_distances(problem, rolled.x, problem.parameters.values)
-    deepest = -(rolled.gap if distance is None else distance)
     return {
         "run": str(stored.path),
         "problem": stored.meta["problem"],
         "contact": law.name,
         "contact_settings": law.settings(),
-        "inputs": "open-loop" if solution.gains is None else "feedback",
+        "inputs": rolled.inputs,
         "cost": rolled.cost,
-        "planned_cost": solution.cost,
-        "state_gap": float(np.max(np.abs(rolled.x - solution.data["x"].values))),
-        "penetration": max(0.0, float(np.max(deepest, initial=0.0))),
-        "final_state": rolled.x[:, -1],
+        "planned_cost": rolled.planned_cost,
+        "state_gap": rolled.state_gap,
+        "penetration": rolled.penetration,
+        "final_state": rolled.data["x"].values[:, -1],
         "states": [signal.name for signal in problem.system.states],
     }
 

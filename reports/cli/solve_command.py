@@ -77,7 +77,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
 
     asked, start = checked
     output = options.output
-    solution = asked.described(_solved(options, asked, start))
+    solution = _solved(options, asked, start)
     path = store.save(solution, options.out, options.argv, options.tags or ())
     show(output, solution)
     if solution.record["jit"] not in (None, "compiled"):
@@ -108,9 +108,7 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
             rank = RANKS[options.rank]
             return solve_session(asked.session, options.starts, options.seed, told, rank)
         except Interrupted as stop:
-            kept = store.save(
-                asked.described(stop.solution), options.out, options.argv, options.tags or ()
-            )
+            kept = store.save(stop.solution, options.out, options.argv, options.tags or ())
             finished = len(stop.solution.others)
             options.output.say(f"run: {kept} (the best of {finished} finished starts)")
             raise

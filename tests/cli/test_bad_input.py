@@ -38,7 +38,7 @@ CASES = {
     "given twice": ([*SOLVE, "-c", "mu=1", "-c", "mu=2"], ["twice"]),
     "base without name": (
         [*SOLVE, "--contact", "randomized", "-c", "base.mu=1"],
-        ["-c base=barrier"],
+        ["base=barrier"],
     ),
     "base of a plain law": ([*SOLVE, "-c", "base.mu=1"], ["no base law"]),
     "base law": (

@@ -62,7 +62,7 @@ def test_a_runs_file_repeats_its_rollout(ocp, policy, law) -> None:
     assert told["functions"] == ["push_1d_step", "push_1d_derivatives", "push_1d_policy"]
     stored = store.load(run)
     solution = stored.solution(problem_of(stored)[2])
-    wanted = solution.replay(Barrier(mu=1e-3) if law is None else Exact()).x[0]
+    wanted = solution.replay(Barrier(mu=1e-3) if law is None else Exact()).data["x"].values[0]
     text = Path("rollout.c").read_text()
     assert Path(run).name in text
     states = rolled(text, "push_1d", wanted[0], len(wanted) - 1)

@@ -84,7 +84,7 @@ def test_a_plan_that_passes_through_a_body_between_nodes_is_told() -> None:
         "planar-push", gap="true", side=0.05, r=0.02, reach=3, K=1e5, w_du=0, N=4, oy0=0.5,
         goal_x=0, goal_y=-1.2, goal_angle=0,
     )  # fmt: skip
-    found = solve(problem, starts=6)
+    found = solve(problem, Exact(), starts=6)
     assert found.audit.penetration < 1e-6
     through = found.referee.between
     assert through is not None and through.amount > 0.02
@@ -194,7 +194,8 @@ def test_to_hold_what_is_wanted_is_no_standing_still() -> None:
     problem = rough_slope()
     x = problem.system.x
     wanted = 100 * ca.sumsqr(x[:2]) + ca.sumsqr(x[3:])
-    found = solve(replace(problem, stage_cost=problem.stage_cost + wanted, terminal_cost=wanted))
+    problem = replace(problem, stage_cost=problem.stage_cost + wanted, terminal_cost=wanted)
+    found = solve(problem, Exact())
     assert found.data["u"].values.mean() == pytest.approx(9.81 * np.sin(0.4), rel=0.01)
     assert found.status is Status.SOLVED
 
@@ -208,7 +209,7 @@ def test_a_replay_without_solution_is_not_replayed() -> None:
         "both", A=[[1.0]], B=[[1.0]], C=[[1.0, -1.0]], D=[[1.0], [-1.0]], E=[[1.0], [-1.0]],
         F=[[-1.0, 0.0], [0.0, -1.0]], d=[1.0, 1.0],
     )  # fmt: skip
-    found = solve(to_a_goal(both, 0.5))
+    found = solve(to_a_goal(both, 0.5), Exact())
     assert np.isnan(found.audit.exact_cost)
     where, contact = found.audit.replay_failed.split(" did not solve, contact ")
     assert where.startswith("step ") and contact.startswith("'contact")
@@ -314,7 +315,7 @@ def test_a_solver_told_to_be_content_solves_nothing(law) -> None:
 
 
 def test_without_geometry_there_is_no_referee_and_that_is_said() -> None:
-    found = solve(to_a_goal(LINE, 1.0))
+    found = solve(to_a_goal(LINE, 1.0), Exact())
     assert (found.status, found.grade) == (Status.SOLVED, "certified")
     assert found.referee.survives is None and np.isnan(found.referee.cost)
     assert headline(found).endswith(", no referee.")

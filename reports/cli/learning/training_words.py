@@ -65,7 +65,7 @@ def _unknown(key: str, chosen: Mapping[str, type]) -> str:
 
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
-    from ocp.settings import read
+    from ocp.typed import read
 
     if name == "hidden":
         return _hidden(text)

@@ -31,7 +31,7 @@ from ocp.routes.relaxations import CentralPath
 from ocp.session import Session
 from ocp.solution import Solution
 from ocp.solve import new_session, solve
-from ocp.transcription import MultipleShooting, SingleShooting
+from ocp.transcription import Method, MultipleShooting, SingleShooting
 from problems import get
 from reports.site.measured import write_table
 from tests.benchmarks.ocp.random_draws import PROBLEMS, Instance, drawn
@@ -85,10 +85,10 @@ def alone(instance: Instance) -> Answer:
 
 def _from_session(
     instance: Instance, run: Callable[[Session], Outcome], settings: dict[str, str] | None = None,
-    method: MultipleShooting | SingleShooting | None = None,
+    method: Method | str = "direct",
 ) -> Answer:  # fmt: skip
-    session = new_session(get(instance.problem, **instance.params), Exact(), method, None,
-                          "ipopt", settings)  # fmt: skip
+    problem = get(instance.problem, **instance.params)
+    session = new_session(problem, Exact(), method, settings=settings)
     began, wall = time.process_time(), time.perf_counter()
     outcome = run(session)
     spent = time.process_time() - began, time.perf_counter() - wall

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dynamics.contact import Exact
 from ocp.programs.status import Status
 from ocp.programs.units import Units, dimension, fitted
 from ocp.solution import Solution
@@ -30,9 +31,9 @@ def stated(problem: str, units: Units, **params: float) -> dict[str, float]:
 
 @pytest.mark.parametrize("problem", CONSISTENT)
 def test_costs_are_invariant_under_a_change_of_units(problem: str) -> None:
-    known = solve(get(problem))
+    known = solve(get(problem), Exact())
     for units in OTHER:
-        found = solve(get(problem, **stated(problem, units)))
+        found = solve(get(problem, **stated(problem, units)), Exact())
         size = units.of("m") if problem == "hopper-1d" else 1.0
         assert found.status is known.status is Status.SOLVED
         assert found.cost / size == pytest.approx(known.cost, rel=1e-6)
@@ -57,7 +58,7 @@ def dimensionless(found: Solution, units: Units, key: str) -> np.ndarray:
 def test_light_balls_and_heavy_discs_end_where_others_do(
     problem: str, params: dict[str, float], cost: float
 ) -> None:
-    found = solve(get(problem, **params))
+    found = solve(get(problem, **params), Exact())
     assert found.success and found.cost == pytest.approx(cost, rel=1e-5)
 
 

@@ -60,7 +60,7 @@ def regulated(horizon: int = 8, largest: float = 1e3) -> Task:
 def plans(task: Task, n: int = 4) -> list[Solution]:
     """Plans from ``n`` starts."""
     starts = task.reset(n, np.random.default_rng(2))
-    return [solve(planned_problem(task, x0)) for x0 in starts]
+    return [solve(planned_problem(task, x0), Exact()) for x0 in starts]
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,8 @@ def test_the_affine_policy_is_the_regulator(found: list[Solution]):
 def test_gains_along_a_plan_are_those_of_the_riccati_recursion():
     task = regulated(horizon=150)
     reference = Reference(x=0.5, u=2.0)
-    plan = solve(planned_problem(task, np.array([1.0, -0.5]), reference=reference))
+    problem = planned_problem(task, np.array([1.0, -0.5]), reference=reference)
+    plan = solve(problem, Exact())
     gains = tracking_gains(plan)
     weights = np.eye(2) / 0.5**2, np.eye(1) / 2.0**2
     S = solve_discrete_are(A, B, *weights)

@@ -45,7 +45,7 @@ def test_a_replay_under_a_law_takes_that_laws_knob() -> None:
     found = solve(get("push-1d"), Barrier(mu=1e-6))
     soft, own = found.replay(Barrier(mu=1e-1)), found.replay(Barrier(mu=1e-6))
     assert own.cost == pytest.approx(found.cost, rel=1e-6)
-    assert abs(soft.lam * soft.gap - 1e-1).max() < 1e-9
+    assert abs(soft.data["lam"] * soft.data["gap"] - 1e-1).max() < 1e-9
     assert soft.cost != pytest.approx(own.cost, rel=1e-2)
 
 

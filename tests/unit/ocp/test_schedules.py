@@ -82,12 +82,12 @@ def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
     follower = Homotopy(session.nlp_of, session.solver, session.values)
     route = Route(CentralPath(), session.problem.reference, session.first_point)
     alone = by_strategy(follower, route, route.strategy)[0].f
-    found = solve(get(instance.problem, **instance.params))
+    found = solve(get(instance.problem, **instance.params), Exact())
     assert found.success and found.cost < 0.9 * alone
 
 
 def test_several_starts_take_other_relaxations_and_reach_other_minima() -> None:
-    found = solve(get("cart-walls", **WALLS), starts=2)
+    found = solve(get("cart-walls", **WALLS), Exact(), starts=2)
     assert found.success and found.cost == pytest.approx(289.151, rel=1e-5)
 
 

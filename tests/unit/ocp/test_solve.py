@@ -148,11 +148,11 @@ def test_replay_under_another_law_is_that_laws_rollout() -> None:
     problem = get("push-1d")
     found = solve(problem, Barrier(mu=1e-2))
     again = found.replay(Barrier(mu=1e-2))
-    np.testing.assert_allclose(again.x, found.data["x"], atol=1e-7)
+    np.testing.assert_allclose(again.data["x"], found.data["x"], atol=1e-7)
     assert again.cost == pytest.approx(found.cost, rel=1e-7)
     exact = found.replay()
     assert exact.cost == found.audit.exact_cost
-    np.testing.assert_array_equal(exact.x, found.data["x_replay"])
+    np.testing.assert_array_equal(exact.data["x"], found.data["x_replay"])
     assert exact.cost > found.cost * 1.001, "a thick barrier's plan leans on it"
     assert f"exact law {exact.cost:.6g}" in found.verdict
     assert "leans on the smoothing" in found.verdict
@@ -166,7 +166,7 @@ def test_the_policy_of_a_feedback_answer_is_what_it_did() -> None:
     expected = np.einsum("tij,stj->sti", K, x[:, :-1]) + k
     np.testing.assert_allclose(found.data["u"], expected, atol=1e-7)
     again = found.replay(Barrier(mu=1e-2))
-    np.testing.assert_allclose(again.x, x, atol=1e-6)
+    np.testing.assert_allclose(again.data["x"], x, atol=1e-6)
 
 
 def test_the_cost_is_the_problems_without_the_penalty_on_gains() -> None:

@@ -1,0 +1,136 @@
+"""A problem by name, file or object, and keywords that belong to it or to its contact law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike, fspath
+from typing import Any, Protocol
+
+from dynamics.contact import ContactLaw
+from ocp.choices import law_settings
+from ocp.errors import InputError, choose, did_you_mean
+from ocp.floors import lent
+from ocp.problem import Problem
+from ocp.programs.options import documented, has_option
+from ocp.programs.solver import SOLVERS
+
+
+class Source(Protocol):
+    """What builds a problem at any parameters: :class:`problems.ProblemSpec`."""
+
+    @property
+    def name(self) -> str:
+        """Name of the problem."""
+        ...
+
+    @property
+    def Params(self) -> Any:
+        """Its parameters, a pydantic model."""
+        ...
+
+    def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
+        """Build the problem; raises :class:`~ocp.errors.InputError` for a bad parameter."""
+        ...
+
+
+Named = Problem | Source | str | PathLike[str]
+"""A problem, what builds one (:class:`problems.ProblemSpec`), a registered name, or a file."""
+
+
+def asked(
+    problem: Named,
+    contact: ContactLaw | str,
+    params: Mapping[str, Any] | None,
+    contact_settings: Mapping[str, Any] | None,
+    keywords: Mapping[str, Any],
+    solver: str,
+) -> tuple[Problem, dict[str, Any]]:
+    """Build the problem at its parameters, and collect the settings of the law.
+
+    ``keywords`` are parameters of the problem or settings of the law, whichever has the name.
+
+    Raises :class:`~ocp.errors.InputError` for a keyword that neither has, that both have, or that
+    ``params`` or ``contact_settings`` give too, and for parameters of a problem that is built.
+    """
+    found = problem if isinstance(problem, Problem) else _source(problem)
+    takes = () if isinstance(found, Problem) else tuple(found.Params.model_fields)
+    for_problem, for_law = dict(params or {}), dict(contact_settings or {})
+    settings = law_settings(contact)
+    for key, value in keywords.items():
+        owned = (key in takes, key in settings)
+        if all(owned):
+            raise InputError(
+                f"{key} is a parameter of {found.name} and a setting of the {contact} law; say"
+                f" params={{{key!r}: ...}} or contact_settings={{{key!r}: ...}}"
+            )
+        if not any(owned):
+            raise InputError(_unknown(key, found, contact, takes, settings, solver))
+        target = for_problem if owned[0] else for_law
+        if key in target:
+            raise InputError(f"{key} is given twice; give it once")
+        target[key] = value
+    if not isinstance(found, Problem):
+        return found.problem(for_problem), for_law
+    if for_problem:
+        raise InputError(
+            f"{', '.join(for_problem)} cannot be set: {found.name} is built already; give"
+            " parameters to problems.get, or name the problem here"
+        )
+    return found, for_law
+
+
+def check_spelling(settings: Mapping[str, Any], solver: str) -> None:
+    """Refuse a setting that is neither ours nor an option of the solver."""
+    from ocp.settings import OWN
+
+    choose("solver", solver, SOLVERS)
+    for key in sorted(set(settings) - set(OWN)):
+        bare = key.removeprefix("ipopt.")
+        if not has_option(solver, bare):
+            known = [*OWN, *documented(solver)]
+            raise InputError(
+                f"unknown setting {key!r}{did_you_mean(bare, known, 0.6)}; there are"
+                f" {', '.join(OWN)}, policy.<name>, and the options of {solver}: ocp settings and"
+                f" ocp settings {solver} tell them"
+            )
+
+
+def _source(problem: Source | str | PathLike[str]) -> Source:
+    if isinstance(problem, str | PathLike):
+        return lent("problems").source(fspath(problem))
+    if not hasattr(problem, "problem"):
+        raise InputError(
+            f"a problem is a name, a file or an ocp.Problem, got {type(problem).__name__}"
+        )
+    return problem
+
+
+def _unknown(
+    key: str, found: Problem | Source, contact: ContactLaw | str, takes: tuple[str, ...],
+    settings: tuple[str, ...], solver: str,
+) -> str:  # fmt: skip
+    """Say where a keyword belongs that neither the problem nor the law has."""
+    from ocp.settings import OWN
+
+    if key.startswith("policy") or key in OWN or has_option(solver, key):
+        return f"{key} is no argument of solve; settings={{{key!r}: ...}} takes it"
+    made = [
+        f"the {what} is made already; give {key} to {how}"
+        for what, how, is_made in (
+            ("problem", "problems.get", isinstance(found, Problem)),
+            ("law", f"{type(contact).__name__}(...)", isinstance(contact, ContactLaw)),
+        )
+        if is_made
+    ]
+    lists = [
+        f"{owner} takes {', '.join(names) or 'none'}"
+        for owner, names, is_made in (
+            (f"the {contact} law", settings, isinstance(contact, ContactLaw)),
+            (found.name, takes, isinstance(found, Problem)),
+        )
+        if not is_made
+    ]
+    return (
+        f"solve has no argument {key!r}{did_you_mean(key, (*settings, *takes))};"
+        f" {'; '.join([*lists, *made])}"
+    )

@@ -1,0 +1,26 @@
+"""A stored run as the solution it was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ocp.floors import lent
+from ocp.problem import Problem
+from ocp.solution import Solution
+
+
+def load(run: Path | str, problem: Problem | None = None) -> Solution:
+    """Read a run of ``ocp solve``, or of :meth:`Solution.save`: from its directory, or by name.
+
+    Names are those of the command line (:func:`ocp.store.find`), ``"@last"`` or a part of one.
+
+    Its problem is built again by its name, or from its file; give ``problem`` for one that has
+    neither.
+
+    Raises :class:`~ocp.errors.InputError` where there is no such run, it is no solve, or its
+    problem is not found again, and :class:`~ocp.errors.DamagedRun` where it is not whole.
+    """
+    from ocp import store
+
+    found = store.load(run if isinstance(run, Path) else store.find(run))
+    return found.solution(lent("problems").problem_of(found)[2] if problem is None else problem)

@@ -1,0 +1,96 @@
+"""What this floor lends to ``ocp.Solution`` by entry points (:mod:`ocp.floors`)."""
+
+from __future__ import annotations
+
+import base64
+import sys
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ocp import store
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ocp.solution import Solution
+    from reports.view import RunView
+
+
+_COLOURS = {"survives": "#1a7f37", "certified": "#b35900", "failed": "#c62828"}
+
+
+def save(solution: Solution, root: Path) -> Path:
+    """Store the run; its record names the script that called."""
+    return store.save(solution, root, ["python", Path(sys.argv[0]).name])
+
+
+def report(solution: Solution, path: Path) -> Path:
+    """Write the PDF of a run that need not be stored."""
+    from reports.pdf import write_pdf
+
+    write_pdf([store.unsaved(solution)], path)
+    return path
+
+
+def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
+    """Write the motion, plan beside replay."""
+    from reports.animation import Animation
+    from reports.movie import check_format, playable, write
+    from reports.style import styled
+
+    check_format(path)
+    with styled():
+        write(Animation(_view(solution), playable(fps, path), speed), path)
+    return path
+
+
+def plot(solution: Solution) -> Figure:
+    """Draw the strobe, or the trajectories of a problem without a drawing."""
+    from reports.figures.run import trajectories
+    from reports.strobe import strobe
+    from reports.style import styled
+
+    view = _view(solution)
+    with styled():
+        return strobe(view) or trajectories(view)
+
+
+def html(solution: Solution) -> str:
+    """Verdict beside a bar in its grade's colour, picture and numbers, in one piece offline."""
+    from reports.style import styled, to_svg
+
+    headline, *findings = solution.verdict.split("\n")
+    with styled():
+        drawn = base64.b64encode(to_svg(plot(solution))).decode()
+    name = str(solution.record["problem"])
+    rows = "".join(
+        f'<tr><th style="text-align:left">{escape(key)}</th><td>{escape(value)}</td></tr>'
+        for key, value in _numbers(solution).items()
+    )
+    return (
+        f'<div style="border-left:6px solid {_COLOURS[solution.grade]};padding-left:0.8em">'
+        f"<p><strong>{escape(headline)}</strong><br>"
+        f"{'<br>'.join(map(escape, findings))}</p>"
+        f'<img alt="{escape(name)}, drawn at several instants" style="background:white;'
+        f'max-width:100%" src="data:image/svg+xml;base64,{drawn}">'
+        f"<table><tbody>{rows}</tbody></table></div>"
+    )
+
+
+def _numbers(solution: Solution) -> dict[str, str]:
+    record = solution.record
+    knobs = ", ".join(f"{name} = {value:g}" for name, value in record["knobs"].items())
+    return {
+        "problem": f"{record['problem']}, N = {record['N']}",
+        "law": f"{record['contact']}{f', {knobs}' if knobs else ''}",
+        "method, policy": f"{record['method']}, {record['policy']}",
+        "solver": f"{record['solver']}, {solution.iterations} iterations,"
+        f" {solution.build_s + solution.solve_s:.2f} s",
+    }
+
+
+def _view(solution: Solution) -> RunView:
+    from reports.view import RunView
+
+    return RunView.of(store.unsaved(solution))
