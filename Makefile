@@ -78,5 +78,5 @@ SOLVE_cart-walls := --contact barrier -c mu=1e-3
 gallery: setup
 	$(foreach name,$(GALLERY),$(BIN)/ocp solve $(name) $(or $(SOLVE_$(name)),--contact exact) \
 		--out runs/gallery --quiet &&) true
-	$(BIN)/python -m reports.gallery runs/gallery docs/pictures --still $(GALLERY) \
+	$(BIN)/python -m reports.motion.gallery runs/gallery docs/pictures --still $(GALLERY) \
 		--moving $(MOVING)

@@ -11,15 +11,25 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch, Polygon, Rectangle
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
 from problems.drawing import Box, Capsule, Disc, HalfPlane, Mark, Segment, Shape, Spring
 from reports.style import BLUE, FAINT, GREEN, GREY, ORANGE
 
 _COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN}
-_COILS = 6
 _ARC = math.pi / 16
+COILS, COIL = 6, 0.04
+"""Windings of a spring, and half their width [m]."""
+EDGE, THICK = 0.9, {Segment: 1.6, Spring: 0.8}
+"""Widths of lines [pt]: around a body, and along a bar."""
+MARK, CROSS = 4.5, 11.0
+"""Sizes of marks and of goals [pt]."""
+FILLED = 0.25
+"""Opacity of a body's inside."""
+REACH = 4.0
+"""How far a half plane reaches, in sums of the sides of a view."""
 
 
 def bounds(shapes: Iterable[Shape]) -> np.ndarray:
@@ -51,46 +61,50 @@ def _corners(shape: Shape) -> list[tuple[float, float]]:
 
 
 @singledispatch
-def draw(shape: Any, axis: Axes, strength: float) -> Artist:
-    """Draw one shape and return its artist; ``strength`` in (0, 1] is how dark."""
-    raise TypeError(f"no way to draw a {type(shape).__name__}")
+def outline(shape: Any) -> Path:
+    """Line around a body or along a bar [m]; a mark and a half plane have none of their own."""
+    raise TypeError(f"a {type(shape).__name__} has no outline")
 
 
-def _patch(axis: Axes, patch: Patch, role: str, strength: float) -> Patch:
-    color = _COLORS.get(role, GREY)
-    patch.set(facecolor=(color, 0.25 * strength), edgecolor=(color, strength), linewidth=0.9)
-    return axis.add_patch(patch)
+@outline.register
+def _(shape: Disc) -> Path:
+    return Path.circle((shape.x, shape.y), shape.radius)
 
 
-def _line(axis: Axes, points: Any, role: str, strength: float, width: float) -> Line2D:
-    x, y = np.transpose(points)
-    (line,) = axis.plot(x, y, color=_COLORS.get(role, GREY), alpha=strength, linewidth=width,
-                        solid_capstyle="round")  # fmt: skip
-    return line
-
-
-@draw.register
-def _(shape: Disc, axis: Axes, strength: float) -> Artist:
-    return _patch(axis, Circle((shape.x, shape.y), shape.radius), shape.role, strength)
-
-
-@draw.register
-def _(shape: Box, axis: Axes, strength: float) -> Artist:
+@outline.register
+def _(shape: Box) -> Path:
     radius = min(shape.rounding, shape.width / 2, shape.height / 2)
-    inner = Rectangle((radius - shape.width / 2, radius - shape.height / 2),
-                      shape.width - 2 * radius, shape.height - 2 * radius)  # fmt: skip
-    box = Polygon(_grown(inner.get_corners(), radius)) if radius else inner
-    box = _patch(axis, box, shape.role, strength)
-    box.set_transform(Affine2D().rotate(shape.angle).translate(shape.x, shape.y) + axis.transData)
-    return box
+    half = np.array([shape.width, shape.height]) / 2 - radius
+    corners = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    points = _grown(corners, radius) if radius else corners
+    return _closed(Affine2D().rotate(shape.angle).translate(shape.x, shape.y).transform(points))
 
 
-@draw.register
-def _(shape: Capsule, axis: Axes, strength: float) -> Artist:
+@outline.register
+def _(shape: Capsule) -> Path:
     ends = np.array([(shape.x1, shape.y1), (shape.x2, shape.y2)])
     if np.array_equal(*ends):
-        return _patch(axis, Circle(tuple(ends[0]), shape.radius), shape.role, strength)
-    return _patch(axis, Polygon(_grown(ends, shape.radius)), shape.role, strength)
+        return Path.circle(tuple(ends[0]), shape.radius)
+    return _closed(_grown(ends, shape.radius))
+
+
+@outline.register
+def _(shape: Segment) -> Path:
+    return Path([(shape.x1, shape.y1), (shape.x2, shape.y2)])
+
+
+@outline.register
+def _(shape: Spring) -> Path:
+    along = np.array([shape.x2 - shape.x1, shape.y2 - shape.y1])
+    length = float(np.linalg.norm(along)) or 1.0
+    across = np.array([-along[1], along[0]]) / length * COIL
+    place = np.linspace(0, 1, 2 * COILS + 2)
+    side = np.array([0, *([1, -1] * COILS), 0])
+    return Path(np.array([shape.x1, shape.y1]) + np.outer(place, along) + np.outer(side, across))
+
+
+def _closed(points: np.ndarray) -> Path:
+    return Path(np.concatenate([points, points[:1]]), closed=True)
 
 
 def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
@@ -98,51 +112,55 @@ def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
     along = np.roll(corners, -1, axis=0) - corners
     leaving = np.arctan2(along[:, 1], along[:, 0]) - math.pi / 2
     arriving = np.roll(leaving, 1)
-    outline = []
+    rounded = []
     for corner, start, turn in zip(
         corners, arriving, (leaving - arriving) % (2 * math.pi), strict=True
     ):
         angles = start + np.linspace(0, turn, 2 + int(turn / _ARC))
-        outline.append(corner + radius * np.column_stack([np.cos(angles), np.sin(angles)]))
-    return np.concatenate(outline)
+        rounded.append(corner + radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+    return np.concatenate(rounded)
 
 
-@draw.register
-def _(shape: Segment, axis: Axes, strength: float) -> Artist:
-    ends = [(shape.x1, shape.y1), (shape.x2, shape.y2)]
-    return _line(axis, ends, shape.role, strength, 1.6)
-
-
-@draw.register
-def _(shape: Spring, axis: Axes, strength: float) -> Artist:
-    along = np.array([shape.x2 - shape.x1, shape.y2 - shape.y1])
-    length = float(np.linalg.norm(along)) or 1.0
-    across = np.array([-along[1], along[0]]) / length * 0.04
-    place = np.linspace(0, 1, 2 * _COILS + 2)
-    side = np.array([0, *([1, -1] * _COILS), 0])
-    points = np.array([shape.x1, shape.y1]) + np.outer(place, along) + np.outer(side, across)
-    return _line(axis, points, shape.role, strength, 0.8)
-
-
-@draw.register
-def _(shape: Mark, axis: Axes, strength: float) -> Artist:
-    mark = _line(axis, [(shape.x, shape.y)], shape.role, strength, 0)
-    mark.set(marker="o", markersize=4.5, markeredgewidth=0, linestyle="none")
-    if shape.role == "goal":
-        mark.set(marker="+", markersize=11, markeredgewidth=1.5, zorder=4)
-    return mark
-
-
-@draw.register
-def _(shape: HalfPlane, axis: Axes, strength: float) -> Artist:
+def beyond(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
+    """The part of a half plane within ``reach`` [m] of where a view (2,) meets its edge."""
     normal = np.array([shape.nx, shape.ny])
     along = np.array([-shape.ny, shape.nx])
     # From where the view's middle meets the edge, so that a view may wander along it.
-    middle = np.array([np.mean(axis.get_xlim()), np.mean(axis.get_ylim())])
     start = np.array([shape.x, shape.y])
     start = start + ((middle - start) @ along) * along
-    reach = 4 * (np.ptp(axis.get_xlim()) + np.ptp(axis.get_ylim()))
     edge = [start - reach * along, start + reach * along]
-    patch = Polygon([*edge, edge[1] - reach * normal, edge[0] - reach * normal],
-                    facecolor=FAINT, edgecolor=GREY, linewidth=0.8, zorder=0)  # fmt: skip
+    return _closed(np.array([*edge, edge[1] - reach * normal, edge[0] - reach * normal]))
+
+
+def color(role: str) -> str:
+    """Colour of bodies of a role."""
+    return _COLORS.get(role, GREY)
+
+
+def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
+    """Draw one shape and return its artist; ``strength`` in (0, 1] is how dark."""
+    ink = color(shape.role)
+    match shape:
+        case Mark():
+            return _mark(shape, axis, strength)
+        case HalfPlane():
+            limits = np.array([axis.get_xlim(), axis.get_ylim()])
+            reach = REACH * float(np.ptp(limits, axis=1).sum())
+            path = beyond(shape, limits.mean(axis=1), reach)
+            patch = PathPatch(path, facecolor=FAINT, edgecolor=GREY, linewidth=0.8, zorder=0)
+        case Segment() | Spring():
+            patch = PathPatch(outline(shape), fill=False, edgecolor=(ink, strength),
+                              linewidth=THICK[type(shape)], capstyle="round", zorder=2)  # fmt: skip
+        case _:
+            patch = PathPatch(outline(shape), facecolor=(ink, FILLED * strength),
+                              edgecolor=(ink, strength), linewidth=EDGE)  # fmt: skip
     return axis.add_patch(patch)
+
+
+def _mark(shape: Mark, axis: Axes, strength: float) -> Line2D:
+    look: dict[str, Any] = {"marker": "o", "markersize": MARK, "markeredgewidth": 0}
+    if shape.role == "goal":
+        look = {"marker": "+", "markersize": CROSS, "markeredgewidth": 1.5, "zorder": 4}
+    (mark,) = axis.plot([shape.x], [shape.y], color=color(shape.role), alpha=strength,
+                        linestyle="none", **look)  # fmt: skip
+    return mark

@@ -26,33 +26,34 @@ class AnimateOptions(StoreOptions):
     speed: float = option(
         1.0, "--speed", min=1e-3, max=1e3, help="1 is real time, 0.5 half as fast."
     )
+    cones: bool = option(False, "--cones", help="Draw friction cones too.")
 
 
 def check(options: AnimateOptions) -> RunView:
     """Read the run, and see that it can be drawn."""
-    from reports.animation import check_drawable, frame_times
     from reports.cli.places import check_place
     from reports.cli.runs_command import stored
-    from reports.movie import check_format, playable
+    from reports.motion.animation import check_drawable, frame_times
+    from reports.motion.movie import check_format
     from reports.view import RunView
 
-    check_format(options.file)
+    check_format(options.file, options.fps)
     check_place(options.file, "animation")
     view = RunView.of(stored(options.run, options.out))
     check_drawable(view)
-    frame_times(float(view.time[-1]), playable(options.fps, options.file), options.speed)
+    frame_times(float(view.time[-1]), options.fps, options.speed)
     return view
 
 
 def run(options: AnimateOptions, view: RunView) -> int:
-    """Animate a stored run: bodies, contact forces and cones, the plan beside its exact replay."""
-    from reports.animation import Animation
-    from reports.movie import playable, write
+    """Animate a stored run: bodies and contact forces, the plan beside its exact replay."""
+    from reports.motion.animation import Animation
+    from reports.motion.movie import write
     from reports.style import styled
 
     output, file = options.output, options.file
     with styled():
-        animation = Animation(view, playable(options.fps, file), options.speed)
+        animation = Animation(view, options.fps, options.speed, options.cones)
         with _progress(output, len(animation.times)) as told:
             write(animation, file, told)
     output.say(f"animation: {file} ({len(animation.times)} frames)")

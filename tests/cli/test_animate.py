@@ -72,7 +72,7 @@ def test_a_gif_of_a_stored_run(ocp, store_of_runs: Path) -> None:
 def test_what_it_cannot_do_is_said(
     ocp, store_of_runs: Path, monkeypatch, arguments: list[str], said: list[str]
 ) -> None:
-    monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
+    monkeypatch.setattr("reports.motion.movie.shutil.which", lambda name: None)
     done = ocp("animate", *arguments, "--out", str(store_of_runs))
     assert done.code == 2
     assert "Traceback" not in done.err and done.out == ""

@@ -10,9 +10,8 @@ from matplotlib.text import Annotation
 
 from problems.drawing import ContactFrame
 from reports import forces
-from reports.animation import Animation
 from reports.strobe import strobe
-from tests.unit.reports.made import FRICTION, sliding_box
+from tests.unit.reports.made import sliding_box
 
 NORMAL = np.array([[1.0, 2.0], [0.5, 0.0], [4.0, 1.0]])
 SLIP = np.array([[-0.5, 1.0], [0.1, 0.0], [-1.0, 0.0]])
@@ -81,20 +80,3 @@ def test_a_law_averaged_over_noise_shows_the_mean_multiplier() -> None:
     found = forces.forces_of(view)
     assert found is not None
     np.testing.assert_allclose(found.normal, 2 * NORMAL)
-
-
-def test_an_animation_keeps_the_ratio_of_plan_and_replay() -> None:
-    """The replay's forces are half the plan's, and so are its arrows, at every frame."""
-    animation = Animation(sliding_box(NORMAL, SLIP), fps=10)
-    plan, replay = animation.figure.axes
-    lengths = []
-    for frame in range(1, 4):
-        animation.draw(frame)
-        ours, again = np.array(arrows(plan)), np.array(arrows(replay))
-        np.testing.assert_allclose(again, ours / 2, rtol=1e-12)
-        lengths += list(np.hypot(*ours.T))
-    expected = np.hypot(NORMAL, SLIP).ravel()
-    expected = expected[expected > 0]
-    np.testing.assert_allclose(np.array(lengths) / lengths[0], expected / expected[0], rtol=1e-12)
-    half = [p.theta2 - 90 for p in plan.patches if isinstance(p, Wedge)]
-    assert half == pytest.approx([np.degrees(np.arctan(FRICTION))] * 2)

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from ocp.errors import InputError
-from reports import gallery
+from reports.motion import gallery
 from tests.unit.reports.made import sliding_box
 
 NORMAL = np.ones((2, 2))

@@ -6,20 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ocp.errors import InputError
 from problems.drawing import ContactFrame, Shape
 from reports.camera import Camera, film
-from reports.forces import Forces, caption, draw_contacts, forces_of
-from reports.shapes import draw
-from reports.style import GREY, INK
+from reports.forces import Forces, forces_of
 from reports.view import RunView
 
 _MOST_FRAMES = 1500
-_WIDTH = 8.0
 _SAME = 2e-4
 """Of the largest state: less than a pixel of the picture."""
 
@@ -29,9 +23,11 @@ class Motion:
     """States (n, nx), shapes and contacts of n frames, and the forces during each (n, points).
 
     There are fewer frames than times where a replay ran away to states that are no numbers.
+    ``suffix`` is what names of its arrays end in.
     """
 
     title: str
+    suffix: str
     x: np.ndarray
     shapes: list[list[Shape]]
     contacts: list[list[ContactFrame]]
@@ -39,72 +35,55 @@ class Motion:
 
 
 class Animation:
-    """Frames of a run at ``times`` [s], drawn on ``figure`` one after another by :meth:`draw`."""
+    """What is seen of a run at ``times`` [s]: one or two ``motions``, each under its camera.
 
-    def __init__(self, view: RunView, fps: int = 25, speed: float = 1.0) -> None:
-        """Lay the figure out; ``speed`` 0.5 shows every second of the motion in two.
+    ``forces`` tells the longest arrow and its unit, and is None where nothing is ever pushed.
+    """
+
+    def __init__(
+        self, view: RunView, fps: int = 25, speed: float = 1.0, cones: bool = False
+    ) -> None:
+        """Look at ``fps`` instants a second; ``speed`` 0.5 shows a second of the motion in two.
 
         Raises :class:`~ocp.errors.InputError` for a run without states or a problem without a
         drawing, and for more frames than a file should hold.
         """
         check_drawable(view)
-        self.fps, self.speed = fps, speed
+        assert view.spec is not None
+        self.view, self.fps, self.speed, self.cones = view, fps, speed, cones
         self.times = frame_times(float(view.time[-1]), fps, speed)
         self.motions = motions(view, self.times)
-        self._cameras = film([motion.shapes for motion in self.motions])
-        self._drawn: list[Artist] = []
-        present = [motion.forces.largest for motion in self.motions if motion.forces]
-        self._largest = max(present, default=0.0)
-        self.figure, self._axes = _stage(len(self.motions), self._cameras[0])
-        self._label(view)
+        self.cameras: list[Camera] = film([motion.shapes for motion in self.motions])
+        self.axes: tuple[str, str] = view.spec.axes
 
-    def _label(self, view: RunView) -> None:
-        assert view.spec is not None
-        scenarios = view.run.data.sizes["scenario"]
+    @property
+    def title(self) -> str:
+        """The problem's title, and which scenario is shown where there are several."""
+        scenarios = self.view.run.data.sizes["scenario"]
         which = f", scenario 0 of {scenarios}" if scenarios > 1 else ""
-        look = {"fontsize": 11, "color": INK, "va": "top"}
-        title = self.figure.suptitle(f"{view.title}{which}", x=0.01, ha="left", **look)
-        self._clock = self.figure.text(0.99, 0.98, "", ha="right", **look)
-        for axis, motion in zip(self._axes, self.motions, strict=True):
-            axis.set_title(motion.title, loc="left", color=INK)
-            axis.set_xlabel(view.spec.axes[0])
-            axis.set_ylabel(view.spec.axes[1])
-            axis.label_outer()
-        if legend := self._legend():
-            self.figure.supxlabel(legend, x=0.01, ha="left", fontsize=8, color=GREY)
-        for index in range(len(self.motions)):
-            self._cameras[index].aim(self._axes[index], 0)
-        self.figure.draw_without_rendering()
-        # Laid out once: labels that change width from frame to frame must not shake the picture.
-        self.figure.set_layout_engine("none")
-        self._clock.set_y(title.get_position()[1])
+        return f"{self.view.title}{which}"
 
-    def _legend(self) -> str:
-        if not self._largest > 0:
-            return ""
-        unit = next(motion.forces.unit for motion in self.motions if motion.forces)
-        rough = any(contact.friction for motion in self.motions for contact in motion.contacts[0])
-        return caption(self._largest, unit, rough)
+    @property
+    def largest(self) -> float:
+        """Size of the largest force of all motions, 0 where nothing is pushed."""
+        found = [motion.forces.largest for motion in self.motions if motion.forces]
+        return max(found, default=0.0)
 
-    def draw(self, frame: int) -> None:
-        """Put the figure's bodies, forces and clock to a frame."""
-        for artist in self._drawn:
-            artist.remove()
-        self._drawn = []
+    @property
+    def unit(self) -> str:
+        """Unit of the forces, empty where there are none."""
+        return next((motion.forces.unit for motion in self.motions if motion.forces), "")
+
+    @property
+    def rough(self) -> bool:
+        """Whether friction cones are shown."""
+        known = (contact.friction for motion in self.motions for contact in motion.contacts[0])
+        return self.cones and any(known)
+
+    def clock(self, frame: int) -> str:
+        """Time of a frame, and how fast it goes where that is not real time."""
         pace = "" if self.speed == 1 else f"   {self.speed:g} × real time"
-        self._clock.set_text(f"t = {self.times[frame]:.2f} s{pace}")
-        for axis, camera, motion in zip(self._axes, self._cameras, self.motions, strict=True):
-            if frame >= len(motion.x):
-                continue
-            camera.aim(axis, frame)
-            self._drawn += [draw(shape, axis, 1.0) for shape in motion.shapes[frame]]
-            self._drawn += self._forces(axis, motion, frame)
-
-    def _forces(self, axis: Axes, motion: Motion, frame: int) -> list[Artist]:
-        if motion.forces is None:
-            return []
-        pushes = motion.forces.normal[frame], motion.forces.friction[frame]
-        return draw_contacts(axis, motion.contacts[frame], pushes, self._largest)
+        return f"t = {self.times[frame]:.2f} s{pace}"
 
 
 def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
@@ -152,6 +131,7 @@ def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion
     forces = forces_of(view, suffix)
     return Motion(
         title,
+        suffix,
         states,
         [spec.draw(view.params, state) for state in states],
         [frames(view.params, state) for state in states],
@@ -172,18 +152,6 @@ def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
         return np.stack([at_nodes[max(0, k - count + 1) : k + 1].mean(axis=0) for k in nearest])
 
     return replace(forces, normal=mean(forces.normal), friction=mean(forces.friction))
-
-
-def _stage(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
-    """Figure and axes: two motions one above the other where the view is wide, else abreast."""
-    ratio = float(camera.size[1] / camera.size[0])
-    rows = count if ratio < 0.4 else 1
-    columns = count // rows
-    width = (_WIDTH - 0.8) / columns - 0.2
-    height = rows * float(np.clip(width * ratio, 0.9, 3.6)) + 0.3 * rows + 1.0
-    figure = Figure(figsize=(_WIDTH, round(height, 2)))
-    figure.set_layout_engine("constrained", h_pad=0.1)
-    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
 def check_drawable(view: RunView) -> None:

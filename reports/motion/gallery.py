@@ -1,7 +1,7 @@
 """Draw the README's pictures from stored runs.
 
-``python -m reports.gallery ROOT FOLDER --still NAME... --moving NAME...`` draws ``strobes.png`` of
-all that are still, and ``<name>.gif`` of each that moves.
+``python -m reports.motion.gallery ROOT FOLDER --still NAME... --moving NAME...`` draws
+``strobes.png`` of all that are still, and ``<name>.gif`` of each that moves.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.runs import list_runs, load
-from reports.animation import Animation
-from reports.movie import write
+from reports.motion.animation import Animation
+from reports.motion.movie import write
 from reports.strobe import draw_strobe
 from reports.style import styled
 from reports.view import RunView
@@ -120,7 +120,7 @@ def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -
 
 def main() -> None:
     """Draw what the command line names, and tell the size of every file."""
-    parser = ArgumentParser(prog="python -m reports.gallery", description=__doc__)
+    parser = ArgumentParser(prog="python -m reports.motion.gallery", description=__doc__)
     parser.add_argument("root", type=Path, metavar="ROOT")
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--still", nargs="+", required=True, metavar="NAME")

@@ -1,0 +1,128 @@
+"""Write an animation to a GIF, an MP4 or a page of HTML that needs nothing else."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ocp.errors import InputError
+from ocp.store import atomic
+from reports.motion.animation import Animation
+from reports.motion.player import player
+from reports.motion.stage import Stage
+
+FORMATS = (".gif", ".mp4", ".html")
+FASTEST_GIF = 50
+"""Frames a second of a GIF at most: shorter delays than 20 ms are played as 100 ms."""
+_REST = 60
+"""Hundredths of a second that a GIF, which starts over by itself, rests on its last frame."""
+_SAMPLED = 6
+"""Frames that the palette of a GIF is made from."""
+_PALE = 246
+
+
+def check_format(file: Path, fps: int = 25) -> None:
+    """Raise InputError for an unknown ending, an MP4 without ffmpeg, and a GIF that is too fast."""
+    if file.suffix not in FORMATS:
+        raise InputError(
+            f"an animation ends in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}, not in"
+            f" {file.suffix!r}; name it {file.with_suffix('.gif').name}, say"
+        )
+    if file.suffix == ".mp4" and shutil.which("ffmpeg") is None:
+        raise InputError(
+            f"{file.name} needs the program ffmpeg, which is not found here; install it, or name"
+            f" {file.with_suffix('.gif').name} or {file.with_suffix('.html').name} instead"
+        )
+    if file.suffix == ".gif" and fps > FASTEST_GIF:
+        raise InputError(
+            f"a GIF shows at most {FASTEST_GIF} frames a second, not {fps}; lower --fps, or name"
+            f" {file.with_suffix('.mp4').name} or {file.with_suffix('.html').name} instead"
+        )
+
+
+def write(animation: Animation, file: Path, told: Callable[[int], None] = lambda _: None) -> None:
+    """Draw every frame into ``file``, which is there whole or not at all.
+
+    ``told`` is called with the number of frames done.
+
+    Raises :class:`~ocp.errors.InputError` as :func:`check_format` does, and where ffmpeg fails.
+    """
+    check_format(file, animation.fps)
+    with atomic.replacing(file) as draft:
+        match file.suffix:
+            case ".gif":
+                _write_gif(animation, draft, told)
+            case ".mp4":
+                _write_mp4(animation, draft, told)
+            case _:
+                draft.write_text(player(animation), encoding="utf-8")
+                told(len(animation.times))
+
+
+def delays(count: int, fps: int) -> list[int]:
+    """Hundredths of a second of ``count`` frames: whole numbers that add up to ``count / fps``."""
+    ends = np.round(100 * np.arange(count + 1) / fps).astype(int)
+    return np.diff(ends).tolist()
+
+
+def _write_gif(animation: Animation, draft: Path, told: Callable[[int], None]) -> None:
+    stage, count = Stage(animation), len(animation.times)
+    palette = _palette(stage, count)
+
+    def frames() -> Iterator[Image.Image]:
+        for frame in range(count):
+            picture = Image.fromarray(stage.picture(frame))
+            yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
+            told(frame + 1)
+
+    shown = delays(count, animation.fps)
+    shown[-1] += _REST
+    pictures = frames()
+    next(pictures).save(draft, format="GIF", save_all=True, append_images=pictures, loop=0,
+                        duration=[10 * delay for delay in shown])  # fmt: skip
+
+
+def _palette(stage: Stage, count: int) -> Image.Image:
+    """At most 256 colours for all frames, from those of a few of them."""
+    some = np.unique(np.linspace(0, count - 1, _SAMPLED).round().astype(int))
+    together = np.concatenate([stage.picture(frame) for frame in some])
+    found = Image.fromarray(together).quantize(dither=Image.Dither.NONE)
+    colors = np.array(found.getpalette()).reshape(-1, 3)
+    # Paper is white: the quantiser averages it with faint edges, and rounds what it looks up.
+    colors[(colors > _PALE).all(axis=1)] = 255
+    found.putpalette(colors.ravel().tolist())
+    return found
+
+
+def _write_mp4(animation: Animation, draft: Path, told: Callable[[int], None]) -> None:
+    stage, count = Stage(animation), len(animation.times)
+    height, width = stage.picture(0).shape[:2]
+    command = [
+        "ffmpeg", "-y", "-loglevel", "error",
+        "-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size", f"{width}x{height}",
+        "-framerate", str(animation.fps), "-i", "-",
+        "-codec:v", "h264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(draft),
+    ]  # fmt: skip
+    log = draft.with_name("ffmpeg.log")
+    # Where it has ended early, its own words and exit code say why.
+    with (
+        suppress(BrokenPipeError),
+        log.open("wb") as words,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=words) as encoder,
+    ):
+        assert encoder.stdin is not None
+        for frame in range(count):
+            encoder.stdin.write(stage.picture(frame).tobytes())
+            told(frame + 1)
+    if encoder.returncode:
+        said = log.read_text(errors="replace").strip().splitlines()
+        raise InputError(
+            f"ffmpeg could not make the film: {said[-1] if said else 'it says nothing'}; install"
+            " one with an h264 encoder, or name a .gif or .html file instead"
+        )

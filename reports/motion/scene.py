@@ -1,0 +1,152 @@
+"""Bodies and contact forces of one motion as a single artist, whose lines change every frame.
+
+Creating, laying out and removing an artist for every body and arrow takes longer than drawing it;
+here matplotlib gets one collection of paths in metres and is told new ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.colors import to_rgba
+from matplotlib.path import Path
+
+from problems.drawing import ContactFrame, HalfPlane, Mark, Segment, Shape, Spring
+from reports import shapes
+from reports.camera import Camera
+from reports.motion.animation import Motion
+from reports.style import FAINT, GREY, PURPLE, VERMILLION
+
+_POINTS = 72.0
+LEAST = 0.02
+"""Forces below this fraction of the largest are not drawn."""
+LONGEST, ACROSS, CONE = 0.18, 0.4, 0.7
+"""Longest arrow in sides of the view, the longer and the shorter, and a cone in arrows."""
+HEAD = 5.0, 2.0
+"""Length and half the width of an arrow's head [pt]."""
+_NONE = (0.0, 0.0, 0.0, 0.0)
+
+Rgba = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A path [m] with its colours, its width [pt], and how far up it lies."""
+
+    path: Path
+    face: Rgba
+    edge: Rgba
+    width: float
+    order: int
+
+
+class Scene:
+    """One motion on ``axis``, under its camera; ``largest`` is the force of the longest arrow."""
+
+    def __init__(
+        self, axis: Axes, motion: Motion, camera: Camera, largest: float, cones: bool
+    ) -> None:
+        self.axis, self._motion, self._camera = axis, motion, camera
+        self._largest, self._cones = largest, cones
+        self._strokes = PathCollection([], capstyle="round")
+        self._strokes.set_animated(True)
+        axis.add_collection(self._strokes, autolim=False)
+        camera.aim(axis, 0)
+        # Ticks belong to the still part of the picture only as long as the camera stands.
+        moves = np.ptp(camera.middle, axis=0) > 0
+        ticks = zip((axis.xaxis, axis.yaxis), moves, strict=True)
+        self._ticks: list[Artist] = [ruler for ruler, moving in ticks if moving]
+        for ruler in self._ticks:
+            ruler.set_animated(True)
+
+    def draw(self, frame: int) -> None:
+        """Draw a frame onto the canvas; nothing is left of a motion that has run away."""
+        if frame >= len(self._motion.x):
+            return
+        self._camera.aim(self.axis, frame)
+        for ruler in self._ticks:
+            self.axis.draw_artist(ruler)
+        strokes = self.strokes(frame)
+        self._strokes.set_paths([stroke.path for stroke in strokes])
+        self._strokes.set_facecolor([stroke.face for stroke in strokes])
+        self._strokes.set_edgecolor([stroke.edge for stroke in strokes])
+        self._strokes.set_linewidth([stroke.width for stroke in strokes])
+        self.axis.draw_artist(self._strokes)
+
+    def strokes(self, frame: int) -> list[Stroke]:
+        """All that is drawn of a frame, the lowest first."""
+        return sorted(self._found(frame), key=lambda stroke: stroke.order)
+
+    def _found(self, frame: int) -> Iterator[Stroke]:
+        middle, size = self._camera.middle[frame], self._camera.size
+        # One point of paper in metres: lines have their width, heads and marks their size in these.
+        figure = self.axis.get_figure(root=True)
+        assert figure is not None
+        point = size[0] / self.axis.bbox.width * figure.dpi / _POINTS
+        for shape in self._motion.shapes[frame]:
+            yield of_shape(shape, middle, size, point)
+        forces = self._motion.forces
+        if forces is None or not self._largest > 0:
+            return
+        longest = longest_arrow(size)
+        pushes = forces.normal[frame], forces.friction[frame]
+        for contact, normal, friction in zip(self._motion.contacts[frame], *pushes, strict=False):
+            if math.hypot(normal, friction) >= LEAST * self._largest:
+                if self._cones and contact.friction:
+                    yield cone(contact, CONE * longest)
+                yield arrow(contact, normal, friction, longest / self._largest, point)
+
+
+def longest_arrow(size: np.ndarray) -> float:
+    """Length [m] of the arrow of the largest force: seen well, and inside a view of ``size``."""
+    return min(LONGEST * float(size.max()), ACROSS * float(size.min()))
+
+
+def of_shape(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:
+    """Stroke of a body in a view around ``middle`` of ``size`` [m], a ``point`` of paper in [m]."""
+    ink = to_rgba(shapes.color(shape.role))
+    match shape:
+        case HalfPlane():
+            path = shapes.beyond(shape, middle, shapes.REACH * float(size.sum()))
+            return Stroke(path, to_rgba(FAINT), to_rgba(GREY), 0.8, 0)
+        case Mark(x, y, "goal"):
+            arm = shapes.CROSS / 2 * point
+            cross = Path([(x - arm, y), (x + arm, y), (x, y - arm), (x, y + arm)],
+                         [Path.MOVETO, Path.LINETO] * 2)  # fmt: skip
+            return Stroke(cross, _NONE, ink, 1.5, 4)
+        case Mark(x, y):
+            return Stroke(Path.circle((x, y), shapes.MARK / 2 * point), ink, _NONE, 0.0, 2)
+        case Segment() | Spring():
+            return Stroke(shapes.outline(shape), _NONE, ink, shapes.THICK[type(shape)], 2)
+        case _:
+            return Stroke(shapes.outline(shape), (*ink[:3], shapes.FILLED), ink, shapes.EDGE, 1)
+
+
+def arrow(
+    contact: ContactFrame, normal: float, friction: float, scale: float, point: float
+) -> Stroke:
+    """Arrow of a force from its contact, ``scale`` [m per unit] times its size long."""
+    tx, ty = contact.tangent
+    force = normal * np.array([contact.nx, contact.ny]) + friction * np.array([tx, ty])
+    start, tip = np.array([contact.x, contact.y]), scale * force
+    length = float(np.hypot(*tip))
+    along, tip = tip / length, start + tip
+    head, side = (min(part * point, part / HEAD[0] * length) for part in HEAD)
+    neck, across = tip - head * along, side * np.array([-along[1], along[0]])
+    ink = to_rgba(VERMILLION)
+    corners = [start, neck, neck + across, tip, neck - across, neck]
+    return Stroke(Path(np.array(corners)), ink, ink, 1.0, 5)
+
+
+def cone(contact: ContactFrame, length: float) -> Stroke:
+    """Friction cone, half as wide as atan(friction) on either side of the normal."""
+    middle, half = math.atan2(contact.ny, contact.nx), math.atan(contact.friction)
+    wedge = Path.wedge(math.degrees(middle - half), math.degrees(middle + half))
+    path = Path(np.asarray(wedge.vertices) * length + (contact.x, contact.y), wedge.codes)
+    return Stroke(path, to_rgba(PURPLE, 0.22), to_rgba(PURPLE, 0.8), 0.6, 3)

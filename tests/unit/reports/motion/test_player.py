@@ -1,0 +1,198 @@
+"""The page: its data are the run's, it asks nobody for anything, and a browser plays it."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+import re
+import shutil
+import subprocess
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dynamics.contact import Barrier
+from ocp import solve, store
+from problems import drawing, get
+from reports.motion.animation import Animation
+from reports.motion.charts import cost_so_far
+from reports.motion.movie import write
+from reports.motion.player import film_of, player
+from reports.view import RunView
+from tests.unit.reports.made import sliding_box
+
+N = 4
+NORMAL = np.array([[1.0, 2.0], [0.0, 0.0], [4.0, 1.0], [1.0, 1.0]])
+SLIP = 0.4 * NORMAL
+VIEW = sliding_box(NORMAL, SLIP)
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
+browsing = pytest.mark.skipif(BROWSER is None, reason="there is no chromium")
+
+
+def data_of(page: str) -> dict:
+    """Data as a browser reads them from the page."""
+    (found,) = re.findall(r'<script id="film" type="application/json">(.*?)</script>', page, re.S)
+    return json.loads(found)
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> RunView:
+    root = tmp_path_factory.mktemp("runs")
+    solution = solve(get("push-1d", N=8), contact=Barrier(mu=1e-2))
+    return RunView.of(store.load(store.save(solution, root, [])))
+
+
+def test_shapes_of_the_page_are_those_of_the_stored_states(solved: RunView) -> None:
+    h = float(solved.time[1])
+    film = data_of(player(Animation(solved, fps=round(1 / h))))
+    np.testing.assert_allclose(film["times"], solved.time, rtol=1e-6)
+    spec = solved.spec
+    assert spec is not None and spec.draw is not None
+    for motion, name in zip(film["motions"], ("x", "x_replay"), strict=True):
+        x = solved.array(name)
+        assert x is not None and len(motion["frames"]) == len(x[0]) == 9
+        for frame, state in zip(motion["frames"], x[0], strict=True):
+            told = []
+            for kind, *numbers in [*motion["fixed"], *frame]:
+                form, role = film["kinds"][kind]
+                names = [
+                    part.name for part in fields(getattr(drawing, form)) if part.name != "role"
+                ]
+                told.append((form, role, dict(zip(names, numbers, strict=True))))
+            for shape in spec.draw(solved.params, state):
+                same = [
+                    values for form, role, values in told
+                    if form == type(shape).__name__ and role == shape.role
+                    and all(abs(getattr(shape, k) - v) <= 1e-5 for k, v in values.items())
+                ]  # fmt: skip
+                assert same, shape
+
+
+def test_arrows_and_curves_of_the_page_are_the_stored_impulses() -> None:
+    film = film_of(Animation(VIEW, fps=10))
+    assert film["nodes"] == pytest.approx(VIEW.time)
+    force = np.hypot(NORMAL, SLIP)
+    for motion, share in zip(film["motions"], (1, 0.5), strict=True):
+        assert motion["arrows"][0] == [], "no step has led to the start"
+        for step in range(N):
+            sizes = [math.hypot(*arrow[2:4]) for arrow in motion["arrows"][step + 1]]
+            assert sizes == pytest.approx([f * share for f in force[step] if f > 0], rel=1e-6)
+    planned, replayed = film["charts"]
+    for chart, share in ((planned, 1), (replayed, 0.5)):
+        assert [curve["name"] for curve in chart["curves"]] == ["heel", "toe"]
+        for curve, expected in zip(chart["curves"], force.T, strict=True):
+            np.testing.assert_allclose(curve["values"], share * expected, rtol=1e-6)
+    assert planned["range"] == replayed["range"] and planned["range"][1] > force.max()
+    assert planned["label"] == "impulse [N s]"
+
+
+def test_costs_add_up_to_what_the_solution_says(solved: RunView) -> None:
+    so_far, end = cost_so_far(solved, "") or (np.zeros(0), 0)
+    assert so_far[0] == 0 and len(so_far) == 9
+    assert end == pytest.approx(solved.run.meta["cost"], rel=1e-9)
+    again = cost_so_far(solved, "_replay")
+    assert again is not None
+    assert again[1] == pytest.approx(solved.run.audit.exact_cost, rel=1e-9)
+    cost = film_of(Animation(solved))["charts"][-1]
+    assert [curve["name"] for curve in cost["curves"]] == ["planned", "replayed"]
+    assert cost["curves"][0]["end"] == pytest.approx(end, rel=1e-6)
+
+
+def test_what_never_moves_is_told_once_and_a_still_camera_too() -> None:
+    film = film_of(Animation(VIEW, fps=20))
+    assert film["kinds"] == [("HalfPlane", "environment"), ("Box", "object")]
+    for motion in film["motions"]:
+        assert motion["fixed"] == [[0, 0.0, 0.0, 0.0, 1.0]]
+        assert [len(frame) for frame in motion["frames"]] == [1] * 9
+        assert len(motion["middle"]) == 1
+
+
+def test_a_page_asks_nobody_for_anything_is_small_and_never_varies(tmp_path: Path) -> None:
+    for name in ("a.html", "b.html"):
+        write(Animation(sliding_box(np.ones((50, 2)), np.ones((50, 2)), h=0.04)), tmp_path / name)
+    text = (tmp_path / "a.html").read_text()
+    assert text.startswith("<!doctype html>") and len(text) < 60_000
+    assert len(data_of(text)["times"]) == 51
+    assert not re.search(r"https?:|//\w+\.|<link|@import|url\(|src=|\bfetch\(|data:", text)
+    assert (tmp_path / "b.html").read_text() == text
+
+
+def test_names_cannot_break_out_of_the_page() -> None:
+    nasty = "</script><script>alert(1)</script> & <b>"
+    view = sliding_box(NORMAL, SLIP)
+    view.run.meta["record"]["contact"] = view.run.meta["verdict"] = nasty
+    text = player(Animation(view))
+    assert text.count("</script>") == 2 and text.count("<script") == 2 and "<b>" not in text
+    assert data_of(text)["motions"][0]["title"] == f"planned under the {nasty} law"
+    assert html.escape(nasty) in text
+
+
+def browsed(page: str, room: Path, *options: str) -> str:
+    """What headless chromium says of a page."""
+    asked = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+    place = ["--window-size=1000,900", f"--user-data-dir={room / 'profile'}"]
+    done = subprocess.run(
+        [str(BROWSER), *asked, *place, *options, page],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    return done.stdout
+
+
+DRIVEN = """<script>
+"use strict";
+const told = [];
+window.onerror = (text) => told.push(["error", text]);
+const say = (what) => told.push([what, now, byId("clock").value, Number(byId("scrub").value)]);
+say("start");
+byId("on").click(); say("on");
+byId("scrub").value = 3; byId("scrub").dispatchEvent(new Event("input")); say("scrub");
+byId("back").click(); say("back");
+document.dispatchEvent(new KeyboardEvent("keydown", { key: "End" })); say("end");
+byId("on").click(); say("past the end");
+byId("play").click(); say(byId("play").getAttribute("aria-label"));
+setTimeout(() => {
+  say(byId("play").getAttribute("aria-label"));
+  make("pre", document.body, JSON.stringify(told)).id = "told";
+}, 1500);
+</script>"""
+
+
+@browsing
+@pytest.mark.slow
+def test_a_browser_scrubs_steps_and_plays(tmp_path: Path) -> None:
+    page = tmp_path / "box.html"
+    write(Animation(VIEW, fps=10), page)
+    page.write_text(page.read_text().replace("</body>", f"{DRIVEN}</body>"))
+    dumped = browsed(page.as_uri(), tmp_path, "--virtual-time-budget=4000", "--dump-dom")
+    (told,) = re.findall(r'<pre id="told">(.*?)</pre>', dumped)
+    steps = json.loads(html.unescape(told))
+    assert [step[:2] for step in steps] == [
+        ["start", 0], ["on", 1], ["scrub", 3], ["back", 2], ["end", 4], ["past the end", 4],
+        ["pause", 0], ["play", 4],
+    ]  # fmt: skip
+    assert [step[3] for step in steps] == [step[1] for step in steps]
+    assert steps[2][2] == "t = 0.30 s"
+    assert 'data-frame="4"' in dumped
+
+
+@browsing
+@pytest.mark.slow
+def test_a_screenshot_shows_the_box_where_its_state_says(tmp_path: Path) -> None:
+    """Body colour in columns of the plan's picture goes to the right with the box."""
+    page, middles = tmp_path / "box.html", []
+    write(Animation(VIEW, fps=10), page)
+    for frame in (0, 2, 4):
+        shot = tmp_path / f"{frame}.png"
+        browsed(f"{page.as_uri()}#{frame}", tmp_path, f"--screenshot={shot}")
+        with Image.open(shot) as picture:
+            plan = np.asarray(picture.convert("RGB"), dtype=int)[:380]
+        # A quarter of the blue of bodies on white paper.
+        body = np.abs(plan - (191, 220, 236)).max(axis=-1) < 6
+        columns = np.flatnonzero(body.sum(axis=0) > 3)
+        middles.append((columns.min() + columns.max()) / 2)
+    assert middles[1] - middles[0] == pytest.approx(middles[2] - middles[1], abs=4)
+    assert middles[2] - middles[0] > 300

@@ -1,0 +1,157 @@
+"""Pictures: bodies where their states say, forces to scale, the same as drawing all anew."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgba
+from matplotlib.path import Path
+
+from problems.drawing import Disc, HalfPlane, Mark, Segment, Spring
+from reports.motion.animation import Animation
+from reports.motion.scene import HEAD, Scene, Stroke, of_shape
+from reports.motion.stage import Stage
+from reports.style import FAINT, PURPLE, VERMILLION
+from tests.unit.reports.made import FRICTION, sliding_box
+
+NORMAL = np.array([[1.0, 2.0], [0.5, 0.0], [4.0, 1.0], [1.0, 1.0]])
+SLIP = np.array([[-0.5, 1.0], [0.1, 0.0], [-1.0, 0.0], [0.2, 0.3]])
+VIEW = sliding_box(NORMAL, SLIP)
+
+
+def colored(scene: Scene, frame: int, color: str) -> list[Path]:
+    """Paths of a frame with inside or edge of a colour."""
+    rgb = to_rgba(color)[:3]
+    return [s.path for s in scene.strokes(frame) if rgb in (s.face[:3], s.edge[:3])]
+
+
+def arrows(scene: Scene, frame: int) -> np.ndarray:
+    """Vectors [m] from tail to tip, (n, 2)."""
+    return np.array(
+        [path.vertices[3] - path.vertices[0] for path in colored(scene, frame, VERMILLION)]
+    )
+
+
+def test_bodies_lie_where_states_say_and_nothing_piles_up() -> None:
+    animation = Animation(VIEW, fps=20)
+    plan, replay = Stage(animation).scenes
+    assert len(animation.times) == 9
+    for frame, time in enumerate(animation.times):
+        for scene, ahead in ((plan, 0.0), (replay, 0.1)):
+            ground, box, *forces = scene.strokes(frame)
+            assert ground.face == to_rgba(FAINT)
+            ends = box.path.vertices[:, 0]
+            assert (ends.min() + ends.max()) / 2 == pytest.approx(0.5 * time / 0.4 + ahead)
+            assert len(forces) == len(colored(scene, frame, VERMILLION))
+
+
+def test_the_longest_arrow_is_the_largest_force_and_the_replay_is_to_the_same_scale() -> None:
+    """The replay's forces are half the plan's, and so are its arrows, at every frame."""
+    plan, replay = Stage(Animation(VIEW, fps=10)).scenes
+    found = []
+    for frame in range(1, 5):
+        ours = arrows(plan, frame)
+        np.testing.assert_allclose(arrows(replay, frame), ours / 2, rtol=1e-9, atol=1e-15)
+        found += list(ours)
+    expected = np.stack([SLIP, NORMAL], axis=-1).reshape(-1, 2)
+    expected = expected[np.hypot(*expected.T) > 0]
+    scale = np.hypot(*np.transpose(found)).max() / np.hypot(*expected.T).max()
+    np.testing.assert_allclose(found, scale * expected, rtol=1e-9, atol=1e-15)
+
+
+def test_cones_are_drawn_on_request_and_hold_the_forces_at_their_edge() -> None:
+    assert not colored(Stage(Animation(VIEW, fps=10)).scenes[0], 1, PURPLE)
+    scene = Stage(Animation(VIEW, fps=10, cones=True)).scenes[0]
+    heel, toe = colored(scene, 1, PURPLE)
+    x = 0.5 / 4
+    for cone, foot in ((heel, x - 0.15), (toe, x + 0.15)):
+        for share, inside in ((0.99, True), (1.01, False)):
+            point = np.array([foot, 0]) + 0.02 * np.array([share * FRICTION, 1])
+            assert cone.contains_point(point) is inside
+
+
+def test_a_picture_is_what_drawing_everything_anew_gives() -> None:
+    """Frames drawn over each other leave no trace: the same pixels as of a figure drawn once."""
+    kept = Stage(Animation(VIEW, fps=10))
+    pictures = [kept.picture(frame).copy() for frame in range(5)]
+    for frame in (4, 1):
+        fresh = Stage(Animation(VIEW, fps=10))
+        np.testing.assert_array_equal(fresh.picture(frame), pictures[frame])
+    whole = Stage(Animation(VIEW, fps=10))
+    whole.picture(3)
+    for part in whole.figure.findobj():
+        part.set_animated(False)
+    canvas = FigureCanvasAgg(whole.figure)
+    canvas.draw()
+    at_once = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
+    # Grid lines and spines lie over the ground there, and under it in a film.
+    assert np.mean(np.abs(at_once - pictures[3]).max(axis=-1) > 40) < 0.01
+
+
+def test_a_body_colours_the_pixels_that_it_covers() -> None:
+    stage = Stage(Animation(VIEW, fps=10))
+    height = stage.picture(0).shape[0]
+    axis = stage.scenes[0].axis
+    column, row = axis.transData.transform((0.5, 0.1)).round().astype(int)
+    before = stage.picture(0)[height - row, column].tolist()
+    after = stage.picture(4)[height - row, column].tolist()
+    assert before[2] - before[0] == 0 and after[2] - after[0] > 30, (before, after)
+    assert stage.picture(0).shape[0] % 2 == stage.picture(0).shape[1] % 2 == 0
+
+
+def test_a_motion_that_has_run_away_leaves_its_axes_empty() -> None:
+    x = np.linspace(0, 0.5, 5)
+    again = np.where(x > 0.3, np.inf, x + 0.1)
+    stage = Stage(Animation(sliding_box(NORMAL, SLIP, x=x, x_replay=again), fps=10))
+    box = stage.scenes[1].axis.bbox
+    height = stage.picture(0).shape[0]
+    inside = np.s_[
+        height - int(box.y1) + 2 : height - int(box.y0) - 2, int(box.x0) + 2 : int(box.x1)
+    ]
+    assert stage.picture(2)[inside].min() < 150
+    assert stage.picture(4)[inside].min() > 200
+
+
+def test_ticks_go_along_with_a_camera_that_travels() -> None:
+    """Away from the start the labels under the picture are others."""
+    x = np.linspace(0, 8, 5)
+    stage = Stage(Animation(sliding_box(NORMAL, SLIP, x=x, x_replay=x), fps=10))
+    axis, height = stage.scenes[0].axis, stage.picture(0).shape[0]
+    below = np.s_[height - int(axis.bbox.y0) + 2 : height - int(axis.bbox.y0) + 18]
+    labels = []
+    for frame in (0, 4):
+        labels.append(stage.picture(frame)[below].copy())
+        low, high = axis.get_xlim()
+        assert low < x[frame] < high
+    assert np.abs(labels[0].astype(int) - labels[1]).max() > 100
+
+
+VIEWED = np.zeros(2), np.array([2.0, 1.0]), 0.01
+
+
+@pytest.mark.parametrize(
+    ("shape", "low", "high"),
+    [
+        (Disc(1, 2, 0.5), (0.5, 1.5), (1.5, 2.5)),
+        (Segment(0, 0, 1, 2), (0, 0), (1, 2)),
+        (Spring(0, 0, 1, 0), (0, -0.04), (1, 0.04)),
+        (Mark(0, 0), (-0.0225, -0.0225), (0.0225, 0.0225)),
+        (Mark(1, 1, "goal"), (0.945, 0.945), (1.055, 1.055)),
+        (HalfPlane(0, 0, 0, 1), (-12, -12), (12, 0)),
+    ],
+    ids=["disc", "segment", "spring", "mark", "goal", "half plane"],
+)
+def test_a_stroke_spans_its_shape(shape, low, high) -> None:
+    """A point of paper is 1 cm here: marks of 4.5 pt and crosses of 11 pt are as wide in cm."""
+    stroke: Stroke = of_shape(shape, *VIEWED)
+    extent = stroke.path.get_extents()
+    np.testing.assert_allclose([extent.min, extent.max], [low, high], atol=1e-9)
+
+
+def test_the_head_of_a_short_arrow_is_no_longer_than_the_arrow() -> None:
+    scene = Stage(Animation(VIEW, fps=10)).scenes[0]
+    for path in colored(scene, 3, VERMILLION) + colored(scene, 2, VERMILLION):
+        start, neck, _, tip = path.vertices[:4]
+        assert np.linalg.norm(tip - neck) <= np.linalg.norm(tip - start) + 1e-12
+    assert HEAD[0] > HEAD[1] > 0
