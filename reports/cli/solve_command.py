@@ -89,8 +89,9 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
 
 
 def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> Solution:
-    """Solve; where Ctrl-C falls between several starts the best answer so far is stored."""
+    """Solve; after Ctrl-C the best point is the answer, between several starts the best of them."""
     from ocp import store
+    from ocp.programs.status import Status
     from ocp.solution import Interrupted
     from ocp.solve import solve_from, solve_session
     from reports import console
@@ -102,12 +103,15 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
             report(stage)
             interrupt.check()
 
-        if start is not None:
-            return solve_from(asked.session, start, options.seed, told)
         try:
+            if start is not None:
+                return solve_from(asked.session, start, options.seed, told)
             rank = RANKS[options.rank]
             return solve_session(asked.session, options.starts, options.seed, told, rank)
         except Interrupted as stop:
+            if stop.solution.status is Status.INTERRUPTED:
+                interrupt.answered()
+                return stop.solution
             kept = store.save(stop.solution, options.out, options.argv, options.tags or ())
             finished = len(stop.solution.others)
             options.output.say(f"run: {kept} (the best of {finished} finished starts)")
