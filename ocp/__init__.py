@@ -1,5 +1,8 @@
 """Optimal control through contact: problems, methods, policies, and judged solutions."""
 
+from typing import TYPE_CHECKING
+
+from ocp.distribution import version  # first: it sees to it that what follows is ours
 from ocp.errors import DamagedRun, InputError, NotConverged
 from ocp.policy import Feedback, OpenLoop
 from ocp.problem import Constraint, Problem, Reference, Scenarios
@@ -10,6 +13,9 @@ from ocp.solution import Solution
 from ocp.solve import solve
 from ocp.stored import load
 from ocp.transcription import Direct, MultipleShooting, SingleShooting
+
+if TYPE_CHECKING:
+    __version__: str
 
 __all__ = [
     "Constraint",
@@ -33,3 +39,13 @@ __all__ = [
     "roll_out",
     "solve",
 ]
+
+
+# Not for a type checker, to which any name would then be one of ours.
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> str:
+        """``__version__``, looked up when it is asked for."""
+        if name == "__version__":
+            return version()
+        raise AttributeError(f"module 'ocp' has no attribute {name!r}")

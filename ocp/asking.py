@@ -80,7 +80,10 @@ def asked(
 
 
 def check_spelling(settings: Mapping[str, Any], solver: str) -> None:
-    """Refuse a setting that is neither ours nor an option of the solver."""
+    """Refuse a setting that is neither ours nor an option of the solver.
+
+    Raises :class:`~ocp.errors.InputError` with the one that was meant, and where all are listed.
+    """
     from ocp.settings import OWN
 
     choose("solver", solver, SOLVERS)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from typing import Any
 
+from ocp.distribution import Hidden, hiding
 from ocp.errors import InputError
 
 GROUP = "centralpath.floors"
@@ -17,7 +18,8 @@ GROUP = "centralpath.floors"
 def lent(floor: str) -> Any:
     """Load the module by which ``floor``, "problems" or "reports", lends.
 
-    Raises :class:`~ocp.errors.InputError` where the distribution is not installed.
+    Raises :class:`~ocp.errors.InputError` where the distribution is not installed, and
+    :class:`~ocp.distribution.Hidden` where a user's module of that name is found instead.
     """
     found = [*entry_points(group=GROUP, name=floor)]
     if not found:
@@ -25,4 +27,9 @@ def lent(floor: str) -> Any:
             f"the package {floor} of centralpath is not installed; install the distribution, as in"
             " pip install centralpath"
         )
-    return found[0].load()
+    try:
+        return found[0].load()
+    except ImportError as error:
+        if told := hiding((floor,)):
+            raise Hidden(told) from error
+        raise

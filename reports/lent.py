@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 _COLOURS = {"survives": "#1a7f37", "certified": "#b35900", "failed": "#c62828"}
 
 
+def main() -> int:
+    """Run the command line."""
+    from reports.cli.app import main
+
+    return main()
+
+
 def save(solution: Solution, root: Path | None) -> Path:
     """Store the run, in the usual place if none is said; its record names the calling script."""
     return store.save(solution, root or store.default_root(), ["python", Path(sys.argv[0]).name])
@@ -35,13 +42,13 @@ def report(solution: Solution, path: Path) -> Path:
 
 def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
     """Write the motion, plan beside replay."""
-    from reports.animation import Animation
-    from reports.movie import check_format, playable, write
+    from reports.motion.animation import Animation
+    from reports.motion.movie import check_format, write
     from reports.style import styled
 
-    check_format(path)
+    check_format(path, fps)
     with styled():
-        write(Animation(_view(solution), playable(fps, path), speed), path)
+        write(Animation(_view(solution), fps, speed), path)
     return path
 
 

@@ -54,7 +54,7 @@ def unsaved(solution: Solution) -> StoredRun:
 
 
 def _parts(
-    solution: Solution, argv: Sequence[str], tags: Sequence[str]
+    solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()
 ) -> tuple[str, xr.Dataset, dict[str, Any]]:
     """Name of the problem, arrays and description of a solution."""
     record = dict(solution.record)

@@ -126,6 +126,11 @@ def _explain(error: Exception) -> tuple[str, int]:
         return _shortened(str(error)), code
     if isinstance(error, BrokenPipeError):
         return "", 1
+    if isinstance(error, ImportError):
+        from ocp.distribution import hiding
+
+        if told := hiding():
+            return told, 2
     if isinstance(error, OSError) and error.filename is not None:
         reason = f"{error.strerror}; name another file or directory"
         return f"cannot use {_shortened(str(error.filename))}: {reason}", 2

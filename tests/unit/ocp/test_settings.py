@@ -75,16 +75,19 @@ def test_options_reach_the_solver() -> None:
 @pytest.mark.parametrize(
     ("solver", "settings"),
     [
-        ("ipopt", {"no_such_option": 1}),
         ("ipopt", {"tol": "tight"}),
-        ("fatrop", {"no_such_option": 1}),
         ("uno", {"logger": "nonsense"}),
-        ("sleqp", {"no_such_option": 1}),
     ],
 )
 def test_a_refused_option_is_wrong_usage(solver: str, settings: dict[str, object]) -> None:
     with pytest.raises(InputError, match=rf"{solver} refused its options|the options of {solver}"):
         solve(get("push-1d", N=3), Barrier(mu=1e-2), solver=solver, settings=settings)
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "fatrop", "sleqp"])
+def test_an_unknown_option_is_told_where_they_are_listed(solver: str) -> None:
+    with pytest.raises(InputError, match=rf"'no_such_option'.*ocp settings {solver} tell them"):
+        solve(get("push-1d", N=3), Barrier(mu=1e-2), solver=solver, settings={"no_such_option": 1})
 
 
 def test_an_unknown_solver_is_told_which_there_are() -> None:

@@ -1,0 +1,66 @@
+"""The distribution: its version, and its packages, which must be found beside this one.
+
+Their names are common words. ``python -m ocp`` puts the working directory first on the path, where
+a user's ``problems.py`` would stand for ours: importing this module takes that place off again. To
+a script that has such a file beside it, the first import that fails says so.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+
+NAME = "centralpath"
+_ROOT = Path(__file__).resolve().parents[1]
+_BESIDE = ("dynamics", "problems", "reports")
+
+
+class Hidden(ImportError):
+    """Something of the user's has the name of one of our packages; the message says what."""
+
+    exit_code = 2
+
+
+def version() -> str:
+    """Version of what is installed; "unknown" where nothing is, as in a bare checkout."""
+    try:
+        return metadata.version(NAME)
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def hiding(names: tuple[str, ...] = _BESIDE) -> str:
+    """One sentence on what Python finds in the place of the first hidden package of ``names``.
+
+    It is empty where all are ours.
+    """
+    for name in names:
+        found = sys.modules.get(name)
+        spec = find_spec(name) if found is None else found.__spec__
+        places = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
+        place = next((Path(place).resolve() for place in places if place), None)
+        if place is not None and not place.is_relative_to(_ROOT / name):
+            return (
+                f"{place} has the name of the package {name} of {NAME} and hides it; rename it, or"
+                " start Python with -P"
+            )
+    return ""
+
+
+def _started_as_module() -> bool:
+    """Whether this import is that of ``python -m ocp``, with the working directory on the path."""
+    if sys.argv[:1] != ["-m"] or sys.flags.safe_path:
+        return False
+    return sys.orig_argv[len(sys.orig_argv) - len(sys.argv)].removeprefix("-m") == "ocp"
+
+
+def _see_beside() -> None:
+    if _started_as_module() and Path(sys.path[0]).resolve() != _ROOT:
+        del sys.path[0]
+    if told := hiding(("dynamics",)):
+        raise Hidden(told)
+
+
+_see_beside()
