@@ -97,7 +97,7 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
     from reports import console
     from reports.cli import interrupt
 
-    with console.progress(options.quiet, f"{asked.spec.name}: building") as report:
+    with console.progress(options.output.progress, f"{asked.spec.name}: building") as report:
 
         def told(stage: StageRecord) -> None:
             report(stage)
@@ -123,10 +123,10 @@ def show(output: Output, solution: Solution) -> None:
     from reports import console
     from reports.stages import left_out
 
-    if solution.stages:
+    if solution.stages and output.table_of_stages:
         output.note(console.stage_table(solution.stages))
-        if unseen := left_out(solution.stages):
-            output.note(unseen)
+    if unseen := left_out(solution.stages):
+        output.note(unseen)
     output.note(console.result_table(solution))
     if solution.audit.contacts:
         output.note(console.contact_table(solution.audit))
