@@ -90,10 +90,10 @@ def claims(figure: Mapping[str, Any]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Keep the signs of formulas from being read as Markdown."""
-    for sign in "\\`*_{}[]<>":
+    """Keep the signs of formulas from being read as Markdown or as HTML."""
+    for sign in "\\`*_{}[]":
         text = text.replace(sign, f"\\{sign}")
-    return text
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 def mark(holds: bool) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -71,10 +72,20 @@ def _pictures(found: ProblemSpec) -> list[str]:
 
 def _parameters(found: ProblemSpec) -> str:
     rows = [
-        (f"`{row['name']}`", row["value"], row["unit"], row["range"], row["description"])
+        (f"`{row['name']}`", row["value"], unit(row["unit"]), _range(row), row["description"])
         for row in describe(found)
     ]
     return table(("parameter", "default", "unit", "range", "meaning"), rows)
+
+
+def unit(text: str) -> str:
+    """Write a unit with its powers: 1/m^2 as 1/m²; nothing for what has none."""
+    return "" if text == "1" else re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power[1])], text)
+
+
+def _range(row: Mapping[str, Any]) -> str:
+    limits = row["range"].removesuffix(f" [{row['unit']}]")
+    return re.sub("^a number ?", "", limits)
 
 
 def _golden(found: ProblemSpec) -> str:
