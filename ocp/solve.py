@@ -15,8 +15,7 @@ from ocp.choices import closing_law, method_of, policy_of, split_policy_settings
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
 from ocp.guesses import guesses
-from ocp.interruption import keeping
-from ocp.judgement import judged
+from ocp.judgement import judged, keeping
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver

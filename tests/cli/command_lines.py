@@ -77,7 +77,8 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
         st.just([]) | among("@solve", "@train", "wall", "@last").map(lambda run: [run]),
         {
             **STORE, "--tag": among("a"), "--since": among("2h", "2026-01-01"),
-            "--last": number("2"), "--status": among("solved"), "--contact": among(*LAWS), "--problem": among(*PROBLEMS),
+            "--last": number("2"), "--status": among("solved"), "--contact": among(*LAWS),
+            "--problem": among(*PROBLEMS),
         },
     ),
     "runs rm": (among("@solve", "@last", "@3", "none").map(lambda run: [run]), STORE),

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ocp.errors import interruptible
-from ocp.judgement import judged
+from ocp.judgement.judging import judged
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
