@@ -79,7 +79,7 @@ def run(options: SweepOptions, asked: Asked) -> int:
 
     output, study = options.output, asked.study
     data = dataset(study, asked.session, _points(options, asked))
-    meta = {**described(study, asked.session, data), "argv": options.argv}
+    meta = {**described(study, asked.session, data), "argv": options.argv, "tags": options.tags}
     meta["record"] |= {"source": asked.source}
     path = store.write(options.out, asked.session.problem.name, data, meta)
     asked.checkpoint.discard()
@@ -136,4 +136,10 @@ def _document(
     }  # fmt: skip
 
 
-COMMAND = Command(SweepOptions, check, run)
+COMMAND = Command(
+    SweepOptions, check, run,
+    examples=(
+        "sweep push-disc --over M=0.5:2:7",
+        "sweep push-disc --over M=0.5:2:7 --over contact.mu=1e-4:1e-1:4:log --jobs 2",
+    ),
+)  # fmt: skip
