@@ -96,7 +96,7 @@ def test_a_second_ctrl_c_ends_at_once(tmp_path: Path) -> None:
 
 def test_ctrl_c_keeps_the_points_of_a_path(tmp_path: Path) -> None:
     process = start([*LONG_PATH, "--json"], tmp_path)
-    assert all(read_lines(process, 3))
+    assert all(read_lines(process, 4)), "the heads, and three points"
     process.send_signal(signal.SIGINT)
     out, _ = process.communicate(timeout=60)
     assert process.returncode == 130
