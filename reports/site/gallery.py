@@ -45,14 +45,15 @@ def _still(name: str) -> str:
 
 def page(found: ProblemSpec, verdicts: Mapping[str, Any] | None) -> str:
     """One problem from its spec, and what solving it under the laws gave."""
-    parts = [f"# {found.name}\n", f"{found.title}.\n", *_pictures(found)]
+    solve = f"```sh\nocp solve {found.name} --contact exact\n```\n"
+    parts = [f"# {found.name}\n", f"{found.title}.\n", *_pictures(found), solve]
     if found.equations:
         lines = "\n".join(plain(line) for line in found.equations)
         parts.append(f"## Equations\n\n```text\n{lines}\n```\n")
     parts.append(f"## Parameters\n\n{_parameters(found)}")
     if found.golden:
         parts.append(f"## Best known values\n\n{_golden(found)}")
-    if verdicts is not None:
+    if verdicts is not None and any(row[0] == found.name for row in verdicts["rows"]):
         parts.append(_verdicts(found.name, verdicts))
     if found.citation is not None:
         source = full_citation(found.citation.key)

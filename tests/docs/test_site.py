@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -15,6 +16,7 @@ import pytest
 from reports.site import hooks, roles
 from tests.docs.pages import ROOT
 
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
 LOADED = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src"}
 
 
@@ -83,6 +85,19 @@ def test_no_link_is_dead(site: Path, links: dict[Path, Links]) -> None:
             if not file.exists() or (place and known is not None and place not in known):
                 dead.append(f"{page.relative_to(site)}: {target}")
     assert not dead
+
+
+@pytest.mark.skipif(BROWSER is None, reason="there is no chromium")
+def test_search_works_on_pages_read_from_the_disk(site: Path, tmp_path: Path) -> None:
+    assert BROWSER is not None
+    page = f"{(site / 'theory' / 'laws.html').as_uri()}?q=referee"
+    words = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}"]
+    done = subprocess.run(
+        [*words, "--virtual-time-budget=20000", "--dump-dom", page],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    found = re.findall(r"(\d+) matching documents", done.stdout)
+    assert found and int(found[0]) > 5, done.stderr[-2000:]
 
 
 def test_links_of_the_readme_lead_somewhere() -> None:
