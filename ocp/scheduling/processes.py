@@ -1,4 +1,8 @@
-"""Jobs over processes: each worker does one after another, and a dead one is replaced."""
+"""Jobs over processes: each worker does one after another, and a dead one is replaced.
+
+A pool, of concurrent.futures or joblib, gives up all jobs where one worker is killed, cannot tell
+whose job it died of, and hears nothing from a job before its end.
+"""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
+from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
 from ocp.scheduling import Failure, carried_out
 from ocp.session import Session
@@ -76,6 +77,7 @@ def sweep(
     )  # fmt: skip
     study = asked(case, axes(over), starts, seed, rank_by)
     session = study.checked()
+    check_side_by_side(session, jobs)
     checkpoint = None if store is None else kept_in(study, session, Path(store))
     found = {} if checkpoint is None else kept_points(study, checkpoint)
     points = followed(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
@@ -109,6 +111,11 @@ def asked(
         if case.given(name):
             raise InputError(f"{axis.name} goes over what --over says; drop its own value")
     return Study(case, tuple(full), starts, seed, rank_by)
+
+
+def check_side_by_side(session: Session, jobs: int) -> None:
+    """Raise :class:`~ocp.errors.InputError` where so many solves at once need too much memory."""
+    check_memory(f"{jobs} solves side by side", jobs * solve_memory(session.problem))
 
 
 def kept_in(study: Study, session: Session, store: Path) -> Checkpoint:

@@ -199,5 +199,6 @@ COMMAND = Command(
         "solve push-disc -p M=2 -p N=40 --contact exact --pdf plan.pdf",
         "solve push-disc --contact adaptive -c sigma=0.05 -s tol=1e-8 --tag soft",
         "solve push-disc -p goal_x=0.5 --from @last",
+        "solve push-disc --contact exact --starts 8 --jobs 2 --rank exact",
     ),
 )

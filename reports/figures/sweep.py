@@ -34,7 +34,8 @@ _ROWS = 4
 """Slices on one figure."""
 _WRITTEN = 64
 """Cells of a map up to which numbers are written into them."""
-_TICKS = 8
+_TICKS, _FITS = 8, 22
+"""Labels along an axis, and letters of all of them that fit beside one another."""
 _REACH = 1.1
 """Least ratio that the colours of replayed over planned reach to."""
 Axis = Mapping[str, Any]
@@ -167,12 +168,11 @@ def _maps(
         axes.set_title(title)
     for axes in grid[-1]:
         axes.set_xlabel(_titled(span[0]))
-    _ticks(grid[-1][0].xaxis, span[0])
+    for axes in grid[-1]:
+        _ticks(axes.xaxis, span[0], lying=True)
     _ticks(grid[-1][0].yaxis, span[1])
-    for column in (0, 1):
-        figure.colorbar(
-            drawn[column], ax=[*grid[:, column]], location="bottom", aspect=30, pad=0.02
-        )
+    for column, shade in enumerate((shades.cost, shades.ratio)):
+        _scale(figure, drawn[column], [*grid[:, column]], shade)
     _legend(figure, grid[0][0], data)
     return figure
 
@@ -218,10 +218,20 @@ def _readable(colour: tuple[float, float, float, float]) -> str:
     return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
 
 
-def _ticks(axis: Any, along: Axis) -> None:
+def _scale(figure: Figure, drawn: Any, axes: list[Axes], shade: Normalize) -> None:
+    bar = figure.colorbar(drawn, ax=axes, location="bottom", aspect=30, pad=0.02)
+    low, high = float(shade.vmin or 0.0), float(shade.vmax or 1.0)
+    middle = (low * high) ** 0.5 if isinstance(shade, LogNorm) else (low + high) / 2
+    bar.set_ticks([low, middle, high], labels=[f"{value:.3g}" for value in (low, middle, high)])
+    bar.minorticks_off()
+
+
+def _ticks(axis: Any, along: Axis, lying: bool = False) -> None:
     count = len(along["values"])
     shown = np.arange(0, count, -(-count // _TICKS))
-    axis.set_ticks(shown, [f"{along['values'][k]:.3g}" for k in shown])
+    words = [f"{along['values'][k]:.3g}" for k in shown]
+    turned = lying and len(words) * max(map(len, words)) > _FITS
+    axis.set_ticks(shown, words, **({"rotation": 40, "ha": "right"} if turned else {}))
 
 
 def _titled(axis: Axis) -> str:

@@ -20,6 +20,7 @@ from reports.cli.app import main
 from tests.cli.conftest import Ocp
 
 ROOT = Path(__file__).parents[2]
+KEPT = "*/.unfinished-*/point-*.json"
 OVER = ("--over", "M=0.5:2:3", "--over", "mu=1e-3:1e-2:2:log", "-p", "N=6")
 
 
@@ -82,7 +83,7 @@ def _stopped(words: list[str], store_of: Path, stop: signal.Signals) -> subproce
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     end = time.monotonic() + 120
-    while not list(store_of.rglob("point-*.json")) and time.monotonic() < end:
+    while not list(store_of.glob(KEPT)) and time.monotonic() < end:
         time.sleep(0.02)
     process.send_signal(stop)
     return process
@@ -99,7 +100,7 @@ def test_the_same_command_goes_on_after_a_kill_or_ctrl_c(
     assert process.returncode == (-9 if stop == signal.SIGKILL else 130)
     if stop == signal.SIGINT:
         assert "the same command goes on" in out and "stopped by the user" in err
-    before = len(list(kept.rglob("point-*.json")))
+    before = len(list(kept.glob(KEPT)))
     assert before > 0
     done = ocp(*words, "--json")
     assert done.code == 0 and f"went on: {before} of 7 points were done before" in done.err

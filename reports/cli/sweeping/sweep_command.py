@@ -41,14 +41,13 @@ class Asked:
     study: Study
     session: Session
     checkpoint: Checkpoint
-    source: str | None
 
 
 def check(options: SweepOptions) -> Asked:
     """Read the grid, and build what can be known to fit before any work."""
     from ocp.errors import InputError, choose
     from ocp.sweeps.axes import axes
-    from ocp.sweeps.sweep import asked, kept_in
+    from ocp.sweeps.sweep import asked, check_side_by_side, kept_in
     from reports.cli.places import check_places
     from reports.cli.sweeping.case import case_of
 
@@ -61,9 +60,9 @@ def check(options: SweepOptions) -> Asked:
     case = case_of(options)
     study = asked(case, over, options.starts, options.seed, RANKS[options.rank])
     session = study.checked()
+    check_side_by_side(session, options.jobs)
     check_places(options.out, options.pdf)
-    source = case.problem if case.problem.endswith(".py") else None
-    return Asked(study, session, kept_in(study, session, options.out), source)
+    return Asked(study, session, kept_in(study, session, options.out))
 
 
 def run(options: SweepOptions, asked: Asked) -> int:
@@ -79,8 +78,11 @@ def run(options: SweepOptions, asked: Asked) -> int:
 
     output, study = options.output, asked.study
     data = dataset(study, asked.session, _points(options, asked))
-    meta = {**described(study, asked.session, data), "argv": options.argv}
-    meta["record"] |= {"source": asked.source}
+    meta = {
+        **described(study, asked.session, data),
+        "argv": options.argv,
+        "tags": options.tags or (),
+    }
     path = store.write(options.out, asked.session.problem.name, data, meta)
     asked.checkpoint.discard()
     dims = [axis["name"] for axis in meta["study"]["axes"]]
@@ -136,4 +138,12 @@ def _document(
     }  # fmt: skip
 
 
-COMMAND = Command(SweepOptions, check, run)
+COMMAND = Command(
+    SweepOptions,
+    check,
+    run,
+    examples=(
+        "sweep push-disc --over M=0.5:2:7 --over contact.mu=1e-4:1e-1:4:log --jobs 2",
+        "sweep push-1d --over N=10:40:4 --contact exact --starts 3 --pdf sweep.pdf",
+    ),
+)

@@ -32,7 +32,7 @@ def timed(out: Path, jobs: int, kill: bool = False) -> tuple[float, dict[str, An
         [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=os.environ | one_thread
     )
     if kill:
-        while not [*out.rglob("point-*.json")]:
+        while not [*out.glob("*/.unfinished-*/point-*.json")]:
             time.sleep(0.05)
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
         os.kill(int(children[-1]), signal.SIGKILL)
