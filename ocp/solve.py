@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -14,7 +15,7 @@ from ocp.choices import closing_law, method_of, policy_of, split_policy_settings
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
 from ocp.guesses import guesses
-from ocp.judgement import judged
+from ocp.judgement import judged, keeping
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver
@@ -26,8 +27,9 @@ from ocp.transcription import Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.warm_start import carried_guess, carry
 
-Rank = Literal["planned", "referee"]
-"""What orders several answers: their cost under the law, or what the referee makes of them."""
+Rank = Literal["planned", "exact", "referee"]
+"""What orders several answers: their cost under the law, replayed under the exact one, or by the
+referee."""
 
 
 def solve(
@@ -62,8 +64,8 @@ def solve(
 
     ``starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
     by seeded noise of 0.3 characteristic units; the best certified answer wins, by its own cost or,
-    with ``rank_by="referee"``, by what it costs there, and the others are listed in
-    ``Solution.others``.
+    with ``rank_by``, by what it costs under the ``"exact"`` law or by the ``"referee"``, and the
+    others are listed in ``Solution.others``.
 
     ``start`` is a solution of the same problem, at other parameters, on another mesh or horizon,
     under another law or by another method: its trajectories and multipliers are what the solver
@@ -72,8 +74,7 @@ def solve(
 
     Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
     """
-    if not 1 <= starts <= 10_000:
-        raise InputError(f"starts must be from 1 to 10000, got {starts}")
+    check_starts(starts)
     session = new_session(
         problem, contact, transcription, policy, solver, settings,
         method=method, params=params, contact_settings=contact_settings, **keywords,
@@ -85,15 +86,25 @@ def solve(
     return solve_from(session, start, seed, progress)
 
 
+def check_starts(starts: int) -> None:
+    """Raise :class:`~ocp.errors.InputError` for fewer starts than one, or too many."""
+    if not 1 <= starts <= 10_000:
+        raise InputError(f"starts must be from 1 to 10000, got {starts}")
+
+
 def solve_from(
     session: Session,
     start: Solution,
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
 ) -> Solution:
-    """Solve a session from a solution; the record says which, and whether it converged so."""
-    outcome, resumed = from_solution(session, start, progress)
-    found = judged(session, outcome, seed)
+    """Solve a session from a solution; the record says which, and whether it converged so.
+
+    Raises :class:`~ocp.solution.Interrupted` with the best point, where Ctrl-C ends it.
+    """
+    with keeping(session, seed, progress) as told:
+        outcome, resumed = from_solution(session, start, told)
+        found = judged(session, outcome, seed)
     origin = start.record.get("hash", "a solution in memory")
     return replace(found, record={**found.record, "from": origin, "resumed": resumed})
 
@@ -193,15 +204,17 @@ def solve_session(
 ) -> Solution:
     """Solve a session from one or several guesses.
 
-    Raises :class:`~ocp.solution.Interrupted`, with the best answer so far, where Ctrl-C falls
-    between several starts.
+    Raises :class:`~ocp.solution.Interrupted`, with the best answer so far, or in the first start
+    with the best point so far, where Ctrl-C ends it.
     """
     solutions: list[Solution] = []
     try:
         with interruptible():
             for number, guess in enumerate(guesses(session.problem, session.values, starts, seed)):
-                outcome = session.solve(progress=progress, guess=guess, number=number)
-                solutions.append(judged(session, outcome, seed))
+                first = keeping(session, seed, progress)
+                with nullcontext(progress) if solutions else first as told:
+                    outcome = session.solve(progress=told, guess=guess, number=number)
+                    solutions.append(judged(session, outcome, seed))
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
@@ -234,5 +247,6 @@ def best_of(solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
 def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
     """Order answers: certified ones first, then the others that are feasible, then by cost."""
     order = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Status.NO_PROGRESS: 2}
-    cost = found.cost if by == "planned" else found.referee.cost
+    costs = {"planned": found.cost, "exact": found.audit.exact_cost, "referee": found.referee.cost}
+    cost = costs[by]
     return order.get(found.status, 3), cost if np.isfinite(cost) else np.inf

@@ -36,6 +36,7 @@ from reports.cli.options import register
 from reports.cli.shell import streams
 from reports.cli.shell.program import Program, tell_version
 from reports.cli.stored import rm_command, save_as_command
+from reports.cli.sweeping import sweep_command
 
 app = typer.Typer(
     cls=Program,
@@ -65,6 +66,7 @@ for name, command in {
     "solve": solve_command.COMMAND,
     "replay": replay_command.COMMAND,
     "continue": continue_command.COMMAND,
+    "sweep": sweep_command.COMMAND,
     "estimate": estimate_command.COMMAND,
     "collect": collect_command.COMMAND,
     "learn": learn_command.COMMAND,
@@ -85,7 +87,8 @@ for name, command in {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 done, 2 usage, 3 not converged, 4 damaged run.
 
-    Errors go to stderr in one or two lines; ``--debug`` shows the traceback as well.
+    A solve that Ctrl-C ended and whose best point was stored has not converged; what else Ctrl-C
+    ended gives 130. Errors go to stderr in one or two lines; ``--debug`` shows the traceback too.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     streams.prepare()
