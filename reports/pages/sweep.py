@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from reports.pages.described import Page, head, law
+from reports.pages.described import Page, head, how, law
 from reports.sweeps.page import sweep_content
 from reports.view import RunView
 
@@ -14,5 +14,6 @@ def sweep_page(view: RunView) -> Page:
     told = head(view)
     for table in ("parameters", "settings"):
         told[table] = [row for row in told[table] if row[0] not in swept]
+    told["how"] = how(view.run, swept)
     content, figures = sweep_content(view.run)
     return {**told, "law": law(view), **content}, figures
