@@ -6,15 +6,16 @@ import json
 import logging
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError, choose
+from ocp.programs.interruption import noted
 from ocp.programs.options import check_options
 from ocp.programs.program import Program
 from ocp.programs.scaled import Point, Scaled
@@ -43,7 +44,15 @@ IPOPT_DEFAULTS: dict[str, Any] = {
     "honor_original_bounds": "yes",
     "mumps_mem_percent": 200,
 }
-_QUIET: dict[str, dict[str, Any]] = {"fatrop": {"print_level": 0}, "uno": {"logger": "SILENT"}}
+USUAL: dict[str, dict[str, Any]] = {
+    "ipopt": IPOPT_DEFAULTS,
+    "fatrop": {"print_level": 0},
+    "uno": {"logger": "SILENT", "primal_tolerance": 1e-9, "dual_tolerance": 1e-9},
+}
+"""Options of each solver where none are given: silent, and no looser than what the audit asks."""
+_PLUGIN: dict[str, dict[str, Any]] = {"sleqp": {"print_level": 1}}
+"""Options of CasADi's interface to a solver; sleqp warns of every step it cuts short, without."""
+_TIME_LIMITS = {"ipopt": "max_wall_time", "sleqp": "max_wall_time", "uno": "time_limit"}
 _STATUS = {
     "Solve_Succeeded": Status.SOLVED,
     "Solved_To_Acceptable_Level": Status.SOLVED,
@@ -53,7 +62,11 @@ _STATUS = {
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
     "Diverging_Iterates": Status.DIVERGED,
     "Invalid_Number_Detected": Status.DIVERGED,
-    "User_Requested_Stop": Status.STOPPED,
+    "iteration limit": Status.ITERATION_LIMIT,
+    "time limit": Status.TIME_LIMIT,
+    "infeasible": Status.INFEASIBLE,
+    "Converged with infeasible stationary point": Status.INFEASIBLE,
+    "Terminated with infeasible small step": Status.INFEASIBLE,
 }
 
 
@@ -97,7 +110,8 @@ class Solver:
 
     ``options`` are the solver's own (for IPOPT without the ``ipopt.`` prefix). Raises
     :class:`~ocp.errors.InputError` for an unknown name, a plugin this CasADi lacks, or an option
-    the solver refuses.
+    the solver refuses. ``heard``, where it is set, is told where each run ended; a run that Ctrl-C
+    ended raises KeyboardInterrupt after that.
     """
 
     def __init__(self, name: str = "ipopt", options: dict[str, Any] | None = None) -> None:
@@ -106,6 +120,7 @@ class Solver:
             raise InputError(f"this CasADi has no {name}; use --solver ipopt")
         self.name, self.options = name, check_options(name, options or {})
         self.deadline: float | None = None
+        self.heard: Callable[[Program, Result], None] | None = None
 
     @contextmanager
     def within(self, seconds: float | None) -> Iterator[None]:
@@ -131,18 +146,23 @@ class Solver:
             left = self.deadline - time.perf_counter()
             if left <= 0:
                 return Result.at(nlp, start, p, Status.TIME_LIMIT, GIVEN_UP)
-            if self.name == "ipopt":
+            if self.name in _TIME_LIMITS:
                 # Powers of two, since every set of options is a solver instance of its own.
-                overrides = {**overrides, "max_wall_time": 2.0 ** math.ceil(math.log2(left))}
+                limit = 2.0 ** math.ceil(math.log2(left))
+                overrides = {**overrides, _TIME_LIMITS[self.name]: limit}
         function = self._instance(nlp, overrides)
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
         arguments: dict[str, Any] = {"p": p, **scaled.given(start, bounds)}
+        _LOG.debug("%s on %s starts", self.name, nlp.title)
         began = time.perf_counter()
-        try:
-            answer = function(**arguments)
-        except RuntimeError as error:
-            return self._thrown(nlp, start, p, error, time.perf_counter() - began)
+        with noted() as pressed:
+            try:
+                answer = function(**arguments)
+            except RuntimeError as error:
+                if pressed:
+                    raise KeyboardInterrupt from error
+                return self._thrown(nlp, start, p, error, time.perf_counter() - began)
         seconds = time.perf_counter() - began
         stats = function.stats()
         word = str(stats.get("return_status", "unknown"))
@@ -161,6 +181,17 @@ class Solver:
             nlp.title, word, result.iterations, seconds, result.evaluation_s,
             {**self.options, **overrides},
         )  # fmt: skip
+        return self._ended(nlp, p, result, bool(pressed))
+
+    def _ended(self, nlp: Program, p: np.ndarray, result: Result, pressed: bool) -> Result:
+        """Tell whoever listens where a run ended; raises KeyboardInterrupt if that ended it."""
+        if pressed:
+            cost, g = nlp.values(result.point.x, p)
+            result = replace(result, f=cost, g=g, status=Status.INTERRUPTED)
+        if self.heard is not None:
+            self.heard(nlp, result)
+        if pressed:
+            raise KeyboardInterrupt
         return result
 
     def _thrown(
@@ -190,12 +221,11 @@ class Solver:
             "print_time": False, "calc_lam_p": False, "error_on_fail": False,
             "show_eval_warnings": False,
         }  # fmt: skip
+        common |= _PLUGIN.get(self.name, {})
+        common[self.name] = {**USUAL.get(self.name, {}), **options}
         if self.name == "ipopt":
-            inner = {**IPOPT_DEFAULTS, **options}
             derivatives = {name: functions[name] for name in ("grad_f", "jac_g", "hess_lag")}
-            common |= {"ipopt": inner, "no_nlp_grad": True, **derivatives}
-        else:
-            common[self.name] = {**_QUIET.get(self.name, {}), **options}
+            common |= {"no_nlp_grad": True, **derivatives}
         try:
             return ca.nlpsol("solver", self.name, {"x": x, "p": p, "f": f, "g": g}, common)
         except RuntimeError as error:
