@@ -90,7 +90,7 @@ def told(words: Sequence[str]) -> dict[str, Any] | str:
     except json.JSONDecodeError:
         refused = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
         said = refused[0].removeprefix("error: ").partition("; ")[0] if refused else ""
-        return re.sub(r"^\S*/", "", said) or f"over {LIMIT_S} s"
+        return re.sub(r"^\S*\.nc: ", "", said) or f"over {LIMIT_S} s"
 
 
 def _limited() -> None:
