@@ -80,6 +80,9 @@ def findings(found: Solution) -> list[str]:
             "The solver did not converge from the run it started at; this is a cold solve with"
             " that run's trajectories as the guess."
         )
+    solver = found.record.get("solver", "ipopt")
+    if not found.success and solver != "ipopt":
+        lines.append(f"The solver was {solver}; ipopt, the default, solves more: --solver ipopt.")
     return lines
 
 

@@ -44,7 +44,15 @@ IPOPT_DEFAULTS: dict[str, Any] = {
     "honor_original_bounds": "yes",
     "mumps_mem_percent": 200,
 }
-_QUIET: dict[str, dict[str, Any]] = {"fatrop": {"print_level": 0}, "uno": {"logger": "SILENT"}}
+USUAL: dict[str, dict[str, Any]] = {
+    "ipopt": IPOPT_DEFAULTS,
+    "fatrop": {"print_level": 0},
+    "uno": {"logger": "SILENT", "primal_tolerance": 1e-9, "dual_tolerance": 1e-9},
+}
+"""Options of each solver where none are given: silent, and no looser than what the audit asks."""
+_PLUGIN: dict[str, dict[str, Any]] = {"sleqp": {"print_level": 1}}
+"""Options of CasADi's interface to a solver; sleqp warns of every step it cuts short, without."""
+_TIME_LIMITS = {"ipopt": "max_wall_time", "sleqp": "max_wall_time", "uno": "time_limit"}
 _STATUS = {
     "Solve_Succeeded": Status.SOLVED,
     "Solved_To_Acceptable_Level": Status.SOLVED,
@@ -54,6 +62,11 @@ _STATUS = {
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
     "Diverging_Iterates": Status.DIVERGED,
     "Invalid_Number_Detected": Status.DIVERGED,
+    "iteration limit": Status.ITERATION_LIMIT,
+    "time limit": Status.TIME_LIMIT,
+    "infeasible": Status.INFEASIBLE,
+    "Converged with infeasible stationary point": Status.INFEASIBLE,
+    "Terminated with infeasible small step": Status.INFEASIBLE,
 }
 
 
@@ -133,9 +146,10 @@ class Solver:
             left = self.deadline - time.perf_counter()
             if left <= 0:
                 return Result.at(nlp, start, p, Status.TIME_LIMIT, GIVEN_UP)
-            if self.name == "ipopt":
+            if self.name in _TIME_LIMITS:
                 # Powers of two, since every set of options is a solver instance of its own.
-                overrides = {**overrides, "max_wall_time": 2.0 ** math.ceil(math.log2(left))}
+                limit = 2.0 ** math.ceil(math.log2(left))
+                overrides = {**overrides, _TIME_LIMITS[self.name]: limit}
         function = self._instance(nlp, overrides)
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
@@ -207,12 +221,11 @@ class Solver:
             "print_time": False, "calc_lam_p": False, "error_on_fail": False,
             "show_eval_warnings": False,
         }  # fmt: skip
+        common |= _PLUGIN.get(self.name, {})
+        common[self.name] = {**USUAL.get(self.name, {}), **options}
         if self.name == "ipopt":
-            inner = {**IPOPT_DEFAULTS, **options}
             derivatives = {name: functions[name] for name in ("grad_f", "jac_g", "hess_lag")}
-            common |= {"ipopt": inner, "no_nlp_grad": True, **derivatives}
-        else:
-            common[self.name] = {**_QUIET.get(self.name, {}), **options}
+            common |= {"no_nlp_grad": True, **derivatives}
         try:
             return ca.nlpsol("solver", self.name, {"x": x, "p": p, "f": f, "g": g}, common)
         except RuntimeError as error:

@@ -104,7 +104,22 @@ def test_every_solver_finds_the_same_optimum(solver: str, law, capfd) -> None:
     assert found.cost == pytest.approx(reference.cost, rel=1e-6)
     assert found.record["solver"] == solver
     assert found.iterations > 0
-    assert capfd.readouterr().out == "", "stdout belongs to --json"
+    printed = capfd.readouterr()
+    assert printed.out == "", "stdout belongs to --json"
+    assert printed.err == "", "a solver's warnings are none of the user's"
+
+
+def test_uno_is_as_exact_as_the_audit_asks() -> None:
+    found = solve(get("push-disc"), Barrier(mu=1e-3), solver="uno")
+    assert found.success and max(one.amount for one in found.audit.worst) < 1e-8
+
+
+def test_an_answer_that_another_solver_did_not_find_says_what_to_do() -> None:
+    given = {"settings": {"max_iterations": 2, "homotopy": False}}
+    found = solve(get("push-disc"), Barrier(mu=1e-3), solver="uno", **given)
+    assert not found.success
+    assert found.verdict.endswith("The solver was uno; ipopt, the default, solves more: --solver"
+                                  " ipopt.")  # fmt: skip
 
 
 def test_bounds_that_cross_are_wrong_usage() -> None:
