@@ -129,7 +129,7 @@ def check_side_by_side(session: Session, jobs: int) -> None:
 def kept_in(study: Study, session: Session, store: Path) -> Checkpoint:
     """Where a study's finished points are kept; a changed file is another study."""
     path = getattr(study.source, "path", None)
-    content = "" if path is None else Path(path).read_text(errors="replace")
+    content = "" if path is None else Path(path).read_text(encoding="utf-8", errors="replace")
     return study.checkpoint(store, session.problem.name, content)
 
 
