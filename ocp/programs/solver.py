@@ -45,10 +45,12 @@ IPOPT_DEFAULTS: dict[str, Any] = {
 }
 USUAL: dict[str, dict[str, Any]] = {
     "ipopt": IPOPT_DEFAULTS,
-    "fatrop": {"print_level": 0},
+    "fatrop": {"print_level": 0, "max_iter": 200},
+    "sleqp": {"max_iter": 300},
     "uno": {"logger": "SILENT", "primal_tolerance": 1e-9, "dual_tolerance": 1e-9},
 }
-"""Options of each solver where none are given: silent, and no looser than what the audit asks."""
+"""Options of each solver where none are given: silent, no looser than what the audit asks, and not
+on and on where it is lost."""
 _PLUGIN: dict[str, dict[str, Any]] = {"sleqp": {"print_level": 1}}
 """Options of CasADi's interface to a solver; sleqp warns of every step it cuts short, without."""
 _TIME_LIMITS = {"ipopt": "max_wall_time", "sleqp": "max_wall_time", "uno": "time_limit"}
