@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo check test test-slow bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated
+.PHONY: setup demo check test test-slow bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated verdicts
 
 setup: $(READY)
 
@@ -64,6 +64,11 @@ docs: setup
 
 # Pages of docs/generated, from specs, help texts and the JSON in docs/generated/data.
 generated: setup
+	$(BIN)/python -m reports.site
+
+# Solves every named problem under every law for the gallery; PROBLEMS="hopper push-1d" some of them.
+verdicts: setup
+	$(BIN)/python -m reports.site.verdicts $(PROBLEMS)
 	$(BIN)/python -m reports.site
 
 # Makes every figure of the papers and stores their claims and pictures for the site.

@@ -135,7 +135,7 @@ class Session:
             path = own_path(schedule, value, self.start_value, self.factor)
         result, nlp, finished = follower.follow(path, self.first_point(nlp, guess))
         if len(path.values) > 1 and self.step.branches == 1:
-            exact = self._absorbed(self._helper(Exact(), Direct()), follower, guess)
+            exact = self._absorbed(self.helper(Exact(), Direct()), follower, guess)
             if exact.finished:
                 x = translate(exact.result.point, exact.nlp, nlp).x
                 below = from_exact(follower, nlp, x, schedule, value)
@@ -161,9 +161,9 @@ class Session:
         plan is the complementarity problem's own, by direct transcription; with ``homotopy``, or
         where that plan parts from its rollout, it is the limit of the barrier law's optima.
         """
-        helpers = [self._helper(self.law, Direct())]
+        helpers = [self.helper(self.law, Direct())]
         if self.step.branches == 1:
-            barrier = self._helper(Barrier(mu=MU_LAST), self.method)
+            barrier = self.helper(Barrier(mu=MU_LAST), self.method)
             helpers = [barrier] if self.homotopy else [*helpers, barrier]
         best: Outcome | None = None
         for helper in helpers:
@@ -189,7 +189,7 @@ class Session:
         assert best is not None
         return best
 
-    def _helper(self, law: ContactLaw, method: Method) -> Session:
+    def helper(self, law: ContactLaw, method: Method) -> Session:
         """Return the session of the same problem under another law, at the values both have."""
         key = f"{law.name} {method.name}"
         if key not in self.helpers:
@@ -208,7 +208,7 @@ class Session:
         """
         if not self.step.exact:
             return self.nlp_of("product")
-        direct = self if isinstance(self.method, Direct) else self._helper(self.law, Direct())
+        direct = self if isinstance(self.method, Direct) else self.helper(self.law, Direct())
         return direct.nlp_of("none")
 
     @property

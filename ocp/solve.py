@@ -26,8 +26,9 @@ from ocp.transcription import Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.warm_start import carried_guess, carry
 
-Rank = Literal["planned", "referee"]
-"""What orders several answers: their cost under the law, or what the referee makes of them."""
+Rank = Literal["planned", "exact", "referee"]
+"""What orders several answers: their cost under the law, replayed under the exact one, or by the
+referee."""
 
 
 def solve(
@@ -62,8 +63,8 @@ def solve(
 
     ``starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
     by seeded noise of 0.3 characteristic units; the best certified answer wins, by its own cost or,
-    with ``rank_by="referee"``, by what it costs there, and the others are listed in
-    ``Solution.others``.
+    with ``rank_by``, by what it costs under the ``"exact"`` law or by the ``"referee"``, and the
+    others are listed in ``Solution.others``.
 
     ``start`` is a solution of the same problem, at other parameters, on another mesh or horizon,
     under another law or by another method: its trajectories and multipliers are what the solver
@@ -72,8 +73,7 @@ def solve(
 
     Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
     """
-    if not 1 <= starts <= 10_000:
-        raise InputError(f"starts must be from 1 to 10000, got {starts}")
+    check_starts(starts)
     session = new_session(
         problem, contact, transcription, policy, solver, settings,
         method=method, params=params, contact_settings=contact_settings, **keywords,
@@ -83,6 +83,12 @@ def solve(
     if starts != 1:
         raise InputError("a start and several starts exclude each other; leave starts at 1")
     return solve_from(session, start, seed, progress)
+
+
+def check_starts(starts: int) -> None:
+    """Raise :class:`~ocp.errors.InputError` for fewer starts than one, or too many."""
+    if not 1 <= starts <= 10_000:
+        raise InputError(f"starts must be from 1 to 10000, got {starts}")
 
 
 def solve_from(
@@ -234,5 +240,6 @@ def best_of(solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
 def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
     """Order answers: certified ones first, then the others that are feasible, then by cost."""
     order = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Status.NO_PROGRESS: 2}
-    cost = found.cost if by == "planned" else found.referee.cost
+    costs = {"planned": found.cost, "exact": found.audit.exact_cost, "referee": found.referee.cost}
+    cost = costs[by]
     return order.get(found.status, 3), cost if np.isfinite(cost) else np.inf

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import sys
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,9 +28,10 @@ def main() -> int:
     return main()
 
 
-def save(solution: Solution, root: Path) -> Path:
+def save(solution: Solution, root: Path | str | None, tags: Sequence[str]) -> Path:
     """Store the run; its record names the script that called."""
-    return store.save(solution, root, ["python", Path(sys.argv[0]).name])
+    place = store.default_root() if root is None else root
+    return store.save(solution, place, ["python", Path(sys.argv[0]).name], tags)
 
 
 def report(solution: Solution, path: Path) -> Path:

@@ -36,6 +36,7 @@ from reports.figures import run as figures_of
 from reports.figures.studies import DRAWINGS
 from reports.stages import left_out
 from reports.strobe import strobe
+from reports.sweeps.page import sweep_content
 from reports.trained.page import training_content
 from reports.view import RunView
 
@@ -119,6 +120,17 @@ def continuation_page(view: RunView) -> Page:
     }  # fmt: skip
     figures = {"path": continuation.curve(view), "states": continuation.states(view)}
     return content, {name: figure for name, figure in figures.items() if figure is not None}
+
+
+def sweep_page(view: RunView) -> Page:
+    """Content and figures of a sweep; what it goes over is no constant of it."""
+    swept = {axis["name"] for axis in view.run.meta["study"]["axes"]}
+    swept |= {name.removeprefix("problem.") for name in swept}
+    head = _head(view)
+    for table in ("parameters", "settings"):
+        head[table] = [row for row in head[table] if row[0] not in swept]
+    content, figures = sweep_content(view.run)
+    return {**head, "law": _law(view), **content}, figures
 
 
 def curve_grade(points: list[dict[str, Any]]) -> str:

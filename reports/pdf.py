@@ -22,6 +22,7 @@ from reports.pages import (
     estimate_page,
     solve_page,
     study_page,
+    sweep_page,
     training_page,
 )
 from reports.style import styled, to_svg
@@ -56,6 +57,8 @@ def _page(views: list[RunView]) -> tuple[str, dict[str, Any], dict[str, Figure]]
         return ("comparison.typ", *comparison_page(views))
     if kinds == {"continue"} and len(views) == 1:
         return ("continuation.typ", *continuation_page(views[0]))
+    if kinds == {"sweep"} and len(views) == 1:
+        return ("sweep.typ", *sweep_page(views[0]))
     if kinds == {"estimate"} and len(views) == 1:
         return ("estimate.typ", *estimate_page(views[0].run))
     if kinds == {"figure"} and len(views) == 1:

@@ -1,4 +1,8 @@
-"""Jobs over processes: each worker does one after another, and a dead one is replaced."""
+"""Jobs over processes: each worker does one after another, and a dead one is replaced.
+
+A pool, of concurrent.futures or joblib, gives up all jobs where one worker is killed, cannot tell
+whose job it died of, and hears nothing from a job before its end.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,15 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Generator, Sequence
-from contextlib import suppress
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import wait
+from types import ModuleType
 from typing import Any
 
 from ocp.scheduling.jobs import TRIES, Failure, Function, Heard, attempt, died
@@ -21,6 +27,9 @@ _GRACE_S = 30.0
 """How long a worker may take to keep what it has done before it is ended."""
 # A fork of a process that has threads, as numerical libraries start them, may hang.
 _context = multiprocessing.get_context("spawn")
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_interrupted = threading.Event()
+"""Set in a worker that got the signal of Ctrl-C."""
 
 
 def over_processes(
@@ -73,7 +82,8 @@ class _Worker:
     def hired(cls, function: Function) -> _Worker:
         here, there = _context.Pipe()
         process = _context.Process(target=_serve, args=(function, there), daemon=True)
-        process.start()
+        with _alone():
+            process.start()
         there.close()
         return cls(process, here)
 
@@ -95,6 +105,25 @@ class _Worker:
         self.pipe.close()
         self.process.join()
         return self.place
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Start processes that leave the other cores to others, and the caller's program alone.
+
+    Workers find their function by its module. To run the main program again, as ``spawn`` does for
+    what is defined there, would begin everything anew in a script without a guard, and cannot be
+    where the program came from a pipe.
+    """
+    main, given = sys.modules["__main__"], [name for name in _THREADS if name not in os.environ]
+    sys.modules["__main__"] = ModuleType("__main__")
+    os.environ.update(dict.fromkeys(given, "1"))
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+        for name in given:
+            del os.environ[name]
 
 
 def _ready(crew: Sequence[_Worker]) -> list[_Worker]:
@@ -123,12 +152,20 @@ def _serve(function: Function, pipe: Any) -> None:
     signal.signal(signal.SIGINT, _once)
 
     def tell(message: Any) -> None:
+        _check_interrupt()
         pipe.send(("told", message))
 
     with suppress(KeyboardInterrupt, EOFError, OSError):
         while True:
             outcome = attempt(function, pipe.recv(), tell)
+            _check_interrupt()
             pipe.send(("ended", _sendable(outcome)))
+
+
+def _check_interrupt() -> None:
+    """A solver in compiled code makes a failed solve of Ctrl-C, which is no outcome of a job."""
+    if _interrupted.is_set():
+        raise KeyboardInterrupt
 
 
 def _sendable(outcome: Any) -> Any:
@@ -143,6 +180,7 @@ def _sendable(outcome: Any) -> Any:
 def _once(*_: object) -> None:
     # On a terminal Ctrl-C reaches the workers too, and then again from the parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _interrupted.set()
     raise KeyboardInterrupt
 
 

@@ -36,6 +36,7 @@ from reports.cli.options import register
 from reports.cli.shell import streams
 from reports.cli.shell.program import Program, tell_version
 from reports.cli.stored import rm_command, save_as_command
+from reports.cli.sweeping import sweep_command
 
 app = typer.Typer(
     cls=Program,
@@ -65,6 +66,7 @@ for name, command in {
     "solve": solve_command.COMMAND,
     "replay": replay_command.COMMAND,
     "continue": continue_command.COMMAND,
+    "sweep": sweep_command.COMMAND,
     "estimate": estimate_command.COMMAND,
     "collect": collect_command.COMMAND,
     "learn": learn_command.COMMAND,

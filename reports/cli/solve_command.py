@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from reports.cli.request import Request
 
 NOT_CONVERGED = 3
-RANKS: dict[str, Rank] = {"planned": "planned", "referee": "referee"}
+RANKS: dict[str, Rank] = {"planned": "planned", "exact": "exact", "referee": "referee"}
 REQUIREMENTS = {"survives": "the referee's replay stays with the plan"}
 
 
@@ -29,7 +29,10 @@ class SolveOptions(SolverOptions):
     )
     starts: int = option(1, "--starts", min=1, max=10_000, help="Perturbed guesses.")
     rank: str = option(
-        "planned", "--rank", help="Several starts by their cost: planned or referee."
+        "planned", "--rank", help="Several starts by their cost: planned, exact or referee."
+    )
+    jobs: int = option(
+        1, "--jobs", "-j", min=1, max=1024, help="Starts side by side, in processes."
     )
     require: str | None = option(
         None, "--require", metavar="survives", help="Exit 3 unless the plan survives."
@@ -47,6 +50,8 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         choose("requirement", options.require, REQUIREMENTS)
     if "rank" in options.given and options.starts == 1:
         raise InputError("--rank orders several starts and there is one; give --starts 2 or more")
+    if "jobs" in options.given and options.starts == 1:
+        raise InputError("--jobs solves several starts at a time; give --starts 2 or more")
     if options.start is not None and options.starts > 1:
         raise InputError("--from and several starts exclude each other; leave starts at 1")
     asked = Request.read(options)
@@ -92,9 +97,11 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
     """Solve; where Ctrl-C falls between several starts the best answer so far is stored."""
     from ocp import store
     from ocp.solution import Interrupted
-    from ocp.solve import solve_from, solve_session
+    from ocp.solve import solve_from
+    from ocp.sweeps.starts import solve_starts
     from reports import console
     from reports.cli import interrupt
+    from reports.cli.sweeping.case import case_of
 
     with console.progress(options.quiet, f"{asked.spec.name}: building") as report:
 
@@ -106,7 +113,10 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
             return solve_from(asked.session, start, options.seed, told)
         try:
             rank = RANKS[options.rank]
-            return solve_session(asked.session, options.starts, options.seed, told, rank)
+            case = case_of(options)
+            return solve_starts(
+                asked.session, case, options.starts, options.seed, told, rank, options.jobs
+            )
         except Interrupted as stop:
             kept = store.save(stop.solution, options.out, options.argv, options.tags or ())
             finished = len(stop.solution.others)
@@ -189,5 +199,6 @@ COMMAND = Command(
         "solve push-disc -p M=2 -p N=40 --contact exact --pdf plan.pdf",
         "solve push-disc --contact adaptive -c sigma=0.05 -s tol=1e-8 --tag soft",
         "solve push-disc -p goal_x=0.5 --from @last",
+        "solve push-disc --contact exact --starts 8 --jobs 2 --rank exact",
     ),
 )

@@ -20,7 +20,7 @@ from ocp.errors import InputError
 from problems import studies
 from reports import smoothings
 from reports.figures.studies import DRAWINGS
-from reports.site import measured
+from reports.site import measured, pictures
 from reports.style import styled
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
@@ -51,12 +51,8 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
 
 
 def _picture(name: str, data: xr.Dataset) -> Path:
-    file = measured.DOCS / "pictures" / "figures" / f"{name}.png"
-    file.parent.mkdir(parents=True, exist_ok=True)
     with styled():
-        figure = DRAWINGS[name].draw(data)
-        figure.savefig(file, dpi=100, metadata={"Software": None})
-    return file
+        return pictures.save(DRAWINGS[name].draw(data), f"figures/{name}")
 
 
 def _smoothings(data: xr.Dataset) -> Path:

@@ -12,7 +12,7 @@ from problems import studies
 from problems.studies import Study
 from reports.bibliography import full_citation
 from reports.figures.studies import DRAWINGS
-from reports.site.markdown import provenance, table
+from reports.site.markdown import escaped, provenance, table
 from reports.site.measured import DATA, DOCS, read
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
@@ -87,13 +87,6 @@ def claims(figure: Mapping[str, Any]) -> str:
             for claim in figure["claims"]
         ),
     )
-
-
-def escaped(text: str) -> str:
-    """Keep the signs of formulas from being read as Markdown."""
-    for sign in "\\`*_{}[]<>":
-        text = text.replace(sign, f"\\{sign}")
-    return text
 
 
 def mark(holds: bool) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -44,14 +45,15 @@ def _still(name: str) -> str:
 
 def page(found: ProblemSpec, verdicts: Mapping[str, Any] | None) -> str:
     """One problem from its spec, and what solving it under the laws gave."""
-    parts = [f"# {found.name}\n", f"{found.title}.\n", *_pictures(found)]
+    solve = f"```sh\nocp solve {found.name} --contact exact\n```\n"
+    parts = [f"# {found.name}\n", f"{found.title}.\n", *_pictures(found), solve]
     if found.equations:
         lines = "\n".join(plain(line) for line in found.equations)
         parts.append(f"## Equations\n\n```text\n{lines}\n```\n")
     parts.append(f"## Parameters\n\n{_parameters(found)}")
     if found.golden:
         parts.append(f"## Best known values\n\n{_golden(found)}")
-    if verdicts is not None:
+    if verdicts is not None and any(row[0] == found.name for row in verdicts["rows"]):
         parts.append(_verdicts(found.name, verdicts))
     if found.citation is not None:
         source = full_citation(found.citation.key)
@@ -71,10 +73,20 @@ def _pictures(found: ProblemSpec) -> list[str]:
 
 def _parameters(found: ProblemSpec) -> str:
     rows = [
-        (f"`{row['name']}`", row["value"], row["unit"], row["range"], row["description"])
+        (f"`{row['name']}`", row["value"], unit(row["unit"]), _range(row), row["description"])
         for row in describe(found)
     ]
     return table(("parameter", "default", "unit", "range", "meaning"), rows)
+
+
+def unit(text: str) -> str:
+    """Write a unit with its powers: 1/m^2 as 1/m²; nothing for what has none."""
+    return "" if text == "1" else re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power[1])], text)
+
+
+def _range(row: Mapping[str, Any]) -> str:
+    limits = row["range"].removesuffix(f" [{row['unit']}]")
+    return re.sub("^a number ?", "", limits)
 
 
 def _golden(found: ProblemSpec) -> str:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
+
+_LINK = re.compile(r"\]\(([\w/.-]+\.md)")
 
 
 def expanded(nav: Any, docs: Path) -> Any:
     """Replace every entry ``folder/`` of a navigation by the pages of that folder.
 
-    ``index.md`` comes first, the others by name, those of folders inside last; an entry whose
-    folder has no page goes. Other entries stay as they are.
+    ``index.md`` comes first, then pages in the order in which it links them, the others by name;
+    an entry whose folder has no page goes. Other entries stay as they are.
     """
     if isinstance(nav, str):
         return _pages(docs, nav) if nav.endswith("/") else nav
@@ -21,9 +24,13 @@ def expanded(nav: Any, docs: Path) -> Any:
 
 
 def _pages(docs: Path, folder: str) -> list[str]:
-    files = (docs / folder).rglob("*.md")
-    order = sorted(files, key=lambda file: (len(file.parts), file.stem != "index", file.name))
-    return [file.relative_to(docs).as_posix() for file in order]
+    files = [file.relative_to(docs / folder).as_posix() for file in (docs / folder).rglob("*.md")]
+    index = docs / folder / "index.md"
+    listed = _LINK.findall(index.read_text(encoding="utf-8")) if "index.md" in files else []
+    place = {name: k for k, name in reversed(list(enumerate(["index.md", *listed])))}
+    last = len(place) + len(listed)
+    order = sorted(files, key=lambda name: (place.get(name, last), name.count("/"), name))
+    return [folder + name for name in order]
 
 
 def on_config(config: Any) -> Any:

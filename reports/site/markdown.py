@@ -19,7 +19,10 @@ def cell(value: Any) -> str:
 def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Write a table; columns in which every cell begins like a number stand to the right."""
     body = [[cell(value) for value in row] for row in rows]
-    right = [bool(body) and all(_is_number(row[k]) for row in body) for k in range(len(columns))]
+    right = [
+        any(row[k] for row in body) and all(_is_number(row[k]) for row in body)
+        for k in range(len(columns))
+    ]
     rule = ["---:" if aligned else "---" for aligned in right]
     lines = [[cell(name) for name in columns], rule, *body]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
@@ -35,3 +38,10 @@ def provenance(origin: Mapping[str, Any]) -> str:
         f"<small>`{origin['command']}` · {origin['date']} · commit `{origin['commit']}` ·"
         f" {origin['machine']}</small>\n{{ .origin }}\n"
     )
+
+
+def escaped(text: str) -> str:
+    """Keep the signs of formulas from being read as Markdown or as HTML."""
+    for sign in "\\`*_{}[]":
+        text = text.replace(sign, f"\\{sign}")
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

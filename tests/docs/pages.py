@@ -1,17 +1,20 @@
 """Pages of README and docs as walks: what a reader would run, one after the other, in one folder.
 
 A ``console`` block holds commands, each behind ``$ ``, and the stdout that follows it; a
-``python`` block runs in one namespace a page; a block with ``title="FILE"`` is written to that
-file. ``<!-- slow -->`` before a block keeps it for the slow tests, ``<!-- not run: REASON -->`` for
-readers alone. Other blocks are texts.
+``python`` block runs in one namespace a page, and the ``text`` block behind it is what it prints; a
+block with ``title="FILE"`` is written to that file. ``<!-- fails -->`` before a block says that its
+commands end with another exit code than 0, and shows stderr too. ``<!-- slow -->`` keeps a block
+for the slow tests, ``<!-- not run: REASON -->`` for readers alone. Other blocks are texts.
 """
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import subprocess
 import sys
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 TOLERANCE = 1e-3
 """How far numbers that are printed may be from those that come out, relative."""
 _BLOCK = re.compile(
-    r"(?:<!-- (?P<mark>slow|not run: [^\n]+?) -->\n+)?"
+    r"(?:<!-- (?P<mark>slow|fails|not run: [^\n]+?) -->\n+)?"
     r"^(?P<indent> *)```(?P<language>\w+)(?P<about>[^\n]*)\n(?P<body>.*?)^(?P=indent)```$",
     re.DOTALL | re.MULTILINE,
 )
@@ -134,33 +137,44 @@ class Walk:
 
     def __init__(self, page: Path, folder: Path) -> None:
         self.page, self.folder, self.scope = page, folder, {"__name__": "__main__"}
+        self.printed: str | None = None
 
     def through(self, slow: bool) -> None:
         """Do what every block says; those marked slow only if asked for."""
         for block in blocks(self.page.read_text(encoding="utf-8")):
             if block.runs and (slow or not block.slow):
                 self.do(block)
+            elif block.language == "text" and self.printed is not None:
+                assert agrees(self.printed, block.text), f"{self.place(block)}: {self.printed}"
+                self.printed = None
+
+    def place(self, block: Block) -> str:
+        """Where a block is, for people."""
+        return f"{os.path.relpath(self.page, ROOT)}:{block.line}"
 
     def do(self, block: Block) -> None:
         """Write the block's file, or run it; raises AssertionError with the place in the page."""
-        place = f"{self.page.relative_to(ROOT)}:{block.line}"
+        place, self.printed = self.place(block), None
         if block.file:
             (self.folder / block.file).write_text(block.text + "\n", encoding="utf-8")
         elif block.language == "python":
-            exec(compile(block.text, place, "exec"), self.scope)
+            with redirect_stdout(io.StringIO()) as out:
+                exec(compile(block.text, place, "exec"), self.scope)
+            self.printed = out.getvalue()
         else:
             for command in commands(block.text):
-                self.run(command, place)
+                self.run(command, place, fails=block.mark == "fails")
 
-    def run(self, command: Command, place: str) -> None:
-        """Run one command as a shell does; its stdout must be what the page shows."""
+    def run(self, command: Command, place: str, *, fails: bool) -> None:
+        """Run one command as a shell does; what it prints must be what the page shows."""
         done = subprocess.run(
             ["bash", "-o", "pipefail", "-c", command.line], cwd=self.folder, env=environment(),
             capture_output=True, text=True,
         )  # fmt: skip
         told = f"{place}: $ {command.line}\n{done.stdout}\n{done.stderr[-2000:]}"
-        assert done.returncode == 0, told
-        assert not command.output or agrees(done.stdout, command.output), told
+        assert (done.returncode != 0) == fails, told
+        printed = done.stdout + done.stderr * fails
+        assert not command.output or agrees(printed, command.output), told
 
 
 def environment() -> dict[str, str]:

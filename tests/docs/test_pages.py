@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ def test_a_page_works_as_printed(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     Walk(page, tmp_path).through(slow=False)
 
 
@@ -38,6 +40,7 @@ def test_a_page_works_to_its_slow_end(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     Walk(page, tmp_path).through(slow=True)
 
 
@@ -99,3 +102,15 @@ def test_a_wrong_page_is_told_with_its_place(tmp_path: Path) -> None:
         walk.do(blocks(bad)[0])
     with pytest.raises(AssertionError, match=r"README.md:1"):
         walk.do(blocks("```console\n$ false\n```\n")[0])
+    fails = "<!-- fails -->\n```console\n$ {}\nno\n```\n"
+    walk.do(blocks(fails.format("echo no >&2; false"))[0])
+    with pytest.raises(AssertionError):
+        walk.do(blocks(fails.format("echo no >&2"))[0])
+
+
+def test_what_python_prints_is_held_to_the_text_behind_it(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    for shown, right in (("2", True), ("3", False)):
+        page.write_text(f"```python\nprint(1 + 1)\n```\n\n```text\n{shown}\n```\n")
+        with nullcontext() if right else pytest.raises(AssertionError, match="2"):
+            Walk(page, tmp_path).through(slow=False)

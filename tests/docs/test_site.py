@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -15,6 +16,7 @@ import pytest
 from reports.site import hooks, roles
 from tests.docs.pages import ROOT
 
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
 LOADED = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src"}
 
 
@@ -85,6 +87,19 @@ def test_no_link_is_dead(site: Path, links: dict[Path, Links]) -> None:
     assert not dead
 
 
+@pytest.mark.skipif(BROWSER is None, reason="there is no chromium")
+def test_search_works_on_pages_read_from_the_disk(site: Path, tmp_path: Path) -> None:
+    assert BROWSER is not None
+    page = f"{(site / 'theory' / 'laws.html').as_uri()}?q=referee"
+    words = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}"]
+    done = subprocess.run(
+        [*words, "--virtual-time-budget=20000", "--dump-dom", page],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    found = re.findall(r"(\d+) matching documents", done.stdout)
+    assert found and int(found[0]) > 5, done.stderr[-2000:]
+
+
 def test_links_of_the_readme_lead_somewhere() -> None:
     for target in re.findall(r"\]\(([^)#]+)\)", (ROOT / "README.md").read_text()):
         assert (ROOT / target).exists(), target
@@ -94,10 +109,11 @@ def test_folders_of_the_navigation_become_their_pages(tmp_path: Path) -> None:
     for name in ("a/z.md", "a/index.md", "a/b/c.md", "a/y.md", "top.md"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
+    (tmp_path / "a" / "index.md").write_text("First [y](y.md), [deep](b/c.md), again [y](y.md#x).")
     nav = [{"Top": "top.md"}, {"A": "a/"}, {"None": "none/"}, {"Deep": [{"B": "a/b/"}, "top.md"]}]
     assert hooks.expanded(nav, tmp_path) == [
         {"Top": "top.md"},
-        {"A": ["a/index.md", "a/y.md", "a/z.md", "a/b/c.md"]},
+        {"A": ["a/index.md", "a/y.md", "a/b/c.md", "a/z.md"]},
         {"Deep": [{"B": ["a/b/c.md"]}, "top.md"]},
     ]
 

@@ -8,7 +8,7 @@ import pytest
 
 from ocp.errors import InputError
 from reports import smoothings
-from reports.site import claims, figures, measured
+from reports.site import claims, figures, measured, pictures
 from tests.golden.figures.compared import compared
 from tests.golden.figures.verdicts import VERDICTS
 
@@ -20,7 +20,7 @@ CLAIMS = [
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(measured, "DOCS", tmp_path)
+    monkeypatch.setattr(pictures, "DOCS", tmp_path)
     monkeypatch.setattr(measured, "DATA", tmp_path / "data")
     return tmp_path
 
@@ -33,7 +33,7 @@ def test_claims_are_kept_with_where_they_come_from(folder: Path) -> None:
     assert all(kept[name] for name in ("commit", "date", "machine"))
     assert figures.good(kept) == "1 of 2"
     rows = figures.claims(kept).splitlines()
-    assert rows[2].startswith("| \\|a\\_b\\| \\< 1 |") and rows[2].endswith("| yes |")
+    assert rows[2].startswith("| \\|a\\_b\\| &lt; 1 |") and rows[2].endswith("| yes |")
     assert rows[3].endswith("| **no** |")
 
 

@@ -28,6 +28,11 @@ def squared(job: dict[str, Any], tell: Callable[[Any], None]) -> dict[str, Any]:
     return {"x": job["x"], "square": np.array([job["x"] ** 2.0]), "process": os.getpid()}
 
 
+def threads(_: int, tell: Callable[[Any], None]) -> tuple[str | None, str | None]:
+    """How many threads numerical libraries are told to take."""
+    return os.environ.get("OMP_NUM_THREADS"), os.environ.get("OPENBLAS_NUM_THREADS")
+
+
 def kept(job: dict[str, Any], tell: Callable[[Any], None]) -> None:
     """Wait for ever, and keep a note of Ctrl-C."""
     try:

@@ -90,6 +90,26 @@ def test_workers_end_with_a_caller_that_was_killed(tmp_path: Path) -> None:
     assert mark.stat().st_size == before
 
 
+def test_a_script_needs_no_guard_and_workers_keep_to_one_thread(tmp_path: Path) -> None:
+    """A worker that ran the script again would begin workers of its own; one from a pipe cannot."""
+    script = (
+        "print('begun')\n"
+        "from ocp.scheduling import carried_out\n"
+        "from tests.unit.scheduling.jobs_done import threads\n"
+        "print(sorted(found for _, found in carried_out(threads, [1, 2], 2)))\n"
+    )
+    environment = {key: value for key, value in os.environ.items() if "NUM_THREADS" not in key}
+    environment |= {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "3"}
+    (tmp_path / "script.py").write_text(script)
+    for words, given in (("script.py", None), ("-", script)):
+        done = subprocess.run(
+            [sys.executable, words], input=given, text=True, capture_output=True, cwd=tmp_path,
+            env=environment, timeout=120,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.splitlines() == ["begun", "[('1', '3'), ('1', '3')]"]
+
+
 def test_fewer_than_one_worker_is_refused() -> None:
     with pytest.raises(InputError, match="at least 1 worker, got 0"):
         carried_out(squared, [{"x": 1.0}], 0)

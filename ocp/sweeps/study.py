@@ -1,0 +1,222 @@
+"""A grid of points as one labelled dataset, and what is kept of each point on the way."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ocp.asking import Source
+from ocp.errors import InputError
+from ocp.session import Session
+from ocp.solve import Rank
+from ocp.store.checkpoint import Checkpoint
+from ocp.store.provenance import versions
+from ocp.sweeps.axes import Axis
+from ocp.sweeps.case import Case
+from ocp.sweeps.point import COUNTS, NUMBERS, WORDS, Array, Job, Point
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_UNITS = {"solve_s": "s", "seconds": "s", "penetration": "m"}
+_SECONDS = "seconds"
+_GAINS = {"K": "gain_K", "k": "gain_k"}
+"""Names that parameters like to have."""
+_OWN = {"scenario", "node", "interval", "state", "control", "contact", "contact_exact", "time",
+        "x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", _SECONDS,
+        *NUMBERS, *WORDS, *COUNTS}  # fmt: skip
+"""Names that a study's dataset has itself."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A case over axes whose names are full (:meth:`~ocp.sweeps.case.Case.full_name`)."""
+
+    case: Case
+    axes: tuple[Axis, ...]
+    starts: int = 1
+    seed: int = 0
+    rank: Rank = "planned"
+
+    @cached_property
+    def source(self) -> Source:
+        """What builds the problem, read once."""
+        return self.case.source()
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Values along each axis."""
+        return tuple(len(axis.values) for axis in self.axes)
+
+    @property
+    def places(self) -> list[dict[str, float]]:
+        """Values of every point by full name, the last axis fastest."""
+        names = [axis.name for axis in self.axes]
+        values = itertools.product(*(axis.values for axis in self.axes))
+        return [dict(zip(names, one, strict=True)) for one in values]
+
+    def shape_of(self, place: Mapping[str, float]) -> tuple[float, ...]:
+        """Values of a point that decide over more than numbers: all but real parameters'."""
+        fields = self.source.Params.model_fields
+
+        def whole(name: str) -> bool:
+            return fields[name.removeprefix("problem.")].annotation is int
+
+        return tuple(
+            value for name, value in place.items()
+            if name.startswith(("setting.", "policy."))
+            or (name.startswith("problem.") and whole(name))
+        )  # fmt: skip
+
+    def job(self, place: Mapping[str, float]) -> Job:
+        """The job of a point."""
+        return Job(self.case.at(place), self.starts, self.seed, self.rank)
+
+    def checked(self) -> Session:
+        """Build the first point, and see that no value of an axis is refused everywhere.
+
+        Raises :class:`~ocp.errors.InputError` with the sentence of such a value.
+        """
+        source = self.source
+        refused: dict[tuple[str, float], InputError] = {}
+        passed: set[tuple[str, float]] = set()
+        for place in self.places:
+            try:
+                source.Params(**self.case.at(place).params)
+                passed |= set(place.items())
+                continue
+            except ValueError:
+                pass
+            try:
+                source.problem(self.case.at(place).params)
+            except InputError as error:
+                refused |= {item: error for item in place.items() if item not in refused}
+        for item, error in refused.items():
+            if item not in passed:
+                raise error
+        first = self.case.at(next(one for one in self.places if set(one.items()) <= passed))
+        for axis in self.axes:
+            for value in axis.values[:: max(1, len(axis.values) - 1)]:
+                if not axis.name.startswith("problem."):
+                    first.at({axis.name: value}).session(source)
+        return first.session(source)
+
+    def checkpoint(self, root: Any, name: str, content: str = "") -> Checkpoint:
+        """What is kept of it in a store; ``content`` is the text of a user's file."""
+        asked = {
+            "case": vars(self.case), "axes": [vars(axis) for axis in self.axes],
+            "starts": self.starts, "seed": self.seed, "rank": self.rank,
+            "content": content, "by": versions(),
+        }  # fmt: skip
+        return Checkpoint(root, name, {"sweep": asked})
+
+
+def dimension(name: str) -> str:
+    """What an axis of a full name is called in a dataset: ``M``, or ``contact.mu``."""
+    short = name.removeprefix("problem.")
+    return name if short in _OWN else short
+
+
+def dataset(study: Study, session: Session, points: Sequence[Point]) -> xr.Dataset:
+    """Label all points: a dimension an axis, then those of the trajectories.
+
+    Where points differ in size, as over N, what a point has not is NaN.
+    """
+    import xarray as xr
+
+    dims = [dimension(axis.name) for axis in study.axes]
+    data: dict[str, Any] = {}
+    for name in (*NUMBERS, _SECONDS, *COUNTS, *WORDS):
+        kind = {**dict.fromkeys(COUNTS, int), **dict.fromkeys(WORDS, object)}.get(name, float)
+        values = np.array([point.row[name] for point in points], dtype=kind).reshape(study.shape)
+        data[name] = (dims, values, {"units": _UNITS.get(name, "1")})
+    for name in ("success", "survives"):
+        data[name][2]["meaning"] = "1 yes, 0 no, -1 unknown"
+    sizes = _sizes(points)
+    for name in dict.fromkeys(name for point in points for name in point.arrays):
+        shown = _stacked(name, study.shape, sizes, points)
+        units = {"units": "s" if name == "time" else "see units of the problem's signals"}
+        data[_GAINS.get(name, name)] = ((*dims, *shown.dims), shown.values, units)
+    coordinates: dict[str, Any] = {
+        dim: (dim, list(axis.values), {"units": _unit(session, axis.name)})
+        for dim, axis in zip(dims, study.axes, strict=True)
+    }
+    labelled = {dim: labels for dim, labels in sizes.items() if isinstance(labels, list)}
+    return xr.Dataset(data, coords={**coordinates, **labelled})
+
+
+def _unit(session: Session, name: str) -> str:
+    short = name.removeprefix("problem.")
+    table = session.problem.parameters + session.step.p
+    return table.get(short).unit if short in table else "1"
+
+
+def _sizes(points: Iterable[Point]) -> dict[str, int | list[str]]:
+    """Of every dimension the most entries that a point has, or all labels in order."""
+    counts: dict[str, int] = {}
+    labels: dict[str, list[str]] = {}
+    for array in (one for point in points for one in point.arrays.values()):
+        for dim, size in zip(array.dims, array.values.shape, strict=True):
+            known = labels.setdefault(dim, [])
+            known += [label for label in array.labels.get(dim, ()) if label not in known]
+            counts[dim] = max(counts.get(dim, 0), size)
+    return {dim: labels[dim] or count for dim, count in counts.items()}
+
+
+def _stacked(
+    name: str, shape: tuple[int, ...], sizes: Mapping[str, int | list[str]], points: Sequence[Point]
+) -> Array:
+    dims = next(point.arrays[name].dims for point in points if name in point.arrays)
+    ends = [size if isinstance(size := sizes[dim], int) else len(size) for dim in dims]
+    values = np.full((math.prod(shape), *ends), np.nan)
+    for place, point in enumerate(points):
+        if name not in point.arrays:
+            continue
+        array = point.arrays[name]
+        taken = [
+            np.arange(size) if isinstance(known := sizes[dim], int)
+            else [known.index(label) for label in array.labels[dim]]
+            for dim, size in zip(dims, array.values.shape, strict=True)
+        ]  # fmt: skip
+        values[place][np.ix_(*taken)] = array.values
+    return Array(dims, values.reshape(*shape, *ends), {})
+
+
+def keep(checkpoint: Checkpoint, place: int, point: Point) -> None:
+    """Write a finished point, arrays first, so that a row means that they are whole."""
+    about = {name: [array.dims, dict(array.labels)] for name, array in point.arrays.items()}
+    if point.arrays:
+        arrays = {name: array.values for name, array in point.arrays.items()}
+        checkpoint.save_state(_file(place), **arrays)
+    checkpoint.save_rows(place, [{"row": point.row, "arrays": json.dumps(about)}])
+
+
+def kept_points(study: Study, checkpoint: Checkpoint) -> dict[int, Point]:
+    """Finished points by their places."""
+    read = ((place, _kept(checkpoint, place)) for place in range(math.prod(study.shape)))
+    return {place: point for place, point in read if point is not None}
+
+
+def _kept(checkpoint: Checkpoint, place: int) -> Point | None:
+    rows = checkpoint.rows(place)
+    if rows is None:
+        return None
+    about = json.loads(rows[0]["arrays"])
+    values = checkpoint.state(_file(place)) if about else {}
+    if values is None or set(values) != set(about):
+        return None
+    arrays = {
+        name: Array(tuple(dims), values[name], labels) for name, (dims, labels) in about.items()
+    }
+    return Point(rows[0]["row"], arrays)
+
+
+def _file(place: int) -> str:
+    return f"arrays-{place:05d}"

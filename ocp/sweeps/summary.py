@@ -1,0 +1,107 @@
+"""What a sweep comes to: counts, the best point, the failed ones by name, and a run's description.
+
+Also what ``ocp sweep --json`` prints of each point.
+"""
+
+from __future__ import annotations
+
+import itertools
+import shlex
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ocp.judgement import record
+from ocp.session import Session
+from ocp.sweeps.point import COUNTS, NUMBERS, WORDS
+from ocp.sweeps.study import Study, dimension
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+KIND = "sweep"
+"""Kind of a stored run."""
+
+
+def described(study: Study, session: Session, data: xr.Dataset) -> dict[str, Any]:
+    """What a run's description has of a study, but for ``argv`` and where the problem is from."""
+    found, dims = rows(data), [dimension(axis.name) for axis in study.axes]
+    solved = sum(row["success"] for row in found)
+    failures = [
+        {
+            "at": {dim: row[dim] for dim in dims},
+            "status": row["status"],
+            "verdict": row["verdict"],
+            "command": shlex.join(
+                study.job(place).case.command(study.seed, study.starts, study.rank)
+            ),
+        }
+        for place, row in zip(study.places, found, strict=True) if not row["success"]
+    ]  # fmt: skip
+    axes = [
+        {"name": dim, "full_name": axis.name, "values": list(axis.values), "log": axis.log,
+         "units": data[dim].attrs["units"]}
+        for dim, axis in zip(dims, study.axes, strict=True)
+    ]  # fmt: skip
+    whole = solved == len(found)
+    return {
+        "kind": KIND,
+        "seed": study.seed,
+        "record": {**record(session, study.seed), "starts": study.starts, "rank": study.rank},
+        "study": {"axes": axes, "shape": list(study.shape), "failed": failures},
+        "solved": solved,
+        "points": len(found),
+        "survives": sum(row["survives"] == 1 for row in found),
+        "status": "solved" if whole else f"{solved} of {len(found)} solved",
+        "success": whole,
+        "verdict": verdict(found, dims),
+    }
+
+
+def rows(data: xr.Dataset) -> list[dict[str, Any]]:
+    """Every point: its coordinates and what it came to, the last axis fastest."""
+    dims = [str(dim) for dim in data["cost"].dims]
+    names = (*NUMBERS, "seconds", *COUNTS, *WORDS)
+    columns = {name: np.asarray(data[name].values).ravel().tolist() for name in names}
+    places = itertools.product(*(data[dim].values.tolist() for dim in dims))
+    return [
+        {**dict(zip(dims, place, strict=True)), **{name: columns[name][i] for name in names}}
+        for i, place in enumerate(places)
+    ]
+
+
+def verdict(found: list[dict[str, Any]], dims: list[str]) -> str:
+    """Counts, and the cheapest and the dearest of the solved points; then what failed, a line each.
+
+    Of the failed points a few are told.
+    """
+    solved = [row for row in found if row["success"]]
+    judged = [row for row in solved if row["survives"] >= 0]
+    count = "All" if len(solved) == len(found) else f"{len(solved)} of"
+    told = f"{count} {len(found)} points are solved"
+    if judged:
+        survive = sum(row["survives"] for row in judged)
+        told += f", {'all' if survive == len(solved) else survive} survive the referee"
+    if solved:
+        low, high = (pick(solved, key=lambda row: row["cost"]) for pick in (min, max))
+        told += (
+            f"; cost from {low['cost']:.6g} at {where(low, dims)} to {high['cost']:.6g} at"
+            f" {where(high, dims)}"
+        )
+    failures = [row for row in found if not row["success"]]
+    lines = [f"{where(row, dims)}: {_first(row['verdict'])}" for row in failures[:_TOLD]]
+    if len(failures) > _TOLD:
+        lines.append(f"and {len(failures) - _TOLD} more that failed")
+    return "\n".join([f"{told}.", *lines])
+
+
+_TOLD = 5
+
+
+def where(row: dict[str, Any], dims: list[str]) -> str:
+    """Coordinates of a point in words: ``M = 0.5, contact.mu = 0.001``."""
+    return ", ".join(f"{dim} = {row[dim]:g}" for dim in dims)
+
+
+def _first(text: str) -> str:
+    return text.partition("\n")[0]

@@ -1,0 +1,160 @@
+"""Many solves over a grid: side by side, kept as they end, the same whoever does them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
+from dataclasses import replace
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynamics.contact import ContactLaw
+from ocp.effort import check_memory, solve_memory
+from ocp.errors import InputError, interruptible
+from ocp.scheduling import Failure, carried_out
+from ocp.session import Session
+from ocp.solve import Rank, check_starts
+from ocp.store.checkpoint import Checkpoint
+from ocp.sweeps.axes import Axis, axes
+from ocp.sweeps.case import Case
+from ocp.sweeps.point import FAULT, Point, failed, solved
+from ocp.sweeps.study import Study, dataset, keep, kept_points
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Ended = Callable[[int, Point], None]
+"""Called with the place of a point in the grid, the last axis fastest, and what came of it."""
+
+
+def sweep(
+    problem: str | PathLike[str],
+    over: Mapping[str, Any] | Iterable[str | Axis],
+    contact: ContactLaw | str = "barrier",
+    *,
+    params: Mapping[str, Any] | None = None,
+    contact_settings: Mapping[str, Any] | None = None,
+    method: str = "direct",
+    policy: str = "open-loop",
+    solver: str = "ipopt",
+    settings: Mapping[str, Any] | None = None,
+    starts: int = 1,
+    rank_by: Rank = "planned",
+    seed: int = 0,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    store: Path | str | None = None,
+    progress: Ended | None = None,
+) -> xr.Dataset:
+    """Solve a problem at every point of a grid: ``sweep("push-disc", {"M": [0.5, 1, 2]}, jobs=2)``.
+
+    ``over`` are values by name, arrays or words such as ``"0.5:2:7"`` and ``"1e-4:1e-1:4:log"``: of
+    a parameter of the problem (``M``, also ``N``), a setting of the law (``contact.mu``), a number
+    of the settings (``setting.tol``) or of the policy (``policy.bound``). Everything else is as for
+    :func:`ocp.solve`, by name.
+
+    ``jobs`` processes of this computer work side by side, or with ``scheduler``, such as
+    ``tcp://127.0.0.1:8786``, a Dask cluster. Each point's answer is that of a solve of its own, to
+    the last bit: it depends neither on them nor on the other points. A point whose worker was
+    killed is begun again. With ``store``, a directory, finished points are kept there until all
+    are, and the same call goes on after a stop.
+
+    Returns a dataset with a dimension an axis and, at each point, ``cost exact_cost referee_cost
+    survives status stationarity iterations seconds verdict`` and more, and the trajectories ``x u
+    lam gap``, their replays, and ``time``. A point that failed has its verdict and NaN.
+
+    Raises :class:`~ocp.errors.InputError` for what no point could be solved with.
+    """
+    law, given = _named(contact, contact_settings or {})
+    named = fspath(problem)
+    if named.endswith(".py"):
+        # Workers may be elsewhere.
+        named = str(Path(named).expanduser().resolve())
+    case = Case(
+        named, dict(params or {}), law, given, method, policy, solver,
+        dict(settings or {}),
+    )  # fmt: skip
+    study = asked(case, axes(over), starts, seed, rank_by)
+    session = study.checked()
+    check_side_by_side(session, jobs)
+    checkpoint = None if store is None else kept_in(study, session, Path(store))
+    found = {} if checkpoint is None else kept_points(study, checkpoint)
+    points = followed(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
+    if checkpoint is not None:
+        checkpoint.discard()
+    return dataset(study, session, points)
+
+
+def _named(contact: ContactLaw | str, given: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    if isinstance(contact, str):
+        return contact, dict(given)
+    if given:
+        raise InputError(f"the {contact.name} law is made already; give it its settings there")
+    return contact.name, contact.settings()
+
+
+def asked(
+    case: Case, over: tuple[Axis, ...], starts: int = 1, seed: int = 0, rank_by: Rank = "planned"
+) -> Study:
+    """A study of a case, its axes called by their full names.
+
+    Raises :class:`~ocp.errors.InputError` for a name that is unknown, twice or given otherwise.
+    """
+    check_starts(starts)
+    source = case.source()
+    full = [replace(axis, name=case.full_name(axis.name, source)) for axis in over]
+    names = [axis.name for axis in full]
+    for axis, name in zip(over, names, strict=True):
+        if names.count(name) > 1:
+            raise InputError(f"--over: {name} is given twice; give it once")
+        if case.given(name):
+            raise InputError(f"{axis.name} goes over what --over says; drop its own value")
+    return Study(case, tuple(full), starts, seed, rank_by)
+
+
+def check_side_by_side(session: Session, jobs: int) -> None:
+    """Raise :class:`~ocp.errors.InputError` where so many solves at once need too much memory."""
+    check_memory(f"{jobs} solves side by side", jobs * solve_memory(session.problem))
+
+
+def kept_in(study: Study, session: Session, store: Path) -> Checkpoint:
+    """Where a study's finished points are kept; a changed file is another study."""
+    path = getattr(study.source, "path", None)
+    content = "" if path is None else Path(path).read_text(errors="replace")
+    return study.checkpoint(store, session.problem.name, content)
+
+
+def followed(
+    study: Study,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    checkpoint: Checkpoint | None = None,
+    found: dict[int, Point] | None = None,
+    ended: Ended = lambda *_: None,
+    heard: Callable[[int, Any], None] = lambda *_: None,
+) -> list[Point]:
+    """All points of a study: those of ``found`` as they are, the others solved and added to it.
+
+    Each that is solved is written to the checkpoint, and told to ``ended``; what a point tells on
+    its way is ``heard``.
+    """
+    places, found = study.places, {} if found is None else found
+    # Points of one structure stand together, for a worker builds each structure once.
+    left = sorted((place for place in range(len(places)) if place not in found),
+                  key=lambda place: study.shape_of(places[place]))  # fmt: skip
+    work = [study.job(places[place]) for place in left]
+
+    def told(index: int, message: Any) -> None:
+        heard(left[index], message)
+
+    with interruptible(), closing(carried_out(solved, work, jobs, scheduler, told)) as outcomes:
+        for index, outcome in outcomes:
+            place, lost = left[index], isinstance(outcome, Failure)
+            point = failed(FAULT, str(outcome.error)) if lost else outcome
+            # What a worker died of may be gone at the next try.
+            if checkpoint is not None and not lost:
+                keep(checkpoint, place, point)
+            found[place] = point
+            ended(place, point)
+    return [found[place] for place in range(len(places))]

@@ -1,0 +1,239 @@
+"""Figures of a sweep: lines over one axis, heat maps over two, small multiples over more."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+
+from reports.figures.run import label
+from reports.style import (
+    CYCLE,
+    FAINT,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PLANNED,
+    REPLAYED,
+    VERMILLION,
+    WIDTH,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+_GRADES = {"failed": (VERMILLION, "fails"), "certified": (ORANGE, "certified only"),
+           "survives": (GREEN, "survives")}  # fmt: skip
+_ROWS = 4
+"""Slices on one figure."""
+_WRITTEN = 64
+"""Cells of a map up to which numbers are written into them."""
+_TICKS, _FITS = 8, 22
+"""Labels along an axis, and letters of all of them that fit beside one another."""
+_REACH = 1.1
+"""Least ratio that the colours of replayed over planned reach to."""
+Axis = Mapping[str, Any]
+"""An axis as a run's description has it: ``name``, ``values``, ``log``, ``units``."""
+
+
+def figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
+    """All figures of a sweep over ``axes``, in order."""
+    if len(axes) == 1:
+        return [_lines(data, axes[0])]
+    # The longest two span the maps; the others are gone through.
+    order = sorted(range(len(axes)), key=lambda i: -len(axes[i]["values"]))
+    across, up, *rest = order
+    slices = [*itertools.product(*(range(len(axes[i]["values"])) for i in rest))]
+    chosen = [
+        {str(axes[i]["name"]): k for i, k in zip(rest, one, strict=True)} for one in slices
+    ]  # fmt: skip
+    span = axes[across], axes[up]
+    shades = _Shades(data)
+    return [_maps(data, span, chosen[k : k + _ROWS], shades) for k in range(0, len(chosen), _ROWS)]
+
+
+def caption(axes: Sequence[Axis]) -> str:
+    """Say what is drawn."""
+    if len(axes) == 1:
+        return (
+            "Costs, what replays cost over the plan, and iterations at each point; bars below are"
+            " the verdicts' colours."
+        )
+    more = ", a row for each of the others' values" if len(axes) > 2 else ""
+    return (
+        "Cost under the law, the referee's cost over it (the exact law's where there is no"
+        f" referee), and the verdict{more}; crossed cells failed."
+    )
+
+
+def replayed(data: xr.Dataset) -> xr.DataArray:
+    """What the plan costs by the referee, or else under the exact law, over its own cost."""
+    told = data["referee_cost"].where(np.isfinite(data["referee_cost"]), data["exact_cost"])
+    return (told / data["cost"]).where(data["success"] == 1)
+
+
+def _lines(data: xr.Dataset, axis: Axis) -> Figure:
+    figure = Figure(figsize=(WIDTH, 5.0))
+    top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.3, 1))
+    x, good = np.asarray(axis["values"], dtype=float), data["success"].values == 1
+    for name, words, color, style in (
+        ("cost", "cost under the law", PLANNED, "o-"),
+        ("exact_cost", "under exact physics", REPLAYED, "s--"),
+        ("referee_cost", "by the referee", CYCLE[2], "^:"),
+    ):
+        values = np.where(good, data[name].values, np.nan)
+        if np.isfinite(values).any():
+            top.plot(x, values, style, color=color, label=words)
+    shown = data[["cost", "exact_cost"]].to_array().values[:, good]
+    if shown.size and np.nanmin(shown) > 0 and np.nanmax(shown) > 20 * np.nanmin(shown):
+        top.set_yscale("log")
+    top.set_ylabel("cost")
+    middle.axhline(1, color=GREY, linewidth=0.8)
+    middle.plot(x, replayed(data).values, "o-", color=CYCLE[4])
+    middle.set_ylabel("replayed / planned")
+    bottom.plot(x, np.where(good, data["iterations"].values, np.nan), "o-", color=CYCLE[3])
+    bottom.set_ylim(0, 1.15 * max(1, int(data["iterations"].max())))
+    bottom.set_ylabel("iterations")
+    bottom.set_xlabel(_titled(axis))
+    if axis["log"]:
+        bottom.set_xscale("log")
+    for place, grade in zip(x, data["grade"].values, strict=True):
+        color, _ = _GRADES[str(grade)]
+        for one in (top, middle, bottom):
+            one.axvline(place, ymax=0.035, color=color, linewidth=3, solid_capstyle="butt")
+            if grade == "failed":
+                one.axvline(place, color=color, linestyle=":", linewidth=0.9)
+    _legend(figure, top, data)
+    return figure
+
+
+def _legend(figure: Figure, axes: Axes, data: xr.Dataset) -> None:
+    from matplotlib.patches import Patch
+
+    handles, words = axes.get_legend_handles_labels()
+    there = set(map(str, data["grade"].values.ravel()))
+    used = [_GRADES[grade] for grade in _GRADES if grade in there]
+    patches = [Patch(color=color, label=text) for color, text in used]
+    figure.legend([*handles, *patches], [*words, *(text for _, text in used)],
+                  loc="outside upper center", ncols=3)  # fmt: skip
+
+
+class _Shades:
+    """Colour scales that all slices share: of costs, and of replayed over planned."""
+
+    def __init__(self, data: xr.Dataset) -> None:
+        self.cost = _norm(data["cost"].where(data["success"] == 1).values)
+        ratio = replayed(data).values
+        finite = ratio[np.isfinite(ratio) & (ratio > 0)]
+        reach = float(np.exp(np.abs(np.log(finite)).max(initial=0.0)))
+        self.ratio = LogNorm(1 / max(reach, _REACH), max(reach, _REACH))
+
+
+def _norm(values: np.ndarray) -> Normalize:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return Normalize(0, 1)
+    low, high = float(finite.min()), float(finite.max())
+    if low == high:
+        return Normalize(low - 0.5 * abs(low) - 1e-9, high + 0.5 * abs(high) + 1e-9)
+    return LogNorm(low, high) if low > 0 and high > 20 * low else Normalize(low, high)
+
+
+def _maps(
+    data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[str, int]], shades: _Shades
+) -> Figure:
+    figure = Figure(figsize=(WIDTH, 0.7 + 2.1 * len(slices)))
+    grid = figure.subplots(len(slices), 3, sharex=True, sharey=True, squeeze=False)
+    drawn: list[Any] = []
+    for row, chosen in zip(grid, slices, strict=True):
+        part = data.isel(chosen).transpose(span[1]["name"], span[0]["name"], ...)
+        good = part["success"].values == 1
+        cost, ratio = np.where(good, part["cost"].values, np.nan), replayed(part).values
+        drawn = [
+            _map(row[0], cost, shades.cost, "cividis"), _map(row[1], ratio, shades.ratio, "PuOr_r"),
+            _verdicts(row[2], part["grade"].values),
+        ]  # fmt: skip
+        for axes in row:
+            _cross(axes, good)
+        words = ", ".join(f"{name} = {float(data[name].values[k]):.4g}"
+                          for name, k in chosen.items())  # fmt: skip
+        row[0].set_ylabel(_titled(span[1]) + (f"\n{words}" if words else ""))
+    for axes, title in zip(grid[0], ("cost", "replayed / planned", "verdict"), strict=True):
+        axes.set_title(title)
+    for axes in grid[-1]:
+        axes.set_xlabel(_titled(span[0]))
+    for axes in grid[-1]:
+        _ticks(axes.xaxis, span[0], lying=True)
+    _ticks(grid[-1][0].yaxis, span[1])
+    for column, shade in enumerate((shades.cost, shades.ratio)):
+        _scale(figure, drawn[column], [*grid[:, column]], shade)
+    _legend(figure, grid[0][0], data)
+    return figure
+
+
+def _map(axes: Axes, values: np.ndarray, norm: Normalize, colours: str) -> Any:
+    edges = [np.arange(size + 1) - 0.5 for size in reversed(values.shape)]
+    drawn = axes.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=values.size > 2500)
+    if values.size <= _WRITTEN:
+        for (i, j), value in np.ndenumerate(values):
+            if np.isfinite(value):
+                axes.text(j, i, f"{value:.3g}", ha="center", va="center", fontsize=6,
+                          color=_readable(drawn.cmap(norm(value))))  # fmt: skip
+    _framed(axes, values.shape)
+    return drawn
+
+
+def _verdicts(axes: Axes, grades: np.ndarray) -> Any:
+    kinds = list(_GRADES)
+    codes = np.vectorize(kinds.index, otypes=[float])(grades)
+    edges = [np.arange(size + 1) - 0.5 for size in reversed(codes.shape)]
+    colours = ListedColormap([color for color, _ in _GRADES.values()])
+    drawn = axes.pcolormesh(*edges, codes, cmap=colours, norm=Normalize(-0.5, len(kinds) - 0.5),
+                            rasterized=codes.size > 2500)  # fmt: skip
+    _framed(axes, codes.shape)
+    return drawn
+
+
+def _framed(axes: Axes, shape: tuple[int, ...]) -> None:
+    axes.grid(False)
+    axes.set_facecolor(FAINT)
+    axes.set_xlim(-0.5, shape[1] - 0.5)
+    axes.set_ylim(-0.5, shape[0] - 0.5)
+
+
+def _cross(axes: Axes, good: np.ndarray) -> None:
+    up, across = np.nonzero(~good)
+    axes.plot(across, up, "x", color=INK, markersize=4, linewidth=0)
+
+
+def _readable(colour: tuple[float, float, float, float]) -> str:
+    """Black or white, whichever stands out from a colour."""
+    red, green, blue, _ = colour
+    return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
+
+
+def _scale(figure: Figure, drawn: Any, axes: list[Axes], shade: Normalize) -> None:
+    bar = figure.colorbar(drawn, ax=axes, location="bottom", aspect=30, pad=0.02)
+    low, high = float(shade.vmin or 0.0), float(shade.vmax or 1.0)
+    middle = (low * high) ** 0.5 if isinstance(shade, LogNorm) else (low + high) / 2
+    bar.set_ticks([low, middle, high], labels=[f"{value:.3g}" for value in (low, middle, high)])
+    bar.minorticks_off()
+
+
+def _ticks(axis: Any, along: Axis, lying: bool = False) -> None:
+    count = len(along["values"])
+    shown = np.arange(0, count, -(-count // _TICKS))
+    words = [f"{along['values'][k]:.3g}" for k in shown]
+    turned = lying and len(words) * max(map(len, words)) > _FITS
+    axis.set_ticks(shown, words, **({"rotation": 40, "ha": "right"} if turned else {}))
+
+
+def _titled(axis: Axis) -> str:
+    name = str(axis["name"]).removeprefix("setting.")
+    return label(name, "" if axis["units"] == "1" else axis["units"])
