@@ -15,8 +15,8 @@ def load(
     """Read a run of ``ocp solve``, or of :meth:`Solution.save`.
 
     ``run`` is its directory, part of its name in the store ``root``, or ``@last``, as the command
-    line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name, or from its file; give ``problem`` for one that has
-    neither.
+    line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name, or from
+    its file; give ``problem`` for one that has neither.
 
     Raises :class:`~ocp.errors.InputError` where there is no such run, it is no solve, or its
     problem is not found again, and :class:`~ocp.errors.DamagedRun` where it is not whole.
