@@ -13,7 +13,7 @@ from reports.forces import forces_of
 from reports.motion.animation import Animation, Motion
 from reports.motion.scene import LEAST
 from reports.style import CYCLE, PLANNED, REPLAYED
-from reports.units import powers
+from reports.units import label
 from reports.view import RunView
 
 _ROOM = 0.06
@@ -55,9 +55,10 @@ def _forces(view: RunView, motion: Motion) -> Chart | None:
     names = _contact_names(view, own.shape[1])
     forces = found[motion.suffix]
     assert forces is not None
+    what = "impulse" if forces.unit == "N s" else "force"
     return {
-        "title": f"contact forces, {'replayed' if motion.suffix else 'planned'}",
-        "label": f"{'impulse' if forces.unit == 'N s' else 'force'} [{powers(forces.unit)}]",
+        "title": f"contact {what}s, {'replayed' if motion.suffix else 'planned'}",
+        "label": label(what, forces.unit),
         "wide": False,
         "curves": [
             {"name": names[i], "values": own[:, i], "color": CYCLE[place % len(CYCLE)],

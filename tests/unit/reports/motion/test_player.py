@@ -88,6 +88,9 @@ def test_arrows_and_curves_of_the_page_are_the_stored_impulses() -> None:
             np.testing.assert_allclose(curve["values"], share * expected, rtol=1e-6)
     assert planned["range"] == replayed["range"] and planned["range"][1] > force.max()
     assert planned["label"] == "impulse [N s]"
+    assert [planned["title"], replayed["title"]] == [
+        "contact impulses, planned", "contact impulses, replayed",
+    ]  # fmt: skip
 
 
 def test_costs_add_up_to_what_the_solution_says(solved: RunView) -> None:
