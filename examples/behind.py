@@ -2,6 +2,7 @@
 
 import casadi as ca
 
+from ocp import solve
 from ocp.problem import Constraint, Problem, Reference
 from problems.parameters import Parameters, quantity, structure, table
 from problems.scenes import Body, Disc, Goal, Obstacle, Pusher, Scene, pictured
@@ -22,7 +23,7 @@ class Params(Parameters):
     post_r: float = quantity(0.1, "m", "radius of the post", above=0)
     reach: float = quantity(0.08, "m", "largest stretch of the motor's spring", above=0)
     h: float = quantity(0.05, "s", "step size", above=0)
-    N: int = structure(80, "number of steps", least=1)
+    N: int = structure(70, "number of steps", least=1)
 
 
 def scene(p):
@@ -62,3 +63,7 @@ def build(params: Params) -> Problem:
         path=[Constraint("reach", stretch, -p["reach"], p["reach"])],
         reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )
+
+
+if __name__ == "__main__":
+    print(solve(__file__, contact="exact").verdict)

@@ -5,6 +5,7 @@ import numpy as np
 
 from dynamics.systems import Chain, Link, signals, time_stepping
 from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose
+from ocp import solve
 from ocp.problem import Problem, Reference
 from problems import drawing
 from problems.parameters import Parameters, quantity, structure, table
@@ -117,3 +118,7 @@ def frames(params: Params, state: np.ndarray) -> list[drawing.ContactFrame]:
         drawing.ContactFrame(*map(float, (*c.point.nz, *c.normal.nz)), params.friction)
         for c in found
     ]
+
+
+if __name__ == "__main__":
+    print(solve(__file__, contact="exact").verdict)

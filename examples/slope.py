@@ -2,6 +2,7 @@
 
 import casadi as ca
 
+from ocp import solve
 from ocp.problem import Problem, Reference
 from problems.parameters import Parameters, quantity, structure, table
 from problems.scenes import Body, Box, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, pictured
@@ -75,3 +76,7 @@ def build(params: Params) -> Problem:
         # lets it fly, and tumble.
         reference=Reference(impulse=0.5, gap=0.02, x=0.5, u=5.0),
     )
+
+
+if __name__ == "__main__":
+    print(solve(__file__, contact="exact").verdict)

@@ -149,12 +149,13 @@ class Solution:
         """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
         return lent("reports").report(self, Path(path))
 
-    def save(self, root: Path | str = "runs") -> Path:
+    def save(self, root: Path | str | None = None) -> Path:
         """Store it as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.
 
-        Raises :class:`~ocp.errors.InputError` where ``root`` cannot be written.
+        Where no ``root`` is said, it is ``$OCP_RUNS`` or ``runs``. Raises
+        :class:`~ocp.errors.InputError` where it cannot be written.
         """
-        return lent("reports").save(self, Path(root))
+        return lent("reports").save(self, None if root is None else Path(root))
 
     @property
     def success(self) -> bool:
@@ -185,8 +186,12 @@ class Solution:
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C after some of several starts: ``solution`` is the best one finished."""
+    """Ctrl-C in a solve: ``solution`` is the best that there is.
+
+    Of several starts that is the best one finished; where none is, the best point of the first, its
+    status :attr:`~ocp.programs.status.Status.INTERRUPTED`.
+    """
 
     def __init__(self, solution: Solution) -> None:
-        super().__init__("interrupted between starts")
+        super().__init__("interrupted; the best that there is is kept")
         self.solution = solution

@@ -10,7 +10,9 @@ from ocp.solution import Solution
 
 
 def load(run: Path | str, problem: Problem | None = None) -> Solution:
-    """Read a run of ``ocp solve``, or of :meth:`Solution.save`, from its directory.
+    """Read a run of ``ocp solve``, or of :meth:`Solution.save`: from its directory, or by name.
+
+    Names are those of the command line (:func:`ocp.store.find`), ``"@last"`` or a part of one.
 
     Its problem is built again by its name, or from its file; give ``problem`` for one that has
     neither.
@@ -20,5 +22,5 @@ def load(run: Path | str, problem: Problem | None = None) -> Solution:
     """
     from ocp import store
 
-    found = store.load(run)
+    found = store.load(run if isinstance(run, Path) else store.find(run))
     return found.solution(lent("problems").problem_of(found)[2] if problem is None else problem)

@@ -27,9 +27,9 @@ def main() -> int:
     return main()
 
 
-def save(solution: Solution, root: Path) -> Path:
-    """Store the run; its record names the script that called."""
-    return store.save(solution, root, ["python", Path(sys.argv[0]).name])
+def save(solution: Solution, root: Path | None) -> Path:
+    """Store the run, in the usual place if none is said; its record names the calling script."""
+    return store.save(solution, root or store.default_root(), ["python", Path(sys.argv[0]).name])
 
 
 def report(solution: Solution, path: Path) -> Path:

@@ -116,8 +116,9 @@ def _plot(run: Path, file: Path) -> None:
 
 
 def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> Solution:
-    """Solve; where Ctrl-C falls between several starts the best answer so far is stored."""
+    """Solve; after Ctrl-C the best point is the answer, between several starts the best of them."""
     from ocp import store
+    from ocp.programs.status import Status
     from ocp.solution import Interrupted
     from ocp.solve import solve_from
     from ocp.sweeps.starts import solve_starts
@@ -125,21 +126,24 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
     from reports.cli import interrupt
     from reports.cli.sweeping.case import case_of
 
-    with console.progress(options.quiet, f"{asked.spec.name}: building") as report:
+    with console.progress(options.output.progress, f"{asked.spec.name}: building") as report:
 
         def told(stage: StageRecord) -> None:
             report(stage)
             interrupt.check()
 
-        if start is not None:
-            return solve_from(asked.session, start, options.seed, told)
         try:
+            if start is not None:
+                return solve_from(asked.session, start, options.seed, told)
             rank = RANKS[options.rank]
             case = case_of(options)
             return solve_starts(
                 asked.session, case, options.starts, options.seed, told, rank, options.jobs
             )
         except Interrupted as stop:
+            if stop.solution.status is Status.INTERRUPTED:
+                interrupt.answered()
+                return stop.solution
             kept = store.save(stop.solution, options.out, options.argv, options.tags or ())
             finished = len(stop.solution.others)
             options.output.say(f"run: {kept} (the best of {finished} finished starts)")
@@ -151,10 +155,10 @@ def show(output: Output, solution: Solution) -> None:
     from reports import console
     from reports.stages import left_out
 
-    if solution.stages:
+    if solution.stages and output.table_of_stages:
         output.note(console.stage_table(solution.stages))
-        if unseen := left_out(solution.stages):
-            output.note(unseen)
+    if unseen := left_out(solution.stages):
+        output.note(unseen)
     output.note(console.result_table(solution))
     if solution.audit.contacts:
         output.note(console.contact_table(solution.audit))
