@@ -56,8 +56,9 @@ def _forces(view: RunView, motion: Motion) -> Chart | None:
     forces = found[motion.suffix]
     assert forces is not None
     what = "impulse" if forces.unit == "N s" else "force"
+    whose = "" if isinstance(view.problem, Task) else ", planned"
     return {
-        "title": f"contact {what}s, {'replayed' if motion.suffix else 'planned'}",
+        "title": f"contact {what}s{', replayed' if motion.suffix else whose}",
         "label": label(what, forces.unit),
         "wide": False,
         "curves": [
