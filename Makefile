@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo check test test-slow bench bench-solve bench-mpcc bench-random lint gallery claims docs generated verdicts
+.PHONY: setup demo check test test-slow bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated verdicts
 
 setup: $(READY)
 
@@ -39,6 +39,11 @@ bench: setup
 # PROBLEMS="hopper push-1d" does some of them.
 bench-solve: setup
 	$(BIN)/python -m tests.benchmarks.ocp.dependability $(PROBLEMS)
+
+# Solves every named problem by every solver that ocp list names, each for a limited time, and
+# rewrites the table of the site; PROBLEMS="hopper push-1d" does some of them.
+bench-solvers: setup
+	$(BIN)/python -m tests.benchmarks.ocp.solvers $(PROBLEMS)
 
 # Solves the AMPL .nl files of complementarity problems under DIR, with reference.csv beside them,
 # against a plain Scholtes loop; CHECK=--cross-check tries to disprove the certificates.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -149,13 +149,15 @@ class Solution:
         """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
         return lent("reports").report(self, Path(path))
 
-    def save(self, root: Path | str | None = None) -> Path:
+    def save(self, root: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
         """Store it as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.
 
-        Where no ``root`` is said, it is ``$OCP_RUNS`` or ``runs``. Raises
-        :class:`~ocp.errors.InputError` where it cannot be written.
+        ``root`` is ``$OCP_RUNS``, else ``runs``, where none is said; ``tags`` mark the run.
+
+        Raises :class:`~ocp.errors.InputError` where ``root`` cannot be written, and for a tag that
+        is no word.
         """
-        return lent("reports").save(self, None if root is None else Path(root))
+        return lent("reports").save(self, root, tags)
 
     @property
     def success(self) -> bool:

@@ -9,18 +9,19 @@ from ocp.problem import Problem
 from ocp.solution import Solution
 
 
-def load(run: Path | str, problem: Problem | None = None) -> Solution:
-    """Read a run of ``ocp solve``, or of :meth:`Solution.save`: from its directory, or by name.
+def load(
+    run: Path | str, problem: Problem | None = None, root: Path | str | None = None
+) -> Solution:
+    """Read a run of ``ocp solve``, or of :meth:`Solution.save`.
 
-    Names are those of the command line (:func:`ocp.store.find`), ``"@last"`` or a part of one.
-
-    Its problem is built again by its name, or from its file; give ``problem`` for one that has
-    neither.
+    ``run`` is its directory, part of its name in the store ``root``, or ``@last``, as the command
+    line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name, or from
+    its file; give ``problem`` for one that has neither.
 
     Raises :class:`~ocp.errors.InputError` where there is no such run, it is no solve, or its
     problem is not found again, and :class:`~ocp.errors.DamagedRun` where it is not whole.
     """
     from ocp import store
 
-    found = store.load(run if isinstance(run, Path) else store.find(run))
+    found = store.load(store.find(str(run), root))
     return found.solution(lent("problems").problem_of(found)[2] if problem is None else problem)

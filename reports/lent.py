@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import sys
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,9 +28,10 @@ def main() -> int:
     return main()
 
 
-def save(solution: Solution, root: Path | None) -> Path:
-    """Store the run, in the usual place if none is said; its record names the calling script."""
-    return store.save(solution, root or store.default_root(), ["python", Path(sys.argv[0]).name])
+def save(solution: Solution, root: Path | str | None, tags: Sequence[str]) -> Path:
+    """Store the run; its record names the script that called."""
+    place = store.default_root() if root is None else root
+    return store.save(solution, place, ["python", Path(sys.argv[0]).name], tags)
 
 
 def report(solution: Solution, path: Path) -> Path:

@@ -73,6 +73,16 @@ class Option:
         return f"{_WORDS[self.kind]}{low}{' and' if low and high else ''}{high}"
 
 
+INTERFACE: dict[str, dict[str, Option]] = {
+    "sleqp": {
+        "max_iter": Option("integer", 1),
+        "max_wall_time": Option("real", 0.0, open_low=True),
+        "print_level": Option("integer", 0, 4),
+    }
+}
+"""Options that CasADi's interface to a solver takes itself, beside those it hands on."""
+
+
 def documented(solver: str) -> dict[str, Option]:
     """The options of a solver that are known beforehand; of the others only its own answer tells.
 
@@ -120,7 +130,8 @@ def _option(solver: str, name: str) -> Option:
             return known[name]
         raise InputError(f"{solver} refused its options: it has no {name!r}"
                          f"{did_you_mean(name, known, 0.6)}")  # fmt: skip
-    return _probed(solver, name)
+    own = INTERFACE.get(solver, {})
+    return own[name] if name in own else _probed(solver, name)
 
 
 def _uno() -> dict[str, Option]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ocp.errors import InputError, choose
 from ocp.programs.interruption import noted
-from ocp.programs.options import check_options
+from ocp.programs.options import INTERFACE, check_options
 from ocp.programs.program import Program
 from ocp.programs.scaled import Point, Scaled
 from ocp.programs.status import Status
@@ -46,12 +46,12 @@ IPOPT_DEFAULTS: dict[str, Any] = {
 }
 USUAL: dict[str, dict[str, Any]] = {
     "ipopt": IPOPT_DEFAULTS,
-    "fatrop": {"print_level": 0},
+    "fatrop": {"print_level": 0, "max_iter": 200},
+    "sleqp": {"print_level": 1, "max_iter": 300},
     "uno": {"logger": "SILENT", "primal_tolerance": 1e-9, "dual_tolerance": 1e-9},
 }
-"""Options of each solver where none are given: silent, and no looser than what the audit asks."""
-_PLUGIN: dict[str, dict[str, Any]] = {"sleqp": {"print_level": 1}}
-"""Options of CasADi's interface to a solver; sleqp warns of every step it cuts short, without."""
+"""Options of each solver where none are given: silent, no looser than what the audit asks, and not
+on and on where it is lost."""
 _TIME_LIMITS = {"ipopt": "max_wall_time", "sleqp": "max_wall_time", "uno": "time_limit"}
 _STATUS = {
     "Solve_Succeeded": Status.SOLVED,
@@ -221,8 +221,9 @@ class Solver:
             "print_time": False, "calc_lam_p": False, "error_on_fail": False,
             "show_eval_warnings": False,
         }  # fmt: skip
-        common |= _PLUGIN.get(self.name, {})
-        common[self.name] = {**USUAL.get(self.name, {}), **options}
+        beside = INTERFACE.get(self.name, {})
+        for name, value in {**USUAL[self.name], **options}.items():
+            (common if name in beside else common.setdefault(self.name, {}))[name] = value
         if self.name == "ipopt":
             derivatives = {name: functions[name] for name in ("grad_f", "jac_g", "hess_lag")}
             common |= {"no_nlp_grad": True, **derivatives}

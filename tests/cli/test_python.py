@@ -226,6 +226,17 @@ def test_a_solution_comes_back_from_the_store(pushed: Solution, tmp_path) -> Non
     xr.testing.assert_identical(again.replay("barrier", mu=1e-3).data, own.data)
 
 
+def test_runs_are_named_and_kept_as_on_the_command_line(
+    ocp, pushed: Solution, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setenv("OCP_RUNS", str(tmp_path / "kept"))
+    run = pushed.save(tags=["first"])
+    assert run.parent.parent == tmp_path / "kept"
+    assert repr(load("@last")) == repr(load(run.name[-6:])) == repr(pushed)
+    (listed,) = ocp("runs", "--tag", "first", "--json").json["runs"]
+    assert listed["run"] == str(run)
+
+
 def test_a_problem_of_ones_own_is_handed_to_load(tmp_path) -> None:
     mine = replace(get("wall-1d", N=3), name="mine")
     run = solve(mine).save(tmp_path)

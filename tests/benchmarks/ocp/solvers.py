@@ -1,0 +1,119 @@
+"""Every named problem by every solver, under the barrier and the exact law: the site's table.
+
+``make bench-solvers`` runs it; ``PROBLEMS="hopper push-1d"`` asks for some of them, and rewrites
+their rows alone. Each solve is a process of its own, ended after a :func:`limit` of processor time,
+since not every solver can be told to stop.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+from ocp.programs.solver import SOLVERS
+from ocp.solve import solve
+from problems import names, spec
+from reports.site.measured import DATA, read, write_table
+
+TABLE = "solvers"
+LAWS = ("barrier", "exact")
+DEFAULT = "ipopt"
+SAME = 1e-3
+"""Relative difference of costs from which on another optimum is told."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What came of one solve; ``seconds`` of processor time, building and judging included."""
+
+    status: str
+    success: bool
+    cost: float
+    seconds: float
+
+
+def limit(solver: str) -> int:
+    """Seconds of processor time for one solve: a minute for the default solver, else a sixth."""
+    return 60 if solver == DEFAULT else 10
+
+
+def here(problem: str, law: str, solver: str) -> Solved:
+    """Solve in this process."""
+    began = time.process_time()
+    found = solve(problem, law, solver=solver)
+    return Solved(found.status.label, found.success, found.cost, time.process_time() - began)
+
+
+def apart(problem: str, law: str, solver: str) -> Solved:
+    """Solve in a process of its own, at low priority."""
+    done = subprocess.run(
+        [sys.executable, "-m", __spec__.name, "--one", problem, law, solver],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    try:
+        return Solved(**json.loads(done.stdout))
+    except ValueError:
+        over = done.returncode < 0
+        status = f"> {limit(solver)} s" if over else "stopped"
+        return Solved(status, False, float("nan"), float("nan"))
+
+
+def cell(found: Solved, best: float) -> str:
+    """Seconds, or the status, of one solve; its cost where that is another than ``best``."""
+    if math.isnan(found.seconds):
+        return found.status
+    other = found.success and abs(found.cost - best) > SAME * abs(best)
+    what = f"{found.seconds:.2g} s" if found.success else f"{found.status}, {found.seconds:.2g} s"
+    return f"{what}, at {found.cost:.4g}" if other else what
+
+
+def row(problem: str, law: str) -> list[str]:
+    """Measure one problem under one law by all solvers."""
+    found = {solver: apart(problem, law, solver) for solver in SOLVERS}
+    best = min((one.cost for one in found.values() if one.success), default=float("nan"))
+    print(problem, law, {solver: cell(one, best) for solver, one in found.items()}, flush=True)
+    return [f"`{problem}`", law, f"{best:.6g}", *(cell(one, best) for one in found.values())]
+
+
+def store(fresh: Sequence[Sequence[str]]) -> None:
+    """Put rows into the table of the site, in the order of the registry."""
+    old = read(TABLE)["rows"] if (DATA / f"{TABLE}.json").exists() else []
+    rows = {(cells[0], cells[1]): list(cells) for cells in (*old, *fresh)}
+    order = [(f"`{name}`", law) for name in names() for law in LAWS]
+    write_table(
+        TABLE,
+        title="Every problem by every solver",
+        command="make bench-solvers",
+        columns=("problem", "law", "best cost", *SOLVERS),
+        rows=[rows[key] for key in order if key in rows],
+        note="Processor time of a solve that is certified; else the status, or what time was not"
+        " enough. A cost is told where it is not the best one.",
+    )
+
+
+def main() -> int:
+    """Measure, and store the table after every row."""
+    if sys.argv[1:2] == ["--one"]:
+        os.nice(10)
+        most = limit(sys.argv[-1])
+        resource.setrlimit(resource.RLIMIT_CPU, (most, most + 1))
+        print(json.dumps(asdict(here(*sys.argv[2:]))))
+        return 0
+    chosen = [spec(name).name for name in sys.argv[1:]] or names()
+    rows: list[list[str]] = []
+    for law in LAWS:
+        for name in chosen:
+            rows.append(row(name, law))
+            store(rows)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
