@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ocp.problem import Problem
 from ocp.rollout import at_steps
+from ocp.task import Task
 from reports.forces import forces_of
 from reports.motion.animation import Animation, Motion
 from reports.motion.scene import LEAST
 from reports.style import CYCLE, PLANNED, REPLAYED
-from reports.units import powers
+from reports.units import label
 from reports.view import RunView
 
 _ROOM = 0.06
@@ -55,9 +55,11 @@ def _forces(view: RunView, motion: Motion) -> Chart | None:
     names = _contact_names(view, own.shape[1])
     forces = found[motion.suffix]
     assert forces is not None
+    what = "impulse" if forces.unit == "N s" else "force"
+    whose = "" if isinstance(view.problem, Task) else ", planned"
     return {
-        "title": f"contact forces, {'replayed' if motion.suffix else 'planned'}",
-        "label": f"{'impulse' if forces.unit == 'N s' else 'force'} [{powers(forces.unit)}]",
+        "title": f"contact {what}s{', replayed' if motion.suffix else whose}",
+        "label": label(what, forces.unit),
         "wide": False,
         "curves": [
             {"name": names[i], "values": own[:, i], "color": CYCLE[place % len(CYCLE)],
@@ -78,37 +80,47 @@ def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
     for motion, name, color in zip(
         motions, ("planned", "replayed"), (PLANNED, REPLAYED), strict=False
     ):
-        paid = cost_so_far(view, motion.suffix)
+        paid = so_far(view, motion.suffix)
         if paid is None:
             return None
         curves.append({"name": name, "values": paid[0], "end": paid[1], "color": color, "dash": 0})
+    gained = isinstance(view.problem, Task)
+    if gained:
+        curves[0]["name"] = "this episode"
     ends = [curve["end"] for curve in curves]
     finite = np.concatenate([*(curve["values"] for curve in curves), ends])
     finite = finite[np.isfinite(finite)]
+    what, last = ("return", "what is gained there") if gained else ("cost", "the terminal cost")
     return {
-        "title": "cost so far, at the end with the terminal cost",
-        "label": "cost",
+        "title": f"{what} so far, at the end with {last}",
+        "label": what,
         "wide": True,
         "range": _widened(float(finite.min()), float(finite.max())),
         "curves": curves,
     }
 
 
-def cost_so_far(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
-    """Sum of the stage costs before each node (N+1,), and all of it with the terminal cost.
+def so_far(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
+    """Sum of stage costs, of a task rewards, before each node (N+1,), and all with the last term.
 
-    Of scenario 0, at the stored parameters; None for what is not a problem with costs.
+    The last term is the terminal cost, or what a task gains at the end of a full episode. Of
+    scenario 0, at the stored parameters; None for a problem that is not found again.
     """
     problem, x, u = view.problem, view.array(f"x{suffix}"), view.array(f"u{suffix}")
-    if not isinstance(problem, Problem) or x is None or u is None:
+    if problem is None or x is None or u is None:
         return None
     p = problem.parameters.values
-    before = np.array(problem.limits(p)[1]).ravel()
-    du = np.diff(np.concatenate([before[None], u[0]]), axis=0)
-    stage, _ = at_steps(problem.cost_terms, x[:1, :-1], u[:1], du[None], p=p)
-    _, terminal = at_steps(problem.cost_terms, x[:1, -1:], u[:1, -1:], du[None, -1:], p=p)
-    so_far = np.concatenate([[0.0], np.cumsum(stage[0, :, 0])])
-    return so_far, float(so_far[-1] + terminal.item())
+    if isinstance(problem, Task):
+        (stage,) = at_steps(problem.rewards, x[:1, :-1], u[:1], x[:1, 1:], p=p)
+        full = u.shape[1] == problem.horizon
+        last = np.array(problem.finals(x[0, -1], p)) if full else np.zeros(1)
+    else:
+        before = np.array(problem.limits(p)[1]).ravel()
+        du = np.diff(np.concatenate([before[None], u[0]]), axis=0)
+        stage, _ = at_steps(problem.cost_terms, x[:1, :-1], u[:1], du[None], p=p)
+        _, last = at_steps(problem.cost_terms, x[:1, -1:], u[:1, -1:], du[None, -1:], p=p)
+    sums = np.concatenate([[0.0], np.cumsum(stage[0, :, 0])])
+    return sums, float(sums[-1] + last.item())
 
 
 def _widened(low: float, high: float) -> list[float]:

@@ -19,7 +19,8 @@ from reports.motion.movie import check_format, delays, write
 from reports.motion.stage import Stage
 from tests.unit.reports.made import sliding_box
 
-NORMAL = np.array([[1.0, 2.0], [0.0, 0.0], [4.0, 1.0], [1.0, 1.0]])
+NORMAL = np.array([[1.0, 2.0], [0.0, 0.0], [4.0, 1.0], [0.0, 0.0]])
+ARROW = np.array([0xD5, 0x5E, 0x00])
 VIEW = sliding_box(NORMAL, 0.4 * NORMAL)
 
 
@@ -37,9 +38,12 @@ def test_a_gif_has_every_frame_at_its_time_and_the_colours_drawn(tmp_path: Path)
             rest = 600 if frame == movie.n_frames - 1 else 0
             assert movie.info["duration"] == 100 + rest
             pictures.append(np.asarray(movie.convert("RGB"), dtype=int))
-            drawn = stage.picture(frame)[..., :3]
+            drawn = stage.picture(frame)[..., :3].astype(int)
             assert np.mean(np.abs(pictures[-1] - drawn).max(axis=-1)) < 1
             assert np.all(pictures[-1][(drawn == 255).all(axis=-1)] == 255), "paper is white"
+            arrows = np.abs(drawn - ARROW).max(axis=-1) < 12
+            assert arrows.sum() > 20 or frame in (0, 2, 4), "no step or no push led there"
+            assert np.all(np.abs(pictures[-1][arrows] - ARROW).max(axis=-1) < 30), "few pixels too"
     assert all(np.abs(a - b).max() > 100 for a, b in pairwise(pictures))
     assert [path.name for path in tmp_path.iterdir()] == ["box.gif"]
 

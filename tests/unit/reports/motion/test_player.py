@@ -13,13 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from PIL import Image
 
 from dynamics.contact import Barrier
 from ocp import solve, store
+from ocp.store.stored_run import StoredRun
 from problems import drawing, get
+from problems.tasks import registry as tasks
 from reports.motion.animation import Animation
-from reports.motion.charts import cost_so_far
+from reports.motion.charts import so_far
 from reports.motion.movie import write
 from reports.motion.player import film_of, player
 from reports.view import RunView
@@ -88,18 +91,41 @@ def test_arrows_and_curves_of_the_page_are_the_stored_impulses() -> None:
             np.testing.assert_allclose(curve["values"], share * expected, rtol=1e-6)
     assert planned["range"] == replayed["range"] and planned["range"][1] > force.max()
     assert planned["label"] == "impulse [N s]"
+    assert [planned["title"], replayed["title"]] == [
+        "contact impulses, planned", "contact impulses, replayed",
+    ]  # fmt: skip
 
 
 def test_costs_add_up_to_what_the_solution_says(solved: RunView) -> None:
-    so_far, end = cost_so_far(solved, "") or (np.zeros(0), 0)
-    assert so_far[0] == 0 and len(so_far) == 9
+    paid, end = so_far(solved, "") or (np.zeros(0), 0)
+    assert paid[0] == 0 and len(paid) == 9
     assert end == pytest.approx(solved.run.meta["cost"], rel=1e-9)
-    again = cost_so_far(solved, "_replay")
+    again = so_far(solved, "_replay")
     assert again is not None
     assert again[1] == pytest.approx(solved.run.audit.exact_cost, rel=1e-9)
     cost = film_of(Animation(solved))["charts"][-1]
     assert [curve["name"] for curve in cost["curves"]] == ["planned", "replayed"]
     assert cost["curves"][0]["end"] == pytest.approx(end, rel=1e-6)
+
+
+@pytest.mark.parametrize("steps", [2, 50])
+def test_rewards_add_up_step_by_step(steps: int) -> None:
+    """An episode of ball-throw has 50 steps: only a whole one gains what there is at its end."""
+    spec = tasks.spec("ball-throw")
+    params = spec.params({})
+    task = spec.build(params)
+    rng, p = np.random.default_rng(1), task.parameters.values
+    x = rng.standard_normal((1, steps + 1, task.system.nx))
+    u = rng.standard_normal((1, steps, task.system.nu))
+    dims = {"x": ("scenario", "node", "state"), "u": ("scenario", "interval", "control")}
+    data = xr.Dataset({"x": (dims["x"], x), "u": (dims["u"], u)})
+    view = RunView(StoredRun(Path("runs/ball"), data, {"kind": "train"}), spec, params, task)
+    rewards = [float(task.rewards(x[0, k], u[0, k], x[0, k + 1], p)) for k in range(steps)]
+    gained, end = so_far(view, "") or (np.zeros(0), 0)
+    np.testing.assert_allclose(gained, np.cumsum([0, *rewards]), atol=1e-12)
+    final = float(task.finals(x[0, -1], p))
+    assert final < -0.1
+    assert end == pytest.approx(gained[-1] + (final if steps == 50 else 0))
 
 
 def test_what_never_moves_is_told_once_and_a_still_camera_too() -> None:
