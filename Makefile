@@ -79,14 +79,13 @@ claims: setup
 	$(BIN)/python -m reports.site
 
 # Pictures of the README: these problems in this order, solved under the exact law, or as
-# SOLVE_<problem> says; those of MOVING also as animations.
+# SOLVE_<problem> says, and as animations.
 GALLERY := wall-1d push-1d box-slide ball-bounce ball-throw cart-transport \
 	push-disc planar-push planar-hand cart-walls hopper-1d hopper half-cheetah
-MOVING := cart-walls cart-transport planar-push planar-hand hopper half-cheetah
 SOLVE_cart-walls := --contact barrier -c mu=1e-3
 
 gallery: setup
 	$(foreach name,$(GALLERY),$(BIN)/ocp solve $(name) $(or $(SOLVE_$(name)),--contact exact) \
 		--out runs/gallery --quiet &&) true
 	$(BIN)/python -m reports.motion.gallery runs/gallery docs/pictures --still $(GALLERY) \
-		--moving $(MOVING)
+		--moving $(GALLERY)

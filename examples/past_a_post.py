@@ -2,6 +2,7 @@
 
 import casadi as ca
 
+from ocp import solve
 from ocp.problem import Problem, Reference
 from problems.parameters import Parameters, quantity, structure, table
 from problems.scenes import Body, Disc, Goal, Obstacle, Pusher, Scene, pictured
@@ -58,3 +59,7 @@ def build(params: Params) -> Problem:
         u_before=things.hold,
         reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )
+
+
+if __name__ == "__main__":
+    print(solve(__file__, contact="exact").verdict)

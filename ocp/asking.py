@@ -53,6 +53,26 @@ def asked(
     ``params`` or ``contact_settings`` give too, and for parameters of a problem that is built.
     """
     found = problem if isinstance(problem, Problem) else _source(problem)
+    for_problem, for_law = told_apart(found, contact, params, contact_settings, keywords, solver)
+    if not isinstance(found, Problem):
+        return found.problem(for_problem), for_law
+    if for_problem:
+        raise InputError(
+            f"{', '.join(for_problem)} cannot be set: {found.name} is built already; give"
+            " parameters to problems.get, or name the problem here"
+        )
+    return found, for_law
+
+
+def told_apart(
+    found: Problem | Source,
+    contact: ContactLaw | str,
+    params: Mapping[str, Any] | None,
+    contact_settings: Mapping[str, Any] | None,
+    keywords: Mapping[str, Any],
+    solver: str,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Parameters of the problem and settings of the law; raises as :func:`asked` does."""
     takes = () if isinstance(found, Problem) else tuple(found.Params.model_fields)
     for_problem, for_law = dict(params or {}), dict(contact_settings or {})
     settings = law_settings(contact)
@@ -69,14 +89,7 @@ def asked(
         if key in target:
             raise InputError(f"{key} is given twice; give it once")
         target[key] = value
-    if not isinstance(found, Problem):
-        return found.problem(for_problem), for_law
-    if for_problem:
-        raise InputError(
-            f"{', '.join(for_problem)} cannot be set: {found.name} is built already; give"
-            " parameters to problems.get, or name the problem here"
-        )
-    return found, for_law
+    return for_problem, for_law
 
 
 def check_spelling(settings: Mapping[str, Any], solver: str) -> None:

@@ -188,8 +188,12 @@ class Solution:
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C after some of several starts: ``solution`` is the best one finished."""
+    """Ctrl-C in a solve: ``solution`` is the best that there is.
+
+    Of several starts that is the best one finished; where none is, the best point of the first, its
+    status :attr:`~ocp.programs.status.Status.INTERRUPTED`.
+    """
 
     def __init__(self, solution: Solution) -> None:
-        super().__init__("interrupted between starts")
+        super().__init__("interrupted; the best that there is is kept")
         self.solution = solution

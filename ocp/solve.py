@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -14,7 +15,7 @@ from ocp.choices import closing_law, method_of, policy_of, split_policy_settings
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
 from ocp.guesses import guesses
-from ocp.judgement import judged
+from ocp.judgement import judged, keeping
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver
@@ -97,9 +98,13 @@ def solve_from(
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
 ) -> Solution:
-    """Solve a session from a solution; the record says which, and whether it converged so."""
-    outcome, resumed = from_solution(session, start, progress)
-    found = judged(session, outcome, seed)
+    """Solve a session from a solution; the record says which, and whether it converged so.
+
+    Raises :class:`~ocp.solution.Interrupted` with the best point, where Ctrl-C ends it.
+    """
+    with keeping(session, seed, progress) as told:
+        outcome, resumed = from_solution(session, start, told)
+        found = judged(session, outcome, seed)
     origin = start.record.get("hash", "a solution in memory")
     return replace(found, record={**found.record, "from": origin, "resumed": resumed})
 
@@ -199,15 +204,17 @@ def solve_session(
 ) -> Solution:
     """Solve a session from one or several guesses.
 
-    Raises :class:`~ocp.solution.Interrupted`, with the best answer so far, where Ctrl-C falls
-    between several starts.
+    Raises :class:`~ocp.solution.Interrupted`, with the best answer so far, or in the first start
+    with the best point so far, where Ctrl-C ends it.
     """
     solutions: list[Solution] = []
     try:
         with interruptible():
             for number, guess in enumerate(guesses(session.problem, session.values, starts, seed)):
-                outcome = session.solve(progress=progress, guess=guess, number=number)
-                solutions.append(judged(session, outcome, seed))
+                first = keeping(session, seed, progress)
+                with nullcontext(progress) if solutions else first as told:
+                    outcome = session.solve(progress=told, guess=guess, number=number)
+                    solutions.append(judged(session, outcome, seed))
     except KeyboardInterrupt as stop:
         if not solutions:
             raise

@@ -91,21 +91,45 @@ def stage_line(stage: StageRecord) -> str:
     )
 
 
+class StageLines:
+    """The stage table line by line, as the stages come; each fits 80 columns."""
+
+    def __init__(self) -> None:
+        from reports.stages import Shown
+
+        self.shown = Shown()
+
+    def __call__(self, stage: StageRecord) -> None:
+        """Print a stage, under the heads where it is the first."""
+        if self.shown.number == 0:
+            print(
+                _line("stage", "knob", "cost", "lam·gap", "residual", "iter", "s"), file=sys.stderr
+            )
+        if not self.shown.take(stage):
+            return
+        value = small(stage.value) if stage.value else ""
+        line = _line(
+            str(self.shown.number), f"{knob_title(stage.knob)} {value}", number(stage.cost, 7),
+            small(stage.complementarity), small(stage.residual), str(stage.iterations),
+            f"{stage.seconds:.2f}", "" if stage.accepted else "back",
+        )  # fmt: skip
+        print(line, file=sys.stderr, flush=True)
+
+
+def _line(*cells: str) -> str:
+    widths = (5, 18, 13, 7, 8, 5, 6, 0)
+    return "  ".join(f"{cell:>{wide}}" for cell, wide in zip(cells, widths, strict=False)).rstrip()
+
+
 @contextmanager
-def progress(quiet: bool, first: str) -> Iterator[Callable[[StageRecord], None]]:
-    """Yield what a solve calls after each stage: one live line on a terminal, else plain lines."""
-    if quiet:
+def progress(shown: bool, first: str) -> Iterator[Callable[[StageRecord], None]]:
+    """Yield what a solve calls after each stage: one live line on a terminal, else table lines."""
+    if not shown:
         yield lambda _: None
         return
     console = Console(stderr=True, highlight=False)
     if not console.is_terminal:
-        from ocp.routes.branches import NEIGHBOUR
-
-        def plain(stage: StageRecord) -> None:
-            if stage.knob != NEIGHBOUR:
-                print(stage_line(stage), file=sys.stderr, flush=True)
-
-        yield plain
+        yield StageLines()
         return
     with Live(Text(first), console=console, transient=True, auto_refresh=False) as live:
         yield lambda stage: live.update(Text(stage_line(stage)), refresh=True)

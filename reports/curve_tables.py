@@ -10,24 +10,20 @@ from rich.table import Table
 from reports.console import knob_title, number, small, table_of
 
 
-def curve_line(name: str, row: Mapping[str, Any]) -> str:
-    """One point of a continuation in one line, at most 80 columns."""
-    return (
-        f"{knob_title(name)} {row['value']:.4g}  cost {number(row['cost'], 7)}"
-        f"  exact {number(row['exact_cost'], 7)}  lam·gap {small(row['complementarity'])}"
-        f"  {row['iterations']} it"
-    )
+def curve_lines(name: str, rows: Sequence[Mapping[str, Any]], heads: bool) -> Iterator[str]:
+    """Points of a continuation, a line each of at most 80 columns, with the heads if asked for."""
+    if heads:
+        yield _line(knob_title(name), "cost", "exact cost", "lam·gap", "iter")
+    for row in rows:
+        yield _line(
+            f"{row['value']:.5g}", number(row["cost"], 7), number(row["exact_cost"], 7),
+            small(row["complementarity"]), str(row["iterations"]), row["status"],
+        )  # fmt: skip
 
 
-def curve_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The points of a continuation."""
-    heads = (knob_title(name), "cost", "exact cost", "lam·gap", "iter")
-    cells = (
-        (f"{row['value']:.5g}", number(row["cost"], 7), number(row["exact_cost"], 7),
-         small(row["complementarity"]), str(row["iterations"]), row["status"])
-        for row in rows
-    )  # fmt: skip
-    return table_of(*((title, "right") for title in heads), ("", "left"), rows=cells)
+def _line(*cells: str) -> str:
+    widths = (12, 13, 13, 7, 5, 0)
+    return "  ".join(f"{cell:>{wide}}" for cell, wide in zip(cells, widths, strict=False)).rstrip()
 
 
 def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:

@@ -65,9 +65,9 @@ def table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
 
 
 def _word(row: Mapping[str, Any]) -> str:
-    """The verdict, short enough for a table; a wide interval cannot tell."""
+    """The verdict, short enough for a table; an interval too wide cannot tell."""
     short = row["verdict"].partition(" within")[0].partition(" at")[0]
-    return f"{short}, wide" if row["wide"] else short
+    return "too wide" if row["wide"] else short
 
 
 def _size(value: float | list[float] | None) -> float | None:

@@ -78,7 +78,8 @@ def _added_up(
 def caption(largest: float, unit: str, rough: bool) -> str:
     """What arrows and, where contacts are ``rough``, cones mean."""
     cones = "; shaded: friction cone" if rough else ""
-    return f"arrows: contact force, the longest is {largest:.3g} {unit}{cones}"
+    what = "impulse" if unit == "N s" else "force"
+    return f"arrows: contact {what}, the longest {largest:.3g} {unit}{cones}"
 
 
 def longest_arrow(axis: Axes) -> float:

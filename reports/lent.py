@@ -56,7 +56,7 @@ def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
 
 def plot(solution: Solution) -> Figure:
     """Draw the strobe, or the trajectories of a problem without a drawing."""
-    from reports.figures.run import trajectories
+    from reports.figures.motion import trajectories
     from reports.strobe import strobe
     from reports.style import styled
 

@@ -31,32 +31,33 @@ from reports.view import RunView
 _TEMPLATES = Path(__file__).with_name("templates")
 
 
-def write_pdf(runs: Sequence[StoredRun], path: Path) -> None:
+def write_pdf(runs: Sequence[StoredRun], path: Path, cones: bool = False) -> None:
     """Write a report of one run, or of several solves or trainings, to ``path``.
 
+    Friction cones are drawn where ``cones``.
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
     compared, or where a problem's typst equations do not compile.
     """
-    atomic.write(path, render(runs), "the PDF")
+    atomic.write(path, render(runs, cones), "the PDF")
 
 
-def render(runs: Sequence[StoredRun]) -> bytes:
+def render(runs: Sequence[StoredRun], cones: bool = False) -> bytes:
     """Return the PDF's bytes."""
     views = [RunView.of(run) for run in runs]
     with styled():
-        template, content, figures = _page(views)
+        template, content, figures = _page(views, cones)
         drawn = {name: to_svg(figure) for name, figure in figures.items()}
     return _typeset(template, content, drawn)
 
 
-def _page(views: list[RunView]) -> tuple[str, dict[str, Any], dict[str, Figure]]:
+def _page(views: list[RunView], cones: bool) -> tuple[str, dict[str, Any], dict[str, Figure]]:
     kinds = {view.run.kind for view in views}
     if kinds == {"solve"}:
         if len(views) == 1:
-            return ("solve.typ", *solve_page(views[0]))
-        return ("comparison.typ", *comparison_page(views))
+            return ("solve.typ", *solve_page(views[0], cones))
+        return ("comparison.typ", *comparison_page(views, cones))
     if kinds == {"continue"} and len(views) == 1:
-        return ("continuation.typ", *continuation_page(views[0]))
+        return ("continuation.typ", *continuation_page(views[0], cones))
     if kinds == {"sweep"} and len(views) == 1:
         return ("sweep.typ", *sweep_page(views[0]))
     if kinds == {"estimate"} and len(views) == 1:

@@ -20,6 +20,7 @@ from reports.style import BLUE, FAINT, GREEN, GREY, ORANGE
 
 _COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN}
 _ARC = math.pi / 16
+_HALF_TURN = np.linspace(-math.pi / 2, math.pi / 2, 18)
 COILS, COIL = 6, 0.04
 """Windings of a spring, and half their width [m]."""
 EDGE, THICK = 0.9, {Segment: 1.6, Spring: 0.8}
@@ -83,9 +84,12 @@ def _(shape: Box) -> Path:
 @outline.register
 def _(shape: Capsule) -> Path:
     ends = np.array([(shape.x1, shape.y1), (shape.x2, shape.y2)])
-    if np.array_equal(*ends):
+    along = ends[1] - ends[0]
+    if not along.any():
         return Path.circle(tuple(ends[0]), shape.radius)
-    return _closed(_grown(ends, shape.radius))
+    angles = math.atan2(along[1], along[0]) + _HALF_TURN
+    cap = shape.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    return _closed(np.concatenate([ends[1] + cap, ends[0] - cap]))
 
 
 @outline.register

@@ -8,16 +8,25 @@ from ocp.routes.branches import NEIGHBOUR
 from ocp.solution import StageRecord
 
 
+class Shown:
+    """Tells stage after stage whether it is shown: not a neighbour that did not lower the cost."""
+
+    def __init__(self) -> None:
+        self.lowest, self.number = float("inf"), 0
+
+    def take(self, stage: StageRecord) -> bool:
+        """Whether the next stage is shown; ``number`` is then its own."""
+        self.number += 1
+        taken = stage.accepted and stage.cost < self.lowest
+        if taken and stage.knob in ("active set", NEIGHBOUR):
+            self.lowest = stage.cost
+        return stage.knob != NEIGHBOUR or taken
+
+
 def shown(stages: Sequence[StageRecord]) -> list[tuple[int, StageRecord]]:
     """Stages with their numbers, without neighbouring schedules that did not lower the cost."""
-    found, lowest = [], float("inf")
-    for number, stage in enumerate(stages, start=1):
-        taken = stage.accepted and stage.cost < lowest
-        if stage.knob != NEIGHBOUR or taken:
-            found.append((number, stage))
-        if taken and stage.knob in ("active set", NEIGHBOUR):
-            lowest = stage.cost
-    return found
+    told = Shown()
+    return [(told.number, stage) for stage in stages if told.take(stage)]
 
 
 def left_out(stages: Sequence[StageRecord]) -> str:

@@ -14,7 +14,12 @@ from matplotlib.figure import Figure
 # Okabe and Ito's palette: every pair stays apart under the common colour deficiencies.
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
 ORANGE, SKY, PURPLE, YELLOW = "#E69F00", "#56B4E9", "#CC79A7", "#F0E442"
-CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
+INDIGO, WINE, OLIVE, BROWN, LIME, MAGENTA = (
+    "#332288", "#882255", "#999933", "#661100", "#7FC41C", "#E6007E",
+)  # fmt: skip
+CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY,
+         INDIGO, WINE, OLIVE, BROWN, LIME, MAGENTA)  # fmt: skip
+"""Twelve colours that stay apart, the six first ones for colour-blind readers too."""
 GREY, FAINT, INK = "#7A7A7A", "#D9D9D9", "#222222"
 PLANNED, REPLAYED = BLUE, VERMILLION
 WIDTH = 6.5

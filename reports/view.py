@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from problems import ProblemSpec
 from problems.lent import known_parameters, problem_of
 from problems.tasks import registry as tasks
 from problems.tasks.spec import TaskSpec
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
@@ -63,3 +66,24 @@ class RunView:
     def time(self) -> np.ndarray:
         """Time of each node [s], shape (N+1,)."""
         return np.asarray(self.run.data["time"].values, dtype=float)
+
+    @property
+    def scenarios(self) -> int:
+        """Number of scenarios."""
+        return int(self.run.data.sizes.get("scenario", 1))
+
+    def scenario(self, index: int) -> RunView:
+        """The same run with one of its scenarios alone."""
+        return self._of(self.run.data.isel(scenario=[index]))
+
+    def along(self, point: int) -> RunView:
+        """One point of a path: its trajectories, and the problem at its parameters."""
+        name, data = str(self.run.meta["over"]), self.run.data
+        seen = self._of(data.isel(point=point))
+        if not isinstance(self.spec, ProblemSpec) or name not in self.spec.Params.model_fields:
+            return seen
+        params = self.params.model_copy(update={name: float(data["value"].values[point])})
+        return replace(seen, params=params, problem=self.spec.build(params))
+
+    def _of(self, data: xr.Dataset) -> RunView:
+        return replace(self, run=replace(self.run, data=data))

@@ -114,8 +114,10 @@ class ReducedPath(Path):
         )
         for k, i in enumerate(self.curved.rows):
             own = self.coordinates.Q_signs[i, :].sparsity().get_col()[0]
+            # Opposite walls share one row but for its sign.
+            by_own = self.coordinates.Q_signs[i, own] * by_w[k, :]
             gap[i] = ca.if_else(true, rows[k] * D[i] / c, gap[i])
-            Q[own, :] = _chosen(true, D[i] * by_w[k, :], Q[own, :])
+            Q[own, :] = _chosen(true, D[i] * by_own, Q[own, :])
             E[i, :] = _chosen(true, D[i] * by_lam[k, :] * D.T, E[i, :])
         return gap, LowRank(E, start.T, start.P_own, start.P_signs, Q, start.Q_signs)
 

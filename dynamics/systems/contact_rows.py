@@ -39,6 +39,13 @@ class Touching:
     limits: Callable[[ca.SX], ca.SX] | None = None
     limit_names: tuple[str, ...] = ()
 
+    @property
+    def rough(self) -> tuple[list[int], ca.SX]:
+        """Contacts whose friction is not the number zero, and Coulomb's coefficients (nc, 1)."""
+        nc = len(self.contacts)
+        f = ca.SX.zeros(nc) if self.friction is None else ca.SX.ones(nc) * self.friction
+        return [i for i in range(nc) if not f[i].is_zero()], f
+
     def sharp(self, curved: bool, build: Callable[[Touching], ContactSystem]) -> Sharp:
         """How the system that ``build`` makes of these contacts leads to its sharpest sibling."""
         notes = [TRUE_GAPS] if self.linearised and curved else []
@@ -102,22 +109,19 @@ def contact_rows(
         stops = [Signal(n, "N m s", "impulse of a joint limit") for n in touching.limit_names]
         limits = [Row("limit", gap, slope, stops)]
     phi, J, gap = approached("distance(q)", touching.distance, nc)
-    rows, lam = [Row("normal", gap, J, list(touching.contacts))], ca.SX.sym("lam", nc + nl)
-    owners, rough = [list(range(nc))], []
-    f = ca.SX.zeros(nc)
-    if touching.friction is not None and touching.sliding is not None:
-        f = ca.SX.ones(nc) * touching.friction
-        rough = [i for i in range(nc) if not f[i].is_zero()]
+    plain, lam = Row("normal", gap, J, list(touching.contacts)), ca.SX.sym("lam", nc + nl)
+    rows, owners = [plain], [list(range(nc))]
+    rough, f = touching.rough
     if touching.sliding is not None and rough:
-        form, J_t = FORMS[touching.cone], touching.sliding(q)
+        J_t = touching.sliding(q)
         check_shape(name, "sliding(q)", J_t, (nc, nq))
-        slid, m = way(J_t), len(rough)
-        lam = ca.SX.sym("lam", nc + nl + form.more * m)
-        own = [lam[rough], *ca.vertsplit(lam[nc + nl :], m)]
-        named = tuple(touching.contacts[i] for i in rough)
-        at = Rubbing(named, gap[rough], J[rough, :], J_t[rough, :], f[rough], slid[rough], own)
+        slid, form = way(J_t), FORMS[touching.cone]
+        lam = ca.SX.sym("lam", nc + nl + form.more * len(rough))
+        own = [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))]
+        some = tuple(touching.contacts[i] for i in rough)
+        at = Rubbing(some, gap[rough], J[rough, :], J_t[rough, :], f[rough], slid[rough], own)
         (first, *more), pressed, rubbed = form.pairs(at)
-        rows, owners = [_replaced(rows[0], first, rough), *more], [*owners, *[rough] * len(more)]
+        rows, owners = [_replaced(plain, first, rough), *more], [*owners, *[rough] * len(more)]
         normal, along = lam[:nc], ca.SX.zeros(nc)
         normal[rough], along[rough] = pressed, rubbed
         names = tuple(contact.name for contact in touching.contacts)
@@ -141,6 +145,8 @@ def contact_rows(
 
 def _replaced(row: Row, part: Row, where: list[int]) -> Row:
     """``row`` with ``part`` at the places ``where``."""
+    if len(where) == len(row.signals):
+        return part
     gap, direction, signals = ca.SX(row.gap), ca.SX(row.direction), list(row.signals)
     gap[where], direction[where, :] = part.gap, part.direction
     for i, signal in zip(where, part.signals, strict=True):

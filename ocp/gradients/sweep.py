@@ -15,6 +15,7 @@ from ocp.errors import InputError
 from ocp.gradients.estimation import Sampling, carry_out, check_samples
 from ocp.gradients.known_gradient import kind_of
 from ocp.gradients.objective import SampledObjective
+from ocp.gradients.verdict import comes_to
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.plain import plain
 
@@ -237,7 +238,7 @@ def overall(rows: Sequence[Sequence[dict[str, Any]]]) -> str:
     """One sentence over all points: how each estimator fared."""
     told = []
     for j, row in enumerate(rows[0]):
-        words = [point[j]["verdict"] for point in rows]
+        words = [comes_to(point[j]) for point in rows]
         counts = {word: words.count(word) for word in dict.fromkeys(words)}
         only = len(counts) == 1
         parts = [word if only else f"{word} at {n} of {len(words)}" for word, n in counts.items()]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,6 +18,16 @@ Word = Literal[
     "empirically biased at this sample size",
     "no reference",
 ]
+WIDE = "too wide to tell"
+"""Said of an estimate within its interval where that is wider than the gradient itself."""
+WORST_FIRST = (
+    "biased",
+    "empirically biased at this sample size",
+    WIDE,
+    "no reference",
+    "unbiased within the interval",
+)
+"""What is said of estimates, from the weakest on."""
 NEGLIGIBLE = 1e-4
 """Errors below this share of the gradient's largest component are no bias worth the name."""
 CONFIDENCE = 0.999
@@ -87,3 +98,13 @@ def judge(
         return Verdict("empirically biased at this sample size", f"{sentence}.", error, worst)
     why = f"; the cost jumps by {jump.size:.3g}" if jump is not None else ""
     return Verdict("biased", f"{far}{why}.", error, worst)
+
+
+def comes_to(row: Mapping[str, Any]) -> str:
+    """What a stored estimate's verdict comes to: an interval too wide says nothing of bias."""
+    return WIDE if row["wide"] else str(row["verdict"])
+
+
+def weakest(rows: Iterable[Mapping[str, Any]]) -> str:
+    """The weakest of what stored estimates come to."""
+    return min((comes_to(row) for row in rows), key=WORST_FIRST.index)

@@ -153,7 +153,7 @@ def _ipopt() -> dict[str, Option]:
             "print_advanced_options": "yes",
         }  # fmt: skip
         ca.nlpsol("options", "ipopt", {"x": x, "f": x**2}, {"print_time": False, "ipopt": said})()
-        text = html.unescape(file.read_text())
+        text = html.unescape(file.read_text(encoding="utf-8"))
     found = re.findall(
         r"<strong>(\w+)</strong>:? ?(.*?)<blockquote>\n(.*?)</blockquote>", text, re.S
     )

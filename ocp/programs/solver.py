@@ -6,15 +6,16 @@ import json
 import logging
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError, choose
+from ocp.programs.interruption import noted
 from ocp.programs.options import INTERFACE, check_options
 from ocp.programs.program import Program
 from ocp.programs.scaled import Point, Scaled
@@ -61,7 +62,6 @@ _STATUS = {
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
     "Diverging_Iterates": Status.DIVERGED,
     "Invalid_Number_Detected": Status.DIVERGED,
-    "User_Requested_Stop": Status.STOPPED,
     "iteration limit": Status.ITERATION_LIMIT,
     "time limit": Status.TIME_LIMIT,
     "infeasible": Status.INFEASIBLE,
@@ -110,7 +110,8 @@ class Solver:
 
     ``options`` are the solver's own (for IPOPT without the ``ipopt.`` prefix). Raises
     :class:`~ocp.errors.InputError` for an unknown name, a plugin this CasADi lacks, or an option
-    the solver refuses.
+    the solver refuses. ``heard``, where it is set, is told where each run ended; a run that Ctrl-C
+    ended raises KeyboardInterrupt after that.
     """
 
     def __init__(self, name: str = "ipopt", options: dict[str, Any] | None = None) -> None:
@@ -119,6 +120,7 @@ class Solver:
             raise InputError(f"this CasADi has no {name}; use --solver ipopt")
         self.name, self.options = name, check_options(name, options or {})
         self.deadline: float | None = None
+        self.heard: Callable[[Program, Result], None] | None = None
 
     @contextmanager
     def within(self, seconds: float | None) -> Iterator[None]:
@@ -152,11 +154,15 @@ class Solver:
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
         arguments: dict[str, Any] = {"p": p, **scaled.given(start, bounds)}
+        _LOG.debug("%s on %s starts", self.name, nlp.title)
         began = time.perf_counter()
-        try:
-            answer = function(**arguments)
-        except RuntimeError as error:
-            return self._thrown(nlp, start, p, error, time.perf_counter() - began)
+        with noted() as pressed:
+            try:
+                answer = function(**arguments)
+            except RuntimeError as error:
+                if pressed:
+                    raise KeyboardInterrupt from error
+                return self._thrown(nlp, start, p, error, time.perf_counter() - began)
         seconds = time.perf_counter() - began
         stats = function.stats()
         word = str(stats.get("return_status", "unknown"))
@@ -175,6 +181,17 @@ class Solver:
             nlp.title, word, result.iterations, seconds, result.evaluation_s,
             {**self.options, **overrides},
         )  # fmt: skip
+        return self._ended(nlp, p, result, bool(pressed))
+
+    def _ended(self, nlp: Program, p: np.ndarray, result: Result, pressed: bool) -> Result:
+        """Tell whoever listens where a run ended; raises KeyboardInterrupt if that ended it."""
+        if pressed:
+            cost, g = nlp.values(result.point.x, p)
+            result = replace(result, f=cost, g=g, status=Status.INTERRUPTED)
+        if self.heard is not None:
+            self.heard(nlp, result)
+        if pressed:
+            raise KeyboardInterrupt
         return result
 
     def _thrown(

@@ -20,7 +20,7 @@ class Status(Enum):
     TIME_LIMIT = "not converged: it took too long and was given up"
     INFEASIBLE = "not converged: the constraints could not be met from this guess"
     DIVERGED = "not converged: the iterates diverged or a function returned no number"
-    STOPPED = "stopped by the user"
+    INTERRUPTED = "interrupted: stopped by the user; this is the best point that there was by then"
     FAILED = "not converged: the solver gave up"
 
     @property

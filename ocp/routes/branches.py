@@ -27,8 +27,11 @@ WISH = 1e-6
 """Multiplier of a held member, in natural units, from which on its growth would pay."""
 _FIRST_RADIUS = 0.1
 _REACHES = (1e-3, 1e-2, 1e-1, 1.0)
-_SHARE, _LEAST_S, _MOST_S = 0.3, 0.3, 3.0
-"""Of the time a solve took so far, what all programs of its improvement may take, within limits."""
+_SHARE, _LEAST_S, _MOST_S = 0.3, 1.0, 3.0
+"""Of the processor time a solve took so far, what all programs of its improvement may take, within
+limits: on a machine with other work a solve is to end where it ends on an idle one."""
+_BUSY = 3.0
+"""Times what is left of that, the wall time after which a single program is given up."""
 
 
 class Branches:
@@ -94,7 +97,7 @@ class Branches:
         """
         until = self._until()
         for radius in _REACHES:
-            left = until - time.perf_counter()
+            left = until - time.thread_time()
             if left <= 0 or not self.program.pairs.size:
                 break
             found = self._proposed(start.x, radius, left)
@@ -112,7 +115,7 @@ class Branches:
         model = linear_model(self.program, there, self.p, self.limits, residuals=True)
         if not model.finite or not model.near(radius).any():
             return None
-        step = model.descend(radius, True, seconds, -np.inf)
+        step = model.descend(radius, True, _BUSY * seconds, -np.inf)
         if not step.step.any():
             return None
         active[step.near] = step.acts > 0.5
@@ -131,7 +134,7 @@ class Branches:
         best, radius = settled, _FIRST_RADIUS
         began, until, before = time.perf_counter(), self._until(), self.follower.trace.seconds
         for _ in range(_EXCHANGES):
-            left = until - time.perf_counter()
+            left = until - time.thread_time()
             if left <= 0 or radius < RADII[-1] or not self.program.pairs.size:
                 break
             model = linear_model(self.program, best.point.x, self.p, self.limits)
@@ -161,7 +164,7 @@ class Branches:
         if not model.near(radius).any():
             return None
         cut = tolerance_of(model, best.f)
-        direction = model.descend(radius, True, seconds, cut, first=True)
+        direction = model.descend(radius, True, _BUSY * seconds, cut, first=True)
         if not direction.decrease > cut:
             return None
         active = self.program.active_sets(best.point.x)[-1]
@@ -171,8 +174,9 @@ class Branches:
         return found if found.ok else None
 
     def _until(self) -> float:
-        spent = self.follower.trace.seconds
-        return time.perf_counter() + min(max(_SHARE * spent, _LEAST_S), _MOST_S)
+        now = time.thread_time()
+        spent = now - self.follower.began
+        return now + min(max(_SHARE * spent, _LEAST_S), _MOST_S)
 
     def wishes(self, found: Result, active: np.ndarray) -> np.ndarray:
         """Fall of the cost (m,) by a unit of each pair's held member, in natural units."""

@@ -24,9 +24,16 @@ ROWS = {
 """Dimensions that a CSV has a row for, by the kind of a run; intervals are nodes but the last."""
 
 
+def rows_of(run: StoredRun) -> tuple[str, ...] | None:
+    """Dimensions that the run's CSV has a row for, None where it makes no one table."""
+    if run.kind == "sweep":
+        return tuple(axis["name"] for axis in run.meta["study"]["axes"])
+    return ROWS.get(run.kind)
+
+
 def check_rows(run: StoredRun) -> None:
     """Raise :class:`~ocp.errors.InputError` for a kind of run that makes no one table."""
-    if run.kind not in ROWS:
+    if rows_of(run) is None:
         raise InputError(
             f"{run.path} holds a {run.kind}, whose arrays make no one table; take --format npz"
         )
@@ -72,7 +79,7 @@ def _cell(value: Any) -> str:
 
 def _columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
     """Head and cells of each column: first what the rows are, then every array over them."""
-    data, rows = run.data, ROWS[run.kind]
+    data, rows = run.data, rows_of(run) or ()
     shape = tuple(data.sizes[name] for name in rows)
     for place, name in enumerate(rows):
         labels = data[name].values if name in data.coords else np.arange(shape[place])

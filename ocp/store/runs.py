@@ -49,7 +49,7 @@ def save(
 
 def unsaved(solution: Solution) -> StoredRun:
     """The run that :func:`save` would store, for whatever shows a run; it has no place on disk."""
-    problem, data, meta = _parts(solution, [])
+    problem, data, meta = _parts(solution, [], [])
     return StoredRun(Path(), data, _completed(problem, data, meta, datetime.now(UTC)))
 
 

@@ -47,7 +47,8 @@ def described(study: Study, session: Session, data: xr.Dataset) -> dict[str, Any
     return {
         "kind": KIND,
         "seed": study.seed,
-        "record": {**record(session, study.seed), "starts": study.starts, "rank": study.rank},
+        "record": _constant(study, session),
+        "over": ", ".join(dims),
         "study": {"axes": axes, "shape": list(study.shape), "failed": failures},
         "solved": solved,
         "points": len(found),
@@ -56,6 +57,20 @@ def described(study: Study, session: Session, data: xr.Dataset) -> dict[str, Any
         "success": whole,
         "verdict": verdict(found, dims),
     }
+
+
+def _constant(study: Study, session: Session) -> dict[str, Any]:
+    """What was asked and is the same at all points."""
+    told = record(session, study.seed)
+    swept = {axis.name for axis in study.axes}
+    groups = {"params": "problem.", "contact_settings": "contact.", "knobs": "",
+              "solver_options": "setting.", "policy_settings": "policy."}  # fmt: skip
+    for group, head in groups.items():
+        told[group] = {k: v for k, v in told[group].items() if f"{head}{k}" not in swept}
+    if "problem.N" in swept:
+        del told["N"]
+    ranked = {"rank": study.rank} if study.starts > 1 else {}
+    return {**told, "starts": study.starts, **ranked}
 
 
 def rows(data: xr.Dataset) -> list[dict[str, Any]]:
@@ -81,7 +96,8 @@ def verdict(found: list[dict[str, Any]], dims: list[str]) -> str:
     told = f"{count} {len(found)} points are solved"
     if judged:
         survive = sum(row["survives"] for row in judged)
-        told += f", {'all' if survive == len(solved) else survive} survive the referee"
+        words = {0: "none survives", 1: "one survives", len(solved): "all survive"}
+        told += f", {words.get(survive, f'{survive} survive')} the referee"
     if solved:
         low, high = (pick(solved, key=lambda row: row["cost"]) for pick in (min, max))
         told += (

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
+from ocp.asking import Named, told_apart
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
+from ocp.problem import Problem
 from ocp.scheduling import Failure, carried_out
 from ocp.session import Session
 from ocp.solve import Rank, check_starts
@@ -29,7 +31,7 @@ Ended = Callable[[int, Point], None]
 
 
 def sweep(
-    problem: str | PathLike[str],
+    problem: Named,
     over: Mapping[str, Any] | Iterable[str | Axis],
     contact: ContactLaw | str = "barrier",
     *,
@@ -46,13 +48,16 @@ def sweep(
     scheduler: str | None = None,
     store: Path | str | None = None,
     progress: Ended | None = None,
+    **keywords: Any,
 ) -> xr.Dataset:
-    """Solve a problem at every point of a grid: ``sweep("push-disc", {"M": [0.5, 1, 2]}, jobs=2)``.
+    """Solve a problem at every point of a grid, as ``ocp sweep`` does::
+
+        sweep("push-disc", {"M": [0.5, 1, 2], "contact.mu": "1e-4:1e-1:4:log"}, N=20, jobs=2)
 
     ``over`` are values by name, arrays or words such as ``"0.5:2:7"`` and ``"1e-4:1e-1:4:log"``: of
     a parameter of the problem (``M``, also ``N``), a setting of the law (``contact.mu``), a number
     of the settings (``setting.tol``) or of the policy (``policy.bound``). Everything else is as for
-    :func:`ocp.solve`, by name.
+    :func:`ocp.solve`; a problem goes by its name or its file, for other processes build it too.
 
     ``jobs`` processes of this computer work side by side, or with ``scheduler``, such as
     ``tcp://127.0.0.1:8786``, a Dask cluster. Each point's answer is that of a solve of its own, to
@@ -66,15 +71,13 @@ def sweep(
 
     Raises :class:`~ocp.errors.InputError` for what no point could be solved with.
     """
-    law, given = _named(contact, contact_settings or {})
-    named = fspath(problem)
-    if named.endswith(".py"):
-        # Workers may be elsewhere.
-        named = str(Path(named).expanduser().resolve())
-    case = Case(
-        named, dict(params or {}), law, given, method, policy, solver,
-        dict(settings or {}),
-    )  # fmt: skip
+    name = _name(problem)
+    own, given = told_apart(
+        Case(name).source(), contact, params, contact_settings, keywords, solver
+    )
+    law = contact if isinstance(contact, str) else contact.name
+    given = given if isinstance(contact, str) else contact.settings()
+    case = Case(name, own, law, given, method, policy, solver, dict(settings or {}))
     study = asked(case, axes(over), starts, seed, rank_by)
     session = study.checked()
     check_side_by_side(session, jobs)
@@ -86,12 +89,17 @@ def sweep(
     return dataset(study, session, points)
 
 
-def _named(contact: ContactLaw | str, given: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    if isinstance(contact, str):
-        return contact, dict(given)
-    if given:
-        raise InputError(f"the {contact.name} law is made already; give it its settings there")
-    return contact.name, contact.settings()
+def _name(problem: Named) -> str:
+    """What any process finds a problem by: its name, or the whole path of its file."""
+    if isinstance(problem, Problem):
+        raise InputError(
+            f"{problem.name} is built already, and a sweep builds it at every point, in other"
+            " processes too; give its name, or the path of its file"
+        )
+    if not isinstance(problem, str | PathLike):
+        return str(getattr(problem, "path", None) or problem.name)
+    named = fspath(problem)
+    return str(Path(named).expanduser().resolve()) if named.endswith(".py") else named
 
 
 def asked(
@@ -121,7 +129,7 @@ def check_side_by_side(session: Session, jobs: int) -> None:
 def kept_in(study: Study, session: Session, store: Path) -> Checkpoint:
     """Where a study's finished points are kept; a changed file is another study."""
     path = getattr(study.source, "path", None)
-    content = "" if path is None else Path(path).read_text(errors="replace")
+    content = "" if path is None else Path(path).read_text(encoding="utf-8", errors="replace")
     return study.checkpoint(store, session.problem.name, content)
 
 

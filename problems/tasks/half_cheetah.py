@@ -23,7 +23,7 @@ citation = Citation(
 axes = ("x [m]", "z [m]")
 training = {"all": {"iterations": 150}, "mbpo": {"iterations": 60, "hidden": (32, 32)}}
 equations = """
-max "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) - 0.1 norm(u_t)^2
+max quad "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) - 0.1 norm(u_t)^2
 q = (x, z, theta, "three joints of the hind leg, three of the fore leg"), quad
   "dynamics as those of the problem half-cheetah with" h "fixed"
 q_0 = q_"standing" + (0, 0.25 "m", 0, dots) + 0.1 xi, quad v_0 = 0.1 xi', quad

@@ -33,7 +33,7 @@ training = {
     "zopg": {"unroll": 100, "iterations": 400},
 }  # fmt: skip
 equations = """
-max "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) + 0.1 - 10^(-4) norm(u_t)^2
+max quad "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) + 0.1 - 10^(-4) norm(u_t)^2
 q = (x, z, theta, "thigh, leg, foot"), quad "dynamics as those of the problem hopper"
 q_0 = q_"upright" + (0, 0.25 "m", 0, dots) + 0.005 xi, quad v_0 = 0.005 xi', quad
   xi, xi' "uniform on" [-1, 1]

@@ -87,7 +87,8 @@ for name, command in {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 done, 2 usage, 3 not converged, 4 damaged run.
 
-    Errors go to stderr in one or two lines; ``--debug`` shows the traceback as well.
+    A solve that Ctrl-C ended and whose best point was stored has not converged; what else Ctrl-C
+    ended gives 130. Errors go to stderr in one or two lines; ``--debug`` shows the traceback too.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     streams.prepare()

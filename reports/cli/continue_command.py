@@ -59,7 +59,6 @@ def run(options: ContinueOptions, asked: Request) -> int:
     path, interrupted = _followed(options, asked)
     output, meta = options.output, _meta(options, asked, path)
     stored = store.write(options.out, asked.session.problem.name, curve_dataset(path), meta)
-    output.note(curve_tables.curve_table(path.parameter, meta["points"]))
     if path.events:
         output.note(curve_tables.event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])
@@ -74,14 +73,15 @@ def _followed(options: ContinueOptions, asked: Request) -> tuple[Continuation, b
     from ocp.continuation import Continuation, continue_over, resolve
     from ocp.errors import interruptible
     from reports.cli import interrupt
-    from reports.curve_tables import curve_line
+    from reports.curve_tables import curve_lines
 
     session, over, finished = asked.session, options.over, []
 
     def note(point: Any) -> None:
         finished.append(point)
-        if not options.quiet:
-            print(curve_line(over, point.row()), file=sys.stderr, flush=True)
+        if options.output.progress:
+            lines = curve_lines(over, [point.row()], heads=len(finished) == 1)
+            print("\n".join(lines), file=sys.stderr, flush=True)
         interrupt.check()
 
     try:

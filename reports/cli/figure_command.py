@@ -1,16 +1,22 @@
-"""``ocp figure ID...``: reproduce figures of the papers, with their claims checked."""
+"""``ocp figure ID...``: reproduce figures of the papers, with their claims checked.
+
+A stored run in the place of an ID is drawn again as a bare figure, without computing anything.
+"""
 
 from __future__ import annotations
 
 import math
 import sys
 from dataclasses import dataclass
+from pathlib import Path
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
 from reports.cli.declared import argument, option
 from reports.cli.options import Command, StoreOptions
 
 if TYPE_CHECKING:
+    from ocp.store.stored_run import StoredRun
     from problems.studies import Study
 
 
@@ -22,22 +28,33 @@ USUAL_S = 60.0
 class FigureOptions(StoreOptions):
     """Which figures, and their parameters."""
 
-    figures: list[str] | None = argument(default=None, help="Figures, such as P6; ocp list.")
+    figures: list[str] | None = argument(
+        default=None, help="Figures, such as P6 (ocp list), or stored runs to draw again."
+    )
     every: bool = option(False, "--all", help="Every figure there is.")
     quick: bool = option(False, "--quick", help="Small sizes of long studies.")
     params: list[str] | None = option(
         None, "--param", "-p", metavar="K=V", help="Parameter of the study."
     )
     seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
+    ending: str | None = option(
+        None, "--format", metavar="pdf|svg|png", help="Write the bare figure for a paper too."
+    )
+    panel: str | None = option(
+        None, "--panel", metavar="a", help="Only this panel of the bare figure, a column wide."
+    )
 
 
-def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
-    """Find the studies, each with all its parameters."""
-    from ocp.effort import check_time
-    from ocp.errors import InputError
+Asked = list["tuple[Study, dict[str, Any]] | StoredRun"]
+
+
+def check(options: FigureOptions) -> Asked:
+    """Find the studies, each with all its parameters, and the stored runs."""
+    from ocp.errors import InputError, choose
     from problems import studies
     from reports.cli.choices import assignments
     from reports.cli.places import check_places
+    from reports.papers.formats import FORMATS
 
     asked_for = options.figures or []
     if options.every == bool(asked_for):
@@ -47,25 +64,66 @@ def check(options: FigureOptions) -> list[tuple[Study, dict[str, Any]]]:
         raise InputError("-p belongs to one figure's study; name that figure alone")
     if "seed" in values and "seed" in options.given:
         raise InputError("--seed and -p seed say the same; drop one of them")
-    chosen = [studies.get(name) for name in dict.fromkeys(asked_for) or studies.ids()]
-    asked = {"seed": options.seed, **values}
-    found = [
-        (study, study.params({**(study.quick if options.quick else {}), **asked}).model_dump())
-        for study in chosen
-    ]
-    for study, params in found:
-        counts = {n: f.default for n, f in study.Params.model_fields.items() if f.annotation is int}
-        growth = math.prod(max(1.0, params[n] / usual) for n, usual in counts.items() if usual)
-        check_time(f"{study.id} with {', '.join(options.params or ())}", USUAL_S * growth)
+    if options.ending is not None:
+        choose("format", options.ending, FORMATS)
+    if options.panel is not None and options.panel not in set(ascii_lowercase):
+        raise InputError(f"--panel takes a letter, a to z, got {options.panel!r}")
     check_places(options.out, None)
-    return found
+    names = list(dict.fromkeys(asked_for)) or studies.ids()
+    asked = {"seed": options.seed, **values}
+    return [_stored(name, options.out) or _asked(name, asked, options) for name in names]
 
 
-def run(options: FigureOptions, chosen: list[tuple[Study, dict[str, Any]]]) -> int:
-    """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
-    done = [_reproduce(study, asked, options) for study, asked in chosen]
+def _stored(name: str, root: Path) -> StoredRun | None:
+    """The run that a name means, None for one that is no path, no ``@last`` and no part of one."""
+    from reports.cli.runs_command import stored
+
+    return stored(name, root) if name.startswith("@") or "/" in name else None
+
+
+def _asked(
+    name: str, asked: dict[str, Any], options: FigureOptions
+) -> tuple[Study, dict[str, Any]]:
+    from ocp.effort import check_time
+    from problems import studies
+
+    study = studies.get(name)
+    params = study.params({**(study.quick if options.quick else {}), **asked}).model_dump()
+    counts = {n: f.default for n, f in study.Params.model_fields.items() if f.annotation is int}
+    growth = math.prod(max(1.0, params[n] / usual) for n, usual in counts.items() if usual)
+    check_time(f"{study.id} with {', '.join(options.params or ())}", USUAL_S * growth)
+    return study, params
+
+
+def run(options: FigureOptions, chosen: Asked) -> int:
+    """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims.
+
+    With --format or --panel the bare figure is written as well, for a paper: ID-figure.pdf, or
+    ID-a.pdf of panel a. A stored run is drawn so without computing anything.
+    """
+    done = [
+        _reproduce(*one, options) if isinstance(one, tuple) else _again(one, options)
+        for one in chosen
+    ]
     options.output.document(done[0] if len(options.figures or ()) == 1 else {"figures": done})
     return 0
+
+
+def _again(run: StoredRun, options: FigureOptions) -> dict[str, Any]:
+    """Draw a stored run as a bare figure."""
+    file = _bare(run, options)
+    options.output.say(f"files: {file}")
+    return {"id": run.meta["problem"], "files": [str(file)], "run": str(run.path)}
+
+
+def _bare(run: StoredRun, options: FigureOptions) -> Path:
+    from ocp.store import atomic
+    from reports.papers.bare import bare
+
+    ending = options.ending or "pdf"
+    file = options.out / f"{run.meta['problem']}-{options.panel or 'figure'}.{ending}"
+    atomic.write(file, bare(run, ending, options.panel), "the figure")
+    return file
 
 
 def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> dict[str, Any]:
@@ -103,6 +161,8 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
     output.note(claim_table(claims))
     output.say(f"{study.id}: {meta['verdict']}")
     files = [str(pdf), str(copy)]
+    if options.ending or options.panel:
+        files.append(str(_bare(store.load(stored), options)))
     output.say(f"files: {', '.join(files)}")
     return {"id": study.id, "title": study.title, "files": files, "run": str(stored),
             "seed": asked["seed"], "claims": meta["claims"]}  # fmt: skip
@@ -115,5 +175,6 @@ COMMAND = Command(
     examples=(
         "figure A1",
         "figure --all --quick --out studies",
+        "figure P3 P6 --format svg --panel b",
     ),
 )

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 EXIT_CODE = 130
 """Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
 
-_seen = threading.Event()
+_seen, _answered = threading.Event(), threading.Event()
 
 
 @contextmanager
@@ -22,6 +22,7 @@ def watched() -> Iterator[None]:
     which a homotopy would go on: :func:`check` raises it again as soon as Python is back.
     """
     _seen.clear()
+    _answered.clear()
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -37,9 +38,14 @@ def seen() -> bool:
     return _seen.is_set()
 
 
+def answered() -> None:
+    """Say that a Ctrl-C was heeded, so that it ends nothing more; a second one still does."""
+    _answered.set()
+
+
 def check() -> None:
     """Raise KeyboardInterrupt where Ctrl-C was pressed and did not come through."""
-    if seen():
+    if seen() and not _answered.is_set():
         raise KeyboardInterrupt
 
 

@@ -24,6 +24,16 @@ class Output:
         self.as_json, self.quiet, self.logged = as_json, quiet, logged
 
     @property
+    def progress(self) -> bool:
+        """Whether progress is shown: not where it is logged, nor quietly."""
+        return not (self.quiet or self.logged)
+
+    @property
+    def table_of_stages(self) -> bool:
+        """Whether the end tells all stages: not where a line told each as it came."""
+        return self.console.is_terminal and self.progress
+
+    @property
     def console(self) -> Console:
         """Console on stderr, 80 columns where that is no terminal."""
         from rich.console import Console

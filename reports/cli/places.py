@@ -6,7 +6,13 @@ from pathlib import Path
 
 from ocp.errors import InputError
 
-EXAMPLES = {"PDF": "report.pdf", "C file": "rollout.c", "data": "data.nc", "model": "model.nc"}
+EXAMPLES = {
+    "PDF": "report.pdf",
+    "C file": "rollout.c",
+    "data": "data.nc",
+    "model": "model.nc",
+    "figure": "figure.pdf",
+}
 
 
 def check_places(out: Path, pdf: Path | None) -> None:

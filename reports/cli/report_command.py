@@ -19,6 +19,7 @@ class ReportOptions(StoreOptions):
 
     runs: list[str] = argument(help="Runs: paths, or parts of their names.")
     pdf: Path = option(MISSING, "--output", "-o", help="The PDF to write.")
+    cones: bool = option(False, "--cones", help="Draw friction cones where forces act.")
 
 
 def check(options: ReportOptions) -> list[StoredRun]:
@@ -34,7 +35,7 @@ def run(options: ReportOptions, runs: list[StoredRun]) -> int:
     """Write a PDF of one stored run, or of several side by side."""
     from reports.pdf import write_pdf
 
-    write_pdf(runs, options.pdf)
+    write_pdf(runs, options.pdf, options.cones)
     output = options.output
     output.say(f"PDF: {options.pdf}")
     output.document({"pdf": str(options.pdf), "runs": [str(item.path) for item in runs]})

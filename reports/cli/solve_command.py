@@ -37,13 +37,17 @@ class SolveOptions(SolverOptions):
     require: str | None = option(
         None, "--require", metavar="survives", help="Exit 3 unless the plan survives."
     )
+    plot: Path | None = option(
+        None, "--plot", metavar="FILE", help="Draw the solution into a .pdf, .svg or .png file."
+    )
 
 
 def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     """Build the session, and read the solution to start at."""
     from ocp.errors import InputError, choose
-    from reports.cli.places import check_places
+    from reports.cli.places import check_place, check_places
     from reports.cli.request import Request
+    from reports.papers.formats import format_of
 
     choose("rank", options.rank, RANKS)
     if options.require is not None:
@@ -54,6 +58,9 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         raise InputError("--jobs solves several starts at a time; give --starts 2 or more")
     if options.start is not None and options.starts > 1:
         raise InputError("--from and several starts exclude each other; leave starts at 1")
+    if options.plot is not None:
+        format_of(options.plot)
+        check_place(options.plot, "figure")
     asked = Request.read(options)
     check_places(options.out, options.pdf)
     start = None if options.start is None else _start(asked, options.start, options.out)
@@ -88,14 +95,30 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     if solution.record["jit"] not in (None, "compiled"):
         output.say(f"jit: {solution.record['jit']}")
     output.verdict(solution.verdict, solution.grade)
-    output.finish(path, document(solution, path), options.pdf)
+    told = document(solution, path)
+    if options.plot is not None:
+        _plot(path, options.plot)
+        output.say(f"figure: {options.plot}")
+        told["plot"] = str(options.plot)
+    output.finish(path, told, options.pdf)
     survives = options.require is None or bool(solution.referee.survives)
     return 0 if solution.success and survives else NOT_CONVERGED
 
 
-def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> Solution:
-    """Solve; where Ctrl-C falls between several starts the best answer so far is stored."""
+def _plot(run: Path, file: Path) -> None:
+    """Draw the bare figure of a stored run."""
     from ocp import store
+    from ocp.store import atomic
+    from reports.papers.bare import bare
+    from reports.papers.formats import format_of
+
+    atomic.write(file, bare(store.load(run), format_of(file)), "the figure")
+
+
+def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> Solution:
+    """Solve; after Ctrl-C the best point is the answer, between several starts the best of them."""
+    from ocp import store
+    from ocp.programs.status import Status
     from ocp.solution import Interrupted
     from ocp.solve import solve_from
     from ocp.sweeps.starts import solve_starts
@@ -103,21 +126,24 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
     from reports.cli import interrupt
     from reports.cli.sweeping.case import case_of
 
-    with console.progress(options.quiet, f"{asked.spec.name}: building") as report:
+    with console.progress(options.output.progress, f"{asked.spec.name}: building") as report:
 
         def told(stage: StageRecord) -> None:
             report(stage)
             interrupt.check()
 
-        if start is not None:
-            return solve_from(asked.session, start, options.seed, told)
         try:
+            if start is not None:
+                return solve_from(asked.session, start, options.seed, told)
             rank = RANKS[options.rank]
             case = case_of(options)
             return solve_starts(
                 asked.session, case, options.starts, options.seed, told, rank, options.jobs
             )
         except Interrupted as stop:
+            if stop.solution.status is Status.INTERRUPTED:
+                interrupt.answered()
+                return stop.solution
             kept = store.save(stop.solution, options.out, options.argv, options.tags or ())
             finished = len(stop.solution.others)
             options.output.say(f"run: {kept} (the best of {finished} finished starts)")
@@ -129,10 +155,10 @@ def show(output: Output, solution: Solution) -> None:
     from reports import console
     from reports.stages import left_out
 
-    if solution.stages:
+    if solution.stages and output.table_of_stages:
         output.note(console.stage_table(solution.stages))
-        if unseen := left_out(solution.stages):
-            output.note(unseen)
+    if unseen := left_out(solution.stages):
+        output.note(unseen)
     output.note(console.result_table(solution))
     if solution.audit.contacts:
         output.note(console.contact_table(solution.audit))

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from reports.figures.run import label
 from reports.style import (
     CYCLE,
     FAINT,
@@ -23,6 +22,7 @@ from reports.style import (
     VERMILLION,
     WIDTH,
 )
+from reports.units import label
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,11 +9,11 @@ import numpy as np
 
 from ocp.problem import Problem
 from ocp.rollout import at_steps
-from reports.figures.run import powers
 from reports.forces import forces_of
 from reports.motion.animation import Animation, Motion
 from reports.motion.scene import LEAST
 from reports.style import CYCLE, PLANNED, REPLAYED
+from reports.units import powers
 from reports.view import RunView
 
 _ROOM = 0.06

@@ -77,7 +77,7 @@ def _write_gif(animation: Animation, draft: Path, told: Callable[[int], None]) -
 
     def frames() -> Iterator[Image.Image]:
         for frame in range(count):
-            picture = Image.fromarray(stage.picture(frame))
+            picture = Image.fromarray(stage.picture(frame)).convert("RGB")
             yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
             told(frame + 1)
 
@@ -92,7 +92,7 @@ def _palette(stage: Stage, count: int) -> Image.Image:
     """At most 256 colours for all frames, from those of a few of them."""
     some = np.unique(np.linspace(0, count - 1, _SAMPLED).round().astype(int))
     together = np.concatenate([stage.picture(frame) for frame in some])
-    found = Image.fromarray(together).quantize(dither=Image.Dither.NONE)
+    found = Image.fromarray(together).convert("RGB").quantize(dither=Image.Dither.NONE)
     colors = np.array(found.getpalette()).reshape(-1, 3)
     # Paper is white: the quantiser averages it with faint edges, and rounds what it looks up.
     colors[(colors > _PALE).all(axis=1)] = 255
@@ -105,9 +105,10 @@ def _write_mp4(animation: Animation, draft: Path, told: Callable[[int], None]) -
     height, width = stage.picture(0).shape[:2]
     command = [
         "ffmpeg", "-y", "-loglevel", "error",
-        "-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size", f"{width}x{height}",
+        "-f", "rawvideo", "-pix_fmt", "rgba", "-video_size", f"{width}x{height}",
         "-framerate", str(animation.fps), "-i", "-",
-        "-codec:v", "h264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(draft),
+        "-codec:v", "h264", "-preset", "veryfast", "-pix_fmt", "yuv420p",
+        "-movflags", "+faststart", str(draft),
     ]  # fmt: skip
     log = draft.with_name("ffmpeg.log")
     # Where it has ended early, its own words and exit code say why.
@@ -118,7 +119,7 @@ def _write_mp4(animation: Animation, draft: Path, told: Callable[[int], None]) -
     ):
         assert encoder.stdin is not None
         for frame in range(count):
-            encoder.stdin.write(stage.picture(frame).tobytes())
+            encoder.stdin.write(stage.picture(frame).data)
             told(frame + 1)
     if encoder.returncode:
         said = log.read_text(errors="replace").strip().splitlines()

@@ -69,15 +69,18 @@ class Scene:
         """Draw a frame onto the canvas; nothing is left of a motion that has run away."""
         if frame >= len(self._motion.x):
             return
+        self.put(frame)
+        for artist in (*self._ticks, self._strokes):
+            self.axis.draw_artist(artist)
+
+    def put(self, frame: int) -> None:
+        """Put camera and paths to a frame that is known."""
         self._camera.aim(self.axis, frame)
-        for ruler in self._ticks:
-            self.axis.draw_artist(ruler)
         strokes = self.strokes(frame)
         self._strokes.set_paths([stroke.path for stroke in strokes])
         self._strokes.set_facecolor([stroke.face for stroke in strokes])
         self._strokes.set_edgecolor([stroke.edge for stroke in strokes])
         self._strokes.set_linewidth([stroke.width for stroke in strokes])
-        self.axis.draw_artist(self._strokes)
 
     def strokes(self, frame: int) -> list[Stroke]:
         """All that is drawn of a frame, the lowest first."""

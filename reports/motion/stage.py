@@ -50,13 +50,16 @@ class Stage:
         self.clock.set_y(title.get_position()[1])
 
     def picture(self, frame: int) -> np.ndarray:
-        """Colours of a frame, (height, width, 3) of uint8; the next frame is drawn over them."""
+        """Red, green, blue and opacity of a frame, (height, width, 4) of uint8, and contiguous.
+
+        The next frame is drawn over them.
+        """
         self._canvas.restore_region(self._still)
         for scene in self.scenes:
             scene.draw(frame)
         self.clock.set_text(self._animation.clock(frame))
         self.figure.draw_artist(self.clock)
-        return np.asarray(self._canvas.buffer_rgba())[..., :3]
+        return np.asarray(self._canvas.buffer_rgba())
 
 
 def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from ocp.store.atomic import write
-from reports.site import commands, figures, gallery, settings, tables
+from reports.site import commands, examples, figures, gallery, settings, tables
 from reports.site.measured import DATA, GENERATED
 
 
 def pages() -> dict[str, str]:
     """Every generated page by its path below ``docs/generated``."""
     made: dict[str, str] = {}
-    for part in (gallery, figures, tables, settings, commands):
+    for part in (gallery, figures, tables, settings, commands, examples):
         made |= part.pages()
     return made
 

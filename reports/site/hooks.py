@@ -15,12 +15,16 @@ def expanded(nav: Any, docs: Path) -> Any:
     ``index.md`` comes first, then pages in the order in which it links them, the others by name;
     an entry whose folder has no page goes. Other entries stay as they are.
     """
-    if isinstance(nav, str):
-        return _pages(docs, nav) if nav.endswith("/") else nav
     if isinstance(nav, dict):
         inner = {title: expanded(entry, docs) for title, entry in nav.items()}
         return {title: entry for title, entry in inner.items() if entry}
-    return [entry for entry in (expanded(entry, docs) for entry in nav) if entry]
+    if isinstance(nav, str):
+        return _pages(docs, nav) if nav.endswith("/") else nav
+    spliced = []
+    for entry in nav:
+        found = expanded(entry, docs)
+        spliced += found if isinstance(found, list) else [found]
+    return [entry for entry in spliced if entry]
 
 
 def _pages(docs: Path, folder: str) -> list[str]:

@@ -114,7 +114,7 @@ def store(name: str, rows: Sequence[Row]) -> None:
         title="Verdicts under every law",
         command="make verdicts",
         columns=COLUMNS,
-        rows=sorted(every, key=lambda row: names().index(row[0])),
+        rows=sorted(every, key=lambda row: names().index(str(row[0]))),
         note=f"Seconds of building and solving; learned laws from {SAMPLES} transitions.",
     )
 

@@ -9,13 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from reports.figures.run import label
-from reports.strobe import draw_strobe
+from reports.strobe import drawable, strobe, strobe_rows
 from reports.style import CYCLE, GREY, INK, WIDTH
 from reports.trained.summary import Group, measures
+from reports.units import label
 from reports.view import RunView
 
-_MOST_STROBES = 6
 _COLORS = (*CYCLE, INK, GREY)
 _TOLD = {
     "return_mean": "return of the samples",
@@ -34,7 +33,7 @@ def learning(found: Sequence[Group]) -> Figure:
             for place, group in enumerate(found):
                 _banded(axis, group, over, f"evaluation_{name}", _color(place))
         unit = str(found[0].runs[0].data[f"evaluation_{name}"].attrs.get("units", "1"))
-        row[0].set_ylabel(label(name, "" if unit == "1" else unit))
+        row[0].set_ylabel(label(name, unit))
     axes[-1, 0].set_xlabel("steps simulated")
     axes[-1, 0].ticklabel_format(axis="x", style="sci", scilimits=(-3, 4), useMathText=True)
     axes[-1, 1].set_xlabel("wall time [s]")
@@ -60,27 +59,18 @@ def signals(found: Sequence[Group]) -> Figure | None:
     return figure
 
 
-def strobes(found: Sequence[Group]) -> Figure | None:
-    """An episode of the best policy of each group, from faint to dark."""
-    views = [(group, RunView.of(group.best)) for group in found[:_MOST_STROBES]]
-    shown = [
-        (group, view) for group, view in views
-        if view.spec is not None and view.spec.draw and view.array("x") is not None
-    ]  # fmt: skip
-    if not shown:
-        return None
-    columns = 1 if len(shown) == 1 else 2
-    rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(WIDTH, 2.5 * rows))
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axis, (group, view) in zip(axes, shown, strict=False):
-        draw_strobe(axis, view)
-        if len(shown) > 1:
-            told = f"seed {group.best.meta['seed']}" if len(group.runs) > 1 else ""
-            axis.set_title(", ".join(filter(None, [group.label, told])), loc="left")
-    for axis in axes[len(shown) :]:
-        axis.set_axis_off()
-    return figure
+def strobes(found: Sequence[Group]) -> list[Figure]:
+    """An episode of the best policy of each group, from faint to dark, in rows of pictures."""
+    views = [(group, RunView.of(group.best)) for group in found]
+    shown = [(group, view) for group, view in views if drawable(view)]
+    if len(shown) == 1 and (single := strobe(shown[0][1])) is not None:
+        return [single]
+    return strobe_rows([(_told(group), view) for group, view in shown])[0]
+
+
+def _told(group: Group) -> str:
+    seed = f"seed {group.best.meta['seed']}" if len(group.runs) > 1 else ""
+    return ", ".join(filter(None, [group.label, seed]))
 
 
 def _color(place: int) -> str:

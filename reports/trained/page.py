@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from reports.console import number
-from reports.figures.run import label
 from reports.trained.figures import learning, signals, strobes
 from reports.trained.summary import Group, groups, measures, summary_rows, verdict
+from reports.units import label
 from reports.view import RunView
 
 Figures = dict[str, Figure]
@@ -41,8 +41,11 @@ def training_content(views: Sequence[RunView]) -> tuple[dict[str, Any], Figures,
         "hashes": [view.run.meta["hash"] for view in views],
         "seeds": max(len(group.runs) for group in found),
     }
-    drawn = {"learning": learning(found), "signals": signals(found), "strobes": strobes(found)}
-    figures = {name: figure for name, figure in drawn.items() if figure is not None}
+    figures = {"learning": learning(found)}
+    if (told := signals(found)) is not None:
+        figures["signals"] = told
+    for index, figure in enumerate(strobes(found), start=1):
+        figures[f"strobes-{index:02d}"] = figure
     return content, figures, [group.runs[0] for group in found]
 
 
@@ -65,7 +68,7 @@ def _key_numbers(run: StoredRun) -> list[list[str]]:
 
 def _titled(run: StoredRun, name: str) -> str:
     unit = str(run.data[f"evaluation_{name}"].attrs.get("units", "1"))
-    return label(name, "" if unit == "1" else unit)
+    return label(name, unit)
 
 
 def _learned(group: Group) -> list[list[str]]:

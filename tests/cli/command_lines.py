@@ -44,7 +44,7 @@ def setting(**values: tuple[str, ...]) -> st.SearchStrategy[str]:
 
 Options = dict[str, st.SearchStrategy[str] | None]
 COMMON: Options = {"--json": None, "--quiet": None}
-STORE: Options = {"--out": among("runs", "store", "deep/er")}
+STORE: Options = {"--out": among("runs", "store", "deep/er"), "-v": None}
 LAW: Options = {
     "--contact": among(*LAWS),
     "-c": setting(
@@ -54,6 +54,7 @@ LAW: Options = {
     ),
 }  # fmt: skip
 PROBLEM: Options = {
+    "--tag": among("paper", "two words"),
     "-p": setting(N=("5", "8"), h=("0.1",), m=("2",), goal_x=("0.5",), M=("2",), scenarios=("3",)),
     "--policy": among("open-loop", "feedback"),
     "--seed": number("0", "7"),
@@ -72,7 +73,24 @@ SOLVER: Options = {
 COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
     "list": (st.just([]), {}),
     "show": (among(*PROBLEMS, *OBJECTIVES, "@data", "none.nc").map(lambda name: [name]), {}),
-    "runs": (st.just([]) | among("@solve", "@train", "wall").map(lambda run: [run]), STORE),
+    "runs": (
+        st.just([]) | among("@solve", "@train", "wall", "@last").map(lambda run: [run]),
+        {
+            **STORE, "--tag": among("a"), "--since": among("2h", "2026-01-01"),
+            "--last": number("2"), "--status": among("solved"), "--contact": among(*LAWS),
+            "--problem": among(*PROBLEMS),
+        },
+    ),
+    "runs rm": (among("@solve", "@last", "@3", "none").map(lambda run: [run]), STORE),
+    "runs export": (
+        st.tuples(among("@solve", "@continue", "@train"), among("a.csv", "b.npz", "c.x")).map(
+            lambda t: [t[0], "-o", t[1]]
+        ),
+        {**STORE, "--format": among("csv", "npz")},
+    ),
+    "laws": (st.just([]) | among(*LAWS).map(lambda law: [law]), {}),
+    "methods": (st.just([]), {}),
+    "settings": (st.just([]) | among("ipopt", "fopg", "sigma").map(lambda word: [word]), {}),
     "doctor": (st.just([]), {}),
     "solve": (
         among(*PROBLEMS).map(lambda name: [name]),
@@ -194,7 +212,7 @@ def lines(draw: st.DrawFn, commands: tuple[str, ...] = OFTEN) -> list[str]:
     if draw(st.integers(0, 9)) < 9:
         # An option given twice is one refusal, and would leave nothing else to see.
         given = [flag for i, flag in enumerate(given) if flag in "-p-c-s" or flag not in given[:i]]
-    line = [name, *words]
+    line = [*name.split(), *words]
     for flag in given:
         value = options[flag]
         line += [flag] if value is None else [flag, draw(value)]

@@ -301,6 +301,33 @@ def test_everything_fits_80_columns(ocp, arguments: list[str]) -> None:
     assert max(map(len, tables)) <= 80
 
 
+def test_a_stage_is_told_in_one_line_without_a_terminal(ocp) -> None:
+    done = ocp("solve", "push-1d", "-c", "mu=1e-2", "--json")
+    rows = [line.split() for line in done.err.partition("cost under")[0].splitlines()]
+    assert rows[0] == ["stage", "knob", "cost", "lam·gap", "residual", "iter", "s"]
+    stages = done.json["stages"]
+    told = [row for row in rows[1:] if row[0].isdigit() and row[-1] != "less."]
+    assert [int(row[0]) for row in told] == sorted({int(row[0]) for row in told}), "each once"
+    for row in told:
+        stage = stages[int(row[0]) - 1]
+        assert row[-2] == str(stage["iterations"]) and f"{stage['cost']:.7g}" in row
+    hidden = set(range(1, len(stages) + 1)) - {int(row[0]) for row in told}
+    assert all(stages[n - 1]["knob"] == "neighbour" for n in hidden)
+    quiet = ocp("solve", "push-1d", "-c", "mu=1e-2", "-q")
+    assert quiet.err == ""
+
+
+def test_a_point_of_a_continuation_is_told_in_one_line(ocp) -> None:
+    done = ocp("continue", "wall-1d", "--over", "m", "--from", "1", "--to", "2", "--steps", "2",
+               "--json")  # fmt: skip
+    rows = [line.split() for line in done.err.splitlines()]
+    assert [row[0] for row in rows[1:4]] == ["1", "1.5", "2"]
+    assert [float(row[1]) for row in rows[1:4]] == pytest.approx(
+        [point["cost"] for point in done.json["points"]], rel=1e-6
+    )
+    assert sum(row[0] == "1.5" for row in rows) == 1
+
+
 def test_what_is_not_finite_is_null(ocp, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     from reports.cli.output import Output
 

@@ -87,3 +87,52 @@ def test_a_place_that_cannot_be_written(ocp: Ocp, tmp_path: Path) -> None:
     done = ocp("figure", "P6", "--out", "file")
     assert done.code == 2
     assert "cannot write" in done.err
+
+
+@pytest.mark.parametrize(
+    ("ending", "begins"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")]
+)
+def test_a_bare_figure_beside_the_report(
+    ocp: Ocp, tmp_path: Path, ending: str, begins: bytes
+) -> None:
+    done = ocp("figure", "A2v", "-p", "n_samples=20", "--format", ending, "--json", "-q")
+    assert done.code == 0, done.err
+    assert done.json["files"][2] == f"runs/A2v-figure.{ending}"
+    assert (tmp_path / "runs/A2v-figure").with_suffix(f".{ending}").read_bytes().startswith(begins)
+    assert (tmp_path / "runs/A2v.pdf").exists()
+
+
+def test_a_stored_figure_is_drawn_again_without_computing(
+    ocp: Ocp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("A2v", "P6")
+    done = ocp("figure", *names, "--quick", "--panel", "b", "--json", "-q")
+    assert done.code == 0, done.err
+    files = [figure["files"][2] for figure in done.json["figures"]]
+    assert files == ["runs/A2v-b.pdf", "runs/P6-b.pdf"]
+    before = (tmp_path / files[1]).read_bytes()
+    (tmp_path / files[1]).unlink()
+    study = studies.get("P6")
+    monkeypatch.setattr(type(study), "data", None)
+    again = ocp("figure", done.json["figures"][1]["run"], "--panel", "b", "--json", "-q")
+    assert again.code == 0, again.err
+    assert again.json["files"] == [files[1]]
+    assert (tmp_path / files[1]).read_bytes() == before
+    lost = ocp("figure", "P6/", "--panel", "c")
+    assert lost.code == 2 and "unknown panel 'c'; the figure has a to b" in lost.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("P6", "--format", "eps"), "unknown format 'eps'; there are pdf, svg, png"),
+        (("P6", "--panel", "1"), "--panel takes a letter, a to z, got '1'"),
+        (("nowhere/", "--panel", "a"), "there is no run 'nowhere/'"),
+    ],
+)
+def test_a_bare_figure_that_cannot_be_is_told_before_any_work(
+    ocp: Ocp, tmp_path: Path, arguments: tuple[str, ...], sentence: str
+) -> None:
+    done = ocp("figure", *arguments)
+    assert done.code == 2 and sentence in done.err
+    assert not list(tmp_path.rglob("*.nc"))

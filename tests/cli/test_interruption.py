@@ -7,11 +7,12 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from ocp import store
+from ocp import Status, store
 
 PROGRAM = [sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())"]
 LONG_PATH = [
@@ -37,19 +38,65 @@ def read_lines(process: subprocess.Popen[str], count: int) -> list[str]:
     return [process.stderr.readline() for _ in range(count)]
 
 
-def test_ctrl_c_ends_a_solve(tmp_path: Path) -> None:
-    process = start(LONG_SOLVE, tmp_path)
-    assert all(read_lines(process, 3))
+def read_until(process: subprocess.Popen[str], words: str) -> None:
+    assert process.stderr is not None
+    for line in process.stderr:
+        if words in line:
+            return
+    raise AssertionError(f"it ended without saying {words!r}")
+
+
+def test_ctrl_c_between_starts_keeps_the_best_of_them(tmp_path: Path) -> None:
+    process = start([*LONG_SOLVE, "-v"], tmp_path)
+    read_until(process, "active set")
+    read_until(process, "t 0.")
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode in (3, 130)
+    assert "Traceback" not in err
+    (entry,) = store.list_runs(tmp_path / "runs")
+    assert entry.meta is not None and str(entry.path.name) in out
+    first_was_done = process.returncode == 130
+    assert entry.meta["status"] == ("solved" if first_was_done else "interrupted")
+    assert ("stopped by the user" in err) == first_was_done
+
+
+def test_ctrl_c_in_a_solver_keeps_the_best_point(tmp_path: Path) -> None:
+    """The signal falls into IPOPT, which would need seconds more."""
+    process = start(["solve", "planar-hand", "-p", "N=60", "-vv", "--json"], tmp_path)
+    read_until(process, "ipopt on planar-hand")
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 3, err
+    found = json.loads(out)
+    assert (found["status"], found["success"]) == ("interrupted", False)
+    assert found["verdict"].startswith("Interrupted: cost ")
+    assert "Traceback" not in err and "WARNING" not in err
+    stored = store.load(tmp_path / found["run"])
+    assert stored.status is Status.INTERRUPTED
+    assert stored.meta["iterations"] > 0 and stored.meta["cost"] == found["cost"]
+    assert stored.audit.dynamics_residual == found["dynamics_residual"], "it was audited"
+    assert stored.data["x"].shape == stored.data["x_replay"].shape, "and replayed"
+    listed = start(["runs", "--status", "interrupted", "--json"], tmp_path).communicate()[0]
+    assert [run["run"] for run in json.loads(listed)["runs"]] == [found["run"]]
+
+
+def test_a_second_ctrl_c_ends_at_once(tmp_path: Path) -> None:
+    process = start(["solve", "planar-hand", "-vv"], tmp_path)
+    read_until(process, "ipopt on planar-hand")
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    read_until(process, "the best point is judged")
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "stopped by the user" in err and "Traceback" not in err
-    assert not [entry for entry in store.list_runs(tmp_path / "runs") if entry.damage]
+    assert store.list_runs(tmp_path / "runs") == [], "nothing half written"
 
 
 def test_ctrl_c_keeps_the_points_of_a_path(tmp_path: Path) -> None:
     process = start([*LONG_PATH, "--json"], tmp_path)
-    assert all(read_lines(process, 3))
+    assert all(read_lines(process, 4)), "the heads, and three points"
     process.send_signal(signal.SIGINT)
     out, _ = process.communicate(timeout=60)
     assert process.returncode == 130

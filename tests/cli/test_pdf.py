@@ -17,7 +17,7 @@ from ocp.errors import InputError
 from problems import names, spec
 from reports import pages
 from reports.bibliography import full_citation
-from reports.figures import run as figures
+from reports.figures import law
 from reports.pdf import render, write_pdf
 from reports.stages import shown
 from reports.style import styled, to_svg
@@ -101,7 +101,7 @@ def test_the_page_says_what_the_run_says(views) -> None:
     assert parameters["h"] == ["0.1", "s", "step size"]
     assert parameters["w_v"][1] == "s²/m²"
     assert ["seed", "0"] in content["settings"]
-    assert set(drawn) == {"trajectories", "contact", "strobe", "homotopy"}
+    assert set(drawn) == {"motion-01", "contact", "strobe", "homotopy"}
     assert "Suh" in content["citation"]
     text = str(content)
     assert "seconds" not in text and "solve_s" not in text, "times differ from run to run"
@@ -117,9 +117,11 @@ def test_feedback_has_its_gains_and_all_scenarios(views) -> None:
     view = views["solve push-disc barrier"]
     with styled():
         _, drawn = pages.solve_page(view)
-    (first, *_) = drawn["trajectories"].axes
-    planned_and_replayed = [line for line in first.lines if len(line.get_xdata()) > 2]
+    ox = next(axis for axis in drawn["motion-01"].axes if axis.get_title("left") == "ox [m]")
+    planned_and_replayed = [line for line in ox.lines if len(line.get_xdata()) > 2]
     assert len(planned_and_replayed) == 2 * 3
+    pictures = [axis.get_title("left") for axis in drawn["strobes-01"].axes]
+    assert pictures == ["scenario 0", "scenario 1", "scenario 2"]
     K = view.run.data["K"].values
     maps = [axis.collections[0] for axis in drawn["gains"].axes[: K.shape[1]]]
     for control, map_ in enumerate(maps):
@@ -132,24 +134,26 @@ def test_every_axis_has_a_unit(views, name: str) -> None:
     with styled():
         _, drawn = pages.solve_page(view)
     assert view.spec is not None
-    (picture,) = drawn["strobe"].axes
-    assert (picture.get_xlabel(), picture.get_ylabel()) == view.spec.axes
-    for figure in ("trajectories", "contact"):
-        for axis in drawn[figure].axes:
-            if axis.axison:
-                assert re.search(r"\[.+\]", axis.get_ylabel()), (figure, axis.get_ylabel())
-    bottom = [axis for axis in drawn["trajectories"].axes if axis.get_xlabel()]
-    assert bottom and all(axis.get_xlabel() == "time [s]" for axis in bottom)
+    picture = drawn.get("strobe", drawn.get("strobes-01"))
+    assert picture is not None
+    assert (picture.axes[0].get_xlabel(), picture.axes[0].get_ylabel()) == view.spec.axes
+    (plane,) = drawn["contact"].axes
+    assert re.search(r"\[.+\]", plane.get_ylabel()) and re.search(r"\[.+\]", plane.get_xlabel())
+    rows = [figure for key, figure in drawn.items() if key.startswith("motion-")]
+    panels = [axis for figure in rows for axis in figure.axes if axis.get_title("left")]
+    assert panels and all(re.search(r"\[.+\]", axis.get_title("left")) for axis in panels)
+    below = [axis.get_xlabel() for figure in rows for axis in figure.axes if axis.get_xlabel()]
+    assert set(below) == {"time [s]"}
 
 
 def test_the_contact_plane_draws_the_central_path_and_the_points(views) -> None:
     view = views["solve wall-1d barrier"]
     with styled():
-        (axis,) = figures.contact_plane(view).axes
+        (axis,) = law.contact_plane(view).axes
     path = next(line for line in axis.lines if "gap = " in str(line.get_label()))
     gap, lam = (np.asarray(values) for values in path.get_data())
     np.testing.assert_allclose(lam * gap, 1e-3, rtol=1e-12)
-    points = next(line for line in axis.lines if "planned" in str(line.get_label()))
+    points = next(line for line in axis.lines if line.get_label() == "wall")
     gap, lam = (np.asarray(values) for values in points.get_data())
     assert len(gap) == 30
     np.testing.assert_allclose(lam * gap, 1e-3, rtol=1e-6)
@@ -161,7 +165,8 @@ def test_the_continuation_page(views) -> None:
     with styled():
         content, drawn = pages.continuation_page(view)
     assert len(content["points"]) == len(view.run.meta["points"])
-    assert content["over"] == "contact.mu"
+    assert content["over"] == "μ [N s m]" and content["how"][0][0] == "μ"
+    assert ["law", "barrier"] in content["how"], "mu is no constant of the path"
     assert not [row for row in content["settings"] if row[0] == "contact.mu"]
     top, middle, _ = drawn["path"].axes
     value, complementarity = (np.asarray(v) for v in middle.lines[0].get_data())

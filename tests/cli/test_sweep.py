@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import shlex
@@ -68,7 +69,14 @@ def test_failed_points_are_kept_named_and_can_be_looked_at(swept: Path, ocp: Ocp
 
 def test_the_store_shows_a_sweep_and_a_report_draws_it(swept: Path, ocp: Ocp) -> None:
     listed = ocp("runs", "--out", str(swept), "--json").json["runs"]
-    assert [(one["kind"], one["status"]) for one in listed] == [("sweep", "4 of 6 solved")]
+    told = [(one["kind"], one["status"], one["over"]) for one in listed]
+    assert told == [("sweep", "4 of 6 solved", "qa0, width")]
+    assert "sweep over qa0, width" in ocp("runs", "--out", str(swept)).out
+    table = ocp("runs", "export", listed[0]["run"], "-o", "points.csv")
+    assert table.code == 0, table.err
+    head, *lines = csv.reader(Path("points.csv").read_text().splitlines(keepends=True))
+    assert head[:2] == ["qa0", "width"] and len(lines) == 6
+    assert [line[:2] for line in lines[:2]] == [["-0.5", "0.2"], ["-0.5", "0.3"]]
     done = ocp("report", listed[0]["run"], "-o", "sweep.pdf", "--json")
     assert done.code == 0, done.err
     assert Path("sweep.pdf").read_bytes().startswith(b"%PDF")

@@ -79,7 +79,7 @@ def without_proof(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("without_proof")
 def test_a_certificate_out_of_time_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ocp.judgement.certify", functools.partial(certify, seconds=0.0))
+    monkeypatch.setattr("ocp.judgement.judging.certify", functools.partial(certify, seconds=0.0))
     done = ocp(*KINKED, *QUIET)
     found = done.json
     assert done.code == 3

@@ -111,10 +111,12 @@ def test_folders_of_the_navigation_become_their_pages(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     (tmp_path / "a" / "index.md").write_text("First [y](y.md), [deep](b/c.md), again [y](y.md#x).")
     nav = [{"Top": "top.md"}, {"A": "a/"}, {"None": "none/"}, {"Deep": [{"B": "a/b/"}, "top.md"]}]
+    nav += [{"Both": ["a/b/", "top.md", "none/"]}]
     assert hooks.expanded(nav, tmp_path) == [
         {"Top": "top.md"},
         {"A": ["a/index.md", "a/y.md", "a/b/c.md", "a/z.md"]},
         {"Deep": [{"B": ["a/b/c.md"]}, "top.md"]},
+        {"Both": ["a/b/c.md", "top.md"]},
     ]
 
 

@@ -202,7 +202,7 @@ def _compile(
 ) -> Path:
     with tempfile.TemporaryDirectory(prefix="build-", dir=directory) as build:
         text, built = Path(build) / "batch.c", Path(build) / "batch.so"
-        text.write_text(source)
+        text.write_text(source, encoding="utf-8")
         libraries = ["-lmvec", "-lm"] if compiler.vector_math else ["-lm"]
         began = time.perf_counter()
         _run([compiler.path, *flags, "-o", str(built), str(text), *libraries])

@@ -65,7 +65,6 @@ def _unknown(key: str, chosen: Mapping[str, type]) -> str:
 
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
-    from ocp.learning.experiment import Experiment
     from ocp.typed import read
 
     if name == "hidden":

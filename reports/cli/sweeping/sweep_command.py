@@ -126,7 +126,7 @@ def _points(options: SweepOptions, asked: Asked) -> list[Point]:
 def _document(
     meta: dict[str, Any], found: list[dict[str, Any]], data: xr.Dataset
 ) -> dict[str, Any]:
-    names = ("problem", "contact", "method", "policy", "solver", "starts", "rank")
+    names = ("problem", "contact", "method", "policy", "solver", "starts")
     return {
         **{name: meta["record"][name] for name in names},
         "axes": meta["study"]["axes"],

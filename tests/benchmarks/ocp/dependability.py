@@ -1,7 +1,7 @@
-"""Exact-law solves of every named problem from 21 guesses, and the site's table of them.
+"""Exact-law solves of every problem from 21 guesses, and the site's table of them.
 
-``make bench-solve`` runs it; ``PROBLEMS="hopper push-1d"`` asks for some of them, and rewrites
-their rows alone.
+Beside the named ones stand three of ``examples/``, which a reader would try. ``make bench-solve``
+runs it; ``PROBLEMS="hopper push-1d behind"`` asks for some of them, and rewrites their rows alone.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
+from pathlib import Path
 from statistics import median
 
 from dynamics.contact import Exact
@@ -36,6 +37,12 @@ FLOORS = {
     "push-1d": 19, "push-disc": 19, "planar-push": 19, "planar-hand": 19,
     "hopper": 16, "half-cheetah": 16,
 }  # fmt: skip
+EXAMPLES = Path(__file__).parents[3] / "examples"
+FILES = {
+    name: str(EXAMPLES / f"{name.replace('-', '_')}.py")
+    for name in ("behind", "slope", "double-pendulum-walls")
+}
+"""Problems of the examples by name, and where they are."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,7 @@ class Start:
 
 def from_guess(problem: str, index: int) -> Start:
     """Solve from one guess, everything built afresh, so that no other solve can matter."""
-    session = new_session(get(problem), Exact())
+    session = new_session(get(FILES.get(problem, problem)), Exact())
     guess = guesses(session.problem, session.values, PERTURBED + 1, SEED)[index]
     began = time.process_time()
     outcome = session.solve(guess=guess)
@@ -120,7 +127,7 @@ def certified(starts: Sequence[Start]) -> int:
 def merged(old: Sequence[Sequence[str]], fresh: Sequence[Sequence[str]]) -> list[list[str]]:
     """Rows in the order of the registry: fresh ones replace their own, the others stay."""
     rows = {cells[0]: list(cells) for cells in (*old, *fresh)}
-    return [rows[key] for name in names() if (key := f"`{name}`") in rows]
+    return [rows[key] for name in (*names(), *FILES) if (key := f"`{name}`") in rows]
 
 
 def store(fresh: Sequence[Sequence[str]]) -> None:
@@ -146,7 +153,7 @@ def measured(chosen: Sequence[str]) -> Iterator[list[Start]]:
 
 def main() -> int:
     """Measure, print failures as they come, store the table; 1 where a floor is missed."""
-    chosen = [spec(name).name for name in sys.argv[1:]] or names()
+    chosen = [spec(FILES.get(name, name)).name for name in sys.argv[1:]] or [*names(), *FILES]
     rows, missed = [], []
     for starts in measured(chosen):
         rows.append(row(starts))

@@ -1,11 +1,18 @@
-"""Ctrl-C between starts keeps the best answer so far; before the first one it is what it is."""
+"""Ctrl-C keeps the best answer of several starts, and in the first one the best point there was."""
+
+import os
+import signal
+import threading
 
 import pytest
 
-from dynamics.contact import Exact
-from ocp import solve
+from dynamics.contact import Barrier, Exact
+from ocp import Status, solve
 from ocp.errors import interruptible
+from ocp.programs.interruption import noted
+from ocp.programs.solver import Solver
 from ocp.solution import Interrupted, StageRecord
+from ocp.solve import new_session
 from problems import get
 
 
@@ -32,16 +39,97 @@ def test_the_best_finished_start_is_kept() -> None:
     assert kept.cost == pytest.approx(1.38481827, rel=1e-6)
 
 
-def test_nothing_is_kept_before_the_first_answer() -> None:
-    with pytest.raises(KeyboardInterrupt) as stop:
-        solve(get("push-1d"), Exact(), starts=5, progress=stopping_after(0))
-    assert not isinstance(stop.value, Interrupted)
+def test_before_the_first_answer_the_best_point_is_kept() -> None:
+    """Stopped after the first polish, which is feasible; the stages before it break lam gap = 0."""
+    stages: list[StageRecord] = []
+    stop_after = stopping_after(0)
+
+    def progress(stage: StageRecord) -> None:
+        stages.append(stage)
+        stop_after(stage)
+
+    with pytest.raises(Interrupted) as stop:
+        solve(get("push-1d"), Exact(), starts=5, progress=progress)
+    kept = stop.value.solution
+    assert kept.status is Status.INTERRUPTED
+    assert not kept.success and kept.grade == "failed" and kept.others == []
+    assert kept.verdict.startswith("Interrupted: cost ")
+    assert stages[-1].knob == "active set" and stages[-1].accepted
+    assert kept.cost == pytest.approx(stages[-1].cost, rel=1e-9), "relaxed stages break lam gap = 0"
+    assert kept.audit.complementarity <= 1e-8
+    assert [stage.knob for stage in kept.stages] == [stage.knob for stage in stages]
+    assert kept.iterations == sum(stage.iterations for stage in stages)
+
+
+def test_without_a_feasible_point_the_nearest_to_it_is_kept() -> None:
+    """On the way down mu the last stage breaks lam gap = mu least."""
+    stages: list[StageRecord] = []
+
+    def progress(stage: StageRecord) -> None:
+        stages.append(stage)
+        if len(stages) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted) as stop:
+        solve(get("push-1d"), Barrier(mu=1e-6), progress=progress)
+    kept = stop.value.solution
+    assert [stage.knob for stage in stages] == ["mu"] * 3
+    assert kept.data["lam"].values * kept.data["gap"].values == pytest.approx(
+        stages[-1].value, rel=1e-6
+    )
+    assert kept.cost == pytest.approx(stages[-1].cost, rel=1e-9)
+
+
+def sigint_in(seconds: float) -> threading.Timer:
+    timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    return timer
+
+
+def test_a_signal_in_the_solver_leaves_its_iterate(capfd) -> None:
+    """IPOPT's interface swallows the signal; what it had found by then is not lost."""
+    session = new_session(get("planar-hand", N=60), Barrier(mu=1e-3))
+    nlp = session.nlp_of("product")
+    start, p = session.first_point(nlp), nlp.parameter_vector(session.values)
+    solver, heard = Solver(), []
+    solver.heard = lambda _, result: heard.append(result)
+    timer = sigint_in(0.5)
+    with pytest.raises(KeyboardInterrupt):
+        solver.run(nlp, start, p, nlp.bounds(session.values))
+    timer.join()
+    (result,) = heard
+    assert result.status is Status.INTERRUPTED
+    assert result.iterations > 0 and 0.4 < result.seconds < 10
+    f, g = nlp.values(result.point.x, p)
+    assert (result.f, list(result.g)) == (f, list(g))
+    few = Solver("ipopt", {"max_iter": result.iterations})
+    there = few.run(nlp, start, p, nlp.bounds(session.values))
+    assert result.f == pytest.approx(there.f, rel=1e-9), "the iterate that it was at"
+    assert capfd.readouterr().err == ""
+
+
+def test_handlers_are_as_before() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with noted() as seen:
+        assert seen == []
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        assert seen == [signal.SIGINT]
+    assert signal.getsignal(signal.SIGINT) is before
+    found: list[object] = []
+
+    def elsewhere() -> None:
+        with noted() as none:
+            found.append(none)
+
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert found == [[]], "other threads get no signals"
 
 
 def test_a_replay_under_a_law_takes_that_laws_knob() -> None:
     """A soft replay of a hard plan must be the soft law's, not the plan's own mu again."""
-    from dynamics.contact import Barrier
-
     found = solve(get("push-1d"), Barrier(mu=1e-6))
     soft, own = found.replay(Barrier(mu=1e-1)), found.replay(Barrier(mu=1e-6))
     assert own.cost == pytest.approx(found.cost, rel=1e-6)

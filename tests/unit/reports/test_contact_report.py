@@ -19,7 +19,8 @@ from ocp.physics.contact_book import ContactSummary
 from problems import spec
 from reports import console, pages
 from reports.cli.solve_command import document
-from reports.figures.contacts import friction_forces
+from reports.figures.contacts import friction_rows
+from reports.figures.panels import draw_rows
 from reports.style import ORANGE, SKY, styled
 from reports.view import RunView
 
@@ -82,20 +83,16 @@ def test_json_has_the_contacts_and_the_books(run) -> None:
     assert 0 <= told["cone_violation"] < 1e-9 and 0 <= told["dissipation_residual"] < 1e-9
 
 
-def test_figure_draws_forces_within_their_bound(run) -> None:
+def test_figure_draws_impulses_within_their_bound(run) -> None:
     view = run[1]
-    with styled():
-        figure = friction_forces(view)
-    assert figure is not None
-    (axis,) = figure.axes[:1]
-    assert axis.get_ylabel() == "push [N]"
-    drawn = [patch.get_data().values for patch in axis.patches if hasattr(patch, "get_data")]
-    h = np.diff(view.time)
+    (axis,) = draw_rows(*friction_rows(view)).axes
+    assert axis.get_title("left") == "push [N s]"
+    drawn = [np.asarray(line.get_ydata())[:-1] for line in axis.lines if len(line.get_xdata()) > 2]
     for values, name in zip(drawn, ("normal_impulse", "friction_impulse"), strict=True):
-        np.testing.assert_allclose(values, array(view, name)[0, :, 0] / h, rtol=1e-12)
+        np.testing.assert_allclose(values, array(view, name)[0, :, 0], rtol=1e-12)
     (band,) = (c for c in axis.collections if isinstance(c, PolyCollection))
     heights = band.get_paths()[0].vertices[:, 1]
-    largest = np.max(array(view, "friction_bound")[0, :, 0] / h)
+    largest = np.max(array(view, "friction_bound")[0, :, 0])
     assert (heights.min(), heights.max()) == pytest.approx((-largest, largest))
     low, high = axis.get_ylim()
     assert low <= -largest and high >= largest, "the band is seen whole"
@@ -103,10 +100,8 @@ def test_figure_draws_forces_within_their_bound(run) -> None:
 
 def test_shading_covers_the_steps_that_slip_and_those_that_stick(run) -> None:
     view = run[1]
-    with styled():
-        figure = friction_forces(view)
-    assert figure is not None
-    spans = [patch for patch in figure.axes[0].patches if isinstance(patch, Rectangle)]
+    (axis,) = draw_rows(*friction_rows(view)).axes
+    spans = [patch for patch in axis.patches if isinstance(patch, Rectangle)]
     width = dict.fromkeys((ORANGE, SKY), 0.0)
     for span in spans:
         width[to_hex(span.get_facecolor()).upper()] += span.get_width()
@@ -121,8 +116,11 @@ def test_page_has_the_contact_that_acts(run) -> None:
         content, figures = pages.solve_page(run[1])
     (row,) = content["contacts"]
     assert row[0] == "push" and row[1] == "20" and row[2] == "0-19"
-    assert "friction" in figures
-    assert any(name.startswith("friction cone violated") for name, _ in content["key"])
+    assert "friction-01" in figures
+    residuals = {group["title"]: group["rows"] for group in content["key"]}["Residuals"]
+    assert any(name == "friction cone [N s]" for name, _ in residuals)
+    assert content["peak"] == "peak [N s]", "the unit of the pictures"
+    assert float(row[4]) == pytest.approx(array(run[1], "normal_impulse").max(), rel=1e-3)
 
 
 def made(*contacts: ContactSummary, cone: float = 0.0) -> Audit:

@@ -47,9 +47,11 @@ def test_a_cone_opens_by_the_angle_of_friction_and_holds_the_forces_at_its_edge(
             assert cone.get_path().contains_point(point, cone.get_patch_transform()) is inside
 
 
-def test_the_strobe_draws_every_force_to_scale_and_cones_where_it_acts() -> None:
-    figure = strobe(sliding_box(NORMAL, SLIP))
-    assert figure is not None
+def test_the_strobe_draws_every_force_to_scale_and_cones_on_request() -> None:
+    figure, bare = strobe(sliding_box(NORMAL, SLIP), cones=True), strobe(sliding_box(NORMAL, SLIP))
+    assert figure is not None and bare is not None
+    assert not [patch for patch in bare.axes[0].patches if isinstance(patch, Wedge)]
+    assert "cone" not in bare.axes[0].get_title("left")
     (axis,) = figure.axes
     drawn = np.array(arrows(axis))
     expected = np.stack([SLIP, NORMAL], axis=-1).reshape(-1, 2)

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynamics.contact import Barrier
+from ocp.errors import InputError
 from ocp.solution import Solution
 from ocp.solve import solve_session
 from ocp.store.plain import plain
@@ -16,6 +18,7 @@ from ocp.sweeps import sweep
 from ocp.sweeps.case import Case
 from ocp.sweeps.sharing import Kept
 from ocp.transcription import Direct, MultipleShooting
+from problems import get
 from tests.unit.sweeps.same import TIMES, same
 
 SHORT = {"N": 6}
@@ -133,10 +136,20 @@ def test_seeds_and_starts_are_those_of_each_solve() -> None:
         assert int(found["iterations"].sel(M=M)) == alone.iterations
 
 
-def test_a_law_that_is_made_is_the_law_by_name() -> None:
-    from dynamics.contact import Barrier
-
+def test_a_law_that_is_made_is_the_law_by_name_and_keywords_find_their_owner() -> None:
     made = sweep("push-1d", {"M": [1.0, 2.0]}, Barrier(mu=1e-2), params=SHORT)
     named = sweep("push-1d", {"M": [1.0, 2.0]}, contact_settings={"mu": 1e-2}, params=SHORT)
     assert same(made, named)
+    assert same(named, sweep(get("push-1d").name, {"M": "1:2:2"}, mu=1e-2, N=6))
     assert set(made.data_vars) >= TIMES
+
+
+def test_what_a_sweep_cannot_take_is_told() -> None:
+    with pytest.raises(
+        InputError, match="push-1d is built already, and a sweep builds it at every"
+    ):
+        sweep(get("push-1d"), {"M": [1.0, 2.0]})
+    with pytest.raises(InputError, match="no argument 'm'"):
+        sweep("push-1d", {"M": [1.0, 2.0]}, m=2.0)
+    with pytest.raises(InputError, match="M goes over what --over says"):
+        sweep("push-1d", {"M": [1.0, 2.0]}, M=2.0)

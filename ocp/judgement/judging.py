@@ -215,6 +215,8 @@ def status_of(
 ) -> Status:  # fmt: skip
     """Turn audit, certificate and, where these find no answer, the solver's word into a status."""
     result, system = outcome.result, outcome.nlp.problem.system
+    if result.status is Status.INTERRUPTED:
+        return result.status
     if not np.isfinite(cost):
         return Status.DIVERGED
     if not kept:

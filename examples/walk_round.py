@@ -1,0 +1,34 @@
+"""The pusher must walk round its object: its goal moves from before it to behind it.
+
+The program is built once in either of its two forms; every one of the solutions starts from the one
+before, and the places where contacts change are found on the way.
+"""
+
+from dynamics.contact import Exact
+from ocp.continuation import Continuation, continue_over
+from ocp.solve import new_session
+from problems import get
+
+
+def walk() -> Continuation:
+    """Follow the exact solution of push-disc along ``goal_x``, from 1 to -1.5 m."""
+    session = new_session(get("push-disc"), Exact())
+    return continue_over(session, "goal_x", 1.0, -1.5, steps=20)
+
+
+def main() -> None:
+    """Print cost and end of the pusher at every goal, and what happened between."""
+    curve = walk()
+    for point in curve.points:
+        x = point.solution.data["x"].sel(scenario=0).isel(node=-1)
+        place = f"({float(x.sel(state='ax')):6.3f}, {float(x.sel(state='ay')):6.3f})"
+        print(
+            f"goal_x {point.value:7.4f}   cost {point.solution.cost:.6f}   pusher ends at {place}"
+        )
+    for event in curve.events:
+        print(event.told(curve.parameter))
+    print(f"{curve.iterations} iterations, {curve.nlp_builds} forms of the program built")
+
+
+if __name__ == "__main__":
+    main()

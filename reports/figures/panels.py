@@ -1,0 +1,171 @@
+"""Small multiples: rows of equal panels, each row a figure of its own so that pages can break."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from reports.style import GREY, INK, WIDTH
+
+COLUMNS = 4
+_LEFT, _RIGHT = 0.40, 0.08
+_HEADING, _TITLE, _MAIN, _BETWEEN, _FOOT = 0.2, 0.17, 0.78, 0.07, 0.34
+_LONG = 20
+"""Characters of a title that fit over a panel."""
+
+Drawing = Callable[[Axes], None]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One small picture: its title with the unit, what draws it, and the strip below, if any."""
+
+    title: str
+    main: Drawing
+    below: Drawing | None = None
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A panel in its place: ``heading`` names the group of which it is the first, else it is ""."""
+
+    column: int
+    heading: str
+    panel: Panel
+
+
+Row = list[Cell]
+
+
+def in_rows(groups: Mapping[str, Sequence[Panel]], columns: int = COLUMNS) -> list[Row]:
+    """Lay groups of panels out by their headings, in order.
+
+    A group begins beside the one before where that saves it a row, else on a new one.
+    """
+    rows: list[Row] = []
+    for heading, panels in groups.items():
+        free = columns - len(rows[-1]) if rows else 0
+        if -(-max(len(panels) - free, 0) // columns) >= -(-len(panels) // columns):
+            rows.append([])
+        for index, panel in enumerate(panels):
+            if len(rows[-1]) == columns:
+                rows.append([])
+            rows[-1].append(Cell(len(rows[-1]), "" if index else heading, panel))
+    return [row for row in rows if row]
+
+
+def columns_for(count: int) -> int:
+    """Columns in which ``count`` panels of one group leave the fewest places empty."""
+    return {1: 1, 2: 2, 3: 3, 5: 3, 6: 3, 9: 3}.get(count, COLUMNS)
+
+
+def draw_rows(
+    rows: Sequence[Row], columns: int = COLUMNS, below: float = 0.34, label: str = "time [s]"
+) -> Figure:
+    """Draw rows below each other, placed in inches so that those of several figures line up.
+
+    ``below`` is the height [inch] of the strips below panels.
+    """
+    heights = [_row_height(row, below) for row in rows]
+    figure = Figure(figsize=(WIDTH, sum(heights)))
+    figure.set_layout_engine("none")
+    top = sum(heights)
+    for row, height in zip(rows, heights, strict=True):
+        _draw_row(figure, row, top, (columns, below), label)
+        top -= height
+    return figure
+
+
+def _row_height(row: Row, below: float) -> float:
+    heading = _HEADING if any(cell.heading for cell in row) else 0.0
+    strip = below + _BETWEEN if any(cell.panel.below for cell in row) else 0.0
+    return heading + _TITLE + _MAIN + strip + _FOOT
+
+
+def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], label: str) -> None:
+    (columns, below), (width, height) = shape, figure.get_size_inches()
+    cell_width = width / columns
+
+    def place(column: int, high: float, tall: float) -> Axes:
+        left = column * cell_width + _LEFT
+        across = cell_width - _LEFT - _RIGHT
+        return figure.add_axes(
+            (left / width, (high - tall) / height, across / width, tall / height)
+        )
+
+    if any(cell.heading for cell in row):
+        for cell in row:
+            place_x, place_y = cell.column * cell_width + 0.06, top - 0.03
+            figure.text(place_x / width, place_y / height, cell.heading, fontsize=8.5,
+                        fontweight="bold", color=INK, va="top")  # fmt: skip
+        top -= _HEADING
+    top -= _TITLE
+    for cell in row:
+        axis = place(cell.column, top, _MAIN)
+        cell.panel.main(axis)
+        _dress(axis, 4)
+        axis.set_title(cell.panel.title, loc="left", pad=2.5, x=-0.1 * columns / (width - 0.5),
+                       fontsize=8 if len(cell.panel.title) <= _LONG else 6.5)  # fmt: skip
+        if cell.panel.below is not None:
+            axis.tick_params(labelbottom=False)
+            strip = place(cell.column, top - _MAIN - _BETWEEN, below)
+            strip.sharex(axis)
+            cell.panel.below(strip)
+            _dress(strip, 2)
+            axis = strip
+        axis.set_xlabel(label, fontsize=7, labelpad=1)
+
+
+def _dress(axis: Axes, ticks: int) -> None:
+    """Few ticks, short numbers; what hardly moves is a level line, not noise under an offset."""
+    _widen(axis)
+    axis.tick_params(labelsize=7, pad=1.5, length=2)
+    if axis.get_yscale() == "linear":
+        axis.yaxis.set_major_locator(MaxNLocator(ticks, min_n_ticks=2))
+        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
+    if axis.get_xscale() == "linear":
+        axis.xaxis.set_major_locator(MaxNLocator(4))
+
+
+def _widen(axis: Axes) -> None:
+    low, high = axis.get_ylim()
+    middle = (low + high) / 2
+    if axis.get_yscale() == "linear" and high - low < 1e-4 * abs(middle):
+        half = 0.05 * abs(middle)
+        axis.set_ylim(middle - half, middle + half)
+
+
+def lines(axis: Axes, time: np.ndarray, values: np.ndarray, **look: Any) -> None:
+    """Draw values (S, N+1) at the nodes of ``time`` (N+1,), or (S, N) held over its steps."""
+    for scenario in np.atleast_2d(values):
+        if scenario.size < time.size:
+            axis.step(time, np.append(scenario, scenario[-1]), where="post", **look)
+        else:
+            axis.plot(time, scenario, **look)
+
+
+def between(axis: Axes, time: np.ndarray, low: np.ndarray, high: np.ndarray, **look: Any) -> None:
+    """Fill the band from ``low`` to ``high``, each (N+1,) at the nodes or (N,) held over steps."""
+    if low.size < time.size:
+        low, high = np.append(low, low[-1]), np.append(high, high[-1])
+        axis.fill_between(time, low, high, step="post", linewidth=0, **look)
+    else:
+        axis.fill_between(time, low, high, linewidth=0, **look)
+
+
+def spans(axis: Axes, time: np.ndarray, when: np.ndarray, **look: Any) -> None:
+    """Shade the steps at which ``when`` (N,) holds; neighbours are one patch, without a seam."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(when, dtype=int), [0]])))
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        axis.axvspan(float(time[first]), float(time[end]), **look)
+
+
+def note_zero(axis: Axes) -> None:
+    """Draw the line at zero."""
+    axis.axhline(0, color=GREY, linewidth=0.6)

@@ -1,0 +1,82 @@
+"""The page of gradient estimates: the weakest verdict first, reference and law named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ocp.errors import InputError
+from ocp.gradients.verdict import WIDE, comes_to, weakest
+from ocp.store.stored_run import StoredRun
+from problems.objectives import named
+from reports import estimates
+from reports.console import number
+from reports.figures import estimate
+from reports.pages.described import Page, described, law_asked
+from reports.units import label, symbol
+
+_GRADES = {
+    "unbiased within the interval": "survives",
+    "no reference": "certified",
+    WIDE: "certified",
+    "empirically biased at this sample size": "failed",
+    "biased": "failed",
+}
+"""Colour of the weakest verdict."""
+
+
+def estimate_page(run: StoredRun) -> Page:
+    """Content and figure of a stored estimate."""
+    meta, swept = run.meta, run.meta["sweep"]
+    try:
+        spec = named(run.record.get("source") or meta["problem"])
+    except InputError:
+        spec = None
+    rows = meta["estimates"]
+    content = described(run, spec, run.record["params"])
+    parameters = [row for row in content["parameters"] if not swept or row[0] != swept["name"]]
+    content |= {
+        "title": f"Gradient of {meta['problem']}",
+        "verdict": f"{headline(rows)}\n{meta['verdict']}",
+        "grade": _GRADES[weakest(rows)],
+        "how": _how(run),
+        "parameters": parameters,
+        "settings": [row for row in content["settings"] if row[0] not in _TOLD],
+        "caption": estimate.caption(run),
+        "swept": label(symbol(swept["name"]), swept["unit"]) if swept else "",
+        "rows": [estimates.cells(row, bool(swept)) for row in rows],
+        "explanations": [] if swept else [f"{r['estimator']}: {r['explanation']}" for r in rows],
+    }
+    return content, {"estimate": estimate.draw(run)}
+
+
+_TOLD = ("estimators", "reference", "reference samples", "samples", "sigma")
+
+
+def headline(rows: Sequence[dict[str, Any]]) -> str:
+    """The weakest verdict among rows, and whose it is."""
+    word = weakest(rows)
+    whose = list(dict.fromkeys(row["estimator"] for row in rows if comes_to(row) == word))
+    if all(comes_to(row) == word for row in rows):
+        return f"Every estimate: {word}."
+    count = sum(comes_to(row) == word for row in rows)
+    return f"Weakest verdict: {word}, {count} of {len(rows)} estimates ({', '.join(whose)})."
+
+
+def _how(run: StoredRun) -> list[list[str]]:
+    """Law, policy, reference by its source, noise and samples."""
+    record, swept = run.record, run.meta["sweep"]
+    sources = dict.fromkeys(row["reference_source"] for row in run.meta["estimates"])
+    known = ", ".join(filter(None, sources)) or "none"
+    if "zobg" in known:
+        known += f" ({number(record['reference_samples'])} samples)"
+    found = [["law", law_asked(run) if record.get("contact") else "none, a function"]]
+    if record.get("policy"):
+        found.append(["policy", str(record["policy"])])
+    found.append(["reference", known])
+    constant = (name for name in ("sigma", "samples") if not swept or swept["name"] != name)
+    found += [[symbol(name), number(record[name])] for name in constant]
+    if swept:
+        ends = (number(swept["values"][index], 4) for index in (0, -1))
+        found.append([symbol(swept["name"]), " to ".join(ends)])
+    return found

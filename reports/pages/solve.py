@@ -1,0 +1,168 @@
+"""The page of one solve: verdict, numbers, motion, plan and replay, law, contacts, path."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ocp.programs.status import Status
+from reports.console import (
+    books,
+    idle_contacts,
+    knob_title,
+    number,
+    small,
+    spans_text,
+    stage_rows,
+    violation_rows,
+)
+from reports.figures import contacts, law, motion
+from reports.figures import run as figures_of
+from reports.pages.described import Page, head, numbered, pairs, row_figures
+from reports.pages.described import law as law_said
+from reports.stages import left_out
+from reports.strobe import MOST_SCENARIOS, drawable, picked_scenarios, strobe, strobe_rows
+from reports.units import label, symbol
+from reports.view import RunView
+
+_BELOW = 0.6
+
+
+def solve_page(view: RunView, cones: bool = False) -> Page:
+    """Content and figures of one solved run; friction cones are drawn where ``cones``."""
+    stored = view.run
+    solved = stored.status is Status.SOLVED
+    found = motion.tracks(view)
+    content = {
+        **head(view),
+        "grade": stored.meta["grade"],
+        "key": key_numbers(view),
+        "law": law_said(view),
+        "parted": motion.apart(found) > motion.SAME,
+        "apart": small(motion.apart(found)),
+        "undetermined": motion.undetermined(found),
+        "replayed": any(track.again is not None for track in found),
+        "zero": motion.idle(found),
+        "stages": [[index, symbol(knob_title(knob)), *cells, note] for index, knob, *cells, _, note
+                   in stage_rows(stored.stages)],
+        "left_out": left_out(stored.stages),
+        "worst": [] if solved else violation_rows(stored.audit),
+        "others": [pairs(other) for other in stored.meta["others"]],
+        "contacts": contact_rows(view),
+        "peak": label("peak", multiplier_unit(view)),
+        "idle": idle_contacts(stored.audit),
+        "scenarios": view.scenarios,
+        "pictured": min(view.scenarios, MOST_SCENARIOS),
+    }  # fmt: skip
+    figures, content["arrows"] = _motion(view, cones)
+    figures |= row_figures("motion", motion.plan_rows(view))
+    if view.array("lam") is not None:
+        drawn, content["untouched"] = _law_figures(view)
+        figures |= drawn
+    figures |= row_figures("friction", *contacts.friction_rows(view))
+    if len(stored.stages) > 1:
+        figures["homotopy"] = figures_of.homotopy(view)
+    if "K" in stored.data:
+        figures["gains"] = figures_of.gains(view)
+    return content, {name: figure for name, figure in figures.items() if figure is not None}
+
+
+def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
+    """The strobe, or one for each scenario, and what arrows mean in those."""
+    if view.scenarios == 1 or not drawable(view):
+        return {"strobe": strobe(view, cones)}, ""
+    picked = picked_scenarios(view.scenarios)
+    rows, told = strobe_rows([(f"scenario {i}", view.scenario(i)) for i in picked], cones)
+    return {**numbered("strobes", rows)}, told
+
+
+def _law_figures(view: RunView) -> tuple[dict[str, Figure | None], list[str]]:
+    """Figures of the law, and the contacts that they leave out because they never act."""
+    if law.at_the_end(view):
+        rows, columns, resting = law.interval_rows(view)
+        return {**row_figures("intervals", rows, columns, _BELOW)}, resting
+    mu = view.array("mu")
+    if mu is None or not np.isfinite(mu).any():
+        return {}, []
+    return {"contact": law.contact_plane(view)}, []
+
+
+def multiplier_unit(view: RunView) -> str:
+    """Unit of the contacts' impulses, or forces, in tables and pictures alike."""
+    if view.array("normal_impulse") is not None:
+        return "N s"
+    signals = view.signals("contacts")
+    return signals[0].unit if signals else ""
+
+
+def contact_rows(view: RunView) -> list[list[str]]:
+    """Name, steps, spans, slipping steps, largest multiplier or impulse, way slid [m], weak steps.
+
+    Of the contacts that act, over all scenarios.
+    """
+    normal = view.array("normal_impulse")
+    lam = view.array("lam")
+    rows = []
+    for index, found in enumerate(view.run.audit.contacts):
+        if not found.steps:
+            continue
+        peak = float("nan")
+        if normal is not None:
+            peak = float(normal[..., index].max())
+        elif lam is not None:
+            peak = float(motion.mean_multiplier(view, lam, index).max())
+        rows.append([
+            found.name, str(found.steps), spans_text(found.spans), str(found.slipping),
+            number(peak, 4), number(found.slid, 3) if found.slipping else "0", str(found.weak),
+        ])  # fmt: skip
+    return rows
+
+
+def key_numbers(view: RunView) -> list[dict[str, Any]]:
+    """Three columns of names and numbers: what it costs, how far it holds, what is left over."""
+    meta, audit = view.run.meta, view.run.audit
+    certificate, referee = view.run.certificate, view.run.referee
+    costs = [["planned, under the law", number(meta["cost"], 7)],
+             ["replayed, exact law", number(audit.exact_cost, 7)]]  # fmt: skip
+    if referee.survives is not None:
+        costs.append(["under the referee", number(referee.cost, 7)])
+    if np.isfinite(referee.refined_cost):
+        costs.append(["referee at h/4", number(referee.refined_cost, 7)])
+    costs += [["iterations", str(meta["iterations"])],
+              ["(step, contact) active", str(audit.active_steps)]]  # fmt: skip
+    kind = f", {certificate.kind}" if certificate.kind else ""
+    holds = [["stationarity", f"{certificate.stationarity}{kind}"],
+             ["KKT residual", small(certificate.kkt_residual)]]  # fmt: skip
+    if certificate.kind:
+        holds.append(["biactive pairs", str(certificate.biactive)])
+    if certificate.negative_curvature > 0:
+        holds.append(["negative curvature", str(certificate.negative_curvature)])
+    holds.append(["plan to replay, any state", small(audit.state_gap)])
+    if referee.survives is not None:
+        holds.append(["plan to referee", small(referee.gap)])
+    left = [
+        ["largest λ gap", small(audit.complementarity)],
+        ["largest min(λ, gap)", small(audit.complementarity_min)],
+        ["dynamics", small(audit.dynamics_residual)],
+        ["constraints", small(audit.constraint_violation)],
+        *([label(_SHORT.get(name, name), unit.partition(",")[0]), small(value)]
+          for name, value, unit in books(audit)),
+    ]  # fmt: skip
+    holds.append(["penetration [m]", small(audit.penetration)])
+    for name, worst in (("between nodes [m]", referee.between),
+                        ("force at distance [m]", referee.force_distance)):  # fmt: skip
+        if worst is not None:
+            holds.append([name, small(worst.amount)])
+    return [{"title": "Cost", "rows": costs}, {"title": "How far it holds", "rows": holds},
+            {"title": "Residuals", "rows": left}]  # fmt: skip
+
+
+_SHORT = {
+    "friction cone violated by": "friction cone",
+    "dissipation short of the most": "dissipation",
+    "energy gained in a step": "energy gained",
+    "momentum residual": "momentum",
+}
+"""Short names of what :func:`reports.console.books` tells."""

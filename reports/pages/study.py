@@ -1,0 +1,23 @@
+"""The page of a paper's figure: what was measured, drawn, and held against what is claimed."""
+
+from __future__ import annotations
+
+from ocp.store.stored_run import StoredRun
+from problems import studies
+from problems.studies.study import origin_of
+from reports.figures.studies import DRAWINGS
+from reports.pages.described import Page, described
+
+
+def study_page(run: StoredRun) -> Page:
+    """Content and figure of a stored study; raises ``InputError`` for an unknown one."""
+    study = studies.get(run.meta["problem"])
+    content, fields = described(run, study, run.record["params"]), study.Params.model_fields
+    content |= {
+        "title": f"{study.id}: {study.title}",
+        "caption": DRAWINGS[study.id].caption,
+        "claims": run.meta["claims"],
+        "notes": list(study.notes),
+        "parameters": [[*row, origin_of(fields[row[0]])] for row in content["parameters"]],
+    }
+    return content, {"study": DRAWINGS[study.id].draw(run.data)}

@@ -1,0 +1,183 @@
+"""A figure as a paper wants it: panels with letters, column width, fonts inside the file."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from string import ascii_lowercase
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.transforms import Bbox
+
+from ocp.errors import InputError, choose
+from ocp.store.stored_run import StoredRun
+from reports.figures.studies import DRAWINGS
+from reports.papers.formats import FORMATS
+from reports.papers.solution import solution_figure
+from reports.style import styled
+from reports.view import RunView
+
+COLUMN, BOTH = 3.5, 7.16
+"""Width [inch] of a column, and of both with the gap between them, as journals of two columns."""
+_DPI = 300
+_PAD = 0.02
+_TALLEST = 0.85
+"""Height of a panel on its own over its width, at most."""
+_HALF, _NEAR, _ROUNDS = 0.55, 5e-3, 4
+# Type 42: whole TrueType fonts, since publishers turn Type 3 away.
+_SETTINGS: dict[Any, Any] = {"pdf.fonttype": 42}
+_UNDATED: dict[str, dict[str, None]] = {
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "svg": {"Date": None, "Creator": None},
+    "png": {"Software": None},
+}
+
+
+def bare(run: StoredRun, ending: str, panel: str | None = None) -> bytes:
+    """Draw a stored study or solve, or only its panel ``"a"``, ``"b"``, ...
+
+    Raises :class:`~ocp.errors.InputError` for a run of another kind, and as :func:`render` does.
+    """
+    with styled():
+        if run.kind == "figure":
+            figure = DRAWINGS[run.meta["problem"]].draw(run.data)
+        else:
+            figure = solution_figure(RunView.of(run))
+        return render(figure, ending, panel)
+
+
+def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
+    """Render a drawn figure, or only one of its panels; the same bytes each time.
+
+    A figure of several panels is as wide as both columns and each panel has its letter; one panel
+    is as wide as a column. Works on ``figure`` itself, which is not to be used again.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown ``ending`` or panel.
+    """
+    choose("format", ending, FORMATS)
+    shown = panels(figure)
+    box = None
+    if panel is not None:
+        box = _alone(figure, _named(panel, shown))
+    else:
+        width, height = figure.get_size_inches()
+        if len(shown) > 1:
+            _letter(shown)
+            figure.set_size_inches(BOTH, height)
+        else:
+            figure.set_size_inches(COLUMN, height * COLUMN / width)
+    buffer = io.BytesIO()
+    with mpl.rc_context(_SETTINGS):
+        figure.savefig(buffer, format=ending, dpi=_DPI, bbox_inches=box, metadata=_UNDATED[ending])
+    return buffer.getvalue()
+
+
+def panels(figure: Figure) -> list[Axes]:
+    """Axes that show something, in the order that they were laid out."""
+    return [axis for axis in figure.axes if axis.axison or axis.has_data() or axis.get_title()]
+
+
+def _named(panel: str, shown: Sequence[Axes]) -> Axes:
+    letters = ascii_lowercase[: len(shown)]
+    if len(panel) != 1 or panel not in letters:
+        known = f"a to {letters[-1]}" if len(letters) > 1 else "only a"
+        raise InputError(f"unknown panel {panel!r}; the figure has {known}")
+    return shown[letters.index(panel)]
+
+
+def _letter(shown: Sequence[Axes]) -> None:
+    for letter, axis in zip(ascii_lowercase, shown, strict=False):
+        place = "center" if axis.get_title("center") else "left"
+        axis.set_title(f"({letter}) {axis.get_title(place)}".rstrip(), loc=place)
+
+
+def _alone(figure: Figure, axis: Axes) -> Bbox:
+    """Hide all but ``axis``, give it the width of a column, and return what it covers [inch].
+
+    A panel over more than half of the figure gets both columns.
+    """
+    canvas, key = FigureCanvasAgg(figure), _lend_key(axis)
+    figure.draw_without_rendering()
+    wanted = BOTH if axis.bbox.width > _HALF * figure.bbox.width else COLUMN
+    for other in figure.axes:
+        if other is not axis:
+            _lend_labels(other, axis)
+            other.set_visible(False)
+    # Fonts keep their size, so that the axes alone give way: a few rounds settle it.
+    for _ in range(_ROUNDS):
+        figure.draw_without_rendering()
+        if key is not None:
+            _put_below(key, axis, canvas)
+        covered = _covered(axis, canvas)
+        wide, tall = figure.get_size_inches()
+        growth = (wanted - 2 * _PAD) * figure.dpi / covered.width
+        height = covered.height / figure.dpi
+        figure.set_size_inches(wide * growth, tall * min(growth, _TALLEST * wanted / height))
+    figure.draw_without_rendering()
+    if key is not None:
+        _put_below(key, axis, canvas)
+    inches = figure.dpi_scale_trans.inverted()
+    return _covered(axis, canvas).transformed(inches).padded(_PAD)
+
+
+def _covered(axis: Axes, canvas: FigureCanvasAgg) -> Bbox:
+    """What an axis and all that belongs to it cover [pixel]."""
+    covered = axis.get_tightbbox(canvas.get_renderer())
+    assert covered is not None
+    return covered
+
+
+def _lend_labels(other: Axes, axis: Axes) -> None:
+    """Give ``axis`` the labels that it left to one of its column or row with the same scale."""
+    here, there = axis.get_position(), other.get_position()
+    if axis.get_shared_x_axes().joined(axis, other) or (
+        np.allclose((here.x0, here.x1), (there.x0, there.x1), atol=_NEAR)
+        and np.array_equal(axis.get_xlim(), other.get_xlim())
+    ):
+        axis.set_xlabel(axis.get_xlabel() or other.get_xlabel())
+    if axis.get_shared_y_axes().joined(axis, other) or (
+        np.allclose((here.y0, here.y1), (there.y0, there.y1), atol=_NEAR)
+        and np.array_equal(axis.get_ylim(), other.get_ylim())
+    ):
+        axis.set_ylabel(axis.get_ylabel() or other.get_ylabel())
+    if axis.get_shared_x_axes().joined(axis, other):
+        axis.tick_params(labelbottom=True)
+    if axis.get_shared_y_axes().joined(axis, other):
+        axis.tick_params(labelleft=True)
+
+
+def _lend_key(axis: Axes) -> Legend | None:
+    """Give the key of its figure to an axis, beside the one that it may have itself."""
+    root = axis.get_figure(root=True)
+    assert root is not None
+    own_part = axis.get_figure(root=False)
+    lent = None
+    for part in (root, *root.subfigs):
+        for key in part.legends:
+            key.set_visible(False)
+            key.set_in_layout(False)
+            if part in (root, own_part):
+                lent = key
+    if lent is None:
+        return None
+    own = axis.get_legend()
+    handles = [handle for handle in lent.legend_handles if handle is not None]
+    texts = [text.get_text() for text in lent.get_texts()]
+    below = axis.legend(handles, texts, loc="upper center", ncols=2)
+    if own is not None:
+        axis.add_artist(own)
+    return below
+
+
+def _put_below(key: Legend, axis: Axes, canvas: FigureCanvasAgg) -> None:
+    """Put a key right under an axis and all that is written below it."""
+    written = axis.xaxis.get_tightbbox(canvas.get_renderer())
+    low = axis.bbox.y0 if written is None else min(axis.bbox.y0, written.y0)
+    place = (low - axis.bbox.y0) / axis.bbox.height
+    key.set_bbox_to_anchor((0.5, place), transform=axis.transAxes)

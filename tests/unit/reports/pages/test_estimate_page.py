@@ -1,0 +1,109 @@
+"""The page of estimates: its headline is the weakest verdict, its axis holds every interval."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from ocp.gradients.sweep import overall
+from ocp.gradients.verdict import WIDE, WORST_FIRST
+from ocp.store.stored_run import StoredRun
+from reports.figures import estimate
+from reports.pages.estimate import estimate_page, headline
+
+GOOD = "unbiased within the interval"
+NAMES = ("zobg", "fobg", "alpha", "es", "zobg-zero-noise", "zobg-mean", "zobg-antithetic",
+         "alpha-variance", "alpha-fixed")  # fmt: skip
+
+
+def row(name: str, word: str = GOOD, wide: bool = False, **more: Any) -> dict[str, Any]:
+    return {"estimator": name, "verdict": word, "wide": wide, "mean": 1.0, "standard_error": 0.1,
+            "variance_trace": 1.0, "reference": 1.0, "alpha": None, "value": None,
+            "reference_source": "closed form", "explanation": "off by 0.", **more}  # fmt: skip
+
+
+def stored(rows: list[dict[str, Any]], mean: np.ndarray, error: np.ndarray) -> StoredRun:
+    """An estimate swept over nu: means and errors (points, estimators)."""
+    points, count = mean.shape
+    one = ("point", "estimator", "component")
+    data = xr.Dataset(
+        {
+            "mean": (one, mean[..., None]), "standard_error": (one, error[..., None]),
+            "variance": (one, np.ones((points, count, 1))),
+            "reference": (one, np.ones((points, count, 1))),
+        },
+        coords={"value": ("point", np.geomspace(1e-3, 1e-1, points)),
+                "estimator": [r["estimator"] for r in rows[:count]]},
+    )  # fmt: skip
+    record = {"problem": "coulomb", "estimators": [r["estimator"] for r in rows[:count]],
+              "params": {"nu": 0.01, "sigma": 0.1, "theta": 0.0}, "sigma": 0.1, "samples": 1000,
+              "reference": "auto", "reference_samples": 10000, "seed": 0}  # fmt: skip
+    swept = {"name": "nu", "values": [1e-3, 1e-1], "unit": "m/s", "log": True}
+    return StoredRun(Path("runs/x"), data, {
+        "kind": "estimate", "problem": "coulomb", "hash": "0", "record": record, "sweep": swept,
+        "estimates": rows, "verdict": "what each came to.",
+    })  # fmt: skip
+
+
+def test_the_headline_is_the_weakest_verdict() -> None:
+    assert headline([row("zobg"), row("fobg")]) == f"Every estimate: {GOOD}."
+    rows = [row("zobg"), row("fobg", wide=True), row("es"), row("fobg")]
+    assert headline(rows) == f"Weakest verdict: {WIDE}, 1 of 4 estimates (fobg)."
+    rows.append(row("es", "biased"))
+    assert headline(rows) == "Weakest verdict: biased, 1 of 5 estimates (es)."
+
+
+def test_a_wide_interval_is_not_called_unbiased() -> None:
+    """Neither by the page nor by the sentence that is stored and printed."""
+    rows = [[row("zobg"), row("fobg", wide=True)], [row("zobg"), row("fobg")]]
+    assert overall(rows) == f"zobg: {GOOD}; fobg: {WIDE} at 1 of 2, {GOOD} at 1 of 2."
+
+
+@pytest.mark.parametrize(
+    ("word", "wide", "grade"),
+    [(GOOD, False, "survives"), (GOOD, True, "certified"), ("no reference", False, "certified"),
+     ("empirically biased at this sample size", False, "failed"), ("biased", False, "failed")],
+)  # fmt: skip
+def test_the_bar_has_the_colour_of_the_weakest(word: str, wide: bool, grade: str) -> None:
+    run = stored([row("zobg"), row("fobg", word, wide)], np.ones((1, 2)), np.ones((1, 2)))
+    content, _ = estimate_page(run)
+    assert content["grade"] == grade
+    assert WORST_FIRST.index(GOOD) == len(WORST_FIRST) - 1
+
+
+def test_reference_and_law_are_named_and_the_swept_parameter_is_no_constant() -> None:
+    run = stored([row("zobg"), row("fobg")], np.ones((1, 2)), np.ones((1, 2)))
+    content, _ = estimate_page(run)
+    how = dict(content["how"])
+    assert how["reference"] == "closed form" and how["law"] == "none, a function"
+    assert how["ν"] == "0.001 to 0.1" and content["swept"] == "ν [m/s]"
+    assert "nu" not in {row[0] for row in content["parameters"]}
+    run.meta["record"] |= {"contact": "barrier", "law_settings": ["mu=1e-2"], "policy": "feedback"}
+    how = dict(estimate_page(run)[0]["how"])
+    assert how["law"] == "barrier (μ = 1e-2)" and how["policy"] == "feedback"
+    assert content["settings"] == [["seed", "0"]], "the rest stands in that line"
+
+
+def test_the_axis_covers_the_interval_of_every_estimator() -> None:
+    mean = np.array([[1.0, 40.0], [1.0, -7.0]])
+    error = np.array([[0.1, 30.0], [0.1, 2.0]])
+    rows = [row(name) for _ in range(2) for name in ("zobg", "fobg")]
+    low, high = estimate.draw(stored(rows, mean, error)).axes[0].get_ylim()
+    assert low <= (mean - 1.96 * error).min() and high >= (mean + 1.96 * error).max()
+
+
+def test_each_estimator_has_its_own_colour_wherever_it_stands() -> None:
+    looks = [estimate.look(name) for name in NAMES]
+    assert len({color for color, _ in looks}) == len(NAMES)
+
+    def drawn(*names: str) -> dict[str, str]:
+        run = stored([row(name) for name in names], np.ones((1, len(names))),
+                     np.ones((1, len(names))))  # fmt: skip
+        top = estimate.draw(run).axes[0]
+        return {str(line.get_label()): str(line.get_color()) for line in top.lines}
+
+    assert drawn("fobg", "zobg")["fobg"] == drawn("zobg", "es", "fobg")["fobg"]
