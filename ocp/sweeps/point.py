@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ocp.errors import InputError
+from ocp.errors import InputError, interruptible
 from ocp.solution import Solution
 from ocp.solve import Rank, solve_session
 from ocp.sweeps.case import Case
@@ -56,10 +56,11 @@ def solved(job: Job, tell: Callable[[Any], None]) -> Point:
     """
     began = time.perf_counter()
     try:
-        session = kept_session(job.case)
-        found = solve_session(
-            session, job.starts, job.seed, lambda stage: tell(stage.iterations), job.rank
-        )
+        with interruptible():
+            session = kept_session(job.case)
+            found = solve_session(
+                session, job.starts, job.seed, lambda stage: tell(stage.iterations), job.rank
+            )
     except InputError as error:
         return failed(REFUSED, str(error))
     except Exception as error:

@@ -100,9 +100,13 @@ def verdict(found: list[dict[str, Any]], dims: list[str]) -> str:
         told += f", {words.get(survive, f'{survive} survive')} the referee"
     if solved:
         low, high = (pick(solved, key=lambda row: row["cost"]) for pick in (min, max))
+        ends = [f"{row['cost']:.6g}" for row in (low, high)]
         told += (
-            f"; cost from {low['cost']:.6g} at {where(low, dims)} to {high['cost']:.6g} at"
-            f" {where(high, dims)}"
+            f"; cost {ends[0]}"
+            if ends[0] == ends[1]
+            else (
+                f"; cost from {ends[0]} at {where(low, dims)} to {ends[1]} at {where(high, dims)}"
+            )
         )
     failures = [row for row in found if not row["success"]]
     lines = [f"{where(row, dims)}: {_first(row['verdict'])}" for row in failures[:_TOLD]]

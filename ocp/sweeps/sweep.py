@@ -145,7 +145,7 @@ def followed(
     """All points of a study: those of ``found`` as they are, the others solved and added to it.
 
     Each that is solved is written to the checkpoint, and told to ``ended``; what a point tells on
-    its way is ``heard``.
+    its way, and None at its end, is ``heard``, which may raise to stop.
     """
     places, found = study.places, {} if found is None else found
     # Points of one structure stand together, for a worker builds each structure once.
@@ -158,6 +158,8 @@ def followed(
 
     with interruptible(), closing(carried_out(solved, work, jobs, scheduler, told)) as outcomes:
         for index, outcome in outcomes:
+            # Compiled code may have made a failed solve of Ctrl-C.
+            told(index, None)
             place, lost = left[index], isinstance(outcome, Failure)
             point = failed(FAULT, str(outcome.error)) if lost else outcome
             # What a worker died of may be gone at the next try.

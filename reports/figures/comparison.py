@@ -55,7 +55,7 @@ def costs(views: list[RunView], names: list[str]) -> Figure:
     values = np.array([[np.nan if c is None else c for c in found] for *_, found in kinds], float)
     least = float(np.nanmin(values[0]))
     off = values - least
-    figure = Figure(figsize=(WIDTH, 0.7 + 0.24 * len(views)))
+    figure = Figure(figsize=(WIDTH, 0.65 + 0.2 * len(views)))
     axis = figure.subplots()
     place = np.arange(len(views))
     for (text, mark, color, _), found in zip(kinds, off, strict=True):

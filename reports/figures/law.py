@@ -94,18 +94,17 @@ def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
 def interval_rows(view: RunView) -> tuple[list[Row], int, list[str]]:
     """Multiplier above, gap below, over time, for every contact that acts.
 
-    With the number of columns, and the names of the contacts that never act.
-
-    Pairs of the normal kind, or all where there are none. Contact is shaded, of several scenarios
-    the darker the more of them are in contact.
+    Rows, their number of columns, and the names of the contacts that never act. Contacts are pairs
+    of the normal kind, or all where there are none. Contact is shaded, of several scenarios the
+    darker the more of them are in contact.
     """
     signals = view.signals("contacts")
     lam, gap = view.array("lam"), view.array("gap")
     assert lam is not None and gap is not None
     pairs = view.problem.system.pairs if view.problem is not None else ()
     normal = [i for i, pair in enumerate(pairs) if pair.kind == "normal"]
-    gap_unit = view.problem.system.gap_unit if view.problem is not None else "m"
     panels, resting = list[Panel](), list[str]()
+    reach = float(np.max(gap, initial=0.0))
     for index in normal or range(len(signals)):
         pushed, way = (mean_multiplier(view, values, index) for values in (lam, gap))
         alike = [i for i, signal in enumerate(signals) if signal.unit == signals[index].unit]
@@ -115,14 +114,13 @@ def interval_rows(view: RunView) -> tuple[list[Row], int, list[str]]:
             resting.append(signals[index].name)
             continue
         title = label(signals[index].name, signals[index].unit)
-        panels.append(_interval(view.time, title, gap_unit, (pushed, way, touching)))
-    heading = f"λ above, gap below [{gap_unit}]"
+        panels.append(_interval(view.time, title, reach, (pushed, way, touching)))
     columns = columns_for(len(panels))
-    return in_rows({heading: panels}, columns), columns, resting
+    return in_rows({"": panels}, columns), columns, resting
 
 
 def _interval(
-    time: np.ndarray, title: str, gap_unit: str, data: tuple[np.ndarray, np.ndarray, np.ndarray]
+    time: np.ndarray, title: str, reach: float, data: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> Panel:
     pushed, way, touching = data
     look = {"linewidth": 1.2 if len(pushed) == 1 else 0.5}
@@ -139,5 +137,8 @@ def _interval(
         shade(axis)
         note_zero(axis)
         lines(axis, time, way, color=GREEN, **look)
+        if reach > 0 and np.max(way) < _ACTS * reach:
+            # A gap that never opens: to its own scale it would be noise.
+            axis.set_ylim(-0.05 * reach, reach)
 
     return Panel(title, main, below)

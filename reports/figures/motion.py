@@ -17,8 +17,8 @@ SAME = 1e-6
 """Share of a component's size below which plan and replay are one line."""
 _IDLE = 1e-9
 """Share of the largest multiplier in the same unit below which one counts as zero throughout."""
-_BEYOND = 1.5
-"""How far a replay is followed out of the plan's range, in ranges."""
+_BEYOND = 3.0
+"""Times the plan's largest number up to which a replay is followed within the plan's panel."""
 _STATES = {"m": "Positions", "rad": "Angles", "m/s": "Velocities", "rad/s": "Angular velocities",
            "s": "Times"}  # fmt: skip
 _MULTIPLIERS = {"N s": "Impulses", "N": "Forces"}
@@ -152,14 +152,14 @@ def _plan(axis: Axes, time: np.ndarray, track: Track, again: bool) -> None:
         between(axis, time, low, high, color=PLANNED, alpha=0.15)
     if not again or track.again is None:
         return
-    low, high = axis.get_ylim()
-    reach = _BEYOND * max(high - low, 1e-3 * _largest(track.plan), 1e-12)
+    reach = _BEYOND * _largest(track.plan)
     for plan, other in zip(track.plan, track.again, strict=True):
         between(axis, time, plan, other, color=REPLAYED, alpha=0.3 / len(track.plan) ** 0.5)
     lines(axis, time, track.again, color=REPLAYED, linewidth=0.5 * width)
     axis.autoscale_view()
     now = axis.get_ylim()
-    axis.set_ylim(max(now[0], low - reach), min(now[1], high + reach))
+    if reach > 0:
+        axis.set_ylim(max(now[0], -reach), min(now[1], reach))
 
 
 def _one(track: Track) -> bool:

@@ -63,9 +63,16 @@ def training() -> list[Group]:
     """What ``ocp train`` takes: of all algorithms, and of each."""
     from ocp.learning.algorithms import ALGORITHMS
     from ocp.learning.experiment import Experiment
+    from ocp.learning.identification import RandomSearch
+    from ocp.learning.identification.psi_learning import PsiLearning
 
+    psi = Group(
+        "psi", "-s psi=NAMES, and -s psi.NAME=VALUE",
+        "physical parameters NAMES learned beside the policy, from psi.NAME on",
+        [*declared(PsiLearning), *declared(RandomSearch)],
+    )  # fmt: skip
     every = Group("train", "-s NAME=VALUE", "of every algorithm of ocp train", declared(Experiment))
-    return [every] + [
+    return [every, psi] + [
         Group(name, f"-s {name}.NAME=VALUE", algorithm.summary, declared(algorithm))
         for name, algorithm in ALGORITHMS.items()
     ]

@@ -73,4 +73,4 @@ def _how(view: RunView) -> list[list[str]]:
     name, unit = symbol(str(meta["over"])), continuation.parameter_label(view).partition(" ")[2]
     told = f"{number(meta['from'], 4)} to {number(meta['to'], 4)} {unit.strip('[]')}".strip()
     swept = [name, f"{told}, {meta['scale']}, {len(meta['points'])} points"]
-    return [swept, *how(view.run, str(meta["over"]))]
+    return [swept, *how(view.run, [str(meta["over"])])]

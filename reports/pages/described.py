@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -49,8 +49,8 @@ def described(run: StoredRun, spec: Spec | Study | None, values: dict[str, Any])
     }
 
 
-def how(run: StoredRun, without: str = "") -> list[list[str]]:
-    """Law with its settings, but ``without`` one, method, policy and solver: below the title."""
+def how(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
+    """Law with its settings, but ``without`` some, method, policy and solver: below the title."""
     record = run.record
     found = [["law", law_asked(run, without)]] if record.get("contact") else []
     found += [[key, str(record[key])] for key in _FIRST[1:] if record.get(key)]
@@ -60,12 +60,12 @@ def how(run: StoredRun, without: str = "") -> list[list[str]]:
     return found + ([["scenarios", str(scenarios)]] if scenarios > 1 else [])
 
 
-def law_asked(run: StoredRun, without: str = "") -> str:
-    """The law by its name and its settings, but ``without`` one: ``barrier (μ = 0.001)``."""
+def law_asked(run: StoredRun, without: Collection[str] = ()) -> str:
+    """The law by its name and its settings, but ``without`` some: ``barrier (μ = 0.001)``."""
     name = str(run.record["contact"])
     given = {
         key: value for key, value in _law_settings(run, name).items()
-        if f"contact.{key}" != without
+        if f"contact.{key}" not in without
     }  # fmt: skip
     told = ", ".join(f"{symbol(key)} = {shown(value)}" for key, value in given.items())
     return f"{name} ({told})" if told else name

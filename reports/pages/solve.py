@@ -20,14 +20,17 @@ from reports.console import (
 )
 from reports.figures import contacts, law, motion
 from reports.figures import run as figures_of
-from reports.pages.described import Page, head, numbered, pairs, row_figures
+from reports.pages.described import Page, head, numbered, row_figures, shown
 from reports.pages.described import law as law_said
 from reports.stages import left_out
 from reports.strobe import MOST_SCENARIOS, drawable, picked_scenarios, strobe, strobe_rows
 from reports.units import label, symbol
 from reports.view import RunView
 
-_BELOW = 0.6
+_BELOW = 0.5
+_OF_STARTS = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations", "chosen")
+_ENDS = 12
+"""Stages at either end that the table shows of more than twice as many."""
 
 
 def solve_page(view: RunView, cones: bool = False) -> Page:
@@ -45,15 +48,18 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
         "undetermined": motion.undetermined(found),
         "replayed": any(track.again is not None for track in found),
         "zero": motion.idle(found),
-        "stages": [[index, symbol(knob_title(knob)), *cells, note] for index, knob, *cells, _, note
-                   in stage_rows(stored.stages)],
+        "stages": _stages(view),
         "left_out": left_out(stored.stages),
         "worst": [] if solved else violation_rows(stored.audit),
-        "others": [pairs(other) for other in stored.meta["others"]],
+        "starts": [key.replace("_", " ") for key in _starts(view)],
+        "others": [[shown(other.get(key)) for key in _starts(view)]
+                   for other in stored.meta["others"]],
         "contacts": contact_rows(view),
         "peak": label("peak", multiplier_unit(view)),
         "idle": idle_contacts(stored.audit),
         "scenarios": view.scenarios,
+        "gap": label("its gap", view.problem.system.gap_unit if view.problem else "m"),
+        "averaged": view.run.data.sizes.get("contact", 0) > len(view.signals("contacts")),
         "pictured": min(view.scenarios, MOST_SCENARIOS),
     }  # fmt: skip
     figures, content["arrows"] = _motion(view, cones)
@@ -76,6 +82,22 @@ def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
     picked = picked_scenarios(view.scenarios)
     rows, told = strobe_rows([(f"scenario {i}", view.scenario(i)) for i in picked], cones)
     return {**numbered("strobes", rows)}, told
+
+
+def _stages(view: RunView) -> list[list[str]]:
+    """Rows of the homotopy's table: of many the first and the last ones."""
+    rows = [[index, symbol(knob_title(knob)), *cells, note] for index, knob, *cells, _, note
+            in stage_rows(view.run.stages)]  # fmt: skip
+    if len(rows) <= 2 * _ENDS:
+        return rows
+    between = ["…", f"{len(rows) - 2 * _ENDS} more", *[""] * (len(rows[0]) - 2)]
+    return [*rows[:_ENDS], between, *rows[-_ENDS:]]
+
+
+def _starts(view: RunView) -> list[str]:
+    """What is known of the starts of a multi-start."""
+    others = view.run.meta["others"]
+    return [key for key in _OF_STARTS if any(key in other for other in others)]
 
 
 def _law_figures(view: RunView) -> tuple[dict[str, Figure | None], list[str]]:

@@ -15,5 +15,6 @@ def sweep_page(view: RunView) -> Page:
     told["how"] = how(view.run, next((name for name in swept if name.startswith("contact.")), ""))
     for table in ("parameters", "settings"):
         told[table] = [row for row in told[table] if row[0] not in swept]
+    told["how"] = how(view.run, swept)
     content, figures = sweep_content(view.run)
     return {**told, "law": law(view), **content}, figures

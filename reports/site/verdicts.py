@@ -8,6 +8,7 @@ transitions that ``ocp collect`` draws first.
 from __future__ import annotations
 
 import json
+import re
 import resource
 import subprocess
 import sys
@@ -35,7 +36,6 @@ ANALYTIC = {
     "randomized, sigma = 0.1": ("randomized", "-c", "sigma=0.1"),
 }
 LEARNED = {"EWDA, noise 0.1": "ewda", "MLP, noise 0.1": "mlp"}
-_OCP = (sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())")
 
 Row = list[measured.Cell]
 
@@ -45,23 +45,22 @@ def of_problem(name: str, room: Path) -> Iterator[Row]:
     for law, words in ANALYTIC.items():
         yield solved(name, law, words, room)
     data = room / "data.nc"
-    if told(["collect", name, "--samples", SAMPLES, "-o", str(data)]) is None:
-        yield from ([name, law, "no transitions", *[None] * 5] for law in LEARNED)
-        return
+    drawn = told(["collect", name, "--samples", SAMPLES, "-o", str(data)])
     for law, model in LEARNED.items():
         file = room / f"{model}.nc"
-        learned = told(["learn", str(data), "--model", model, "--noise", "0.1", "-o", str(file)])
-        if learned is None:
-            yield [name, law, f"not learned in {LIMIT_S} s", *[None] * 5]
+        words = ["learn", str(data), "--model", model, "--noise", "0.1", "-o", str(file)]
+        learned = drawn if isinstance(drawn, str) else told(words)
+        if isinstance(learned, str):
+            yield [name, law, learned, *[None] * 5]
         else:
             yield solved(name, law, (model, "-c", f"model={file}"), room)
 
 
 def solved(name: str, law: str, words: Sequence[str], room: Path) -> Row:
-    """Solve under one law; a solve that takes longer than :data:`LIMIT_S` has no numbers."""
+    """Solve under one law; one that takes longer than :data:`LIMIT_S` has no numbers."""
     found = told(["solve", name, "--contact", *words, "--out", str(room / "runs")])
-    if found is None:
-        return [name, law, f"over {LIMIT_S} s", *[None] * 5]
+    if isinstance(found, str):
+        return [name, law, found, *[None] * 5]
     if law == "exact":
         draw(name, Path(found["run"]))
     costs = (found["cost"], found["exact_cost"], found["referee_cost"])
@@ -82,15 +81,16 @@ def digits(value: float | None) -> str | None:
     return None if value is None else f"{value:.6g}"
 
 
-def told(words: Sequence[str]) -> Any:
-    """Return the JSON document that ``ocp`` prints, None where it takes too long or refuses."""
-    command = [*_OCP, *words, "--json", "--quiet"]
+def told(words: Sequence[str]) -> dict[str, Any] | str:
+    """Return the JSON document that ``ocp`` prints, or why there is none: refused, or too long."""
+    command = [sys.executable, "-m", "ocp", *words, "--json", "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=_limited)
     try:
-        return json.loads(
-            subprocess.run(command, capture_output=True, text=True, preexec_fn=_limited).stdout
-        )
+        return json.loads(done.stdout)
     except json.JSONDecodeError:
-        return None
+        refused = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+        said = refused[0].removeprefix("error: ").partition("; ")[0] if refused else ""
+        return re.sub(r"^\S*\.nc: ", "", said) or f"over {LIMIT_S} s"
 
 
 def _limited() -> None:

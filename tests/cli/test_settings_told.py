@@ -10,12 +10,15 @@ import pytest
 
 from dynamics.laws import LAWS
 from ocp.learning.algorithms import ALGORITHMS
+from ocp.learning.identification import RandomSearch
+from ocp.learning.identification.psi_learning import PsiLearning
 from ocp.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS
 from ocp.settings import OWN, Setting, Settings, declared
 from ocp.transcription import METHODS
 from problems.tasks.usual import settings_of
+from reports.known.settings import training
 
 if TYPE_CHECKING:
     from ocp.problem import Problem
@@ -55,6 +58,9 @@ def test_every_setting_of_a_law_is_declared_and_told(ocp, name: str) -> None:
 def test_every_class_of_settings_declares_all_of_them() -> None:
     for cls in (*ALGORITHMS.values(), *POLICIES.values()):
         assert [one.name for one in declared(cls)] == [*settings_of(cls)]
+    of_psi = {name for cls in (PsiLearning, RandomSearch) for name in settings_of(cls)}
+    told = next(group for group in training() if group.name == "psi").settings
+    assert {one.name for one in told} == of_psi - {"algorithm", "names", "search"}
     assert set(OWN) == {field.name for field in fields(Settings)} - {"options"}
 
 

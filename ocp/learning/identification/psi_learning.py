@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -38,12 +38,12 @@ class PsiLearning:
 
     algorithm: Algorithm
     names: tuple[str, ...]
-    walkers: int = 16
-    steps: int = 16
-    sigma: float = 0.1
-    capacity: int = 2000
-    rows: int = 128
-    searched: int = 10
+    walkers: Annotated[int, "episodes that go on under the exact law in every iteration"] = 16
+    steps: Annotated[int, "steps that each of them goes on"] = 16
+    sigma: Annotated[float, "noise on the inputs, in half ranges"] = 0.1
+    capacity: Annotated[int, "transitions that are kept"] = 2000
+    rows: Annotated[int, "transitions that judge an iteration of the search"] = 128
+    searched: Annotated[int, "iterations of the search in one of the policy"] = 10
     search: RandomSearch = field(default_factory=RandomSearch)
 
     def settings(self) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -32,12 +33,12 @@ class RandomSearch:
     cloud is when its covariance never learns; masses and inertias that move alike need it.
     """
 
-    candidates: int = 32
-    width: float = 0.3
-    iterations: int = 150
-    narrow: float = 1e-3
-    passes: int = 2
-    reach: float = 3.0
+    candidates: Annotated[int, "drawn in an iteration"] = 32
+    width: Annotated[float, "standard deviation of the cloud at first"] = 0.3
+    iterations: Annotated[int, "most of a pass"] = 150
+    narrow: Annotated[float, "standard deviation below which a pass ends"] = 1e-3
+    passes: Annotated[int, "each begins where the last ended"] = 2
+    reach: Annotated[float, "farthest that a coordinate goes"] = 3.0
 
     def __post_init__(self) -> None:
         if self.candidates < 4 or self.iterations < 1 or self.passes < 1:

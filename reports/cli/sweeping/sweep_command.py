@@ -143,7 +143,7 @@ COMMAND = Command(
     check,
     run,
     examples=(
-        "sweep push-disc --over M=0.5:2:7 --over contact.mu=1e-4:1e-1:4:log --jobs 2",
+        "sweep push-disc --over M=0.5:2:7 --over contact.mu=1e-4:1e-1:4:log -j 2",
         "sweep push-1d --over N=10:40:4 --contact exact --starts 3 --pdf sweep.pdf",
     ),
 )

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ocp.store.stored_run import StoredRun
 from ocp.sweeps.point import COUNTS, NUMBERS, WORDS
-from ocp.sweeps.summary import rows
+from ocp.sweeps.summary import rows, verdict
 from reports.figures.sweep import figures, replayed
 from reports.style import styled
 from reports.sweeps.live import duration, line
@@ -129,3 +129,20 @@ def test_rows_name_the_grade_or_how_a_point_failed(grade: str) -> None:
     assert [row[-1] for row in point_rows(rows(run.data), ["M"])] == [
         "infeasible" if grade == "failed" else "survives"
     ] * 2
+
+
+def test_a_verdict_counts_and_names_the_ends() -> None:
+    told = {"survives": 1, "success": 1, "verdict": "", "grade": "survives", "status": "solved"}
+    found = [{**told, "M": 1.0, "cost": 2.0}, {**told, "M": 3.0, "cost": 1.0}]
+    assert verdict(found, ["M"]) == (
+        "All 2 points are solved, all survive the referee; cost from 1 at M = 3 to 2 at M = 1."
+    )
+    same = [{**one, "cost": 2.0, "survives": 0} for one in found]
+    assert verdict(same, ["M"]) == ("All 2 points are solved, none survives the referee; cost 2.")
+    failed = {**found[0], "success": 0, "survives": -1, "verdict": "Not solved: far.\nMore."}
+    assert verdict([failed, found[1]], ["M"]) == (
+        "1 of 2 points are solved, all survive the referee; cost 1.\nM = 1: Not solved: far."
+    )
+    many = [{**failed, "M": float(k)} for k in range(8)]
+    assert verdict(many, ["M"]).splitlines()[0] == "0 of 8 points are solved."
+    assert verdict(many, ["M"]).splitlines()[-1] == "and 3 more that failed"

@@ -11,10 +11,12 @@ import pytest
 
 from ocp.errors import InputError
 from ocp.solve import solve_session
-from ocp.sweeps import sweep
+from ocp.sweeps import point, sweep
+from ocp.sweeps.axes import axes
 from ocp.sweeps.case import Case
 from ocp.sweeps.point import Point
 from ocp.sweeps.starts import solve_starts
+from ocp.sweeps.sweep import asked, followed, kept_in
 from tests.unit.sweeps.same import same
 
 OVER = {"M": [0.5, 1.0, 2.0], "contact.mu": [1e-3, 1e-2]}
@@ -97,3 +99,28 @@ def test_starts_side_by_side_are_starts_one_after_another() -> None:
 def test_fewer_than_one_process_is_refused() -> None:
     with pytest.raises(InputError, match="at least 1 worker, got 0"):
         sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, jobs=0)
+
+
+def test_ctrl_c_that_compiled_code_took_for_a_failure_is_no_point(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NumPy makes a SystemError of it, IPOPT a solve that failed; neither may be kept."""
+
+    def taken(*_: object, **__: object) -> None:
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(point, "solve_session", taken)
+    with pytest.raises(KeyboardInterrupt):
+        sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path)
+    assert not list(tmp_path.rglob("point-*.json"))
+    monkeypatch.undo()
+    study = asked(Case("push-1d", SHORT), axes({"M": [1.0, 2.0]}))
+    checkpoint = kept_in(study, study.checked(), tmp_path)
+
+    def stop(_: int, message: object) -> None:
+        if message is None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        followed(study, checkpoint=checkpoint, heard=stop)
+    assert not list(tmp_path.rglob("point-*.json"))
