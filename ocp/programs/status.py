@@ -20,7 +20,10 @@ class Status(Enum):
     TIME_LIMIT = "not converged: it took too long and was given up"
     INFEASIBLE = "not converged: the constraints could not be met from this guess"
     DIVERGED = "not converged: the iterates diverged or a function returned no number"
-    INTERRUPTED = "interrupted: stopped by the user; this is the best point that there was by then"
+    INTERRUPTED = (
+        "interrupted: stopped by the user; this is the best point by then, and --from its run goes"
+        " on there"
+    )
     FAILED = "not converged: the solver gave up"
 
     @property

@@ -12,7 +12,7 @@ from problems import studies
 from problems.studies import Study
 from reports.bibliography import full_citation
 from reports.figures.studies import DRAWINGS
-from reports.site.markdown import escaped, provenance, table
+from reports.site.markdown import escaped, provenance, sentence, table
 from reports.site.measured import DATA, DOCS, read
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
@@ -67,11 +67,11 @@ def index(found: Mapping[str, Mapping[str, Any]]) -> str:
 
 def page(study: Study, figure: Mapping[str, Any]) -> str:
     """One figure: picture, caption, source, notes, claims, and where the numbers come from."""
-    source = f"{study.citation.text} of {full_citation(study.citation.key)}"
+    source = sentence(f"Source: {study.citation.text} of {full_citation(study.citation.key)}")
     parts = [f"# {study.id}: {study.title}\n"]
     if (DOCS / "pictures" / "figures" / f"{study.id}.png").exists():
         parts.append(f"![{study.title}](../../pictures/figures/{study.id}.png)\n")
-    parts += [f"{DRAWINGS[study.id].caption}\n", f"Source: {source}.\n"]
+    parts += [f"{DRAWINGS[study.id].caption}\n", f"{source}\n"]
     parts += [f"## Claims\n\n{good(figure)} hold.\n", claims(figure), provenance(figure)]
     if study.notes:
         parts.append("## Notes\n\n" + "".join(f"- {note}\n" for note in study.notes))

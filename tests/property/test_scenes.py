@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.systems import ContactSystem, Parameter, ParameterTable
+from ocp import Problem, Reference, Solution, solve
 from problems.scenes import Body, Box, Capsule, Disc, HalfPlane, Obstacle, Pusher, Scene
 from problems.scenes.things import Thing
 
@@ -236,6 +237,31 @@ def test_a_mirrored_scene_moves_in_mirror_image(law: ContactLaw) -> None:
     np.testing.assert_allclose(same, normal, atol=1e-7)
     np.testing.assert_allclose(back, -drag, atol=1e-7)
     assert np.abs(up[:3]).max() > 0.005 and abs(drag[0]) > 1e-3
+
+
+def test_a_mirrored_task_has_the_mirrored_plan() -> None:
+    """Past a post that stands on the one side or on the other."""
+
+    def planned(side: float) -> Solution:
+        scene = Scene([
+            Pusher("hand", Disc(0.1), at=(-0.35, 0.0), stiffness=50.0),
+            Body("object", Disc(0.2), at=(0.0, 0.0), inertia=0.02),
+            Obstacle("post", Disc(0.1), at=(0.45, -side * 0.1)),
+        ], friction={("hand", "object"): 0.3})  # fmt: skip
+        system = scene.quasi_dynamic("mirror", NOTHING, h=0.05)
+        du = ca.SX.sym("du", 2)
+        off = scene.of("object", system.x)[:2] - ca.DM([0.6, side * 0.2])
+        return solve(Problem(
+            "mirror", system, 20, stage_cost=0.1 * ca.sumsqr(du),
+            terminal_cost=10 * ca.sumsqr(off), x0=scene.at_rest(system), parameters=NOTHING,
+            du=du, u_before=scene.hold, reference=Reference(0.5, 0.1, 0.5, 0.5),
+        ), Exact())  # fmt: skip
+
+    up, down = planned(1), planned(-1)
+    assert up.success and down.success and up.cost == pytest.approx(down.cost, rel=1e-6)
+    one, other = (found.data["x"].values[0] for found in (up, down))
+    np.testing.assert_allclose(other, one * [1, -1, -1, 1, -1], atol=1e-4)
+    assert np.ptp(one[:, 1]) > 0.1
 
 
 def test_a_quasi_dynamic_push_by_hand() -> None:
