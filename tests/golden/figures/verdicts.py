@@ -227,9 +227,13 @@ VERDICTS: dict[str, dict[str, bool]] = {
         "A larger mu means a larger Lipschitz constant": False,
     },
     "A4": {
+        "On hopper a network begun at plans learns faster than one by chance": False,
+        "On hopper no policy is above the best plan found from the same starts": True,
         "On hopper FOPG with ABS learns the fastest": False,
         "On hopper FOPG with ABS ends the highest": False,
         "Every algorithm's best policy runs on hopper": False,
+        "On half-cheetah a network begun at plans learns faster than one by chance": False,
+        "On half-cheetah no policy is above the best plan found from the same starts": True,
         "On half-cheetah FOPG with ABS learns the fastest": False,
         "On half-cheetah FOPG with ABS ends the highest": False,
         "Every algorithm's best policy runs on half-cheetah": False,
