@@ -10,6 +10,7 @@ import numpy as np
 from dynamics.batch import BatchFunction
 from ocp.guesses import Guessed
 from ocp.judgement import judged
+from ocp.learning.experiment import EXACT
 from ocp.learning.plans.problem import planned_problem
 from ocp.problem import Guess, Reference
 from ocp.programs.solver import Point
@@ -92,7 +93,7 @@ def planned_return(
     Raises as :func:`~ocp.learning.plans.problem.planned_problem` does.
     """
     problem = planned_problem(task, x0, reference=reference)
-    session = new_session(problem, settings=settings)
+    session = new_session(problem, EXACT, settings=settings)
     p = problem.parameters.values
     begun = [guess(problem, p) for guess in guesses] or [problem.initial_guess(p)]
     found = []

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from collections.abc import Iterator
 
 import pytest
 
@@ -80,12 +81,21 @@ def test_without_a_feasible_point_the_nearest_to_it_is_kept() -> None:
     assert kept.cost == pytest.approx(stages[-1].cost, rel=1e-9)
 
 
+@pytest.fixture
+def handled() -> Iterator[None]:
+    """Ctrl-C is heard, also where whoever started the tests had it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def sigint_in(seconds: float) -> threading.Timer:
     timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     return timer
 
 
+@pytest.mark.usefixtures("handled")
 def test_a_signal_in_the_solver_leaves_its_iterate(capfd) -> None:
     """IPOPT's interface swallows the signal; what it had found by then is not lost."""
     session = new_session(get("planar-hand", N=60), Barrier(mu=1e-3))
@@ -108,6 +118,7 @@ def test_a_signal_in_the_solver_leaves_its_iterate(capfd) -> None:
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.usefixtures("handled")
 def test_handlers_are_as_before() -> None:
     before = signal.getsignal(signal.SIGINT)
     with noted() as seen:
