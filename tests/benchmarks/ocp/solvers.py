@@ -63,8 +63,10 @@ def apart(problem: str, law: str, solver: str) -> Solved:
         over = child.poll() is None
         child.kill()
         told, _ = child.communicate()
-    if told:
-        return Solved(**json.loads(told))
+    # Uno says on the same stream which variables have equal bounds.
+    _, begun, answer = told.partition("{")
+    if begun:
+        return Solved(**json.loads(begun + answer))
     return Solved(f"> {limit(solver)} s" if over else "stopped", False, math.nan, math.nan)
 
 
