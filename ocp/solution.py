@@ -135,7 +135,7 @@ class Solution:
         return replayed(self.problem, self.data, self.cost, self.gains, self.values, made)
 
     def plot(self) -> Figure:
-        """Draw the motion as a strobe, or the trajectories of a problem that has no drawing."""
+        """Draw what ``ocp solve --plot`` writes: strobe above states, inputs and forces."""
         return lent("reports").plot(self)
 
     def animate(self, path: Path | str, fps: int = 25, speed: float = 1.0) -> Path:

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from reports.view import RunView
 
 
-_COLOURS = {"survives": "#1a7f37", "certified": "#b35900", "failed": "#c62828"}
-
-
 def main() -> int:
     """Run the command line."""
     from reports.cli.app import main
@@ -55,30 +52,31 @@ def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
 
 
 def plot(solution: Solution) -> Figure:
-    """Draw the strobe, or the trajectories of a problem without a drawing."""
-    from reports.figures.motion import trajectories
-    from reports.strobe import strobe
+    """Draw what ``ocp solve --plot`` writes: the strobe above states, inputs and forces."""
+    from reports.papers.solution import solution_figure
     from reports.style import styled
 
-    view = _view(solution)
     with styled():
-        return strobe(view) or trajectories(view)
+        return solution_figure(_view(solution))
 
 
 def html(solution: Solution) -> str:
     """Verdict beside a bar in its grade's colour, picture and numbers, in one piece offline."""
-    from reports.style import styled, to_svg
+    from reports.figures.motion import trajectories
+    from reports.strobe import strobe
+    from reports.style import GRADES, styled, to_svg
 
     headline, *findings = solution.verdict.split("\n")
     with styled():
-        drawn = base64.b64encode(to_svg(plot(solution))).decode()
+        view = _view(solution)
+        drawn = base64.b64encode(to_svg(strobe(view) or trajectories(view))).decode()
     name = str(solution.record["problem"])
     rows = "".join(
         f'<tr><th style="text-align:left">{escape(key)}</th><td>{escape(value)}</td></tr>'
         for key, value in _numbers(solution).items()
     )
     return (
-        f'<div style="border-left:6px solid {_COLOURS[solution.grade]};padding-left:0.8em">'
+        f'<div style="border-left:6px solid {GRADES[solution.grade]};padding-left:0.8em">'
         f"<p><strong>{escape(headline)}</strong><br>"
         f"{'<br>'.join(map(escape, findings))}</p>"
         f'<img alt="{escape(name)}, drawn at several instants" style="background:white;'

@@ -22,6 +22,8 @@ CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY,
 """Twelve colours that stay apart, the six first ones for colour-blind readers too."""
 GREY, FAINT, INK = "#7A7A7A", "#D9D9D9", "#222222"
 PLANNED, REPLAYED = BLUE, VERMILLION
+GRADES = {"survives": GREEN, "certified": ORANGE, "failed": VERMILLION}
+"""Colours of verdicts, those of the PDFs' templates."""
 WIDTH = 6.5
 """Width of the text block [inch]."""
 

@@ -13,13 +13,11 @@ from matplotlib.figure import Figure
 from reports.style import (
     CYCLE,
     FAINT,
-    GREEN,
+    GRADES,
     GREY,
     INK,
-    ORANGE,
     PLANNED,
     REPLAYED,
-    VERMILLION,
     WIDTH,
 )
 from reports.units import label
@@ -28,8 +26,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-_GRADES = {"failed": (VERMILLION, "fails"), "certified": (ORANGE, "certified only"),
-           "survives": (GREEN, "survives")}  # fmt: skip
+_WORDS = {"failed": "fails", "certified": "certified only", "survives": "survives"}
+_GRADES = {grade: (GRADES[grade], words) for grade, words in _WORDS.items()}
 _ROWS = 4
 """Slices on one figure."""
 _WRITTEN = 64

@@ -261,5 +261,8 @@ def test_a_replay_is_labelled_and_measured(pushed: Solution) -> None:
 def test_pictures_and_pages_of_a_solution(pushed: Solution, tmp_path) -> None:
     assert pushed.report(tmp_path / "one.pdf").read_bytes().startswith(b"%PDF")
     assert pushed.animate(tmp_path / "one.gif", fps=4).read_bytes().startswith(b"GIF89a")
-    (axis,) = pushed.plot().axes
-    assert axis.get_xlabel() == spec("push-disc").axes[0] and axis.patches
+    strobe, *panels = pushed.plot().axes
+    assert strobe.get_xlabel() == spec("push-disc").axes[0] and strobe.patches
+    planned = [line.get_ydata() for panel in panels for line in panel.lines]
+    for state in pushed.data["x"].values[0].T:
+        assert any(np.array_equal(line, state) for line in planned)

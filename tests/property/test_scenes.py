@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.systems import ContactSystem, Parameter, ParameterTable
+from dynamics.systems.contacts import Shape
 from ocp import Problem, Reference, Solution, solve
 from problems.scenes import Body, Box, Capsule, Disc, HalfPlane, Obstacle, Pusher, Scene
 from problems.scenes.things import Thing
@@ -28,7 +30,7 @@ SHAPES = {
 }
 
 
-def rim(shape: object, n: int = 4001) -> np.ndarray:
+def rim(shape: Shape, n: int = 4001) -> np.ndarray:
     """Points of the boundary of a shape in its own frame, (n, 2), at most a few 1e-4 apart."""
     angle = np.linspace(0, 2 * np.pi, n)
     round_ = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -38,15 +40,16 @@ def rim(shape: object, n: int = 4001) -> np.ndarray:
         core = np.array(shape.half_size) - shape.radius
         corners = core * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     else:
-        corners = np.array([shape.start, shape.end])  # type: ignore[attr-defined]
+        assert isinstance(shape, Capsule)
+        corners = np.array([shape.start, shape.end])
     # A convex body is where its support is: the rim of the core moved out by the radius.
     edges = [np.linspace(corners[i - 1], corners[i], n // 4) for i in range(len(corners))]
-    outward = [shape.radius * round_ + corner for corner in corners]  # type: ignore[attr-defined]
+    outward = [shape.radius * round_ + corner for corner in corners]
     flat = []
     for edge in edges:
         along = edge[-1] - edge[0]
         normal = np.array([along[1], -along[0]]) / np.hypot(*along)
-        flat += [edge + side * shape.radius * normal for side in (-1, 1)]  # type: ignore[attr-defined]
+        flat += [edge + side * shape.radius * normal for side in (-1, 1)]
     return np.vstack([*outward, *flat])
 
 
@@ -179,7 +182,7 @@ def step(system: ContactSystem, law: ContactLaw, x: object, u: object, **values:
     return x_next.ravel(), *(np.array(v).ravel() for v in told(mean, p))
 
 
-def wedged(friction: object, p: ParameterTable, cone: str = "linearised") -> ContactSystem:
+def wedged(friction: Any, p: ParameterTable, cone: Any = "linearised") -> ContactSystem:
     """A disc that is pushed along a wall: it rubs on the hand, and perhaps on the wall."""
     return Scene(
         [
@@ -188,7 +191,7 @@ def wedged(friction: object, p: ParameterTable, cone: str = "linearised") -> Con
             Obstacle("wall", HalfPlane(), at=(0.0, -0.2)),
         ],
         friction=friction,
-    ).quasi_dynamic("wedged", p, h=0.1, cone=cone)  # type: ignore[arg-type]
+    ).quasi_dynamic("wedged", p, h=0.1, cone=cone)
 
 
 @by_law
