@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
@@ -92,6 +93,23 @@ class EstimateRequest:
                 "at": options.at,
             }  # fmt: skip
         return record
+
+    @property
+    def decisive(self) -> dict[str, Any]:
+        """What a study that goes on must agree in, but for the content of files.
+
+        A run at which the gradient is taken counts by its decision: ``@last`` is another each time.
+        """
+        decision = hashlib.sha256(self.objective.theta.tobytes()).hexdigest()
+        return {**self.record, "source": None, "at": None, "decision": decision}
+
+    @property
+    def content(self) -> str:
+        """Digest of the user's files that it is asked of: the problem's and a learned law's."""
+        from ocp.store.provenance import content_digest
+
+        given = assignments("-c", self.options.law_settings)
+        return content_digest(getattr(self.spec, "digest", None), given)
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
         """Build the objective again at a value that shapes it, such as a number of steps."""
