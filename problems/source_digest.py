@@ -72,13 +72,6 @@ def folder_modules(path: Path) -> dict[str, Path]:
     return {name: file for name, file in parts(path).items() if name and "/" not in name}
 
 
-def change(stored: str | None, now: str | None, name: str) -> str | None:
-    """A sentence where the file ``name`` is not what it was when a run was stored, else None."""
-    if stored is None or now is None or stored == now:
-        return None
-    return f"{name}, or what it imports, has changed since that run was stored"
-
-
 @dataclass
 class _Search:
     path: Sequence[str]

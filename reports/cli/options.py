@@ -10,12 +10,12 @@ import inspect
 import math
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, fields
 from inspect import Parameter
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -24,6 +24,10 @@ from typer.models import ArgumentInfo
 from reports.cli.declared import argument, option
 from reports.cli.output import Output
 from reports.cli.shell import document, logs
+
+if TYPE_CHECKING:
+    from ocp.store.stored_run import StoredRun
+    from problems.spec import ProblemSpec
 
 T = TypeVar("T")
 RUN = "A run: its path, part of its name, or @last, @2, ... from the latest back."
@@ -71,6 +75,19 @@ class SourceOptions(StoreOptions):
     source: str | None = option(
         None, "--source", metavar="FILE", help="File that defines the problem of a run, if one did."
     )
+
+    def own(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
+        """The problem in that file, None where none is named; says where it has changed since.
+
+        Raises :class:`~ocp.errors.InputError` where it cannot be read, or is none of theirs.
+        """
+        from problems.lent import edited, named_file
+
+        found = named_file(self.source, runs)
+        for run in runs:
+            if told := edited(run, found):
+                self.output.say(told)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
