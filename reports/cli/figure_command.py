@@ -68,10 +68,11 @@ def check(options: FigureOptions) -> Asked:
         choose("format", options.ending, FORMATS)
     if options.panel is not None and options.panel not in set(ascii_lowercase):
         raise InputError(f"--panel takes a letter, a to z, got {options.panel!r}")
-    check_places(options.out, None)
     names = list(dict.fromkeys(asked_for)) or studies.ids()
     asked = {"seed": options.seed, **values}
-    return [_stored(name, options.out) or _asked(name, asked, options) for name in names]
+    found = [_stored(name, options.out) or _asked(name, asked, options) for name in names]
+    check_places(options.out, None)
+    return found
 
 
 def _stored(name: str, root: Path) -> StoredRun | None:

@@ -116,14 +116,15 @@ def _training(options: LearnOptions, asked: Asked, recipe: Recipe) -> Training:
 
 def _hidden(text: str) -> tuple[int, ...]:
     from ocp.errors import InputError
+    from ocp.numbers import whole
 
-    parts = [part.strip() for part in text.split(",")]
-    if not all(part.isascii() and part.isdigit() and 0 < int(part) <= 100_000 for part in parts):
+    units = [whole(part) for part in text.split(",")]
+    if not all(count is not None and 0 < count <= 100_000 for count in units):
         raise InputError(
             f"--hidden: expected whole numbers from 1 to 100000 with commas, such as 128,128, got"
             f" {text!r}"
         )
-    return tuple(map(int, parts))
+    return tuple(count for count in units if count is not None)
 
 
 def _data(options: LearnOptions) -> Transitions:
