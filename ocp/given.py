@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import (
@@ -21,7 +21,8 @@ from ocp.errors import InputError, shown
 def _number(value: Any) -> Any:
     if isinstance(value, bool | np.bool_ | str | bytes | bytearray):
         raise ValueError("must be a number")
-    return value.item() if isinstance(value, np.generic) or np.shape(value) == () else value
+    single = isinstance(value, np.generic | np.ndarray) and value.shape == ()
+    return _number(value.item()) if single else value
 
 
 def _line(text: str) -> str:
@@ -36,14 +37,15 @@ Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, BeforeValidator(_number), Field(ge=1)]
 Index = Annotated[int, BeforeValidator(_number), Field(ge=0)]
-Line = Annotated[str, AfterValidator(_line)]
+Line = Annotated[str, Field(strict=True), AfterValidator(_line)]
 """A text that fits into a line and a terminal."""
 
 
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
     given = ConfigDict(arbitrary_types_allowed=True, revalidate_instances="always")
-    return TypeAdapter(kind, config=given)
+    # pydantic takes no configuration for a bare dataclass, but for a tuple of one.
+    return TypeAdapter(tuple[kind], config=given)
 
 
 def checked(what: str, value: Any, kind: Any) -> Any:
@@ -52,26 +54,21 @@ def checked(what: str, value: Any, kind: Any) -> Any:
     Raises :class:`~ocp.errors.InputError` that names the part of ``what`` that does not fit.
     """
     try:
-        return _adapter(kind).validate_python(value)
+        return _adapter(kind).validate_python((value,))[0]
     except ValidationError as error:
         # Of a union the branch that came furthest says what is wrong.
         found = max(error.errors(), key=lambda one: len(one["loc"]))
-    place = _place(value, found["loc"])
+    place = _place(value, found["loc"][1:])
     _, should, expected = found["msg"].removeprefix("Value error, ").partition(" should ")
     said = f"must {expected}" if should else found["msg"].removeprefix("Value error, ")
     raise InputError(f"{what}{place} {said}, got {shown(found['input'])}")
 
 
-def check_fields(instance: Any, what: str) -> None:
-    """Make the fields of a frozen dataclass what they are annotated as; raises as `checked`."""
-    for name, kind in _hints(type(instance)).items():
+def check_fields(instance: Any, what: str, **kinds: Any) -> None:
+    """Make the fields of a frozen dataclass what ``kinds`` say; raises as :func:`checked`."""
+    for name, kind in kinds.items():
         value = checked(f"{what}.{name}", getattr(instance, name), kind)
         object.__setattr__(instance, name, value)
-
-
-@cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind, include_extras=True)
 
 
 def _place(value: Any, path: tuple[int | str, ...]) -> str:

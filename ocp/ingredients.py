@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from pydantic import InstanceOf
 
 from ocp.errors import InputError
 from ocp.expressions import column
@@ -48,14 +49,15 @@ class Reference:
     Raises :class:`~ocp.errors.InputError` for a size that is not positive and finite.
     """
 
-    impulse: Positive = 1.0
-    gap: Positive = 0.1
-    x: Positive = 1.0
-    u: Positive = 1.0
+    impulse: float = 1.0
+    gap: float = 0.1
+    x: float = 1.0
+    u: float = 1.0
     units: Units = SI
 
     def __post_init__(self) -> None:
-        check_fields(self, "reference")
+        sizes = dict.fromkeys(("impulse", "gap", "x", "u"), Positive)
+        check_fields(self, "reference", **sizes, units=InstanceOf[Units] | None)
 
     @property
     def mu(self) -> float:
@@ -87,13 +89,13 @@ class Scenarios:
     Raises :class:`~ocp.errors.InputError` for n < 1, and widths or a seed that are negative.
     """
 
-    n: Count = 1
-    std: tuple[NotNegative, ...] = ()
-    seed: Index = 0
+    n: int = 1
+    std: tuple[float, ...] = ()
+    seed: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "std", np.ravel(self.std).tolist())
-        check_fields(self, "scenarios")
+        check_fields(self, "scenarios", n=Count, std=tuple[NotNegative, ...], seed=Index)
 
     def offsets(self, nx: int) -> np.ndarray:
         """Offsets from the nominal start, shape (n, nx); one scenario has offset zero."""
@@ -113,7 +115,7 @@ class FreeStart:
 
     lower: ca.SX
     upper: ca.SX
-    periodic: tuple[Index, ...] = ()
+    periodic: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for side in ("lower", "upper"):

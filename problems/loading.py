@@ -8,10 +8,13 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+from pydantic import BaseModel, JsonValue
 
 from ocp.errors import InputError
+from ocp.given import Line, checked
 from ocp.problem import Problem
-from problems.spec import ProblemSpec, reason, where
+from problems.own_code import reason, told
+from problems.spec import ProblemSpec, describe
 
 
 def import_file(path: Path) -> ModuleType:
@@ -20,7 +23,10 @@ def import_file(path: Path) -> ModuleType:
     Raises :class:`~ocp.errors.InputError` where there is no such file, or it raises.
     """
     if not path.is_file():
-        kind = "is a directory" if path.is_dir() else "there is no such file"
+        kind = (
+            "is a directory" if path.is_dir() else "is no regular file" if path.exists()
+            else "there is no such file"
+        )  # fmt: skip
         raise InputError(f"{path}: {kind}; expected a Python file that defines a problem")
     spec = importlib.util.spec_from_file_location(f"user_problem_{path.stem}", path)
     if spec is None or spec.loader is None:
@@ -28,10 +34,8 @@ def import_file(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     # pydantic looks a model's annotations up in the module of that name.
     sys.modules[spec.name] = module
-    try:
+    with told("the file raised at", path):
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{path}: the file raised at {where(error, path)}") from error
     return module
 
 
@@ -47,25 +51,34 @@ def check(spec: ProblemSpec) -> None:
         "the system": lambda: system.reduced,
         "x0, u_before or a bound": lambda: _check_limits(problem),
         "the cost": lambda: problem.cost_terms,
-        "the guess": lambda: _check_guess(problem, p),
     }
     for what, evaluate in parts.items():
         try:
             evaluate()
         except Exception as error:
             raise InputError(f"{spec.path}: {what} does not fit: {reason(error)}") from error
+    problem.initial_guess(p)
     start = problem.initial_states(p)
     if not np.all(np.isfinite(start)):
         raise InputError(f"{spec.path}: x0 is not finite: {start[0]}")
     cost = np.array(problem.cost_terms(start[0], np.zeros(system.nu), np.zeros(system.nu), p))
     if not np.all(np.isfinite(cost)):
         raise InputError(f"{spec.path}: the cost is not a finite number at x0 and u = 0")
-    if spec.draw is not None:
-        try:
-            spec.draw(spec.params({}), start[0])
-        except Exception as error:
-            path = spec.path or Path()
-            raise InputError(f"{path}: draw(params, state) failed: {where(error, path)}") from error
+    params = spec.params({})
+    for look in (spec.draw, spec.frames):
+        if look is not None:
+            look(params, start[0])
+    _check_words(spec, params)
+
+
+def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
+    """Values that a run's record can hold, and words that a terminal can show."""
+    for about in describe(spec):
+        parameter = f"parameter {checked(f'{spec.path}: a parameter', about['name'], Line)}"
+        for what in ("unit", "description"):
+            checked(f"{spec.path}: the {what} of {parameter}", about[what], Line)
+    for name, value in params.model_dump().items():
+        checked(f"{spec.path}: parameter {name}", value, JsonValue)
 
 
 def _check_limits(problem: Problem) -> None:
@@ -75,11 +88,3 @@ def _check_limits(problem: Problem) -> None:
         expected = nx if name.startswith("x") else nu
         if rows != expected:
             raise ValueError(f"{name} has {rows} entries, expected {expected}")
-
-
-def _check_guess(problem: Problem, p: np.ndarray) -> None:
-    states, inputs = problem.initial_guess(p)
-    expected = (problem.N + 1, problem.system.nx), (problem.N, problem.system.nu)
-    shapes = np.shape(states), np.shape(inputs)
-    if shapes != expected:
-        raise ValueError(f"it has states {shapes[0]} and inputs {shapes[1]}, expected {expected}")

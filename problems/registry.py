@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import re
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
+from problems.declared import read
 from problems.loading import check, import_file
 from problems.spec import ProblemSpec, defined
 
@@ -30,7 +28,6 @@ _MODULES = {
     "hopper": "problems.hopper",
     "half-cheetah": "problems.half_cheetah",
 }
-_REQUIRED = ("name", "title", "Params", "build")
 
 
 def names() -> list[str]:
@@ -73,16 +70,7 @@ def load(path: str | Path) -> ProblemSpec:
     """
     file = Path(path).expanduser().resolve()
     module = import_file(file)
-    missing = [key for key in _REQUIRED if not hasattr(module, key)]
-    if missing:
-        raise InputError(
-            f"{file}: the file must define {', '.join(_REQUIRED)};"
-            f" {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
-        )
-    wrong = _wrong_kind(vars(module))
-    if wrong:
-        raise InputError(f"{file}: {wrong}")
-    found = defined(ProblemSpec, module, path=file)
+    found = read(module, file)
     check(found)
     return found
 
@@ -90,18 +78,3 @@ def load(path: str | Path) -> ProblemSpec:
 @cache
 def _registered(name: str) -> ProblemSpec:
     return defined(ProblemSpec, importlib.import_module(_MODULES[name]), path=None)
-
-
-def _wrong_kind(values: dict[str, Any]) -> str | None:
-    if not (isinstance(values["name"], str) and re.fullmatch(r"\w[\w.-]*", values["name"])):
-        return f"name must be a word of letters, digits, '-' and '_', got {values['name']!r}"
-    if not isinstance(values["title"], str):
-        return f"title must be a text, got {values['title']!r}"
-    params = values["Params"]
-    if not (isinstance(params, type) and issubclass(params, BaseModel)):
-        return "Params must be a class derived from problems.Parameters (a pydantic model)"
-    if not isinstance(values.get("equations", ""), str):
-        return "equations must be a text in typst's mathematics, one a line"
-    if not callable(values["build"]):
-        return "build must be a function that takes Params and returns a Problem"
-    return None
