@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from types import GenericAlias
 from typing import Annotated, Any
 
 import numpy as np
@@ -45,7 +46,8 @@ Line = Annotated[str, Field(strict=True), AfterValidator(_line)]
 def _adapter(kind: Any) -> TypeAdapter[Any]:
     given = ConfigDict(arbitrary_types_allowed=True, revalidate_instances="always")
     # pydantic takes no configuration for a bare dataclass, but for a tuple of one.
-    return TypeAdapter(tuple[kind], config=given)
+    alone: Any = GenericAlias(tuple, (kind,))
+    return TypeAdapter(alone, config=given)
 
 
 def checked(what: str, value: Any, kind: Any) -> Any:
@@ -60,6 +62,7 @@ def checked(what: str, value: Any, kind: Any) -> Any:
         found = max(error.errors(), key=lambda one: len(one["loc"]))
     place = _place(value, found["loc"][1:])
     _, should, expected = found["msg"].removeprefix("Value error, ").partition(" should ")
+    expected = expected.replace("valid string", "text").replace("valid ", "")
     said = f"must {expected}" if should else found["msg"].removeprefix("Value error, ")
     raise InputError(f"{what}{place} {said}, got {shown(found['input'])}")
 

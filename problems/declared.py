@@ -49,6 +49,7 @@ def _parameters(kind: Any) -> Any:
 
 
 _Function = Annotated[Callable[..., Any], AfterValidator(_plain_function)]
+_MaybeFunction = Annotated[Callable[..., Any] | None, AfterValidator(_plain_function)]
 _KINDS: dict[str, Any] = {
     "name": Annotated[Line, AfterValidator(_word)],
     "title": Line,
@@ -58,9 +59,9 @@ _KINDS: dict[str, Any] = {
     "citation": Citation | None,
     "axes": tuple[Line, Line],
     "golden": dict[Line, Golden],
-    "draw": _Function | None,
-    "frames": _Function | None,
-    "region": _Function | None,
+    "draw": _MaybeFunction,
+    "frames": _MaybeFunction,
+    "region": _MaybeFunction,
 }
 _RETURNED = {
     "build": ("build(params)", None),
@@ -71,8 +72,8 @@ _RETURNED = {
 """How each function is called, and what it must return where no other place checks that."""
 
 
-def read(module: ModuleType, file: Path) -> ProblemSpec:
-    """Make the spec of what ``module``, the file at ``file``, defines.
+def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
+    """Make the spec of what ``module``, the file at ``file`` with that digest, defines.
 
     Its functions raise nothing but :class:`~ocp.errors.InputError` from then on.
 
@@ -87,7 +88,7 @@ def read(module: ModuleType, file: Path) -> ProblemSpec:
     for key, kind in _KINDS.items():
         if hasattr(module, key):
             setattr(module, key, checked(f"{file}: {key}", getattr(module, key), kind))
-    found = defined(ProblemSpec, module, path=file)
+    found = defined(ProblemSpec, module, path=file, digest=digest)
     functions = {key: getattr(found, key) for key in _RETURNED}
     return replace(
         found, **{key: _own(key, function, file) for key, function in functions.items() if function}

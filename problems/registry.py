@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
 from problems.declared import read
-from problems.loading import check, import_file
+from problems.loading import check, check_file, import_file
+from problems.source_digest import source_digest
 from problems.spec import ProblemSpec, defined
 
 _MODULES = {
@@ -28,6 +30,8 @@ _MODULES = {
     "hopper": "problems.hopper",
     "half-cheetah": "problems.half_cheetah",
 }
+_TRIES = 3
+"""To read a file that is being edited; one that writes to what it names is never at rest."""
 
 
 def names() -> list[str]:
@@ -69,10 +73,22 @@ def load(path: str | Path) -> ProblemSpec:
     a name is missing or of the wrong kind, or the problem's dimensions do not fit.
     """
     file = Path(path).expanduser().resolve()
-    module = import_file(file)
-    found = read(module, file)
+    check_file(file)
+    module, digest = _imported(file)
+    found = read(module, file, digest)
     check(found)
     return found
+
+
+def _imported(file: Path) -> tuple[ModuleType, str]:
+    """A file's module, and the digest of all that it was made of."""
+    before, tries = source_digest(file), 1
+    module = import_file(file)
+    # Edited while it was read, neither text is known to be the module's.
+    while (digest := source_digest(file)) != before and tries < _TRIES:
+        before, tries = digest, tries + 1
+        module = import_file(file)
+    return module, digest
 
 
 @cache

@@ -102,7 +102,7 @@ class ProblemSpec(Spec):
     one state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes``
     label the drawing; ``region(params)`` says where transitions are drawn, else
     :mod:`problems.regions` does; ``path`` is the user's file, None for a problem that ships with
-    the workbench.
+    the workbench, ``digest`` that of all it is made of (:mod:`problems.source_digest`).
     """
 
     build: Callable[[Any], Problem]
@@ -112,6 +112,7 @@ class ProblemSpec(Spec):
     region: Callable[[Any], Region] | None = None
     golden: Mapping[str, Golden] = field(default_factory=dict)
     path: Path | None = None
+    digest: str | None = None
 
     def params(self, values: Mapping[str, Any]) -> Any:
         """Check ``values`` and fill in the defaults; raises as :meth:`Spec.params` does."""
@@ -143,6 +144,7 @@ class ProblemSpec(Spec):
             settings={**_fixed(params, problem), **problem.settings},
             citation=problem.citation or (self.citation.key if self.citation else ""),
             source=None if self.path is None else str(self.path),
+            source_digest=self.digest,
         )
 
 
