@@ -70,7 +70,7 @@ class Problem:
                  "stage_cost": (1,), "terminal_cost": (1,)}  # fmt: skip
         for what, allowed in sizes.items():
             value = getattr(self, what)
-            if value is not None:
+            if value is not None or what not in ("du", "u_before"):
                 self._set(what, column(f"{self.name}: {what}", value, *allowed))
         if (self.du is None) != (self.u_before is None):
             raise InputError(f"{self.name}: a cost on du needs both du and u_before, or neither")
