@@ -66,6 +66,7 @@ class Listed(TypedDict, total=False):
     """What a listing tells of those runs that have it."""
 
     seed: int | None
+    source_digest: str | None
     grade: Grade | None
     cost: float
     over: str
