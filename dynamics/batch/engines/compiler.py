@@ -264,6 +264,14 @@ def _cache_path() -> Path:
     return (Path(root) if root else Path.home() / ".cache") / "centralpath" / "objects"
 
 
+def identity() -> str:
+    """What tells this compiler and CPU from others, "" where there is none that works."""
+    try:
+        return find_compiler().identity
+    except CompilerError:
+        return ""
+
+
 def info() -> dict[str, object]:
     """What `ocp doctor` shows: the compiler, its vector library, and the cache.
 
