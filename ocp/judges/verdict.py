@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal
 
+from ocp.physics.constraints import told
+
 if TYPE_CHECKING:
     from ocp.solution import Solution
 
@@ -71,7 +73,7 @@ def findings(found: Solution) -> list[str]:
     others = found.record.get("learned_at", {}).items()
     differs = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in others)
     model += f"; its data were taken at {differs}" if differs else ""
-    said = (model, _referee(found), _replay(found), found.referee.parting)
+    said = (model, _referee(found), _replay(found), _broken(found), found.referee.parting)
     lines += [_sentence(line) for line in said if line]
     if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):
         lines.append("A second way of solving took too long beside the first and was given up.")
@@ -135,6 +137,13 @@ def _replay(found: Solution) -> str:
         f"the plan leans on the smoothing: under the exact law it costs {audit.exact_cost:.6g}"
         f" instead of {found.cost:.6g}"
     )
+
+
+def _broken(found: Solution) -> str:
+    """Constraints that the exact replay breaks, where the referee has not told of its own."""
+    if found.referee.survives is False or not found.audit.replay_broken:
+        return ""
+    return "replayed under the exact law, its " + ", its ".join(told(found.audit.replay_broken))
 
 
 def grade(found: Solution) -> Grade:

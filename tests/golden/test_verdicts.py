@@ -275,8 +275,39 @@ def test_a_hard_end_that_only_smoothing_meets_is_named(moved: bool) -> None:
     assert broken > 0.1
     assert headline(found).endswith("; does not survive.")
     assert f"its terminal constraint at is broken by {broken:.2g} at step 20" in found.verdict
+    replay = found.replay()
+    (off,) = replay.broken
+    assert (off.name, off.component, off.step) == ("terminal", "at", 20)
+    assert off.amount == pytest.approx(abs(replay.data["x"].values[0, -1, 0] - 0.3), rel=1e-9)
+    assert repr(replay).endswith(
+        f"terminal constraint at is broken by {off.amount:.2g} at step 20>"
+    )
     sharp = solve(problem, Barrier(mu=1e-3))
-    assert sharp.grade == "survives"
+    assert sharp.grade == "survives" and sharp.replay().broken == []
+
+
+def test_a_hard_end_of_a_system_without_geometry_is_named_too() -> None:
+    """``x+ = x + lam, 0 <= lam ⟂ lam - u >= 0``: lam = max(u, 0) exactly, more where smoothed.
+
+    At least effort all six inputs are one u, so that ``6 lam = 0.3`` and ``lam (lam - u) = mu``.
+    """
+    ramp = lcs("ramp", A=ONE, B=[[0.0]], C=ONE, D=[[0.0]], E=[[-1.0]], F=ONE)
+    problem = Problem(
+        "ramp", ramp, 6, 0.1 * ca.sumsqr(ramp.u), ca.SX(0), ca.SX([0.0]), ParameterTable([]),
+        terminal=[Constraint("end", ramp.x[0], 0.3, 0.3)],
+        guess=lambda problem, _: (np.zeros((7, 1)), np.full((6, 1), 0.05)),
+    )  # fmt: skip
+    found = solve(problem, Barrier(mu=1e-3))
+    u = 0.05 - 1e-3 / 0.05
+    np.testing.assert_allclose(found.data["u"], u, atol=1e-6)
+    assert (found.status, found.referee.survives) == (Status.SOLVED, None)
+    (off,) = found.audit.replay_broken
+    assert (off.component, off.step) == ("end", 6)
+    assert off.amount == pytest.approx(0.3 - 6 * u, abs=1e-5)
+    assert (
+        f"Replayed under the exact law, its terminal constraint end is broken by {off.amount:.2g}"
+        " at step 6."
+    ) in found.verdict
 
 
 def test_planar_push_leaves_its_reach_bound_in_the_replay() -> None:
