@@ -67,6 +67,7 @@ def _parts(
         "tags": tags,
         "seed": record.get("seed"),
         "record": record,
+        "source_digest": solution.problem.source_digest,
         "status": solution.status.label,
         "stages": [asdict(stage) for stage in solution.stages],
         **{name: asdict(getattr(solution, name)) for name in judged},

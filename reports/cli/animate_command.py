@@ -55,7 +55,7 @@ def run(options: AnimateOptions, view: RunView) -> int:
     with styled():
         animation = Animation(view, options.fps, options.speed, options.cones)
         with _progress(output, len(animation.times)) as told:
-            write(animation, file, told)
+            size = write(animation, file, told)
     output.say(f"animation: {file} ({len(animation.times)} frames)")
     output.document(
         {
@@ -65,7 +65,7 @@ def run(options: AnimateOptions, view: RunView) -> int:
             "fps": animation.fps,
             "speed": options.speed,
             "duration_s": float(animation.times[-1]),
-            "bytes": file.stat().st_size,
+            "bytes": size,
             "panels": [motion.title for motion in animation.motions],
         }
     )

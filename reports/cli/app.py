@@ -33,7 +33,7 @@ from reports.cli.learning import (
 )
 from reports.cli.named import laws_command, methods_command, settings_command
 from reports.cli.options import register
-from reports.cli.shell import streams
+from reports.cli.shell import document, streams
 from reports.cli.shell.program import Program, tell_version
 from reports.cli.stored import rm_command, save_as_command
 from reports.cli.sweeping import sweep_command
@@ -108,6 +108,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if message:
             print(f"error: {message}", file=sys.stderr)
         return code
+    finally:
+        # The process itself goes on to its end, where libraries still print.
+        if arguments is not None:
+            document.release()
     return code if isinstance(code, int) else 0
 
 

@@ -107,6 +107,7 @@ def _meta(options: ContinueOptions, asked: Request, path: Continuation) -> dict[
         "tags": options.tags,
         "seed": options.seed,
         "record": {**path.points[0].solution.record, **asked.origin},
+        "source_digest": asked.session.problem.source_digest,
         "over": path.parameter,
         "from": options.start,
         "to": options.end,

@@ -109,6 +109,7 @@ def _meta(asked: EstimateRequest, study: SweepRun) -> dict[str, Any]:
         "problem": asked.spec.name,
         "seed": asked.sampling.seed,
         "record": asked.record,
+        "source_digest": getattr(asked.spec, "digest", None),
         "sweep": None if swept is None else {
             "name": swept.name, "values": list(swept.values), "unit": asked.unit(),
             "log": swept.log,

@@ -23,7 +23,7 @@ from typer.models import ArgumentInfo
 
 from reports.cli.declared import argument, option
 from reports.cli.output import Output
-from reports.cli.shell import logs
+from reports.cli.shell import document, logs
 
 T = TypeVar("T")
 RUN = "A run: its path, part of its name, or @last, @2, ... from the latest back."
@@ -135,6 +135,8 @@ class Command(Generic[T]):
 
 def carry_out(command: Command[T], options: Options) -> int:
     """Check the options of a command, then do its work; what is logged is shown if asked for."""
+    if options.as_json:
+        document.reserve()
     with logs.shown(options.verbose):
         options.check()
         return work(command, options, command.check(options))

@@ -68,8 +68,10 @@ class Output:
         if not self.as_json:
             return
         from ocp.store.plain import plain
+        from reports.cli.shell import document
 
-        print(json.dumps(plain(content), indent=1, allow_nan=False))
+        text = json.dumps(plain(content), indent=1, allow_nan=False)
+        print(text, file=document.stream(), flush=True)
 
     def finish(self, run: Path, content: dict[str, Any], pdf: Path | None) -> None:
         """Say where a run was stored, write its report to ``pdf``, and print its document."""
