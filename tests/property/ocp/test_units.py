@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from dynamics.contact import Exact
+from dynamics.contact import Barrier, Exact
 from ocp.programs.status import Status
 from ocp.programs.units import Units, dimension, fitted
 from ocp.solution import Solution
@@ -41,6 +45,56 @@ def test_costs_are_invariant_under_a_change_of_units(problem: str) -> None:
         if problem != "hopper-1d":
             assert np.abs(x - known.data["x"].values).max() < 1e-5
             assert np.abs(u - known.data["u"].values).max() < 1e-5
+
+
+@st.composite
+def other_units(draw: st.DrawFn) -> Units:
+    """Mass, length and time counted in anything from a thousandth to a thousand of SI's units."""
+    kg, m, s = (10.0 ** draw(st.floats(-3, 3)) for _ in range(3))
+    return Units(kg, m, s)
+
+
+@functools.cache
+def in_si(problem: str, soft: bool) -> Solution:
+    return solve(get(problem), Barrier(mu=1e-3) if soft else Exact())
+
+
+def agrees(problem: str, units: Units, soft: bool) -> None:
+    """The same status, and a cost that differs by its own unit alone; mu is in N s m too."""
+    known, law = in_si(problem, soft), Barrier(mu=1e-3 * units.of("N s m")) if soft else Exact()
+    found = solve(get(problem, **stated(problem, units)), law)
+    size = units.of("m") if problem == "hopper-1d" else 1.0
+    assert found.status is known.status is Status.SOLVED
+    assert found.cost / size == pytest.approx(known.cost, rel=1e-6)
+    assert found.referee.survives == known.referee.survives
+    # The path solver of a rollout stops at a tolerance of its own.
+    assert found.referee.cost / size == pytest.approx(known.referee.cost, rel=1e-3)
+
+
+@settings(max_examples=5)
+@given(problem=st.sampled_from(CONSISTENT), units=other_units(), soft=st.booleans())
+def test_costs_are_invariant_in_any_units(problem: str, units: Units, soft: bool) -> None:
+    agrees(problem, units, soft)
+
+
+@pytest.mark.slow
+@settings(max_examples=150)
+@given(problem=st.sampled_from(CONSISTENT), units=other_units(), soft=st.booleans())
+def test_costs_are_invariant_in_very_many_units(problem: str, units: Units, soft: bool) -> None:
+    agrees(problem, units, soft)
+
+
+@pytest.mark.slow
+@settings(max_examples=3)
+@given(units=other_units())
+def test_a_thrown_ball_is_thrown_alike_in_any_units(units: Units) -> None:
+    agrees("ball-throw", units, soft=False)
+
+
+@pytest.mark.parametrize("kg", [1e-3, 1e3])
+def test_carts_between_walls_move_alike_in_any_unit_of_mass(kg: float) -> None:
+    """One weight of the cost is for every state, and so it has no unit of length or time."""
+    agrees("cart-walls", Units(kg), soft=False)
 
 
 def dimensionless(found: Solution, units: Units, key: str) -> np.ndarray:
