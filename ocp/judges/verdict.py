@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal
 
+from dynamics.systems import KNOB
 from ocp.physics.constraints import told
 
 if TYPE_CHECKING:
@@ -14,6 +15,8 @@ Grade = Literal["survives", "certified", "failed"]
 """Certified and surviving; certified alone; neither. Shown green, amber and red."""
 _SAME = 1e-5
 _NOTABLE = 0.1
+_BLURRED, _CLEAR = 0.5, 1e-2
+"""Shares of the characteristic mu from which on nothing is seen clearly, and at which most is."""
 _FEASIBLE = ("not-optimal", "undecided")
 """Of plans that are no answers, those of which it is worth saying that they survive."""
 
@@ -135,7 +138,18 @@ def _replay(found: Solution) -> str:
         return f"the motion is unstable: replayed, it parts from the plan{remedy}"
     return (
         f"the plan leans on the smoothing: under the exact law it costs {audit.exact_cost:.6g}"
-        f" instead of {found.cost:.6g}"
+        f" instead of {found.cost:.6g}{_narrower(found)}"
+    )
+
+
+def _narrower(found: Solution) -> str:
+    """Which mu to take where the one given is as large as impulse times distance themselves."""
+    mu, own = found.values.get(f"{KNOB}mu", 0.0), found.problem.sizes.mu
+    if mu < _BLURRED * own:
+        return ""
+    return (
+        f"; mu = {mu:g} blurs all there is, impulses and distances being about {own:.0e} N s m"
+        f" together: take -c mu={_CLEAR * own:.0e}"
     )
 
 
