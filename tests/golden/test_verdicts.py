@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dynamics.contact import Barrier, ContactLaw, Exact
-from dynamics.systems import ParameterTable, lcs
+from dynamics.systems import ParameterTable, lcs, signals, time_stepping
 from ocp import Constraint, Direct, MultipleShooting, Problem, SingleShooting, Solution, solve
 from ocp.errors import InputError
 from ocp.problem import Reference
@@ -97,6 +97,23 @@ def test_a_plan_that_passes_through_a_body_between_nodes_is_told() -> None:
 def test_a_step_size_that_is_none_is_refused(h: float) -> None:
     with pytest.raises(InputError, match=f"step size must be positive, got {h:g} s"):
         solve(ring(h=h, speed=1.0))
+
+
+@pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
+def test_a_start_inside_a_wall_never_survives(law: ContactLaw) -> None:
+    """The law pushes out what begins 5 m deep in one step, which no wall does."""
+    p = ParameterTable([])
+    system = time_stepping(
+        "deep", states=signals("x [m]; v [m/s]"), inputs=signals("u [N]"),
+        contacts=signals("wall [N s]"), mass=ca.SX.eye(1), impulse=lambda q, v, u: 0.1 * u,
+        distance=lambda q: q, h=0.1, parameters=p,
+    )  # fmt: skip
+    end = ca.sumsqr(system.x[0] - 1)
+    found = solve(Problem("deep", system, 4, ca.sumsqr(system.u), end, ca.SX([-5.0, 0]), p), law)
+    assert found.data["x"].values[0, 1, 0] > -1e-6
+    assert found.referee.survives is False and found.grade == "certified"
+    assert "; does not survive." in headline(found)
+    assert "the plan does not survive: wall is penetrated by 5 at node 0" in found.verdict
 
 
 def test_the_referee_of_a_plan_is_a_rollout_with_true_gaps() -> None:
