@@ -55,14 +55,15 @@ def other_units(draw: st.DrawFn) -> Units:
 
 
 @functools.cache
-def in_si(problem: str, soft: bool) -> Solution:
-    return solve(get(problem), Barrier(mu=1e-3) if soft else Exact())
+def in_si(problem: str, soft: bool, method: str = "direct") -> Solution:
+    return solve(get(problem), Barrier(mu=1e-3) if soft else Exact(), method)
 
 
-def agrees(problem: str, units: Units, soft: bool) -> None:
+def agrees(problem: str, units: Units, soft: bool, method: str = "direct") -> None:
     """The same status, and a cost that differs by its own unit alone; mu is in N s m too."""
-    known, law = in_si(problem, soft), Barrier(mu=1e-3 * units.of("N s m")) if soft else Exact()
-    found = solve(get(problem, **stated(problem, units)), law)
+    known = in_si(problem, soft, method)
+    law = Barrier(mu=1e-3 * units.of("N s m")) if soft else Exact()
+    found = solve(get(problem, **stated(problem, units)), law, method)
     size = units.of("m") if problem == "hopper-1d" else 1.0
     assert found.status is known.status is Status.SOLVED
     assert found.cost / size == pytest.approx(known.cost, rel=1e-6)
@@ -82,6 +83,16 @@ def test_costs_are_invariant_in_any_units(problem: str, units: Units, soft: bool
 @given(problem=st.sampled_from(CONSISTENT), units=other_units(), soft=st.booleans())
 def test_costs_are_invariant_in_very_many_units(problem: str, units: Units, soft: bool) -> None:
     agrees(problem, units, soft)
+
+
+@pytest.mark.slow
+@settings(max_examples=60)
+@given(
+    problem=st.sampled_from(CONSISTENT), units=other_units(), soft=st.booleans(),
+    method=st.sampled_from(["multiple-shooting", "single-shooting"]),
+)  # fmt: skip
+def test_shooting_is_invariant_too(problem: str, units: Units, soft: bool, method: str) -> None:
+    agrees(problem, units, soft, method)
 
 
 @pytest.mark.slow
