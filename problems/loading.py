@@ -16,8 +16,9 @@ from pydantic import BaseModel, JsonValue
 from ocp.errors import InputError
 from ocp.given import Line, checked
 from ocp.problem import Problem
+from ocp.store.provenance import file_digest
 from problems.own_code import reason, told
-from problems.source_digest import file_digest, folder_modules, open_to_imports
+from problems.source_digest import folder_modules, open_to_imports
 from problems.spec import ProblemSpec, describe
 
 
