@@ -12,9 +12,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from dynamics.learned.region import Region
 from ocp.errors import InputError, did_you_mean
+from ocp.numbers import typed
 from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import natural_units, range_of, unit_of
@@ -155,13 +157,21 @@ def check_parameters(owner: str, Params: type[BaseModel], values: Mapping[str, A
     Raises :class:`~ocp.errors.InputError` that names ``owner``, the parameter, its unit and its
     range.
     """
+    given = dict(values)
+    for name, about in Params.model_fields.items():
+        if name in given:
+            try:
+                given[name] = typed(given[name], about.annotation)
+            except ValueError:
+                told = _must_be(name, about, given[name])
+                raise InputError(f"{owner}: {told}") from None
     try:
-        return Params(**values)
+        return Params(**given)
     except ValidationError as error:
-        raise InputError(f"{owner}: {_explain(Params, error)}") from None
+        raise InputError(f"{owner}: {_explain(Params, error, values)}") from None
 
 
-def _explain(Params: type[BaseModel], error: ValidationError) -> str:
+def _explain(Params: type[BaseModel], error: ValidationError, values: Mapping[str, Any]) -> str:
     found = error.errors()[0]
     if not found["loc"]:
         return found["msg"].removeprefix("Value error, ")
@@ -173,9 +183,13 @@ def _explain(Params: type[BaseModel], error: ValidationError) -> str:
             f"{did_you_mean(parameter, fields)}; it takes {', '.join(fields) or 'none'}"
         )
     about = fields[parameter]
-    given = found["input"]
+    given = values.get(parameter, found["input"])
     if found["type"] == "missing":
         return f"parameter {parameter} has no default; give {range_of(about)}"
+    return _must_be(parameter, about, given)
+
+
+def _must_be(parameter: str, about: FieldInfo, given: Any) -> str:
     shown = repr(given) if isinstance(given, str) else given
     meaning = f" ({about.description})" if about.description else ""
     return f"parameter {parameter}{meaning} must be {range_of(about)}, got {shown}"
