@@ -166,8 +166,8 @@ def survival(
     the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
     :data:`~ocp.physics.constraints.CONSTRAINT_SHARE` and its bodies apart to
     :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which count for no more than
-    the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`). ``physics`` and
-    ``broken`` are those of the replay.
+    the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`).
+    ``physics`` and ``broken`` are those of the replay.
     """
     excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST)
     off = np.abs(heard.replay.x - plan.x)
