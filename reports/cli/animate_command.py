@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from reports.cli.declared import argument, option
-from reports.cli.options import RUN, Command, StoreOptions
+from reports.cli.options import RUN, Command, SourceOptions
 from reports.cli.output import Output
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnimateOptions(StoreOptions):
+class AnimateOptions(SourceOptions):
     """Which run, the file, and how fast."""
 
     run: str = argument(help=RUN)
@@ -39,7 +39,8 @@ def check(options: AnimateOptions) -> RunView:
 
     check_format(options.file, options.fps)
     check_place(options.file, "animation")
-    view = RunView.of(stored(options.run, options.out))
+    found = stored(options.run, options.out)
+    view = RunView.of(found, options.own([found]))
     check_drawable(view)
     frame_times(float(view.time[-1]), options.fps, options.speed)
     return view
