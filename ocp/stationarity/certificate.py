@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from bisect import insort
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -130,7 +131,9 @@ def certify(
     objective and constraints are linearised, and directions ``|d_i| <= rho`` (in characteristic
     sizes) are searched for one that lowers the cost:
 
-    1. by weak duality from ``multipliers`` of the rows, where a solver left some: no program;
+    1. by weak duality from ``multipliers`` of the rows, where a solver left some, and from those
+       that fit best, which are without the trace that an interior point's barrier leaves at every
+       bound of a long horizon: no program;
     2. by a linear program in which both members of pairs near zero may grow: no descent there is
        strong stationarity, which implies B-stationarity;
     3. by the linear program with complementarity constraints (LPEC), one binary a near pair.
@@ -199,8 +202,9 @@ def _search(
     The flag tells strong stationarity: not even both members of near pairs may grow.
     """
     found = Descent(0.0)
-    if multipliers is not None and model.dual_bound(multipliers, RADII[0]) <= tolerance:
-        return "B", True, found
+    for y in _candidates(model, multipliers):
+        if model.dual_bound(y, RADII[0]) <= tolerance:
+            return "B", True, found
     for radius in RADII:
         for branching in (False, True):
             if branching and not model.near(radius).any():
@@ -214,6 +218,13 @@ def _search(
     if np.isnan(found.decrease):
         return "undecided", False, Descent(np.nan, trouble=f"HiGHS says {found.trouble!r}")
     return "not", False, found
+
+
+def _candidates(model: LinearModel, multipliers: np.ndarray | None) -> Iterator[np.ndarray]:
+    """Multipliers that may prove a point: a solver's, then those that fit best beside them."""
+    if multipliers is not None:
+        yield multipliers
+        yield fit_multipliers(model)
 
 
 def fit_multipliers(model: LinearModel) -> np.ndarray:
