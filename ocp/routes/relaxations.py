@@ -25,6 +25,9 @@ _SHORT = 300
 _LOOSE = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _SHORT}
 _SIXTY = 60
 """Steps up to which a horizon is short; no named problem has more by default."""
+_FLAT = {"acceptable_tol": 1.0, "acceptable_constr_viol_tol": 1e-4,
+         "acceptable_obj_change_tol": 1e-5, "acceptable_iter": 10}  # fmt: skip
+"""IPOPT options by which a stage ends in a flat valley, nearly feasible."""
 T_LOOSE = 1e-4
 """Fraction of impulse times distance at which the active set shows, and polishing can begin."""
 
@@ -60,7 +63,9 @@ class CentralPath:
 
     Below the path IPOPT's barrier pulls at every product of every step, while a cost is mostly of
     the end or a mean: beyond sixty ``steps`` the barrier that is held falls as their inverse, or it
-    outweighs the cost, and the stage wanders along a valley without end.
+    outweighs the cost, and the stage wanders along a valley without end. Where a cost does not
+    settle all of a long plan such a valley is flat, and ten iterations that gain no more than 1e-5
+    end a stage, which only prepares the next.
     """
 
     factor: float = 0.03
@@ -84,7 +89,7 @@ class CentralPath:
         return [Path(values, lambda t: self._leg(t, False))]
 
     def _leg(self, t: float, first: bool) -> Leg:
-        options = {**_inexact(t), "max_iter": _SHORT}
+        options = {**_inexact(t), "max_iter": _SHORT, **(_FLAT if self.steps > _SIXTY else {})}
         if not (first and self.below):
             return Leg("t", t, contact=(t, t), options=options)
         options["mu_target"] *= _SIXTY / max(self.steps, _SIXTY)

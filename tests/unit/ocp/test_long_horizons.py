@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import time
 
 import numpy as np
 import pytest
@@ -103,3 +104,18 @@ def test_multipliers_a_little_off_need_no_program(monkeypatch: pytest.MonkeyPatc
     assert model.dual_bound(off, 1e-3) > tolerance_of(model, outcome.result.f)
     monkeypatch.setattr(LinearModel, "descend", lambda *_, **__: pytest.fail("a program"))
     assert certify(nlp, x, p, bounds, off).stationarity == "KKT"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["half-cheetah", "hopper-1d", "planar-push", "cart-walls"])
+def test_eight_times_the_steps_take_sixteen_times_the_time_at_most(name: str) -> None:
+    """Under the exact law, iterations and processor time, judges included."""
+    seconds, found = [], []
+    solve("push-1d", Exact())
+    for steps in (25, 200):
+        began = time.process_time()
+        found.append(solve(get(name, N=steps), Exact()))
+        seconds.append(time.process_time() - began)
+    assert all(one.success for one in found)
+    assert found[1].iterations <= 2 * found[0].iterations
+    assert seconds[1] <= 16 * seconds[0]
