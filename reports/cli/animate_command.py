@@ -8,8 +8,8 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from reports.cli.declared import argument, option
-from reports.cli.options import RUN, Command, StoreOptions
+from reports.cli.declared import option
+from reports.cli.options import Command, RunOptions, SourceOptions
 from reports.cli.output import Output
 
 if TYPE_CHECKING:
@@ -17,10 +17,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnimateOptions(StoreOptions):
+class AnimateOptions(RunOptions, SourceOptions):
     """Which run, the file, and how fast."""
 
-    run: str = argument(help=RUN)
     file: Path = option(MISSING, "--output", "-o", help="The .gif, .mp4 or .html file to write.")
     fps: int = option(25, "--fps", min=1, max=100, help="Frames a second.")
     speed: float = option(
@@ -39,7 +38,8 @@ def check(options: AnimateOptions) -> RunView:
 
     check_format(options.file, options.fps)
     check_place(options.file, "animation")
-    view = RunView.of(stored(options.run, options.out))
+    found = stored(options.run, options.out)
+    view = RunView.of(found, options.own([found]))
     check_drawable(view)
     frame_times(float(view.time[-1]), options.fps, options.speed)
     return view
@@ -55,7 +55,7 @@ def run(options: AnimateOptions, view: RunView) -> int:
     with styled():
         animation = Animation(view, options.fps, options.speed, options.cones)
         with _progress(output, len(animation.times)) as told:
-            write(animation, file, told)
+            size = write(animation, file, told)
     output.say(f"animation: {file} ({len(animation.times)} frames)")
     output.document(
         {
@@ -65,7 +65,7 @@ def run(options: AnimateOptions, view: RunView) -> int:
             "fps": animation.fps,
             "speed": options.speed,
             "duration_s": float(animation.times[-1]),
-            "bytes": file.stat().st_size,
+            "bytes": size,
             "panels": [motion.title for motion in animation.motions],
         }
     )

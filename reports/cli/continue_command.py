@@ -62,7 +62,7 @@ def run(options: ContinueOptions, asked: Request) -> int:
     if path.events:
         output.note(curve_tables.event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])
-    output.finish(stored, meta, options.pdf)
+    output.finish(stored, meta, options.pdf, asked.spec)
     if interrupted:
         raise KeyboardInterrupt
     return 0 if path.broke is None else 3
@@ -107,6 +107,7 @@ def _meta(options: ContinueOptions, asked: Request, path: Continuation) -> dict[
         "tags": options.tags,
         "seed": options.seed,
         "record": {**path.points[0].solution.record, **asked.origin},
+        "source_digest": asked.session.problem.source_digest,
         "over": path.parameter,
         "from": options.start,
         "to": options.end,
@@ -138,9 +139,10 @@ def _verdict(path: Any, end: float) -> str:
     if path.broke is not None:
         return f"The path broke {path.broke}{events}"
     first, last = path.points[0].solution, path.points[-1].solution
+    fate = "; it does not survive the referee" if last.referee.survives is False else ""
     return (
         f"Followed to {path.parameter} = {end:g}: cost from {first.cost:.6g} to {last.cost:.6g},"
-        f" under exact physics {last.audit.exact_cost:.6g} there.{events}"
+        f" under exact physics {last.audit.exact_cost:.6g} there{fate}.{events}"
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from reports.cli.declared import argument, option
-from reports.cli.options import Command, StoreOptions
+from reports.cli.options import Command, SourceOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportOptions(StoreOptions):
+class ExportOptions(SourceOptions):
     """What to export, where to, and the law if it is not the run's own."""
 
     what: str = argument(
@@ -38,6 +38,18 @@ class ExportOptions(StoreOptions):
     law_settings: list[str] | None = option(
         None, "--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."
     )
+
+    @property
+    def named_runs(self) -> list[str]:
+        """Runs that are shown, as they were named."""
+        return [] if self.is_problem else [self.what]
+
+    @property
+    def is_problem(self) -> bool:
+        """Whether a problem is named, by its name or its file, and no run."""
+        from problems import names
+
+        return self.what in names() or self.what.endswith(".py")
 
 
 @dataclass(frozen=True)
@@ -112,20 +124,22 @@ def check(options: ExportOptions) -> Asked:
 def _asked(options: ExportOptions) -> Asked:
     """Find the problem or the run, and make the law; a run has its own parameters."""
     from ocp.errors import InputError
-    from problems import names, spec
+    from problems import spec
     from reports.cli.choices import assignments, closing_law
     from reports.cli.places import check_place
 
     check_place(options.file, "C file")
     what = options.what
-    if what in names() or what.endswith(".py"):
+    if options.is_problem:
         if "out" in options.given:
             raise InputError(f"--out says where runs are, but {what} is a problem; drop it")
+        if options.source is not None:
+            raise InputError(f"--source is for a run, but {what} is a problem; drop it")
         found = spec(what)
         problem = found.problem(assignments("-p", options.params))
         law = closing_law(options.contact or "barrier", options.law_settings, problem.system)
         return Asked(found.name, found.title, problem, law)
-    asked = _read_run(what, options.out)
+    asked = _read_run(what, options)
     if options.params:
         raise InputError(f"-p: a run has its parameters; to choose them export {asked.name}")
     if options.contact is None and not options.law_settings:
@@ -134,23 +148,23 @@ def _asked(options: ExportOptions) -> Asked:
     return replace(asked, law=closing_law(name, options.law_settings, system))
 
 
-def _read_run(what: str, root: Path) -> Asked:
+def _read_run(what: str, options: ExportOptions) -> Asked:
     """Read a run; raises InputError where nothing has that name, saying what has."""
     from ocp.errors import InputError, did_you_mean
     from problems import names
+    from problems.lent import problem_of
     from problems.objectives import objective_names
     from reports.cli.choices import closing_law
     from reports.cli.runs_command import stored
-    from reports.view import problem_of
 
     if what in objective_names():
         raise InputError(f"{what} is an objective without dynamics: there is no step to export")
     try:
-        run = stored(what, root)
+        run = stored(what, options.out)
     except InputError as error:
         hint = did_you_mean(what, names())
         raise InputError(f"{error}; nor is it a problem's name{hint}") from error
-    found, _, problem = problem_of(run)
+    found, _, problem = problem_of(run, options.own([run]))
     solution = run.solution(problem)
     settings = [f"{key}={value}" for key, value in run.record["contact_settings"].items()]
     law = closing_law(run.record["contact"], settings, problem.system)

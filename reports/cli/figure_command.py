@@ -44,6 +44,11 @@ class FigureOptions(StoreOptions):
         None, "--panel", metavar="a", help="Only this panel of the bare figure, a column wide."
     )
 
+    @property
+    def named_runs(self) -> list[str]:
+        """Runs that are shown, as they were named."""
+        return [name for name in self.figures or () if _names_run(name)]
+
 
 Asked = list["tuple[Study, dict[str, Any]] | StoredRun"]
 
@@ -68,17 +73,22 @@ def check(options: FigureOptions) -> Asked:
         choose("format", options.ending, FORMATS)
     if options.panel is not None and options.panel not in set(ascii_lowercase):
         raise InputError(f"--panel takes a letter, a to z, got {options.panel!r}")
-    check_places(options.out, None)
     names = list(dict.fromkeys(asked_for)) or studies.ids()
     asked = {"seed": options.seed, **values}
-    return [_stored(name, options.out) or _asked(name, asked, options) for name in names]
+    found = [_stored(name, options.out) or _asked(name, asked, options) for name in names]
+    check_places(options.out, None)
+    return found
 
 
 def _stored(name: str, root: Path) -> StoredRun | None:
     """The run that a name means, None for one that is no path, no ``@last`` and no part of one."""
     from reports.cli.runs_command import stored
 
-    return stored(name, root) if name.startswith("@") or "/" in name else None
+    return stored(name, root) if _names_run(name) else None
+
+
+def _names_run(name: str) -> bool:
+    return name.startswith("@") or "/" in name
 
 
 def _asked(
@@ -139,20 +149,21 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
     out, output = options.out, options.output
     if not output.quiet:
         print(f"{study.id}: {study.title}", file=sys.stderr, flush=True)
-    kept = Checkpoint(out, study.id, asked) if study.resumes else None
-    data = study.data(asked, kept)
-    claims = study.claims(data)
-    meta = {
-        "kind": "figure",
-        "argv": options.argv,
-        "seed": asked["seed"],
-        "record": {"params": asked},
-        "claims": [asdict(claim) for claim in claims],
-        "verdict": did_hold(claims),
-        "status": "done",
-    }
-    stored = store.write(out, study.id, data, meta)
-    if kept is not None:
+    with Checkpoint(out if study.resumes else None, study.id, asked) as kept:
+        for line in kept.notes:
+            output.say(line)
+        data = study.data(asked, kept)
+        claims = study.claims(data)
+        meta = {
+            "kind": "figure",
+            "argv": options.argv,
+            "seed": asked["seed"],
+            "record": {"params": asked},
+            "claims": [asdict(claim) for claim in claims],
+            "verdict": did_hold(claims),
+            "status": "done",
+        }
+        stored = store.write(out, study.id, data, meta)
         kept.discard()
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     write_pdf([store.load(stored)], pdf)

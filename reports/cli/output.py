@@ -39,7 +39,9 @@ class Output:
         from rich.console import Console
 
         terminal = sys.stderr.isatty()
-        return Console(stderr=True, width=None if terminal else 80, highlight=False)
+        width = None if terminal else 80
+        # What a run says of itself is text, whatever brackets there are in it.
+        return Console(stderr=True, width=width, highlight=False, markup=False)
 
     def note(self, what: Any) -> None:
         """Show progress or a table, unless quiet."""
@@ -68,16 +70,21 @@ class Output:
         if not self.as_json:
             return
         from ocp.store.plain import plain
+        from reports.cli.shell import document
 
-        print(json.dumps(plain(content), indent=1, allow_nan=False))
+        text = json.dumps(plain(content), indent=1, allow_nan=False)
+        print(text, file=document.stream(), flush=True)
 
-    def finish(self, run: Path, content: dict[str, Any], pdf: Path | None) -> None:
-        """Say where a run was stored, write its report to ``pdf``, and print its document."""
+    def finish(self, run: Path, content: dict[str, Any], pdf: Path | None, own: Any = None) -> None:
+        """Say where a run was stored, write its report to ``pdf``, and print its document.
+
+        ``own`` is the problem that was asked for, by which the report shows it.
+        """
         self.say(f"run: {run}")
         if pdf is not None:
             from ocp import store
             from reports.pdf import write_pdf
 
-            write_pdf([store.load(run)], pdf)
+            write_pdf([store.load(run)], pdf, own=own)
             self.say(f"PDF: {pdf}")
         self.document({**content, "run": str(run), "pdf": None if pdf is None else str(pdf)})

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+
+from tests.resealed import having, lacking, reseal
 
 SOLVE = ("solve", "wall-1d")
 CONTINUE = ("continue", "wall-1d", "--over", "contact.mu")
@@ -208,16 +209,32 @@ def test_a_users_file_that_does_not_work(
         assert word in done.err
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["continue", "mine.py", "--over", "m", "--from", "1", "--to", "-1"],
+        ["estimate", "mine.py", "--sweep", "m=1:-1:3"],
+        ["collect", "mine.py", "-p", "m=-1", "--samples", "10", "-o", "data.nc"],
+        ["export", "mine.py", "-p", "m=-1", "-o", "mine.c"],
+    ],
+)
+def test_a_mass_that_is_none_is_refused_at_every_door(ocp, tmp_path: Path, words) -> None:
+    (tmp_path / "mine.py").write_text(USER_FILE.replace(', "mass", above=0', ', "mass"'))
+    done = ocp(*words)
+    assert done.code == 2 and "mass matrix must be positive definite" in done.err
+    assert not (tmp_path / "data.nc").exists() and not (tmp_path / "mine.c").exists()
+
+
 def test_a_users_file_that_works_is_found_again_by_its_run(ocp, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(USER_FILE)
     solved = ocp("solve", "mine.py", "-p", "m=2", "--json")
     assert solved.code == 0
     assert solved.json["params"] == {"m": 2.0, "N": 5}
-    replayed = ocp("replay", solved.json["run"], "--json")
+    replayed = ocp("replay", solved.json["run"], "--source", "mine.py", "--json")
     assert replayed.json["cost"] == pytest.approx(solved.json["exact_cost"], rel=1e-9)
     (tmp_path / "mine.py").unlink()
     assert ocp("report", solved.json["run"], "-o", "mine.pdf").code == 0
-    gone = ocp("replay", solved.json["run"])
+    gone = ocp("replay", solved.json["run"], "--source", "mine.py")
     assert gone.code == 2
     assert "no such file" in gone.err
 
@@ -285,11 +302,9 @@ def test_a_damaged_run(ocp, tmp_path: Path, store_of_runs: Path, command: str, h
     elif harm == "not json":
         meta.write_text("{")
     elif harm == "schema":
-        meta.write_text(meta.read_text().replace('"schema": 1', '"schema": 7'))
+        reseal(run, having(schema=7))
     else:
-        kept = json.loads(meta.read_text())
-        del kept["audit"], kept["checksum"]
-        meta.write_text(json.dumps(kept))
+        reseal(run, lacking("audit"))
     arguments = ["-o", "x.pdf"] if command == "report" else []
     done = ocp(command, str(run), *arguments)
     assert done.code == 4

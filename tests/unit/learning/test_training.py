@@ -55,14 +55,14 @@ def given_to(name: str) -> dict[str, float]:
 
 def run(name: str, root: Path | None = None, kill_at: int = -1, **given) -> xr.Dataset:
     """Train, under a checkpoint in ``root``; the process is killed after iteration ``kill_at``."""
-    checkpoint = None if root is None else Always(root, "scalar", {"name": name})
 
     def report(k, _):
         if k == kill_at:
             os.kill(os.getpid(), signal.SIGKILL)
 
     settings = {**given_to(name), "task": scalar(**TASK), **given}
-    return train(experiment(SMALL[name], **settings), checkpoint, report)
+    with Always(root, "scalar", {"name": name}) as checkpoint:
+        return train(experiment(SMALL[name], **settings), checkpoint, report)
 
 
 def assert_same(one: xr.Dataset, other: xr.Dataset) -> None:
@@ -81,11 +81,9 @@ def test_a_killed_training_goes_on_to_the_same_end(name, tmp_path):
     process.join()
     assert process.exitcode == -signal.SIGKILL
     done = []
-    resumed = train(
-        experiment(SMALL[name], **given_to(name), task=scalar(**TASK)),
-        Always(tmp_path, "scalar", {"name": name}),
-        lambda k, _: done.append(k),
-    )
+    asked = experiment(SMALL[name], **given_to(name), task=scalar(**TASK))
+    with Always(tmp_path, "scalar", {"name": name}) as checkpoint:
+        resumed = train(asked, checkpoint, lambda k, _: done.append(k))
     assert done == [3, 4, 5, 6], "what was saved is not done again"
     assert_same(resumed, run(name))
 
