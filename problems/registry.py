@@ -47,14 +47,20 @@ def spec(name: str) -> ProblemSpec:
 
     Raises :class:`~ocp.errors.InputError` for a name that is neither.
     """
-    if name.endswith(".py"):
-        return load(name)
+    return load(name) if name.endswith(".py") else registered(name)
+
+
+def registered(name: str) -> ProblemSpec:
+    """Return the problem called ``name`` that ships with the workbench; no file is ever loaded.
+
+    Raises :class:`~ocp.errors.InputError` for a name that there is not.
+    """
     if name not in _MODULES:
         raise InputError(
             f"unknown problem {name!r}{did_you_mean(name, _MODULES)}; there are"
             f" {', '.join(_MODULES)}, or give the path of a file such as my_problem.py"
         )
-    return _registered(name)
+    return _module_of(name)
 
 
 def get(name: str, **params: Any) -> Problem:
@@ -104,7 +110,7 @@ def _imported(file: Path) -> tuple[ModuleType, str]:
 
 
 @cache
-def _registered(name: str) -> ProblemSpec:
+def _module_of(name: str) -> ProblemSpec:
     return defined(ProblemSpec, importlib.import_module(_MODULES[name]), path=None)
 
 

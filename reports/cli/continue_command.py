@@ -62,7 +62,7 @@ def run(options: ContinueOptions, asked: Request) -> int:
     if path.events:
         output.note(curve_tables.event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])
-    output.finish(stored, meta, options.pdf)
+    output.finish(stored, meta, options.pdf, asked.spec)
     if interrupted:
         raise KeyboardInterrupt
     return 0 if path.broke is None else 3

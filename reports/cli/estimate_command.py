@@ -91,7 +91,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
     if study.resumed:
         output.say(f"went on from {study.resumed} points that were done before")
     output.say(meta["verdict"])
-    output.finish(path, meta, options.pdf)
+    output.finish(path, meta, options.pdf, asked.spec)
     if interrupted:
         raise KeyboardInterrupt
     return 0
