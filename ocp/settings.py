@@ -13,6 +13,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from pydantic import Field
 
 from ocp.errors import choose
+from ocp.numbers import number, whole
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 from ocp.typed import read
 
@@ -98,12 +99,10 @@ OWN = {setting.name: setting.meaning for setting in declared(Settings)}
 
 
 def literal(value: Any) -> Any:
-    """Turn a word into an int, float or bool where it reads as one."""
+    """Turn a word into an int, float or bool where it reads as one (:mod:`ocp.numbers`)."""
     if not isinstance(value, str):
         return value
-    for kind in (int, float):
-        try:
-            return kind(value)
-        except ValueError:
-            continue
+    if (found := number(value)) is not None:
+        written = value.strip().lstrip("+-").isdigit()
+        return whole(value) if written else found
     return {"true": True, "false": False}.get(value.lower(), value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from ocp.gradients.estimation import Sampling, carry_out, check_samples
 from ocp.gradients.known_gradient import kind_of
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.verdict import comes_to
+from ocp.numbers import number
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.plain import plain
 
@@ -52,21 +52,17 @@ class Sweep:
             raise InputError(f"--sweep: {how}")
         if len(parts) == 4 and parts[3] not in ("log", "linear"):
             raise InputError(f"--sweep: the scale must be log or linear, got {parts[3]!r}")
-        try:
-            start, end, count = float(parts[0]), float(parts[1]), int(float(parts[2]))
-            whole = float(parts[2]) == count
-        except (ValueError, OverflowError):
-            raise InputError(f"--sweep: {how}") from None
-        if not (math.isfinite(start) and math.isfinite(end)):
-            raise InputError(f"--sweep: the ends must be finite, got {start:g} and {end:g}")
-        if count < 1 or not whole:
+        start, end, count = number(parts[0]), number(parts[1]), number(parts[2])
+        if start is None or end is None or count is None:
+            raise InputError(f"--sweep: {how}")
+        if count < 1 or not count.is_integer():
             raise InputError(f"--sweep: the number of values must be 1 or more, got {parts[2]}")
         if count > _MOST_VALUES:
             raise InputError(f"--sweep: at most {_MOST_VALUES} values, got {parts[2]}; take fewer")
         log = len(parts) == 4 and parts[3] == "log"
         if log and not (start > 0 and end > 0):
             raise InputError(f"--sweep: a log scale needs positive ends, got {start:g} and {end:g}")
-        values = np.geomspace(start, end, count) if log else np.linspace(start, end, count)
+        values = (np.geomspace if log else np.linspace)(start, end, int(count))
         if name == "samples":
             values = np.unique(np.rint(values))
             for value in values:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ocp.errors import InputError
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Solver
 from ocp.programs.status import Status
@@ -35,6 +37,8 @@ PRIMAL = {
 }
 """For a warm start without multipliers: IPOPT estimates them, and leaves the variables in place."""
 _STEP_BACKS = 4
+MOST_STAGES = 10_000
+"""Of one path; ten times as fine as any that was ever of use."""
 
 
 @dataclass(frozen=True)
@@ -209,9 +213,22 @@ def translate(point: Point, source: Program, target: Program) -> Point:
 
 
 def geometric(start: float, end: float, factor: float) -> list[float]:
-    """Values from ``start`` down to ``end`` by ``factor``, the last one exactly ``end``."""
+    """Values from ``start`` down to ``end`` by ``factor``, the last one exactly ``end``.
+
+    Raises :class:`~ocp.errors.InputError` for more than :data:`MOST_STAGES`, and where no double
+    holds the ratio of the ends.
+    """
     if start <= end:
         return [end]
+    ratio = end / start
+    if ratio < sys.float_info.min:
+        raise InputError(f"{end:g} is too far below {start:g} to be followed down to; take nearer"
+                         " ones")  # fmt: skip
     # A hair less, or rounding adds a stage where the factor goes into the way exactly.
-    count = max(1, math.ceil(math.log(end / start) / math.log(factor) - 1e-9))
-    return [start * (end / start) ** (i / count) for i in range(count)] + [end]
+    count = max(1, math.ceil(math.log(ratio) / math.log(factor) - 1e-9))
+    if count > MOST_STAGES:
+        raise InputError(
+            f"a factor of {factor!r} makes {count:.3g} stages from {start:g} down to {end:g}, and"
+            f" {MOST_STAGES} are the most; take a smaller one"
+        )
+    return [start * ratio ** (i / count) for i in range(count)] + [end]

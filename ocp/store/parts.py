@@ -22,6 +22,7 @@ DATA_FILE, META_FILE, PROBLEM_FILE = "solution.nc", "meta.json", "problem.json"
 MOST = {DATA_FILE: 4 << 30, META_FILE: 32 << 20, PROBLEM_FILE: 256 << 20}
 """The files that a run may have, and how many bytes each may be."""
 
+_DEEPEST = 20
 _END = re.compile(rb',\n "checksum": "([0-9a-f]{64})"\n}\n')
 _END_LENGTH = len(b',\n "checksum": ""\n}\n') + 64
 
@@ -76,7 +77,9 @@ def parsed(file: Path, content: bytes) -> dict[str, Any]:
     except ValueError as error:
         raise DamagedRun(f"{file} is not JSON: {error}") from error
     except RecursionError:
-        raise DamagedRun(f"{file} is not JSON that can be read: too deep") from None
+        found = None
+    if found is None or _is_deeper(found, _DEEPEST):
+        raise DamagedRun(f"{file} is nested more than {_DEEPEST} deep, which no run is")
     if not isinstance(found, dict):
         raise DamagedRun(f"{file} holds a {type(found).__name__}, expected an object")
     return found
@@ -123,6 +126,12 @@ def _check_regular(file: Path, about: os.stat_result, most: int) -> None:
 
 def _too_large(file: Path, size: int, most: int) -> NoReturn:
     raise DamagedRun(f"{file} has {size} bytes, and that file of a run has at most {most}")
+
+
+def _is_deeper(value: Any, most: int) -> bool:
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return any(most == 0 or _is_deeper(item, most - 1) for item in inner
+               if isinstance(item, dict | list))  # fmt: skip
 
 
 def _no_number(word: str) -> NoReturn:

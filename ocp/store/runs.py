@@ -215,12 +215,16 @@ def _entry(directory: Path) -> RunEntry:
 
 
 def _folders(directory: Path) -> list[Path]:
-    """Folders in a folder that are not hidden, by name."""
+    """Folders in a folder that are not hidden, by name; also what cannot be known to be none."""
+
+    def may_be(entry: os.DirEntry[str]) -> bool:
+        try:
+            return not entry.name.startswith(".") and entry.is_dir()
+        except OSError:
+            return True
+
     with os.scandir(directory) as found:
-        return sorted(
-            Path(entry.path) for entry in found
-            if not entry.name.startswith(".") and entry.is_dir()
-        )  # fmt: skip
+        return sorted(Path(entry.path) for entry in found if may_be(entry))
 
 
 def _age(entry: RunEntry) -> tuple[str, str]:

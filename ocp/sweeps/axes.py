@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError
+from ocp.numbers import number
 
 GRAMMAR = "NAME=A:B:n, or NAME=A:B:n:log in equal ratios"
 MOST = 100_000
@@ -95,11 +96,7 @@ def _spaced(name: str, parts: Sequence[str]) -> Axis:
 
 
 def _number(name: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+    if (value := number(text)) is None:
         raise InputError(f"--over {name}: expected {GRAMMAR}, got {text.strip()!r} for a number")
     return value
 

@@ -19,7 +19,7 @@ from ocp.session import Session
 from ocp.solve import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
 from ocp.sweeps.axes import Axis, axes
-from ocp.sweeps.case import Case
+from ocp.sweeps.case import Case, Changed
 from ocp.sweeps.point import FAULT, Point, failed, solved
 from ocp.sweeps.study import Study, dataset, keep, kept_points
 
@@ -81,10 +81,10 @@ def sweep(
     study = asked(case, axes(over), starts, seed, rank_by)
     session = study.checked()
     check_side_by_side(session, jobs)
-    checkpoint = None if store is None else kept_in(study, session, Path(store))
-    found = {} if checkpoint is None else kept_points(study, checkpoint)
-    points = followed(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
-    if checkpoint is not None:
+    root = None if store is None else Path(store)
+    with study.checkpoint(root, session.problem.name) as checkpoint:
+        found = kept_points(study, checkpoint)
+        points = followed(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
         checkpoint.discard()
     return dataset(study, session, points)
 
@@ -111,6 +111,7 @@ def asked(
     """
     check_starts(starts)
     source = case.source()
+    case = case.of(source)
     full = [replace(axis, name=case.full_name(axis.name, source)) for axis in over]
     names = [axis.name for axis in full]
     for axis, name in zip(over, names, strict=True):
@@ -126,13 +127,6 @@ def check_side_by_side(session: Session, jobs: int) -> None:
     check_memory(f"{jobs} solves side by side", jobs * solve_memory(session.problem))
 
 
-def kept_in(study: Study, session: Session, store: Path) -> Checkpoint:
-    """Where a study's finished points are kept; a changed file is another study."""
-    path = getattr(study.source, "path", None)
-    content = "" if path is None else Path(path).read_text(encoding="utf-8", errors="replace")
-    return study.checkpoint(store, session.problem.name, content)
-
-
 def followed(
     study: Study,
     jobs: int = 1,
@@ -146,6 +140,8 @@ def followed(
 
     Each that is solved is written to the checkpoint, and told to ``ended``; what a point tells on
     its way, and None at its end, is ``heard``, which may raise to stop.
+
+    Raises :class:`~ocp.sweeps.case.Changed` where files have changed since the study was asked.
     """
     places, found = study.places, {} if found is None else found
     # Points of one structure stand together, for a worker builds each structure once.
@@ -160,11 +156,16 @@ def followed(
         for index, outcome in outcomes:
             # Compiled code may have made a failed solve of Ctrl-C.
             told(index, None)
-            place, lost = left[index], isinstance(outcome, Failure)
-            point = failed(FAULT, str(outcome.error)) if lost else outcome
-            # What a worker died of may be gone at the next try.
-            if checkpoint is not None and not lost:
-                keep(checkpoint, place, point)
+            place = left[index]
+            if isinstance(outcome, Failure):
+                if isinstance(outcome.error, Changed):
+                    raise outcome.error
+                # Not kept: what a worker died of may be gone at the next try.
+                point = failed(FAULT, str(outcome.error))
+            else:
+                point = outcome
+                if checkpoint is not None:
+                    keep(checkpoint, place, point)
             found[place] = point
             ended(place, point)
     return [found[place] for place in range(len(places))]

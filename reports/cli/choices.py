@@ -41,10 +41,10 @@ def closing_law(name: str, given: Iterable[str] | None, system: ContactSystem) -
 
 def whole(option: str, text: str) -> int:
     """Read a count such as ``100000`` or ``1e5``; raises InputError for anything else."""
+    from ocp.numbers import typed
+
     try:
-        value = float(text)
-        if value.is_integer():
-            return int(value)
-    except (ValueError, OverflowError):
-        pass
-    raise InputError(f"{option} must be a whole number such as 100000 or 1e5, got {text!r}")
+        return typed(text, int)
+    except ValueError as error:
+        example = "" if "most" in str(error) else " such as 100000 or 1e5"
+        raise InputError(f"{option} must be {error}{example}, got {text!r}") from None

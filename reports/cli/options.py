@@ -7,15 +7,14 @@ twice, an empty value and a number that is not finite are refused whatever the c
 from __future__ import annotations
 
 import inspect
-import math
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, fields
 from inspect import Parameter
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -24,6 +23,10 @@ from typer.models import ArgumentInfo
 from reports.cli.declared import argument, option
 from reports.cli.output import Output
 from reports.cli.shell import document, logs
+
+if TYPE_CHECKING:
+    from ocp.store.stored_run import StoredRun
+    from problems.spec import ProblemSpec
 
 T = TypeVar("T")
 RUN = "A run: its path, part of its name, or @last, @2, ... from the latest back."
@@ -71,6 +74,19 @@ class SourceOptions(StoreOptions):
     source: str | None = option(
         None, "--source", metavar="FILE", help="File that defines the problem of a run, if one did."
     )
+
+    def own(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
+        """The problem in that file, None where none is named; says where it has changed since.
+
+        Raises :class:`~ocp.errors.InputError` where it cannot be read, or is none of theirs.
+        """
+        from problems.lent import edited, named_file
+
+        found = named_file(self.source, runs)
+        for run in runs:
+            if told := edited(run, found):
+                self.output.say(told)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +199,7 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
 
 def _shaped(command: Command[Any]) -> type[Strict]:
     """The class of a command whose help ends as ``command`` says."""
-    return type("Told", (Strict,), {"told": command})
+    return type("Told", (Strict,), {"told": command, "hints": get_type_hints(command.options)})
 
 
 def _annotation(hint: Any, field: Field[Any]) -> Any:
@@ -196,9 +212,10 @@ def _annotation(hint: Any, field: Field[Any]) -> Any:
 
 
 class Strict(TyperCommand):
-    """A command that takes each option once, texts that are not empty, and finite numbers."""
+    """A command that takes each option once, texts that are not empty, and one kind of numbers."""
 
     told: Command[Any]
+    hints: dict[str, Any]
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write what stands below the options of the help, made when it is asked for."""
@@ -207,6 +224,31 @@ class Strict(TyperCommand):
             formatter.write("".join(f"  ocp {line}\n" for line in self.told.examples))
         if self.told.epilog is not None:
             formatter.write(f"\n{self.told.epilog()}\n")
+
+    def make_parser(self, ctx: Any) -> Any:
+        """Return what takes the words apart; numbers among them are read as all numbers are."""
+        parser = super().make_parser(ctx)
+        apart = parser.parse_args
+
+        def parse_args(args: list[str]) -> Any:
+            raw, *rest = apart(args=args)
+            return {name: self._number(ctx, name, word) for name, word in raw.items()}, *rest
+
+        parser.parse_args = parse_args
+        return parser
+
+    def _number(self, ctx: Any, name: str, word: Any) -> Any:
+        """The word of an option as the parser of its type takes it, where it writes a number."""
+        hint = self.hints.get(name)
+        if hint is None or not isinstance(word, str) or not word.strip():
+            return word
+        from ocp.numbers import typed
+
+        try:
+            return str(typed(word, hint))
+        except ValueError as error:
+            label = next(_label(one) for one in self.params if one.name == name)
+            return ctx.fail(f"{label} must be {error}, got {word!r}")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the words of the command line, and refuse them as a usage error."""
@@ -221,12 +263,7 @@ class Strict(TyperCommand):
                     ctx.fail(f"{label} is empty; give it a value")
                 if isinstance(word, str) and not _is_text(word):
                     ctx.fail(f"{label} holds bytes that are no UTF-8 text, which no run can record")
-        rest = super().parse_args(ctx, args)
-        for parameter in self.params:
-            value = ctx.params.get(parameter.name)
-            if isinstance(value, float) and not math.isfinite(value):
-                ctx.fail(f"{_label(parameter)} must be a finite number, got {value}")
-        return rest
+        return super().parse_args(ctx, args)
 
 
 def _is_text(word: str) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.learning.experiment import Experiment
+from ocp.numbers import whole
 from ocp.settings import declared
 from problems.tasks.usual import made, settings_of, usual
 from reports.cli.learning.psi_words import SETTINGS
@@ -77,13 +78,13 @@ def _value(key: str, name: str, text: str, cls: type) -> Any:
 def _hidden(text: str) -> tuple[int, ...] | None:
     if text in _SHAPES:
         return _SHAPES[text]
-    parts = [part.strip() for part in text.split(",")]
-    if not all(part.isascii() and part.isdigit() and 0 < int(part) <= 100_000 for part in parts):
+    units = [whole(part) for part in text.split(",")]
+    if not all(count is not None and 0 < count <= 100_000 for count in units):
         raise InputError(
             "setting hidden must be whole numbers from 1 to 100000 with commas, such as 64,64,"
             f" {' or '.join(_SHAPES)}, got {text!r}"
         )
-    return tuple(map(int, parts))
+    return tuple(count for count in units if count is not None)
 
 
 def help_text() -> str:

@@ -1,0 +1,76 @@
+"""The one grammar of numbers."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import Field
+
+from ocp.numbers import LARGEST, number, typed, whole
+
+NO_NUMBERS = ("", "-", ".", "e5", "1e", "1_0", "１２", "٣", "0x10", "1,5", "1d3", "--1", "1 0",
+              "nan", "inf", "-inf", "Infinity", "1e999", "-1e999", "1e-999", "true")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("word", "value"),
+    [("20", 20), ("2e1", 20), ("20.0", 20), ("20.", 20), ("+10", 10), (" 10 ", 10), ("-3", -3),
+     ("2.5E1", 25), ("0e0", 0), ("9223372036854775807", LARGEST), ("1e400", None), ("0.5", None)],
+)  # fmt: skip
+def test_whole_numbers_however_written(word: str, value: int | None) -> None:
+    assert whole(word) == (None if value is None else value)
+    assert type(whole(word)) is (int if value is not None else type(None))
+
+
+@pytest.mark.parametrize("word", NO_NUMBERS)
+def test_nothing_else_is_a_number(word: str) -> None:
+    assert number(word) is None and whole(word) is None
+    for kind in (int, float, int | None, Annotated[float, Field(gt=0)] | None):
+        with pytest.raises(ValueError, match="number"):
+            typed(word, kind)
+
+
+@pytest.mark.parametrize("word", ["9223372036854775808", "-" + "9" * 5000, "1e23", "1e308"])
+def test_whole_numbers_that_are_too_large(word: str) -> None:
+    assert whole(word) is None
+    with pytest.raises(ValueError, match=r"at most 9.2e\+18"):
+        typed(word, int)
+
+
+@pytest.mark.parametrize("word", ["0.99999999999999999999", "9007199254740993.5"])
+def test_a_number_that_only_a_double_takes_for_whole_is_none(word: str) -> None:
+    assert whole(word) is None
+
+
+def test_whole_numbers_beyond_doubles_are_exact() -> None:
+    assert whole("9007199254740993.0") == 9007199254740993 == whole("9.007199254740993e15")
+
+
+def test_minus_zero_is_zero() -> None:
+    assert math.copysign(1.0, number("-0") or 0.0) == 1.0 == math.copysign(1.0, number("-0.0") or 0)
+    assert whole("-0") == 0
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_every_double_reads_as_itself(value: float) -> None:
+    assert number(repr(value)) == value
+    assert typed(f" {value!r}", float | None) == value
+
+
+@given(st.integers(-LARGEST, LARGEST))
+def test_every_whole_number_reads_as_itself(value: int) -> None:
+    assert whole(str(value)) == value == typed(value, int)
+
+
+def test_values_are_numbers_as_words_are() -> None:
+    assert typed(np.float64(2.5), float) == 2.5 and type(typed(np.int64(3), int)) is int
+    for value, kind in ((True, int), (True, float), (math.nan, float), (math.inf, int | None),
+                        (10**400, float), (2**63, int), (np.float64("inf"), float)):  # fmt: skip
+        with pytest.raises(ValueError, match="number"):
+            typed(value, kind)
+    assert typed(True, bool) is True and typed("1_0", str) == "1_0" and typed(None, int) is None
