@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from random import Random
 
 from tests.attack import program
@@ -44,7 +43,7 @@ def test_broken_problem_files(tally, side_by_side, dice: Random, tmp_path) -> No
             if end.code == 2:
                 found += [("long words", end.line)] * (len(end.err) > 4000)
                 found += [("terminal signs", end.line)] * ("\x1b" in end.err)
-                found += [("run of nonsense", end.line)] * Path(here / "runs").exists()
+                found += [("run of nonsense", end.line)] * any(here.glob("runs/*/*"))
             account.count([(kind, f"{broken.name}: {told}") for kind, told in found])
 
     side_by_side(attack, files)
