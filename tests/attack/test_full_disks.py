@@ -18,8 +18,8 @@ from tests.attack.works import MAKING, TAKING, furnish, harm_to, leftovers, stat
 WORKS = (*MAKING, *TAKING)
 AT_STEPS = 6
 CODES = (1, 2)
-LIMITS = (0, 1, 512, 4096, 20_000, 60_000)
-"""Largest sizes of a file [byte]: the smallest run has about ten thousand bytes."""
+LIMITS = (2048, 4096, 8192, 20_000, 40_000, 80_000)
+"""Largest sizes of a file [byte], standard error included: a run has some ten thousand bytes."""
 SIZES = ("4k", "16k", "32k", "64k")
 
 
@@ -67,7 +67,7 @@ def test_full_at_steps_of_writing(shop, work, tally, side_by_side, dice: Random,
 def test_files_that_may_not_grow(shop, tally, side_by_side, tmp_path) -> None:
     account = tally(
         "A full disk costs the result and one sentence: no half run, no half file.",
-        "RLIMIT_FSIZE from 0 to 60,000 bytes",
+        "RLIMIT_FSIZE from 2,048 to 80,000 bytes",
         61,
     )
     before = state_of(shop / "runs")
