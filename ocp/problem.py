@@ -105,7 +105,8 @@ class Problem:
     u_k - u_{k-1}, with u_{-1} = ``u_before``) and the parameters, ``terminal_cost`` in
     ``system.x`` and the parameters. ``x0`` (nx,), ``u_before`` (nu,), and all bounds are
     expressions in the parameters, so that a study may turn any of them. ``source`` is the user's
-    file that it was built by, None for one that has a name or none.
+    file that it was built by, None for one that has a name or none, and ``source_digest`` that of
+    all the file was made of then (:mod:`problems.source_digest`).
 
     Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
     """
@@ -132,6 +133,7 @@ class Problem:
     settings: dict[str, float | int | str] = field(default_factory=dict)
     citation: str = ""
     source: str | None = None
+    source_digest: str | None = None
 
     def __post_init__(self) -> None:
         nx, nu = self.system.nx, self.system.nu

@@ -10,13 +10,17 @@ from ocp.solution import Solution
 
 
 def load(
-    run: Path | str, problem: Problem | None = None, root: Path | str | None = None
+    run: Path | str,
+    problem: Problem | None = None,
+    root: Path | str | None = None,
+    source: Path | str | None = None,
 ) -> Solution:
     """Read a run of ``ocp solve``, or of :meth:`Solution.save`.
 
     ``run`` is its directory, part of its name in the store ``root``, or ``@last``, as the command
-    line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name, or from
-    its file; give ``problem`` for one that has neither.
+    line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name. Of a
+    problem of one's own ``source`` names the file, for code that a run names is never loaded; or
+    ``problem`` is what was built of it, or without a file.
 
     Raises :class:`~ocp.errors.InputError` where there is no such run, it is no solve, or its
     problem is not found again, and :class:`~ocp.errors.DamagedRun` where it is not whole.
@@ -24,4 +28,7 @@ def load(
     from ocp import store
 
     found = store.load(store.find(str(run), root))
-    return found.solution(lent("problems").problem_of(found)[2] if problem is None else problem)
+    if problem is not None:
+        return found.solution(problem)
+    problems = lent("problems")
+    return found.solution(problems.problem_of(found, problems.named_file(source, [found]))[2])

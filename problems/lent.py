@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.stored_run import StoredRun
 from problems.objectives import objective_names
-from problems.registry import spec
+from problems.registry import load, names, registered, spec
 from problems.spec import ProblemSpec, Spec
 
 
@@ -25,12 +27,59 @@ def source(name: str) -> ProblemSpec:
     return spec(name)
 
 
-def problem_of(run: StoredRun) -> tuple[ProblemSpec, Any, Problem]:
+def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemSpec | None:
+    """The problem in the file that a person names for ``runs``, None where none is named.
+
+    Raises :class:`~ocp.errors.InputError` where it cannot be read, or is none of theirs.
+    """
+    if source is None:
+        return None
+    theirs = sorted({str(run.meta["problem"]) for run in runs if _is_own(run)})
+    if not theirs:
+        which = ", ".join(sorted({str(run.meta["problem"]) for run in runs}))
+        raise InputError(f"--source: {which} is no problem of a file; drop --source")
+    found = load(source)
+    if found.name not in theirs:
+        raise InputError(
+            f"--source {source} defines {found.name}, and the run is of {', '.join(theirs)}; name"
+            " the file of that problem"
+        )
+    return found
+
+
+def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
+    """Return a run's problem: a registered one, or ``own``, which a person named.
+
+    A run is data, so the file that it says it came from is never loaded. Raises
+    :class:`~ocp.errors.InputError` where neither is the run's.
+    """
+    name = str(run.meta["problem"])
+    if not _is_own(run):
+        return registered(name)
+    if own is not None and own.name == name:
+        return own
+    file = run.record.get("source")
+    made = f"the file {file}" if file else "a problem built in Python"
+    raise InputError(
+        f"the run of {name} is of {made}, and code that a run names is not loaded; name the file"
+        " that defines it with --source FILE (in Python source=, or problem=)"
+    )
+
+
+def _is_own(run: StoredRun) -> bool:
+    """Whether a run's problem is none that ships with the workbench."""
+    name = run.meta["problem"]
+    known = run.kind in ("train", "figure") or name in names() or name in objective_names()
+    return bool(run.record.get("source")) or not known
+
+
+def problem_of(run: StoredRun, own: ProblemSpec | None = None) -> tuple[ProblemSpec, Any, Problem]:
     """Return a run's spec, its parameters and the problem, built again.
 
-    Raises :class:`~ocp.errors.InputError` where the problem's file is gone or no longer fits.
+    Raises :class:`~ocp.errors.InputError` as :func:`spec_of` does, and where the problem no longer
+    fits.
     """
-    found = spec(run.record.get("source") or run.meta["problem"])
+    found = spec_of(run, own)
     given = known_parameters(run, found)
     return found, found.params(given), found.problem(given)
 

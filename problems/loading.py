@@ -4,35 +4,75 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
+from typing import cast
 
 import numpy as np
 
 from ocp.errors import InputError
 from ocp.problem import Problem
+from problems.source_digest import file_digest, folder_modules, open_to_imports
 from problems.spec import ProblemSpec, reason, where
 
 
 def import_file(path: Path) -> ModuleType:
     """Import the module at ``path`` (absolute), each time afresh.
 
+    It may import modules that lie beside it, as a program may; one that has changed, or that came
+    from another file's folder, is imported afresh too.
+
     Raises :class:`~ocp.errors.InputError` where there is no such file, or it raises.
     """
-    if not path.is_file():
-        kind = "is a directory" if path.is_dir() else "there is no such file"
-        raise InputError(f"{path}: {kind}; expected a Python file that defines a problem")
-    spec = importlib.util.spec_from_file_location(f"user_problem_{path.stem}", path)
+    check_file(path)
+    name = f"user_problem_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path, loader=_Afresh(name, str(path)))
     if spec is None or spec.loader is None:
         raise InputError(f"{path}: not a Python file; expected one that defines a problem")
     module = importlib.util.module_from_spec(spec)
     # pydantic looks a model's annotations up in the module of that name.
     sys.modules[spec.name] = module
+    open_to_imports(path.parent)
+    _forget_others(path)
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         raise InputError(f"{path}: the file raised at {where(error, path)}") from error
     return module
+
+
+def check_file(path: Path) -> None:
+    """Raise :class:`~ocp.errors.InputError` where there is no such file."""
+    if not path.is_file():
+        kind = "is a directory" if path.is_dir() else "there is no such file"
+        raise InputError(f"{path}: {kind}; expected a Python file that defines a problem")
+
+
+class _Afresh(SourceFileLoader):
+    """Compiles the file as it is: bytecode kept beside it goes by whole seconds and the size."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        content = self.get_data(self.path)
+        return cast("CodeType", self.source_to_code(content, self.path))
+
+
+_contents: dict[str, tuple[str, str]] = {}
+"""File and digest of every module beside a user's file, as it was imported."""
+
+
+def _forget_others(path: Path) -> None:
+    """Drop modules that are not what the file would import now, and those that may have used them.
+
+    Raises :class:`~ocp.errors.InputError` where one cannot be read.
+    """
+    modules = folder_modules(path)
+    now = {name: (str(file), file_digest(file)) for name, file in modules.items()}
+    loaded = {name: str(sys.modules[name].__file__) for name in now if name in sys.modules}
+    if any(_contents.get(name, (file, now[name][1])) != now[name] for name, file in loaded.items()):
+        for name in loaded:
+            del sys.modules[name]
+    _contents.update(now)
 
 
 def check(spec: ProblemSpec) -> None:

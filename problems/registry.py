@@ -6,13 +6,15 @@ import importlib
 import re
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from pydantic import BaseModel
 
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
-from problems.loading import check, import_file
+from problems.loading import check, check_file, import_file
+from problems.source_digest import source_digest
 from problems.spec import ProblemSpec, defined
 
 _MODULES = {
@@ -30,6 +32,8 @@ _MODULES = {
     "hopper": "problems.hopper",
     "half-cheetah": "problems.half_cheetah",
 }
+_TRIES = 3
+"""To read a file that is being edited; one that writes to what it names is never at rest."""
 _REQUIRED = ("name", "title", "Params", "build")
 
 
@@ -43,14 +47,20 @@ def spec(name: str) -> ProblemSpec:
 
     Raises :class:`~ocp.errors.InputError` for a name that is neither.
     """
-    if name.endswith(".py"):
-        return load(name)
+    return load(name) if name.endswith(".py") else registered(name)
+
+
+def registered(name: str) -> ProblemSpec:
+    """Return the problem called ``name`` that ships with the workbench; no file is ever loaded.
+
+    Raises :class:`~ocp.errors.InputError` for a name that there is not.
+    """
     if name not in _MODULES:
         raise InputError(
             f"unknown problem {name!r}{did_you_mean(name, _MODULES)}; there are"
             f" {', '.join(_MODULES)}, or give the path of a file such as my_problem.py"
         )
-    return _registered(name)
+    return _module_of(name)
 
 
 def get(name: str, **params: Any) -> Problem:
@@ -72,7 +82,8 @@ def load(path: str | Path) -> ProblemSpec:
     a name is missing or of the wrong kind, or the problem's dimensions do not fit.
     """
     file = Path(path).expanduser().resolve()
-    module = import_file(file)
+    check_file(file)
+    module, digest = _imported(file)
     missing = [key for key in _REQUIRED if not hasattr(module, key)]
     if missing:
         raise InputError(
@@ -82,13 +93,24 @@ def load(path: str | Path) -> ProblemSpec:
     wrong = _wrong_kind(vars(module))
     if wrong:
         raise InputError(f"{file}: {wrong}")
-    found = defined(ProblemSpec, module, path=file)
+    found = defined(ProblemSpec, module, path=file, digest=digest)
     check(found)
     return found
 
 
+def _imported(file: Path) -> tuple[ModuleType, str]:
+    """A file's module, and the digest of all that it was made of."""
+    before, tries = source_digest(file), 1
+    module = import_file(file)
+    # Edited while it was read, neither text is known to be the module's.
+    while (digest := source_digest(file)) != before and tries < _TRIES:
+        before, tries = digest, tries + 1
+        module = import_file(file)
+    return module, digest
+
+
 @cache
-def _registered(name: str) -> ProblemSpec:
+def _module_of(name: str) -> ProblemSpec:
     return defined(ProblemSpec, importlib.import_module(_MODULES[name]), path=None)
 
 

@@ -103,7 +103,7 @@ class ProblemSpec(Spec):
     one state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes``
     label the drawing; ``region(params)`` says where transitions are drawn, else
     :mod:`problems.regions` does; ``path`` is the user's file, None for a problem that ships with
-    the workbench.
+    the workbench, ``digest`` that of all it is made of (:mod:`problems.source_digest`).
     """
 
     build: Callable[[Any], Problem]
@@ -113,6 +113,7 @@ class ProblemSpec(Spec):
     region: Callable[[Any], Region] | None = None
     golden: Mapping[str, Golden] = field(default_factory=dict)
     path: Path | None = None
+    digest: str | None = None
 
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
         """Build the problem at ``values``, the rest at their defaults.
@@ -140,6 +141,7 @@ class ProblemSpec(Spec):
             settings={**_fixed(params, problem), **problem.settings},
             citation=problem.citation or (self.citation.key if self.citation else ""),
             source=None if self.path is None else str(self.path),
+            source_digest=self.digest,
         )
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ocp.solution import Solution
+    from problems.spec import ProblemSpec
     from reports.view import RunView
 
 
@@ -35,7 +36,7 @@ def report(solution: Solution, path: Path) -> Path:
     """Write the PDF of a run that need not be stored."""
     from reports.pdf import write_pdf
 
-    write_pdf([store.unsaved(solution)], path)
+    write_pdf([store.unsaved(solution)], path, own=_own(solution))
     return path
 
 
@@ -100,4 +101,12 @@ def _numbers(solution: Solution) -> dict[str, str]:
 def _view(solution: Solution) -> RunView:
     from reports.view import RunView
 
-    return RunView.of(store.unsaved(solution))
+    return RunView.of(store.unsaved(solution), _own(solution))
+
+
+def _own(solution: Solution) -> ProblemSpec | None:
+    """The problem in the file that this process was given, if it was one."""
+    from problems.registry import load
+
+    source = solution.problem.source
+    return None if source is None else load(source)

@@ -16,6 +16,7 @@ from ocp.errors import InputError
 from ocp.store import atomic
 from ocp.store.plain import plain
 from ocp.store.stored_run import StoredRun
+from problems.spec import ProblemSpec
 from reports.pages import (
     comparison_page,
     continuation_page,
@@ -31,26 +32,30 @@ from reports.view import RunView
 _TEMPLATES = Path(__file__).with_name("templates")
 
 
-def write_pdf(runs: Sequence[StoredRun], path: Path, cones: bool = False) -> None:
+def write_pdf(
+    runs: Sequence[StoredRun], path: Path, cones: bool = False, own: ProblemSpec | None = None
+) -> None:
     """Write a report of one run, or of several solves or trainings, to ``path``.
 
-    Friction cones are drawn where ``cones``.
+    Friction cones are drawn where ``cones``; ``own`` is the problem in a file that a person named.
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
     compared, or where a problem's typst equations do not compile.
     """
-    atomic.write(path, render(runs, cones), "the PDF")
+    atomic.write(path, render(runs, cones, own), "the PDF")
 
 
-def render(runs: Sequence[StoredRun], cones: bool = False) -> bytes:
+def render(runs: Sequence[StoredRun], cones: bool = False, own: ProblemSpec | None = None) -> bytes:
     """Return the PDF's bytes."""
-    views = [RunView.of(run) for run in runs]
+    views = [RunView.of(run, own) for run in runs]
     with styled():
-        template, content, figures = _page(views, cones)
+        template, content, figures = _page(views, cones, own)
         drawn = {name: to_svg(figure) for name, figure in figures.items()}
     return _typeset(template, content, drawn)
 
 
-def _page(views: list[RunView], cones: bool) -> tuple[str, dict[str, Any], dict[str, Figure]]:
+def _page(
+    views: list[RunView], cones: bool, own: ProblemSpec | None
+) -> tuple[str, dict[str, Any], dict[str, Figure]]:
     kinds = {view.run.kind for view in views}
     if kinds == {"solve"}:
         if len(views) == 1:
@@ -61,7 +66,7 @@ def _page(views: list[RunView], cones: bool) -> tuple[str, dict[str, Any], dict[
     if kinds == {"sweep"} and len(views) == 1:
         return ("sweep.typ", *sweep_page(views[0]))
     if kinds == {"estimate"} and len(views) == 1:
-        return ("estimate.typ", *estimate_page(views[0].run))
+        return ("estimate.typ", *estimate_page(views[0].run, own))
     if kinds == {"figure"} and len(views) == 1:
         return ("study.typ", *study_page(views[0].run))
     if kinds == {"train"}:

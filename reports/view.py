@@ -38,10 +38,13 @@ class RunView:
     problem: Problem | Task | None
 
     @classmethod
-    def of(cls, run: StoredRun) -> RunView:
-        """Look at a run; a problem that cannot be built again is left out."""
+    def of(cls, run: StoredRun, own: ProblemSpec | None = None) -> RunView:
+        """Look at a run; a problem that cannot be built again is left out.
+
+        ``own`` is the problem in a file that a person named (:func:`~problems.lent.spec_of`).
+        """
         try:
-            return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run)))
+            return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run, own)))
         except InputError:
             return cls(run, None, None, None)
 

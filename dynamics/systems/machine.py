@@ -60,6 +60,13 @@ class Machine:
     meetings: tuple[tuple[str, str], ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
+        links = [link.name for link in self.links]
+        for part in (*self.spheres, *self.parts):
+            if part.link not in links:
+                raise ValueError(
+                    f"{part.name!r} is on link {part.link!r}, which is none; "
+                    f"choose from {', '.join(links)}"
+                )
         known = {part.name: part.link for part in (*self.spheres, *self.parts)}
         for meeting in self.meetings:
             for name in meeting:

@@ -1,7 +1,8 @@
 """Write files and directories whole or not at all.
 
 Everything is made in a hidden directory beside its place, flushed to the disk and renamed, so that
-a process killed at any time leaves nothing half written.
+a process killed at any time leaves nothing half written. What is no regular file, as a FIFO or
+``/dev/null``, is never replaced: it is written to.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import errno
 import fcntl
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -28,17 +30,65 @@ def write(path: Path, content: bytes, what: str = "") -> None:
 
 @contextmanager
 def replacing(path: Path, what: str = "") -> Iterator[Path]:
-    """Give the file to fill that then takes the place of ``path``; it has the same name.
+    """Give the file to fill that then becomes the content of ``path``; it has the same name.
+
+    A regular file is replaced, and keeps its mode; of a link, what it points to. A device or a
+    FIFO is written to, once the draft is whole.
 
     Raises :class:`~ocp.errors.InputError` with the reason where it cannot be written; ``what``
     says what it is.
     """
-    with told(f"{what} {path}".strip()), drafts(path.parent) as room:
-        draft = room / path.name
-        yield draft
-        flush(draft)
-        draft.replace(path)
-        flush(path.parent)
+    with told(f"{what} {path}".strip()):
+        place = destination(path)
+        if place is None:
+            with tempfile.TemporaryDirectory(prefix=_PREFIX) as room:
+                draft = Path(room) / path.name
+                yield draft
+                _pour(draft, path)
+            return
+        with drafts(place.parent) as room:
+            draft = room / path.name
+            yield draft
+            with suppress(FileNotFoundError):
+                shutil.copymode(place, draft)
+            flush(draft)
+            draft.replace(place)
+            flush(place.parent)
+
+
+def destination(path: Path) -> Path | None:
+    """Where a file called ``path`` lies, links followed; None for what is written to instead.
+
+    Raises OSError where it is neither: a directory, a socket, a disk, a circle of links.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return path.resolve()
+    if stat.S_ISCHR(mode) or stat.S_ISFIFO(mode) or _is_handle(path):
+        return None
+    if stat.S_ISREG(mode):
+        return path.resolve()
+    kinds = {stat.S_IFDIR: "it is a directory", stat.S_IFBLK: "it is a disk"}
+    raise OSError(errno.EINVAL, kinds.get(stat.S_IFMT(mode), "it is no file"), str(path))
+
+
+def _is_handle(path: Path) -> bool:
+    """Whether it names an open file of a process, as ``/dev/stdout`` does."""
+    seen = path
+    while seen.is_symlink():
+        home = seen.parent.resolve()
+        if home.is_relative_to("/proc"):
+            return True
+        seen = home / seen.readlink()
+    return False
+
+
+def _pour(draft: Path, path: Path) -> None:
+    """Write a draft to a device, a FIFO or an open file; a FIFO waits for its reader."""
+    # No O_CREAT: had it vanished since, a regular file would be made that is not replaced whole.
+    with draft.open("rb") as source, os.fdopen(os.open(path, os.O_WRONLY), "wb") as sink:
+        shutil.copyfileobj(source, sink)
 
 
 @contextmanager

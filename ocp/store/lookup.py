@@ -10,8 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from ocp.errors import InputError, did_you_mean
+from ocp.store.parts import DATA_FILE, META_FILE, MOST
 from ocp.store.runs import RunEntry, list_runs
-from ocp.store.stored_run import DATA_FILE, META_FILE
 
 VARIABLE = "OCP_RUNS"
 """Environment variable that names the store where none is said."""
@@ -68,12 +68,14 @@ def _content(entry: RunEntry) -> str:
 def check_removable(path: Path) -> None:
     """Raise :class:`~ocp.errors.InputError` unless ``path`` is a run's directory, damaged or not.
 
-    A run holds its two files and nothing else.
+    A run holds its own files and nothing else.
     """
+    if path.is_symlink():
+        raise InputError(f"{path} is a symbolic link; remove the link, or name what it leads to")
     found = {file.name for file in path.iterdir()} if path.is_dir() else set()
     if not found & {DATA_FILE, META_FILE}:
         raise InputError(f"{path} is no run; ocp runs lists what the store holds")
-    if foreign := sorted(found - {DATA_FILE, META_FILE}):
+    if foreign := sorted(found - set(MOST)):
         raise InputError(f"{path} holds {foreign[0]}, which is no part of a run; move it away")
 
 

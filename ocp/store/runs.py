@@ -1,14 +1,15 @@
 """The run store: what was asked and what came out, on disk, whole or not at all.
 
-A run is ``<root>/<problem>/<utc-time>-<hash>/`` with ``solution.nc`` (netCDF) and ``meta.json``.
-Nothing is ever pickled.
+A run is ``<root>/<problem>/<utc-time>-<hash>/`` with the files of :mod:`ocp.store.parts`:
+``solution.nc`` (netCDF), ``meta.json``, and of a user's own problem ``problem.json``. It is data:
+nothing is ever pickled, and no code that it names is ever loaded.
 """
 
 from __future__ import annotations
 
 import errno
-import hashlib
-import json
+import math
+import os
 import re
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -17,18 +18,22 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ocp.errors import DamagedRun, InputError
 from ocp.solution import Solution
 from ocp.store.atomic import drafts, flush, told
+from ocp.store.description import check_description
+from ocp.store.parts import DATA_FILE, META_FILE, part, read_sealed, reason, sealed
 from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
-from ocp.store.stored_run import DATA_FILE, META_FILE, StoredRun
+from ocp.store.stored_run import StoredRun
 from ocp.store.tags import checked
 
 if TYPE_CHECKING:
     import xarray as xr
 
-SCHEMA = 1
+SCHEMA = 2
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,7 @@ def _parts(
         "tags": tags,
         "seed": record.get("seed"),
         "record": record,
+        "source_digest": solution.problem.source_digest,
         "status": solution.status.label,
         "stages": [asdict(stage) for stage in solution.stages],
         **{name: asdict(getattr(solution, name)) for name in judged},
@@ -78,22 +84,20 @@ def _parts(
 def write(root: Path | str, problem: str, data: xr.Dataset, meta: dict[str, Any]) -> Path:
     """Store ``data`` and ``meta`` as one run of ``problem`` and return its directory.
 
-    ``meta`` needs ``kind`` and may have ``tags``, words that mark the run; ``schema problem created
-    versions revision hash checksum`` are added. The hash in the name covers the content without
-    times and tags, so identical solves share it.
+    ``meta`` is what :mod:`ocp.store.description` says of its ``kind``; ``tags`` are words that mark
+    the run; ``schema problem created versions revision hash parts checksum`` are added. The hash in
+    the name covers the content without times and tags, so identical solves share it.
 
     Raises :class:`~ocp.errors.InputError` for a tag that is no word, and where the directory cannot
     be written or the disk is full; then nothing of the run is left behind.
     """
-    data_bytes = bytes(data.to_netcdf(engine="netcdf4"))
     created = datetime.now(UTC)
     described = _completed(problem, data, meta, created)
-    described["checksum"] = hashlib.sha256(data_bytes).hexdigest()
-    meta_bytes = (json.dumps(described, indent=1, sort_keys=True) + "\n").encode()
+    files = sealed(described, {DATA_FILE: bytes(data.to_netcdf(engine="netcdf4"))})
     name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
     shelf = Path(root) / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
     with _told(Path(root)), drafts(shelf) as room:
-        for file, content in ((DATA_FILE, data_bytes), (META_FILE, meta_bytes)):
+        for file, content in files.items():
             (room / file).write_bytes(content)
             flush(room / file)
         flush(room)
@@ -128,67 +132,95 @@ def _told(root: Path) -> AbstractContextManager[None]:
 
 
 def load(path: Path | str) -> StoredRun:
-    """Read a run back.
+    """Read a run back, every file of it compared with its checksum first.
 
     Raises :class:`~ocp.errors.InputError` where there is no such directory and
     :class:`~ocp.errors.DamagedRun`, naming file and reason, where the run is not whole.
     """
-    import xarray as xr
-
     directory = Path(path)
     meta = read_meta(directory)
-    file = directory / DATA_FILE
+    parts = {name: part(directory, meta, name) for name in meta["parts"]}
+    data = _arrays(directory / DATA_FILE, parts.pop(DATA_FILE))
+    return StoredRun(directory, data, meta, parts)
+
+
+def _arrays(file: Path, content: bytes) -> xr.Dataset:
+    """The dataset in the bytes of a netCDF file, which are as they were written."""
+    import netCDF4
+    import xarray as xr
+
     try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise DamagedRun(f"{file} cannot be read: {_reason(error)}") from error
-    if hashlib.sha256(content).hexdigest() != meta["checksum"]:
-        raise DamagedRun(f"{file} does not match its checksum in {META_FILE}: cut short or changed")
-    try:
-        data = xr.load_dataset(file, engine="netcdf4")
-    except (OSError, RuntimeError, ValueError) as error:
+        with netCDF4.Dataset(file.name, memory=content) as found:
+            claimed = [math.prod(v.shape) * np.dtype(v.dtype or object).itemsize
+                       for v in found.variables.values()]  # fmt: skip
+            if sum(claimed) > len(content):
+                raise DamagedRun(
+                    f"{file} claims {sum(claimed)} bytes of numbers and has {len(content)} in all"
+                )
+        return xr.load_dataset(content, engine="netcdf4")
+    except (DamagedRun, MemoryError):
+        raise
+    except Exception as error:
         raise DamagedRun(f"{file} is no readable netCDF file: {error}") from error
-    return StoredRun(directory, data, meta)
 
 
 def read_meta(directory: Path) -> dict[str, Any]:
     """Read ``meta.json`` of a run; raises as :func:`load` does."""
-    file = directory / META_FILE
     if not directory.is_dir():
         raise InputError(f"there is no run at {directory}; ocp runs lists what the store holds")
-    try:
-        meta = json.loads(file.read_bytes())
-    except OSError as error:
-        raise DamagedRun(f"{file} cannot be read: {_reason(error)}") from error
-    except ValueError as error:
-        raise DamagedRun(f"{file} is not JSON: {error}") from error
-    if not isinstance(meta, dict) or "schema" not in meta:
+    meta, file = read_sealed(directory), directory / META_FILE
+    if "schema" not in meta:
         raise DamagedRun(f"{file} has no schema version, so it describes no run")
     if meta["schema"] != SCHEMA:
         raise DamagedRun(
             f"{file} has schema version {meta['schema']}, this program reads {SCHEMA}; read it with"
             " the program that wrote it"
         )
-    missing = sorted({"kind", "problem", "created", "hash", "checksum"} - set(meta))
-    if missing:
-        raise DamagedRun(f"{file} lacks {', '.join(missing)}")
+    check_description(file, meta)
     return meta
 
 
 def list_runs(root: Path | str) -> list[RunEntry]:
     """List all runs under ``root``, oldest first, the damaged ones with the reason.
 
-    Runs of the same second are in order too, but for damaged ones, which then come first.
+    Each is judged alone. Runs of the same second are in order too, but for damaged ones, which
+    then come first.
+
+    Raises :class:`~ocp.errors.InputError` for a ``root`` that cannot be read.
     """
-    entries = []
-    for directory in sorted(Path(root).glob("*/*"), key=lambda path: (path.name, path)):
-        if not directory.is_dir() or directory.name.startswith("."):
-            continue
-        try:
-            entries.append(RunEntry(directory, read_meta(directory)))
-        except DamagedRun as error:
-            entries.append(RunEntry(directory, None, str(error)))
-    return sorted(entries, key=_age)
+    try:
+        shelves = _folders(Path(root))
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise InputError(f"cannot read the runs in {root}: {reason(error)}") from error
+    return sorted((entry for shelf in shelves for entry in _shelved(shelf)), key=_age)
+
+
+def _shelved(shelf: Path) -> list[RunEntry]:
+    try:
+        return [_entry(directory) for directory in _folders(shelf)]
+    except OSError as error:
+        return [RunEntry(shelf, None, f"{shelf} cannot be read: {reason(error)}")]
+
+
+def _entry(directory: Path) -> RunEntry:
+    try:
+        meta = read_meta(directory)
+        for name in meta["parts"]:
+            part(directory, meta, name)
+    except (DamagedRun, InputError) as error:
+        return RunEntry(directory, None, str(error))
+    return RunEntry(directory, meta)
+
+
+def _folders(directory: Path) -> list[Path]:
+    """Folders in a folder that are not hidden, by name."""
+    with os.scandir(directory) as found:
+        return sorted(
+            Path(entry.path) for entry in found
+            if not entry.name.startswith(".") and entry.is_dir()
+        )  # fmt: skip
 
 
 def _age(entry: RunEntry) -> tuple[str, str]:
@@ -207,7 +239,3 @@ def _rename_into(partial: Path, shelf: Path, name: str) -> Path:
             if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                 raise
         attempt += 1
-
-
-def _reason(error: OSError) -> str:
-    return error.strerror or str(error)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,19 +15,20 @@ from ocp.programs.status import Status
 from ocp.rollout import Gains
 from ocp.solution import Solution, StageRecord
 from ocp.stationarity.certificate import Certificate
+from ocp.store.parts import META_FILE
 from ocp.store.plain import read
 
 if TYPE_CHECKING:
     import xarray as xr
-
-DATA_FILE, META_FILE = "solution.nc", "meta.json"
 
 
 @dataclass(frozen=True)
 class StoredRun:
     """A run read back: labelled arrays, and everything else as plain JSON values.
 
-    ``meta`` holds ``schema kind problem created argv versions revision seed hash checksum`` and,
+    ``parts`` are its other files, in bytes, by name.
+    ``meta`` holds ``schema kind problem created argv versions revision seed hash parts checksum``,
+    of types that :mod:`ocp.store.description` tells, and
     for ``kind == "solve"``, ``record audit certificate referee idle_cost cost status verdict grade
     stages iterations build_s solve_s others``.
     """
@@ -34,6 +36,7 @@ class StoredRun:
     path: Path
     data: xr.Dataset
     meta: dict[str, Any]
+    parts: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:

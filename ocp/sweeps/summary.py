@@ -48,6 +48,7 @@ def described(study: Study, session: Session, data: xr.Dataset) -> dict[str, Any
         "kind": KIND,
         "seed": study.seed,
         "record": _constant(study, session),
+        "source_digest": session.problem.source_digest,
         "over": ", ".join(dims),
         "study": {"axes": axes, "shape": list(study.shape), "failed": failures},
         "solved": solved,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from reports.cli.declared import argument, option
-from reports.cli.options import RUN, Command, StoreOptions
+from reports.cli.options import RUN, Command, SourceOptions
 from reports.cli.output import Output
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnimateOptions(StoreOptions):
+class AnimateOptions(SourceOptions):
     """Which run, the file, and how fast."""
 
     run: str = argument(help=RUN)
@@ -31,6 +31,7 @@ class AnimateOptions(StoreOptions):
 
 def check(options: AnimateOptions) -> RunView:
     """Read the run, and see that it can be drawn."""
+    from problems.lent import named_file
     from reports.cli.places import check_place
     from reports.cli.runs_command import stored
     from reports.motion.animation import check_drawable, frame_times
@@ -39,7 +40,8 @@ def check(options: AnimateOptions) -> RunView:
 
     check_format(options.file, options.fps)
     check_place(options.file, "animation")
-    view = RunView.of(stored(options.run, options.out))
+    found = stored(options.run, options.out)
+    view = RunView.of(found, named_file(options.source, [found]))
     check_drawable(view)
     frame_times(float(view.time[-1]), options.fps, options.speed)
     return view
@@ -55,7 +57,7 @@ def run(options: AnimateOptions, view: RunView) -> int:
     with styled():
         animation = Animation(view, options.fps, options.speed, options.cones)
         with _progress(output, len(animation.times)) as told:
-            write(animation, file, told)
+            size = write(animation, file, told)
     output.say(f"animation: {file} ({len(animation.times)} frames)")
     output.document(
         {
@@ -65,7 +67,7 @@ def run(options: AnimateOptions, view: RunView) -> int:
             "fps": animation.fps,
             "speed": options.speed,
             "duration_s": float(animation.times[-1]),
-            "bytes": file.stat().st_size,
+            "bytes": size,
             "panels": [motion.title for motion in animation.motions],
         }
     )

@@ -62,7 +62,7 @@ def run(options: ContinueOptions, asked: Request) -> int:
     if path.events:
         output.note(curve_tables.event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])
-    output.finish(stored, meta, options.pdf)
+    output.finish(stored, meta, options.pdf, asked.spec)
     if interrupted:
         raise KeyboardInterrupt
     return 0 if path.broke is None else 3
@@ -107,6 +107,7 @@ def _meta(options: ContinueOptions, asked: Request, path: Continuation) -> dict[
         "tags": options.tags,
         "seed": options.seed,
         "record": {**path.points[0].solution.record, **asked.origin},
+        "source_digest": asked.session.problem.source_digest,
         "over": path.parameter,
         "from": options.start,
         "to": options.end,

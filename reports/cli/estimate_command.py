@@ -91,7 +91,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
     if study.resumed:
         output.say(f"went on from {study.resumed} points that were done before")
     output.say(meta["verdict"])
-    output.finish(path, meta, options.pdf)
+    output.finish(path, meta, options.pdf, asked.spec)
     if interrupted:
         raise KeyboardInterrupt
     return 0
@@ -109,6 +109,7 @@ def _meta(asked: EstimateRequest, study: SweepRun) -> dict[str, Any]:
         "problem": asked.spec.name,
         "seed": asked.sampling.seed,
         "record": asked.record,
+        "source_digest": getattr(asked.spec, "digest", None),
         "sweep": None if swept is None else {
             "name": swept.name, "values": list(swept.values), "unit": asked.unit(),
             "log": swept.log,

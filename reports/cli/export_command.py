@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from reports.cli.declared import argument, option
-from reports.cli.options import Command, StoreOptions
+from reports.cli.options import Command, SourceOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportOptions(StoreOptions):
+class ExportOptions(SourceOptions):
     """What to export, where to, and the law if it is not the run's own."""
 
     what: str = argument(
@@ -121,11 +121,13 @@ def _asked(options: ExportOptions) -> Asked:
     if what in names() or what.endswith(".py"):
         if "out" in options.given:
             raise InputError(f"--out says where runs are, but {what} is a problem; drop it")
+        if options.source is not None:
+            raise InputError(f"--source is for a run, but {what} is a problem; drop it")
         found = spec(what)
         problem = found.problem(assignments("-p", options.params))
         law = closing_law(options.contact or "barrier", options.law_settings, problem.system)
         return Asked(found.name, found.title, problem, law)
-    asked = _read_run(what, options.out)
+    asked = _read_run(what, options)
     if options.params:
         raise InputError(f"-p: a run has its parameters; to choose them export {asked.name}")
     if options.contact is None and not options.law_settings:
@@ -134,23 +136,23 @@ def _asked(options: ExportOptions) -> Asked:
     return replace(asked, law=closing_law(name, options.law_settings, system))
 
 
-def _read_run(what: str, root: Path) -> Asked:
+def _read_run(what: str, options: ExportOptions) -> Asked:
     """Read a run; raises InputError where nothing has that name, saying what has."""
     from ocp.errors import InputError, did_you_mean
     from problems import names
+    from problems.lent import named_file, problem_of
     from problems.objectives import objective_names
     from reports.cli.choices import closing_law
     from reports.cli.runs_command import stored
-    from reports.view import problem_of
 
     if what in objective_names():
         raise InputError(f"{what} is an objective without dynamics: there is no step to export")
     try:
-        run = stored(what, root)
+        run = stored(what, options.out)
     except InputError as error:
         hint = did_you_mean(what, names())
         raise InputError(f"{error}; nor is it a problem's name{hint}") from error
-    found, _, problem = problem_of(run)
+    found, _, problem = problem_of(run, named_file(options.source, [run]))
     solution = run.solution(problem)
     settings = [f"{key}={value}" for key, value in run.record["contact_settings"].items()]
     law = closing_law(run.record["contact"], settings, problem.system)

@@ -64,6 +64,15 @@ class StoreOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SourceOptions(StoreOptions):
+    """Which code a run's problem may be built of: a run is data, and names none that is loaded."""
+
+    source: str | None = option(
+        None, "--source", metavar="FILE", help="File that defines the problem of a run, if one did."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class TagOptions(StoreOptions):
     """What a stored run is marked with."""
 

@@ -73,13 +73,16 @@ class Output:
         text = json.dumps(plain(content), indent=1, allow_nan=False)
         print(text, file=document.stream(), flush=True)
 
-    def finish(self, run: Path, content: dict[str, Any], pdf: Path | None) -> None:
-        """Say where a run was stored, write its report to ``pdf``, and print its document."""
+    def finish(self, run: Path, content: dict[str, Any], pdf: Path | None, own: Any = None) -> None:
+        """Say where a run was stored, write its report to ``pdf``, and print its document.
+
+        ``own`` is the problem that was asked for, by which the report shows it.
+        """
         self.say(f"run: {run}")
         if pdf is not None:
             from ocp import store
             from reports.pdf import write_pdf
 
-            write_pdf([store.load(run)], pdf)
+            write_pdf([store.load(run)], pdf, own=own)
             self.say(f"PDF: {pdf}")
         self.document({**content, "run": str(run), "pdf": None if pdf is None else str(pdf)})

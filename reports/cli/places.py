@@ -27,12 +27,17 @@ def check_places(out: Path, pdf: Path | None) -> None:
 def check_place(file: Path, what: str) -> None:
     """Raise InputError where ``file``, a PDF say, could not be written."""
     from ocp import store
+    from ocp.store import atomic
 
     if file.is_dir():
         example = EXAMPLES.get(what, "report.gif")
         raise InputError(f"{file} is a directory; name a file such as {file / example}")
+    with atomic.told(f"the {what} to {file}"):
+        place = atomic.destination(file)
+    if place is None:
+        return
     try:
-        store.check_writable(file.parent)
+        store.check_writable(place.parent)
     except InputError as error:
         message = str(error).replace("the run", f"the {what}").replace("with --out", "for it")
         raise InputError(message) from error

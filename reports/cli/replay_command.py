@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from reports.cli.declared import argument, option
-from reports.cli.options import RUN, Command, LawOptions
+from reports.cli.options import RUN, Command, LawOptions, SourceOptions
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayOptions(LawOptions):
+class ReplayOptions(LawOptions, SourceOptions):
     """Which run."""
 
     run: str = argument(help=RUN)
@@ -27,12 +27,12 @@ class ReplayOptions(LawOptions):
 
 def check(options: ReplayOptions) -> Asked:
     """Read the run's plan, and make the law."""
+    from problems.lent import named_file, problem_of
     from reports.cli.choices import closing_law
     from reports.cli.runs_command import stored
-    from reports.view import problem_of
 
     found = stored(options.run, options.out)
-    problem = problem_of(found)[2]
+    problem = problem_of(found, named_file(options.source, [found]))[2]
     law = closing_law(options.contact, options.law_settings, problem.system)
     return found, found.solution(problem), problem, law
 

@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from reports.cli.declared import argument, option
-from reports.cli.options import Command, StoreOptions
+from reports.cli.options import Command, SourceOptions
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
+    from problems.spec import ProblemSpec
+
+    Asked = tuple[list[StoredRun], ProblemSpec | None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportOptions(StoreOptions):
+class ReportOptions(SourceOptions):
     """Which runs, and the file."""
 
     runs: list[str] = argument(help="Runs: paths, or parts of their names.")
@@ -22,20 +25,23 @@ class ReportOptions(StoreOptions):
     cones: bool = option(False, "--cones", help="Draw friction cones where forces act.")
 
 
-def check(options: ReportOptions) -> list[StoredRun]:
-    """Read the runs."""
+def check(options: ReportOptions) -> Asked:
+    """Read the runs, and the problem's file if one is named."""
+    from problems.lent import named_file
     from reports.cli.places import check_place
     from reports.cli.runs_command import stored
 
     check_place(options.pdf, "PDF")
-    return [stored(text, options.out) for text in options.runs]
+    runs = [stored(text, options.out) for text in options.runs]
+    return runs, named_file(options.source, runs)
 
 
-def run(options: ReportOptions, runs: list[StoredRun]) -> int:
+def run(options: ReportOptions, asked: Asked) -> int:
     """Write a PDF of one stored run, or of several side by side."""
     from reports.pdf import write_pdf
 
-    write_pdf(runs, options.pdf, options.cones)
+    runs, own = asked
+    write_pdf(runs, options.pdf, options.cones, own)
     output = options.output
     output.say(f"PDF: {options.pdf}")
     output.document({"pdf": str(options.pdf), "runs": [str(item.path) for item in runs]})

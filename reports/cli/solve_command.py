@@ -13,6 +13,7 @@ from reports.cli.output import Output
 if TYPE_CHECKING:
     from ocp.solution import Solution, StageRecord
     from ocp.solve import Rank
+    from problems.spec import ProblemSpec
     from reports.cli.request import Request
 
 NOT_CONVERGED = 3
@@ -70,8 +71,8 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
 def _start(asked: Request, run: str, root: Path) -> Solution:
     """Return the stored solution that ``run`` names, of this problem at its own parameters."""
     from ocp.errors import InputError
+    from problems.lent import problem_of
     from reports.cli.runs_command import stored
-    from reports.view import problem_of
 
     found, name = stored(run, root), asked.session.problem.name
     if found.meta["problem"] != name:
@@ -79,7 +80,7 @@ def _start(asked: Request, run: str, root: Path) -> Solution:
             f"--from {run}: that run is of {found.meta['problem']}, not of {name}; start from a run"
             f" of {name}"
         )
-    solution = found.solution(problem_of(found)[2])
+    solution = found.solution(problem_of(found, asked.spec)[2])
     return replace(solution, record={**solution.record, "hash": found.meta["hash"]})
 
 
@@ -97,22 +98,22 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     output.verdict(solution.verdict, solution.grade)
     told = document(solution, path)
     if options.plot is not None:
-        _plot(path, options.plot)
+        _plot(path, options.plot, asked.spec)
         output.say(f"figure: {options.plot}")
         told["plot"] = str(options.plot)
-    output.finish(path, told, options.pdf)
+    output.finish(path, told, options.pdf, asked.spec)
     survives = options.require is None or bool(solution.referee.survives)
     return 0 if solution.success and survives else NOT_CONVERGED
 
 
-def _plot(run: Path, file: Path) -> None:
+def _plot(run: Path, file: Path, own: ProblemSpec) -> None:
     """Draw the bare figure of a stored run."""
     from ocp import store
     from ocp.store import atomic
     from reports.papers.bare import bare
     from reports.papers.formats import format_of
 
-    atomic.write(file, bare(store.load(run), format_of(file)), "the figure")
+    atomic.write(file, bare(store.load(run), format_of(file), own=own), "the figure")
 
 
 def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> Solution:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ocp.errors import InputError
 from problems.drawing import ContactFrame, Shape
+from problems.lent import spec_of
 from reports.camera import Camera, film
 from reports.forces import Forces, forces_of
 from reports.view import RunView
@@ -163,10 +164,8 @@ def check_drawable(view: RunView) -> None:
             " ocp solve or ocp train"
         )
     if view.spec is None:
-        raise InputError(
-            f"the problem {name!r} of {view.run.path} is not found again; its file is gone or no"
-            " longer fits the run"
-        )
+        spec_of(view.run)
+        raise InputError(f"the problem {name!r} of {view.run.path} no longer fits the run")
     if view.spec.draw is None:
         raise InputError(
             f"the problem {name!r} has no drawing; add draw(params, state) -> list of shapes"

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 from ocp.errors import InputError
 from ocp.problem import Problem
+from ocp.store import atomic
 from ocp.store.runs import list_runs, load
 from reports.motion.animation import Animation
 from reports.motion.movie import write
@@ -107,7 +108,8 @@ def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -
     files = [folder / "strobes.png", *(folder / f"{name}.gif" for name in moved)]
     with styled():
         strobes = picture([newest(root, name) for name in still])
-        strobes.savefig(files[0], dpi=110, metadata={"Software": None})
+        with atomic.replacing(files[0]) as draft:
+            strobes.savefig(draft, dpi=110, metadata={"Software": None})
         for name, file in zip(moved, files[1:], strict=True):
             write(moving(newest(root, name)), file)
             if file.stat().st_size > LARGEST:

@@ -46,8 +46,8 @@ def check_format(file: Path, fps: int = 25) -> None:
         )
 
 
-def write(animation: Animation, file: Path, told: Callable[[int], None] = lambda _: None) -> None:
-    """Draw every frame into ``file``, which is there whole or not at all.
+def write(animation: Animation, file: Path, told: Callable[[int], None] = lambda _: None) -> int:
+    """Draw every frame into ``file``, which is there whole or not at all; return its bytes.
 
     ``told`` is called with the number of frames done.
 
@@ -63,6 +63,7 @@ def write(animation: Animation, file: Path, told: Callable[[int], None] = lambda
             case _:
                 draft.write_text(player(animation), encoding="utf-8")
                 told(len(animation.times))
+        return draft.stat().st_size
 
 
 def delays(count: int, fps: int) -> list[int]:

@@ -8,7 +8,9 @@ from typing import Any
 from ocp.errors import InputError
 from ocp.gradients.verdict import WIDE, comes_to, weakest
 from ocp.store.stored_run import StoredRun
-from problems.objectives import named
+from problems.lent import spec_of
+from problems.objectives import ObjectiveSpec, objective_names, objective_spec
+from problems.spec import ProblemSpec
 from reports import estimates
 from reports.console import number
 from reports.figures import estimate
@@ -25,13 +27,10 @@ _GRADES = {
 """Colour of the weakest verdict."""
 
 
-def estimate_page(run: StoredRun) -> Page:
-    """Content and figure of a stored estimate."""
+def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
+    """Content and figure of a stored estimate; ``own`` is the problem of a file that was named."""
     meta, swept = run.meta, run.meta["sweep"]
-    try:
-        spec = named(run.record.get("source") or meta["problem"])
-    except InputError:
-        spec = None
+    spec = _spec(run, own)
     rows = meta["estimates"]
     content = described(run, spec, run.record["params"])
     parameters = [row for row in content["parameters"] if not swept or row[0] != swept["name"]]
@@ -48,6 +47,14 @@ def estimate_page(run: StoredRun) -> Page:
         "explanations": [] if swept else [f"{r['estimator']}: {r['explanation']}" for r in rows],
     }
     return content, {"estimate": estimate.draw(run)}
+
+
+def _spec(run: StoredRun, own: ProblemSpec | None) -> ObjectiveSpec | ProblemSpec | None:
+    name = run.meta["problem"]
+    try:
+        return objective_spec(name) if name in objective_names() else spec_of(run, own)
+    except InputError:
+        return None
 
 
 _TOLD = ("estimators", "reference", "reference samples", "samples", "sigma")

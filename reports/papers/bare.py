@@ -17,6 +17,7 @@ from matplotlib.transforms import Bbox
 
 from ocp.errors import InputError, choose
 from ocp.store.stored_run import StoredRun
+from problems.spec import ProblemSpec
 from reports.figures.studies import DRAWINGS
 from reports.papers.formats import FORMATS
 from reports.papers.solution import solution_figure
@@ -39,16 +40,19 @@ _UNDATED: dict[str, dict[str, None]] = {
 }
 
 
-def bare(run: StoredRun, ending: str, panel: str | None = None) -> bytes:
+def bare(
+    run: StoredRun, ending: str, panel: str | None = None, own: ProblemSpec | None = None
+) -> bytes:
     """Draw a stored study or solve, or only its panel ``"a"``, ``"b"``, ...
 
+    ``own`` is the problem in a file that a person named.
     Raises :class:`~ocp.errors.InputError` for a run of another kind, and as :func:`render` does.
     """
     with styled():
         if run.kind == "figure":
             figure = DRAWINGS[run.meta["problem"]].draw(run.data)
         else:
-            figure = solution_figure(RunView.of(run))
+            figure = solution_figure(RunView.of(run, own))
         return render(figure, ending, panel)
 
 

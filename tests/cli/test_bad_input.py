@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+
+from tests.resealed import having, lacking, reseal
 
 SOLVE = ("solve", "wall-1d")
 CONTINUE = ("continue", "wall-1d", "--over", "contact.mu")
@@ -213,11 +214,11 @@ def test_a_users_file_that_works_is_found_again_by_its_run(ocp, tmp_path: Path) 
     solved = ocp("solve", "mine.py", "-p", "m=2", "--json")
     assert solved.code == 0
     assert solved.json["params"] == {"m": 2.0, "N": 5}
-    replayed = ocp("replay", solved.json["run"], "--json")
+    replayed = ocp("replay", solved.json["run"], "--source", "mine.py", "--json")
     assert replayed.json["cost"] == pytest.approx(solved.json["exact_cost"], rel=1e-9)
     (tmp_path / "mine.py").unlink()
     assert ocp("report", solved.json["run"], "-o", "mine.pdf").code == 0
-    gone = ocp("replay", solved.json["run"])
+    gone = ocp("replay", solved.json["run"], "--source", "mine.py")
     assert gone.code == 2
     assert "no such file" in gone.err
 
@@ -285,11 +286,9 @@ def test_a_damaged_run(ocp, tmp_path: Path, store_of_runs: Path, command: str, h
     elif harm == "not json":
         meta.write_text("{")
     elif harm == "schema":
-        meta.write_text(meta.read_text().replace('"schema": 1', '"schema": 7'))
+        reseal(run, having(schema=7))
     else:
-        kept = json.loads(meta.read_text())
-        del kept["audit"], kept["checksum"]
-        meta.write_text(json.dumps(kept))
+        reseal(run, lacking("audit"))
     arguments = ["-o", "x.pdf"] if command == "report" else []
     done = ocp(command, str(run), *arguments)
     assert done.code == 4

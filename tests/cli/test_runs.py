@@ -200,7 +200,8 @@ def test_what_cannot_be_exported_is_told(ocp, runs: Path, tmp_path: Path) -> Non
     unknown = ocp("runs", "export", "@1", "-o", "a.xlsx")
     assert unknown.code == 2 and "csv, npz" in unknown.err
     data = store.load(find("@1", runs)).data
-    store.write(runs, "A1", data, {"kind": "figure"})
+    told = {"argv": [], "record": {}, "status": "done", "verdict": "All hold.", "claims": []}
+    store.write(runs, "A1", data, {"kind": "figure", **told})
     figure = ocp("runs", "export", "@last", "-o", "a.csv")
     assert figure.code == 2 and "--format npz" in figure.err
     assert not (tmp_path / "a.csv").exists()

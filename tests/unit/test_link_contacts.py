@@ -179,3 +179,10 @@ def test_a_meeting_that_cannot_be_is_refused(meeting, sentence: str) -> None:
     machine = folded()
     with pytest.raises(ValueError, match=sentence):
         Machine(machine.links, machine.spheres, parts=machine.parts, meetings=(meeting,))
+
+
+def test_a_part_on_a_link_that_is_none_is_refused() -> None:
+    links = folded().links
+    sentence = f"'toe' is on link 'foot', which is none; choose from {links[0].name}"
+    with pytest.raises(ValueError, match=sentence):
+        Machine(links, (Sphere("toe", "foot", (0.0, 0.0), 0.1),))

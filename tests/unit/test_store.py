@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import json
 import math
 import os
@@ -29,6 +28,7 @@ from ocp.solution import Solution, StageRecord
 from ocp.stationarity.certificate import Certificate, Move
 from ocp.store import atomic
 from problems import get
+from tests.resealed import having, lacking, reseal
 
 
 def dataset(shift: float = 0.0) -> xr.Dataset:
@@ -131,18 +131,14 @@ def cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
-def edit(**changes: object):
-    def change(path: Path) -> None:
-        meta = json.loads(path.read_text()) | changes
-        path.write_text(json.dumps({k: v for k, v in meta.items() if v != "gone"}))
-
-    return change
-
-
 def flip(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(bytes(content))
+
+
+def sealed_with(change):
+    return lambda file: reseal(file.parent, change)
 
 
 @pytest.mark.parametrize(
@@ -152,10 +148,13 @@ def flip(path: Path) -> None:
         ("solution.nc", cut, "checksum"),
         ("solution.nc", flip, "checksum"),
         ("meta.json", Path.unlink, "No such file"),
-        ("meta.json", cut, "not JSON"),
-        ("meta.json", lambda path: path.write_text("[1]"), "schema"),
-        ("meta.json", edit(schema=99), "schema version 99"),
-        ("meta.json", edit(hash="gone", kind="gone"), "lacks hash, kind"),
+        ("meta.json", cut, "does not end in its checksum"),
+        ("meta.json", flip, "does not match its checksum"),
+        ("meta.json", lambda path: path.write_text("[1]"), "does not end in its checksum"),
+        ("meta.json", sealed_with(having(schema=99)), "schema version 99"),
+        ("meta.json", sealed_with(lacking("schema")), "no schema"),
+        ("meta.json", sealed_with(lacking("hash", "kind")), "hash is missing"),
+        ("meta.json", sealed_with(having(kind="song")), "kind is 'song', expected one of solve"),
     ],
 )
 def test_damage_is_named(tmp_path: Path, file: str, harm, reason: str) -> None:
@@ -169,9 +168,7 @@ def test_damage_is_named(tmp_path: Path, file: str, harm, reason: str) -> None:
 
 def test_an_unreadable_netcdf_with_the_right_checksum_is_damaged(tmp_path: Path) -> None:
     path = store.save(solution(), tmp_path, [])
-    (path / "solution.nc").write_bytes(b"not netCDF")
-    checksum = hashlib.sha256(b"not netCDF").hexdigest()
-    edit(checksum=checksum)(path / "meta.json")
+    reseal(path, having(), solution=b"not netCDF")
     with pytest.raises(DamagedRun, match="no readable netCDF"):
         store.load(path)
 
@@ -191,17 +188,18 @@ def test_a_missing_run_is_wrong_usage(tmp_path: Path) -> None:
 
 
 def test_a_study_is_no_solution(tmp_path: Path) -> None:
-    path = store.write(tmp_path, "toy", dataset(), {"kind": "continue"})
-    with pytest.raises(InputError, match="continue"):
+    told = {"argv": [], "record": {}, "status": "done", "verdict": "All hold.", "claims": []}
+    path = store.write(tmp_path, "toy", dataset(), {"kind": "figure", **told})
+    with pytest.raises(InputError, match="figure"):
         store.load(path).solution(get("wall-1d"))
 
 
 @pytest.mark.parametrize("part", ["audit", "stages", "status", "iterations"])
 def test_a_solution_with_a_part_missing_is_damaged(tmp_path: Path, part: str) -> None:
     path = store.save(solution(), tmp_path, [])
-    edit(**{part: "gone"})(path / "meta.json")
-    with pytest.raises(DamagedRun, match=r"meta\.json.*incomplete"):
-        store.load(path).solution(get("wall-1d"))
+    reseal(path, lacking(part))
+    with pytest.raises(DamagedRun, match=rf"meta\.json does not describe a run: {part} is missing"):
+        store.load(path)
 
 
 def test_the_split_of_the_time_is_stored_and_no_part_of_the_hash(tmp_path: Path) -> None:

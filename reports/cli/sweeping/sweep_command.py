@@ -91,7 +91,7 @@ def run(options: SweepOptions, asked: Asked) -> int:
     output.say(meta["verdict"])
     for failure in meta["study"]["failed"]:
         output.note(f"to look at it: {failure['command']}")
-    output.finish(path, _document(meta, found, data), options.pdf)
+    output.finish(path, _document(meta, found, data), options.pdf, study.source)
     return 0 if meta["success"] else NOT_CONVERGED
 
 

@@ -1,0 +1,201 @@
+"""What the description of a run holds, by its kind, and whether one that was read does."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Literal, TypedDict
+
+from ocp.errors import DamagedRun
+from ocp.judges.findings import Audit, Refereed
+from ocp.programs.status import Status
+from ocp.solution import Grade, StageRecord
+from ocp.stationarity.certificate import Certificate
+from ocp.store.conform import misfit
+from ocp.store.parts import DATA_FILE, META_FILE, MOST
+
+Scalar = str | float | bool
+Given = dict[str, Scalar | list[Scalar]]
+Row = dict[str, Any]
+
+
+class Record(TypedDict, total=False):
+    """What was asked; a kind of run has some of these."""
+
+    params: Given
+    contact: str
+    contact_settings: Given
+    law_settings: list[str]
+    method: str
+    policy: str
+    policy_settings: Given
+    solver: str
+    solver_options: Given
+    strategy: str | None
+    jit: str | None
+    knobs: dict[str, float]
+    N: float
+    learned_at: dict[str, Any]
+    seed: int | None
+    versions: dict[str, str]
+    citation: str
+    source: str | None
+    algorithm: str
+    algorithm_settings: dict[str, Any]
+
+
+class Description(TypedDict):
+    """What every run has."""
+
+    schema: int
+    kind: str
+    problem: str
+    created: str
+    hash: str
+    versions: dict[str, str]
+    revision: str | None
+    tags: list[str]
+    parts: dict[str, str]
+    record: Record
+    argv: list[str]
+    status: str
+    verdict: str
+
+
+class Listed(TypedDict, total=False):
+    """What a listing tells of those runs that have it."""
+
+    seed: int | None
+    grade: Grade | None
+    cost: float
+    over: str
+
+
+class Solved(TypedDict):
+    """What a run of ``ocp solve`` has beside."""
+
+    status: Status
+    grade: Grade
+    audit: Audit
+    certificate: Certificate
+    referee: Refereed
+    stages: list[StageRecord]
+    others: list[Row]
+    cost: float
+    idle_cost: float
+    iterations: int
+    build_s: float
+    solve_s: float
+    evaluation_s: float
+
+
+class Point(TypedDict):
+    """A point of a path."""
+
+    value: float
+    status: str
+    success: bool
+    cost: float
+    exact_cost: float
+    referee_cost: float
+    survives: bool | None
+    stationarity: str
+    iterations: int
+    complementarity: float
+
+
+class Continued(TypedDict):
+    """What a run of ``ocp continue`` has, also ``from`` and ``to``."""
+
+    over: str
+    steps: int
+    scale: Literal["log", "linear"]
+    unit: str
+    points: list[Point]
+    events: list[Row]
+    iterations: int
+    nlp_builds: int
+    success: bool
+
+
+class Axis(TypedDict):
+    """What a sweep goes over."""
+
+    name: str
+    full_name: str
+    values: list[float]
+    log: bool
+    units: str
+
+
+class Grid(TypedDict):
+    """The points of a sweep."""
+
+    axes: list[Axis]
+    shape: list[int]
+    failed: list[Row]
+
+
+class Swept(TypedDict):
+    """What a run of ``ocp sweep`` has."""
+
+    study: Grid
+    solved: int
+    points: int
+    survives: int
+    success: bool
+
+
+class Estimated(TypedDict):
+    """What a run of ``ocp estimate`` has."""
+
+    sweep: Row | None
+    estimates: list[Row]
+
+
+class Trained(TypedDict):
+    """What a run of ``ocp train`` has."""
+
+    evaluation: dict[str, float]
+    untrained: dict[str, float]
+    last: dict[str, float]
+    best_iteration: int
+    env_steps: float
+    wall_s: float
+
+
+class Drawn(TypedDict):
+    """What a run of ``ocp figure`` has."""
+
+    claims: list[Row]
+
+
+KINDS: dict[str, Any] = {
+    "solve": Solved, "continue": Continued, "sweep": Swept, "estimate": Estimated,
+    "train": Trained, "figure": Drawn,
+}  # fmt: skip
+
+
+def check_description(file: Path, meta: dict[str, Any]) -> None:
+    """Raise :class:`~ocp.errors.DamagedRun` for the first entry that is missing or of no sense."""
+    found = misfit(Description, meta) or misfit(Listed, meta) or _misfit_of_parts(meta)
+    found = found or _misfit_of_time(meta["created"])
+    if not found and meta["kind"] not in KINDS:
+        found = f"kind is {meta['kind']!r}, expected one of {', '.join(KINDS)}"
+    if found := found or misfit(KINDS[meta["kind"]], meta):
+        raise DamagedRun(f"{file} does not describe a run: {found}")
+
+
+def _misfit_of_parts(meta: dict[str, Any]) -> str:
+    known = set(MOST) - {META_FILE}
+    if strange := sorted(set(meta["parts"]) - known):
+        return f"parts names {strange[0]!r}, expected one of {', '.join(sorted(known))}"
+    return "" if DATA_FILE in meta["parts"] else f"parts lacks {DATA_FILE}"
+
+
+def _misfit_of_time(created: str) -> str:
+    try:
+        known = datetime.fromisoformat(created).tzinfo is not None
+    except ValueError:
+        known = False
+    return "" if known else f"created is {created!r}, expected a time with its zone"

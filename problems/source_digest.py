@@ -1,0 +1,208 @@
+"""What a user's file is made of: its own text, what it imports from its folder, and data beside it.
+
+Installed modules, and the four packages of this program, are told by their versions instead
+(:mod:`ocp.store.provenance`).
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import site
+import sys
+import sysconfig
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.machinery import ModuleSpec, PathFinder
+from pathlib import Path
+
+from ocp.errors import InputError
+
+OWN = ("dynamics", "ocp", "problems", "reports")
+"""Packages of this program."""
+
+
+def source_digest(path: Path) -> str:
+    """SHA-256, in hex, of all that a file is made of; where it lies plays no part.
+
+    That is the file, every module that it imports, if need be inside of functions and by way of
+    others, which is neither installed nor this program's, and every file in their folders that they
+    name in a text (``np.load(HERE / "table.npy")``). What a file does only as a program
+    (``if __name__ == "__main__"``) is not asked.
+
+    Raises :class:`~ocp.errors.InputError` where a file cannot be read.
+    """
+    found = parts(path)
+    told = hashlib.sha256()
+    for name in sorted(found):
+        told.update(f"{name} {file_digest(found[name])}\n".encode("utf-8", "surrogateescape"))
+    return told.hexdigest()
+
+
+def file_digest(file: Path) -> str:
+    """SHA-256, in hex, of one file; raises as :func:`source_digest` does."""
+    try:
+        with file.open("rb") as content:
+            return hashlib.file_digest(content, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+
+
+def parts(path: Path) -> dict[str, Path]:
+    """Files of :func:`source_digest`: ``""`` the file, modules by name, data as ``./name``."""
+    file = path.resolve()
+    search = _Search(searched(file.parent))
+    search.take("", file)
+    return search.found
+
+
+_folders: list[str] = []
+"""Folders of files that were imported, the last first; they stand at the end of ``sys.path``."""
+
+
+def searched(folder: Path) -> list[str]:
+    """Where a file in ``folder`` finds modules: where all do, and then beside it."""
+    return [*(place for place in sys.path if place not in _folders), str(folder)]
+
+
+def open_to_imports(folder: Path) -> None:
+    """Let modules in ``folder`` be found from now on, by what is imported inside of functions too.
+
+    They come after all that is installed, so that none of them hides what others mean.
+    """
+    places, others = searched(folder), [one for one in _folders if one != str(folder)]
+    _folders[:] = [str(folder), *others]
+    sys.path[:] = [*places, *others]
+
+
+def folder_modules(path: Path) -> dict[str, Path]:
+    """Modules among :func:`parts` by name."""
+    return {name: file for name, file in parts(path).items() if name and "/" not in name}
+
+
+def change(stored: str | None, now: str | None, name: str) -> str | None:
+    """A sentence where the file ``name`` is not what it was when a run was stored, else None."""
+    if stored is None or now is None or stored == now:
+        return None
+    return f"{name}, or what it imports, has changed since that run was stored"
+
+
+@dataclass
+class _Search:
+    path: Sequence[str]
+    found: dict[str, Path] = field(default_factory=dict)
+
+    def take(self, name: str, file: Path, package: str = "") -> None:
+        """Take a module and all that it needs."""
+        self.found[name] = file
+        if file.suffix != ".py":
+            return
+        try:
+            tree = ast.parse(file.read_bytes())
+            nodes = list(_nodes(tree))
+        except (OSError, SyntaxError, ValueError, RecursionError):
+            return
+        for node in nodes:
+            for module in _imported(node, package):
+                self._module(module)
+            data = _named(node)
+            if data and _is_file(file.parent, data):
+                self.found[f"./{data}"] = file.parent / data
+
+    def _module(self, name: str) -> None:
+        """Take a module by its whole name, and the packages around it."""
+        path, whole = self.path, ""
+        for part in name.split("."):
+            whole = f"{whole}.{part}" if whole else part
+            spec = None if whole in OWN else _spec(whole, path)
+            if spec is None or (spec.origin and _installed(Path(spec.origin))):
+                return
+            inside = spec.submodule_search_locations
+            if spec.origin and whole not in self.found:
+                package = whole if inside is not None else whole.rpartition(".")[0]
+                self.take(whole, Path(spec.origin), package)
+            path = list(inside or ())
+
+
+def _spec(name: str, path: Sequence[str]) -> ModuleSpec | None:
+    """Where a module lies, found without loading anything."""
+    try:
+        spec = PathFinder.find_spec(name, path)
+    except (ImportError, OSError, ValueError):
+        return None
+    return spec if spec is None or spec.origin is None or Path(spec.origin).is_file() else None
+
+
+@cache
+def _places() -> set[Path]:
+    """Where what is installed lies."""
+    kinds = ("stdlib", "platstdlib", "purelib", "platlib")
+    places = [sysconfig.get_path(kind) for kind in kinds]
+    places += [*site.getsitepackages(), site.getusersitepackages()]
+    return {Path(place).resolve() for place in places}
+
+
+def _installed(file: Path) -> bool:
+    return any(file.resolve().is_relative_to(place) for place in _places())
+
+
+def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
+    """All nodes but those of a program's own part."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if isinstance(node, ast.If) and _is_main(node.test):
+            waiting += node.orelse
+        else:
+            waiting += ast.iter_child_nodes(node)
+
+
+def _is_main(test: ast.expr) -> bool:
+    return (
+        isinstance(test, ast.Compare)
+        and isinstance(test.left, ast.Name)
+        and test.left.id == "__name__"
+        and isinstance(test.ops[0], ast.Eq)
+    )
+
+
+def _imported(node: ast.AST, package: str) -> Iterator[str]:
+    """Whole names of modules that a statement may import; a part of one may be no module."""
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        above = package.split(".") if package else []
+        base = above[: len(above) + 1 - node.level] if node.level else []
+        name = ".".join([*base, *([node.module] if node.module else [])])
+        yield from (f"{name}.{alias.name}" if name else alias.name for alias in node.names)
+        if name:
+            yield name
+    elif isinstance(node, ast.Call) and node.args:
+        called = node.func
+        word = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
+        first = node.args[0]
+        if word in ("import_module", "__import__") and isinstance(first, ast.Constant):
+            yield str(first.value).lstrip(".")
+
+
+def _named(node: ast.AST) -> str:
+    """The place of a file that a text, or texts joined by ``/``, could mean."""
+    steps: list[str] = []
+    while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
+        if not (isinstance(node.right, ast.Constant) and isinstance(node.right.value, str)):
+            return ""
+        steps.insert(0, node.right.value)
+        node = node.left
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        steps.insert(0, node.value)
+    text = "/".join(steps)
+    return text if 0 < len(text) <= 255 and text.isprintable() else ""
+
+
+def _is_file(folder: Path, name: str) -> bool:
+    try:
+        return (folder / name).is_file() and not Path(name).is_absolute()
+    except (OSError, ValueError):
+        return False

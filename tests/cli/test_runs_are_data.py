@@ -1,0 +1,149 @@
+"""A run is data: no code that it names is ever loaded, only what a person names with --source."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from ocp import load, store
+from ocp.errors import InputError
+from tests.resealed import reseal
+
+EVIL = """
+from pathlib import Path
+Path(__file__).with_suffix(".ran").touch()
+name, title = "mine", "Evil"
+raise SystemExit(0)
+"""
+MINE = """
+from pathlib import Path
+import casadi as ca
+from problems import wall_1d
+from problems.drawing import Disc
+count = Path(__file__).with_suffix(".count")
+count.write_text(count.read_text() + "x" if count.exists() else "x")
+name, title = "mine", "A disc and a wall"
+equations = "m dot(v) = u + lambda"
+Params, build0 = wall_1d.Params, wall_1d.build
+
+def build(params):
+    from dataclasses import replace
+    return replace(build0(params), name="mine")
+
+def draw(params, state):
+    return [Disc(float(state[0]), 0.0, 0.1)]
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the file of a problem and a run of each kind that is made of it."""
+    from reports.cli.app import main
+
+    root = tmp_path_factory.mktemp("made")
+    (root / "mine.py").write_text(MINE)
+    mine, kept = str(root / "mine.py"), ["--out", str(root / "runs"), "--quiet"]
+    for line in (
+        ["solve", mine, "-p", "N=4"],
+        ["continue", mine, "-p", "N=4", "--over", "mu", "--from", "0.1", "--to", "0.01",
+         "--steps", "2"],
+        ["sweep", mine, "-p", "N=4", "--over", "m=1:2:2"],
+        ["estimate", mine, "-p", "N=4", "-n", "100"],
+    ):  # fmt: skip
+        assert main([*line, *kept]) == 0
+    return root
+
+
+@pytest.fixture
+def received(made: Path, tmp_path: Path) -> dict[str, Path]:
+    """Such runs, each of which now names code that tells when it is loaded."""
+    (tmp_path / "evil.py").write_text(EVIL)
+    shutil.copytree(made / "runs", tmp_path / "runs")
+    found = {}
+    for entry in store.list_runs(tmp_path / "runs"):
+        (entry.path / "evil.py").write_text(EVIL)
+        # By its file, inside the run or beside it, and by a problem that is called like a file.
+        for field, word in (("source", str(entry.path / "evil.py")), ("problem", "evil.py")):
+            run = tmp_path / f"{len(found)}" / entry.path.name
+            shutil.copytree(entry.path, run)
+
+            def change(meta, field=field, word=word) -> None:
+                meta["record"][field] = word
+                if field == "problem":
+                    meta["problem"] = meta["record"]["source"] = word
+
+            reseal(run, change)
+            assert entry.meta is not None
+            found[f"{entry.meta['kind']} {field}"] = run
+    return found
+
+
+COMMANDS = {
+    "report": ["-o", "a.pdf"],
+    "animate": ["-o", "a.gif", "--fps", "5"],
+    "replay": [],
+    "export": ["-o", "a.c"],
+    "evaluate": [],
+    "runs": [],
+    "runs export": ["-o", "a.npz"],
+    "figure": ["--out", "runs"],
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_command_runs_what_a_run_names(
+    ocp, received: dict[str, Path], tmp_path: Path, command: str
+) -> None:
+    # A page takes a second and more.
+    chosen = ("solve source", "estimate problem") if command == "report" else received
+    for run in map(received.__getitem__, chosen):
+        done = ocp(*command.split(), str(run), *COMMANDS[command])
+        assert done.code in (0, 2), done.err
+        assert done.err.count("\n") <= 1 and "internal" not in done.err
+    assert not list(tmp_path.rglob("*.ran"))
+
+
+def test_nor_does_a_start_or_a_decision(ocp, made: Path, received: dict[str, Path]) -> None:
+    run = received["solve source"]
+    for line in (["solve", str(made / "mine.py"), "-p", "N=4", "--from"],
+                 ["estimate", str(made / "mine.py"), "-p", "N=4", "-n", "10", "--at"]):  # fmt: skip
+        assert ocp(*line, str(run), "-q").code == 0
+    with pytest.raises(InputError, match=r"not loaded.*--source FILE"):
+        load(run)
+    assert not list(run.parents[1].rglob("*.ran"))
+
+
+@pytest.mark.parametrize("command", ["replay", "report", "animate", "export"])
+def test_source_names_the_code(ocp, made: Path, command: str) -> None:
+    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta["grade"])
+    line = (command, str(run), *COMMANDS[command], "--source")
+    assert ocp(*line, str(made / "mine.py")).code == 0
+    other = made / "other.py"
+    other.write_text(MINE.replace('"mine"', '"other"'))
+    refused = ocp(*line, str(other))
+    assert refused.code == 2 and "defines other, and the run is of mine" in refused.err
+    assert ocp(*line, str(made / "none.py")).code == 2
+
+
+def test_what_needs_code_says_so_in_a_sentence(ocp, made: Path) -> None:
+    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta["grade"])
+    told = json.loads((run / "meta.json").read_text())["record"]["source"]
+    for command in ("replay", "export"):
+        done = ocp(command, str(run), *COMMANDS[command])
+        assert done.code == 2 and done.err.count("\n") == 1
+        assert "--source FILE" in done.err and told in done.err
+
+
+def test_source_is_for_runs_of_a_file(ocp) -> None:
+    run = ocp("solve", "wall-1d", "-p", "N=4", "--json", "-q").json["run"]
+    done = ocp("replay", run, "--source", "a.py")
+    assert done.code == 2 and "wall-1d is no problem of a file; drop --source" in done.err
+
+
+def test_load_takes_the_file_by_name(made: Path) -> None:
+    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta["grade"])
+    again = load(run, source=made / "mine.py")
+    assert again.replay().cost == pytest.approx(again.audit.exact_cost, rel=1e-9)
