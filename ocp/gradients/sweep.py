@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Build = Callable[[dict[str, float]], SampledObjective]
 """Makes the objective at changed values of what shapes it, such as its horizon."""
-_MANY, _PROBE = 1e11, 1 << 11
+_MANY, _PROBE = 3e9, 1 << 11
 """Noise numbers from which on a study is timed beforehand, and the samples that this takes."""
 _MOST_VALUES = 100_000
 OF_THE_PLAN = ("sigma", "samples")

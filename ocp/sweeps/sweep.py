@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import replace
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
 from ocp.asking import Named, told_apart
-from ocp.effort import check_memory, solve_memory
+from ocp.effort import check_memory, points_memory
 from ocp.errors import InputError, interruptible
 from ocp.problem import Problem
 from ocp.scheduling import Failure, carried_out
@@ -81,6 +82,7 @@ def sweep(
     study = asked(case, axes(over), starts, seed, rank_by)
     session = study.checked()
     check_side_by_side(session, jobs)
+    check_points(study, session)
     checkpoint = None if store is None else kept_in(study, session, Path(store))
     found = {} if checkpoint is None else kept_points(study, checkpoint)
     points = followed(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
@@ -123,7 +125,13 @@ def asked(
 
 def check_side_by_side(session: Session, jobs: int) -> None:
     """Raise :class:`~ocp.errors.InputError` where so many solves at once need too much memory."""
-    check_memory(f"{jobs} solves side by side", jobs * solve_memory(session.problem))
+    check_memory(f"{jobs} solves side by side", jobs * session.memory)
+
+
+def check_points(study: Study, session: Session) -> None:
+    """Raise :class:`~ocp.errors.InputError` where all points together need too much memory."""
+    count = math.prod(study.shape)
+    check_memory(f"a grid of {count} points", points_memory(session.problem, count))
 
 
 def kept_in(study: Study, session: Session, store: Path) -> Checkpoint:

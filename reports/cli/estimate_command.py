@@ -56,7 +56,9 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     identity = {**asked.record, "backend": options.backend, "by": versions()}
     checkpoint = Checkpoint(options.out, asked.spec.name, identity)
     study = SweepRun(asked.objective, asked.sampling, asked.sweep, checkpoint, asked.rebuilt)
-    check_time(f"{study.samples:.3g} samples of {asked.spec.name}", study.seconds())
+    what, seconds = f"{study.samples:.3g} samples of {asked.spec.name}", study.seconds()
+    check_time(what, seconds)
+    options.output.foretell(what, seconds)
     return asked, study, checkpoint
 
 

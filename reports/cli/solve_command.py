@@ -46,6 +46,7 @@ class SolveOptions(SolverOptions):
 def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     """Build the session, and read the solution to start at."""
     from ocp.errors import InputError, choose
+    from ocp.sweeps.sweep import check_side_by_side
     from reports.cli.places import check_place, check_places
     from reports.cli.request import Request
     from reports.papers.formats import format_of
@@ -63,6 +64,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         format_of(options.plot)
         check_place(options.plot, "figure")
     asked = Request.read(options)
+    check_side_by_side(asked.session, min(options.jobs, options.starts))
     check_places(options.out, options.pdf)
     start = None if options.start is None else _start(asked, options.start, options.out)
     return asked, start
@@ -89,7 +91,13 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     from ocp import store
 
     asked, start = checked
-    output = options.output
+    output, session = options.output, asked.session
+    side_by_side = min(options.jobs, options.starts)
+    several = f" from {options.starts} starts" if options.starts > 1 else ""
+    output.foretell(
+        f"{asked.spec.name}{several}", session.seconds * options.starts / side_by_side,
+        session.memory * side_by_side,
+    )  # fmt: skip
     solution = _solved(options, asked, start)
     path = store.save(solution, options.out, options.argv, options.tags or ())
     show(output, solution)

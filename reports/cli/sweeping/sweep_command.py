@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +48,7 @@ def check(options: SweepOptions) -> Asked:
     """Read the grid, and build what can be known to fit before any work."""
     from ocp.errors import InputError, choose
     from ocp.sweeps.axes import axes
-    from ocp.sweeps.sweep import asked, check_side_by_side, kept_in
+    from ocp.sweeps.sweep import asked, check_points, check_side_by_side, kept_in
     from reports.cli.places import check_places
     from reports.cli.sweeping.case import case_of
 
@@ -61,6 +62,7 @@ def check(options: SweepOptions) -> Asked:
     study = asked(case, over, options.starts, options.seed, RANKS[options.rank])
     session = study.checked()
     check_side_by_side(session, options.jobs)
+    check_points(study, session)
     check_places(options.out, options.pdf)
     return Asked(study, session, kept_in(study, session, options.out))
 
@@ -77,6 +79,11 @@ def run(options: SweepOptions, asked: Asked) -> int:
     from reports.sweeps.table import point_table
 
     output, study = options.output, asked.study
+    count, session = math.prod(study.shape), asked.session
+    output.foretell(
+        f"{count} points", count * options.starts * session.seconds / options.jobs,
+        session.memory * options.jobs,
+    )  # fmt: skip
     data = dataset(study, asked.session, _points(options, asked))
     meta = {
         **described(study, asked.session, data),
