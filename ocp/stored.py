@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 from ocp.floors import lent
@@ -20,7 +21,7 @@ def load(
     ``run`` is its directory, part of its name in the store ``root``, or ``@last``, as the command
     line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name. Of a
     problem of one's own ``source`` names the file, for code that a run names is never loaded; or
-    ``problem`` is what was built of it, or without a file.
+    ``problem`` is what was built of it, or without a file. Warns where the file has changed.
 
     Raises :class:`~ocp.errors.InputError` where there is no such run, it is no solve, or its
     problem is not found again, and :class:`~ocp.errors.DamagedRun` where it is not whole.
@@ -31,4 +32,7 @@ def load(
     if problem is not None:
         return found.solution(problem)
     problems = lent("problems")
-    return found.solution(problems.problem_of(found, problems.named_file(source, [found]))[2])
+    own = problems.named_file(source, [found])
+    if told := problems.edited(found, own):
+        warnings.warn(told, stacklevel=2)
+    return found.solution(problems.problem_of(found, own)[2])

@@ -47,6 +47,18 @@ def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemS
     return found
 
 
+def edited(run: StoredRun, own: ProblemSpec | None) -> str | None:
+    """A sentence where a user's file is not what it was when the run was stored, else None."""
+    if own is None or own.name != run.meta["problem"]:
+        return None
+    if own.digest == run.meta.get("source_digest"):
+        return None
+    return (
+        f"{own.path or own.name}, or what it imports, has changed since {run.path.name} was stored;"
+        " it is taken as it is now"
+    )
+
+
 def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
     """Return a run's problem: a registered one, or ``own``, which a person named.
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.problem import Problem
-from problems.source_digest import file_digest, folder_modules, open_to_imports
+from ocp.store.provenance import file_digest
+from problems.source_digest import folder_modules, open_to_imports
 from problems.spec import ProblemSpec, reason, where
 
 

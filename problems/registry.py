@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ocp.errors import InputError, did_you_mean
+from ocp.paths import expanded
 from ocp.problem import Problem
 from problems.loading import check, check_file, import_file
 from problems.source_digest import source_digest
@@ -81,7 +82,7 @@ def load(path: str | Path) -> ProblemSpec:
     Raises :class:`~ocp.errors.InputError` where there is no such file, it raises (with the line),
     a name is missing or of the wrong kind, or the problem's dimensions do not fit.
     """
-    file = Path(path).expanduser().resolve()
+    file = expanded(path).resolve()
     check_file(file)
     module, digest = _imported(file)
     missing = [key for key in _REQUIRED if not hasattr(module, key)]

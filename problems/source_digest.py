@@ -17,7 +17,7 @@ from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-from ocp.errors import InputError
+from ocp.store.provenance import file_digest
 
 OWN = ("dynamics", "ocp", "problems", "reports")
 """Packages of this program."""
@@ -38,15 +38,6 @@ def source_digest(path: Path) -> str:
     for name in sorted(found):
         told.update(f"{name} {file_digest(found[name])}\n".encode("utf-8", "surrogateescape"))
     return told.hexdigest()
-
-
-def file_digest(file: Path) -> str:
-    """SHA-256, in hex, of one file; raises as :func:`source_digest` does."""
-    try:
-        with file.open("rb") as content:
-            return hashlib.file_digest(content, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
 
 
 def parts(path: Path) -> dict[str, Path]:
@@ -79,13 +70,6 @@ def open_to_imports(folder: Path) -> None:
 def folder_modules(path: Path) -> dict[str, Path]:
     """Modules among :func:`parts` by name."""
     return {name: file for name, file in parts(path).items() if name and "/" not in name}
-
-
-def change(stored: str | None, now: str | None, name: str) -> str | None:
-    """A sentence where the file ``name`` is not what it was when a run was stored, else None."""
-    if stored is None or now is None or stored == now:
-        return None
-    return f"{name}, or what it imports, has changed since that run was stored"
 
 
 @dataclass

@@ -71,6 +71,12 @@ class Listed(TypedDict, total=False):
     over: str
 
 
+class Sourced(TypedDict, total=False):
+    """What a run of a user's problem has: the digest of all that its file was made of."""
+
+    source_digest: str | None
+
+
 class Solved(TypedDict):
     """What a run of ``ocp solve`` has beside."""
 
@@ -178,7 +184,8 @@ KINDS: dict[str, Any] = {
 
 def check_description(file: Path, meta: dict[str, Any]) -> None:
     """Raise :class:`~ocp.errors.DamagedRun` for the first entry that is missing or of no sense."""
-    found = misfit(Description, meta) or misfit(Listed, meta) or _misfit_of_parts(meta)
+    found = misfit(Description, meta) or misfit(Listed, meta) or misfit(Sourced, meta)
+    found = found or _misfit_of_parts(meta)
     found = found or _misfit_of_time(meta["created"])
     if not found and meta["kind"] not in KINDS:
         found = f"kind is {meta['kind']!r}, expected one of {', '.join(KINDS)}"

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 import subprocess
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
+
+from ocp.errors import InputError
 
 _DISTRIBUTIONS = ("centralpath", "casadi", "numpy", "scipy", "xarray", "netCDF4")
+_LONGEST = 4096
+_COMPUTING = ("dynamics", "ocp", "problems")
 
 
 @cache
@@ -21,6 +29,42 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[name] = "not installed"
     return found
+
+
+def file_digest(file: Path) -> str:
+    """SHA-256, in hex, of one file; raises :class:`~ocp.errors.InputError` where it is not read."""
+    try:
+        with file.open("rb") as content:
+            return hashlib.file_digest(content, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+
+
+def content_digest(source: str | None, settings: Mapping[str, Any]) -> str:
+    """SHA-256, in hex, of a user's files that a study is asked of; "" of none.
+
+    ``source`` is the digest of the problem's file, None for a registered one; ``settings`` may name
+    others, as ``model`` of a learned law does. Raises as :func:`file_digest` does.
+    """
+    found = [] if source is None else [source]
+    for key, value in sorted(settings.items()):
+        file = Path(value) if isinstance(value, str | Path) else None
+        # A long text is no place: to ask would raise.
+        if file is not None and len(str(file)) < _LONGEST and file.is_file():
+            found.append(f"{key} {file_digest(file)}")
+    return hashlib.sha256("\n".join(found).encode()).hexdigest() if found else ""
+
+
+@cache
+def program_digest() -> str:
+    """SHA-256, in hex, of the source of all that computes: a version alone may be edited."""
+    told = hashlib.sha256()
+    for name in _COMPUTING:
+        spec = find_spec(name)
+        for root in map(Path, (spec and spec.submodule_search_locations) or ()):
+            for file in sorted(root.rglob("*.py")):
+                told.update(f"{name}/{file.relative_to(root)} {file_digest(file)}\n".encode())
+    return told.hexdigest()
 
 
 @cache

@@ -13,16 +13,23 @@ from ocp.floors import lent
 from ocp.session import Session
 from ocp.settings import OWN
 from ocp.solve import new_session
+from ocp.store.provenance import content_digest
 
 _PLACES = {"contact": "contact_settings", "problem": "params", "setting": "settings"}
 """Fields that hold what a name with such a beginning means."""
+
+
+class Changed(InputError):
+    """Files are no longer what a study was asked of; the message names them."""
 
 
 @dataclass(frozen=True)
 class Case:
     """What ``ocp solve`` is told: a named problem or a file, and names and settings of the rest.
 
-    ``settings`` are those of ``-s``: the method's, the solver's, and ``policy.<name>``.
+    ``settings`` are those of ``-s``: the method's, the solver's, and ``policy.<name>``. ``content``
+    is the digest of the user's files that it was asked of, the problem's and a learned law's, where
+    that is known: any process that builds it sees to it that they are the same there.
     """
 
     problem: str
@@ -33,10 +40,28 @@ class Case:
     policy: str = "open-loop"
     solver: str = "ipopt"
     settings: Mapping[str, Any] = field(default_factory=dict)
+    content: str | None = None
 
     def source(self) -> Source:
-        """What builds the problem; raises :class:`~ocp.errors.InputError` for an unknown name."""
-        return lent("problems").source(self.problem)
+        """What builds the problem.
+
+        Raises :class:`~ocp.errors.InputError` for an unknown name, and :class:`Changed` for files
+        that are no longer what it was asked of.
+        """
+        found = lent("problems").source(self.problem)
+        if self.content not in (None, self._content(found)):
+            raise Changed(
+                f"{self.problem}, what it imports, or a file of the law has changed since this was"
+                " begun, so that two problems would mix; give the same command again"
+            )
+        return found
+
+    def of(self, source: Source) -> Case:
+        """The same, asked of the user's files as ``source`` was read from them."""
+        return replace(self, content=self._content(source))
+
+    def _content(self, source: Source) -> str:
+        return content_digest(getattr(source, "digest", None), self.contact_settings)
 
     def session(self, source: Source | None = None) -> Session:
         """Build it, of ``source`` where that is at hand.

@@ -12,7 +12,7 @@ import numpy as np
 from ocp.errors import InputError, interruptible
 from ocp.solution import Solution
 from ocp.solve import Rank, solve_session
-from ocp.sweeps.case import Case
+from ocp.sweeps.case import Case, Changed
 from ocp.sweeps.sharing import kept_session
 
 TRAJECTORIES = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
@@ -53,6 +53,8 @@ def solved(job: Job, tell: Callable[[Any], None]) -> Point:
 
     The answer is that of ``ocp solve`` with the same words, whatever the worker did before. What
     cannot be asked, or raises, is a point too, with the sentence as its verdict.
+
+    Raises :class:`~ocp.sweeps.case.Changed` where the files are not those that it was asked of.
     """
     began = time.perf_counter()
     try:
@@ -61,6 +63,8 @@ def solved(job: Job, tell: Callable[[Any], None]) -> Point:
             found = solve_session(
                 session, job.starts, job.seed, lambda stage: tell(stage.iterations), job.rank
             )
+    except Changed:
+        raise
     except InputError as error:
         return failed(REFUSED, str(error))
     except Exception as error:

@@ -28,14 +28,15 @@ class Kept:
 
     def __init__(self) -> None:
         self._last: tuple[Any, Session] | None = None
-        self._sources: dict[str, Source] = {}
+        self._sources: dict[tuple[str, str | None], Source] = {}
 
     def session(self, case: Case) -> Session:
         """Build a session; raises as :meth:`~ocp.sweeps.case.Case.session` does."""
-        if case.problem not in self._sources:
-            self._sources[case.problem] = case.source()
-        made = case.session(self._sources[case.problem])
-        told = structure(made)
+        asked = case.problem, case.content
+        if asked not in self._sources:
+            self._sources[asked] = case.source()
+        made = case.session(self._sources[asked])
+        told = [asked, structure(made)]
         if self._last is not None and self._last[0] == told:
             _hand_over(self._last[1], made)
         self._last = told, made

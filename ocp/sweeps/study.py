@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from ocp.errors import InputError
 from ocp.session import Session
 from ocp.solve import Rank
 from ocp.store.checkpoint import Checkpoint
-from ocp.store.provenance import versions
 from ocp.sweeps.axes import Axis
 from ocp.sweeps.case import Case
 from ocp.sweeps.point import COUNTS, NUMBERS, WORDS, Array, Job, Point
@@ -103,14 +103,14 @@ class Study:
                     first.at({axis.name: value}).session(source)
         return first.session(source)
 
-    def checkpoint(self, root: Any, name: str, content: str = "") -> Checkpoint:
-        """What is kept of it in a store; ``content`` is the text of a user's file."""
+    def checkpoint(self, root: Path | None, name: str) -> Checkpoint:
+        """What is kept of it in a store: that of changed files is another's."""
         asked = {
-            "case": vars(self.case), "axes": [vars(axis) for axis in self.axes],
+            "case": {**vars(self.case), "content": None},
+            "axes": [vars(axis) for axis in self.axes],
             "starts": self.starts, "seed": self.seed, "rank": self.rank,
-            "content": content, "by": versions(),
         }  # fmt: skip
-        return Checkpoint(root, name, {"sweep": asked})
+        return Checkpoint(root, name, {"sweep": asked}, self.case.content or "")
 
 
 def dimension(name: str) -> str:

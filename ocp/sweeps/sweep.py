@@ -14,13 +14,14 @@ from dynamics.contact import ContactLaw
 from ocp.asking import Named, told_apart
 from ocp.effort import check_memory, points_memory
 from ocp.errors import InputError, interruptible
+from ocp.paths import expanded
 from ocp.problem import Problem
 from ocp.scheduling import Failure, carried_out
 from ocp.session import Session
 from ocp.solve import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
 from ocp.sweeps.axes import Axis, axes
-from ocp.sweeps.case import Case
+from ocp.sweeps.case import Case, Changed
 from ocp.sweeps.point import FAULT, Point, failed, solved
 from ocp.sweeps.study import Study, dataset, keep, kept_points
 
@@ -83,10 +84,10 @@ def sweep(
     session = study.checked()
     check_side_by_side(session, jobs)
     check_points(study, session)
-    checkpoint = None if store is None else kept_in(study, session, Path(store))
-    found = {} if checkpoint is None else kept_points(study, checkpoint)
-    points = followed(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
-    if checkpoint is not None:
+    root = None if store is None else expanded(store)
+    with study.checkpoint(root, session.problem.name) as checkpoint:
+        found = kept_points(study, checkpoint)
+        points = followed(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
         checkpoint.discard()
     return dataset(study, session, points)
 
@@ -101,7 +102,7 @@ def _name(problem: Named) -> str:
     if not isinstance(problem, str | PathLike):
         return str(getattr(problem, "path", None) or problem.name)
     named = fspath(problem)
-    return str(Path(named).expanduser().resolve()) if named.endswith(".py") else named
+    return str(expanded(named).resolve()) if named.endswith(".py") else named
 
 
 def asked(
@@ -113,6 +114,7 @@ def asked(
     """
     check_starts(starts)
     source = case.source()
+    case = case.of(source)
     full = [replace(axis, name=case.full_name(axis.name, source)) for axis in over]
     names = [axis.name for axis in full]
     for axis, name in zip(over, names, strict=True):
@@ -134,13 +136,6 @@ def check_points(study: Study, session: Session) -> None:
     check_memory(f"a grid of {count} points", points_memory(session.problem, count))
 
 
-def kept_in(study: Study, session: Session, store: Path) -> Checkpoint:
-    """Where a study's finished points are kept; a changed file is another study."""
-    path = getattr(study.source, "path", None)
-    content = "" if path is None else Path(path).read_text(encoding="utf-8", errors="replace")
-    return study.checkpoint(store, session.problem.name, content)
-
-
 def followed(
     study: Study,
     jobs: int = 1,
@@ -154,6 +149,8 @@ def followed(
 
     Each that is solved is written to the checkpoint, and told to ``ended``; what a point tells on
     its way, and None at its end, is ``heard``, which may raise to stop.
+
+    Raises :class:`~ocp.sweeps.case.Changed` where files have changed since the study was asked.
     """
     places, found = study.places, {} if found is None else found
     # Points of one structure stand together, for a worker builds each structure once.
@@ -168,11 +165,16 @@ def followed(
         for index, outcome in outcomes:
             # Compiled code may have made a failed solve of Ctrl-C.
             told(index, None)
-            place, lost = left[index], isinstance(outcome, Failure)
-            point = failed(FAULT, str(outcome.error)) if lost else outcome
-            # What a worker died of may be gone at the next try.
-            if checkpoint is not None and not lost:
-                keep(checkpoint, place, point)
+            place = left[index]
+            if isinstance(outcome, Failure):
+                if isinstance(outcome.error, Changed):
+                    raise outcome.error
+                # Not kept: what a worker died of may be gone at the next try.
+                point = failed(FAULT, str(outcome.error))
+            else:
+                point = outcome
+                if checkpoint is not None:
+                    keep(checkpoint, place, point)
             found[place] = point
             ended(place, point)
     return [found[place] for place in range(len(places))]

@@ -15,7 +15,7 @@ from ocp.learning.training import KEY, kept, train
 from ocp.learning.unrolls.fopg import FOPG
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.plain import plain
-from ocp.store.provenance import versions
+from ocp.store.provenance import content_digest
 from ocp.store.stored_run import StoredRun
 from ocp.task import Task
 from problems.tasks import registry
@@ -33,9 +33,10 @@ KIND = "train"
 class TrainingJob:
     """One training: an algorithm with its settings at one seed on a named task.
 
-    ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``store`` holds the
-    checkpoint, in a directory that workers elsewhere may see too; results do not depend on it, nor
-    on ``threads``. ``guesses`` are physical parameters of the model that are not the task's own.
+    ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``kept`` is the place of
+    the checkpoint that whoever gave the job holds, which workers elsewhere may see too; results do
+    not depend on it, nor on ``threads``. ``guesses`` are physical parameters of the model that are
+    not the task's own.
     """
 
     task: str
@@ -43,7 +44,7 @@ class TrainingJob:
     algorithm: Algorithm
     law: ContactLaw
     seed: int
-    store: Path | None = None
+    kept: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     guesses: Mapping[str, float] = field(default_factory=dict)
     threads: int | None = None
@@ -71,21 +72,21 @@ class TrainingJob:
             **self.options,
         )
 
-    def checkpoint(self, experiment: Experiment) -> Checkpoint:
-        """What is kept of it, named after all that decides its result; it needs a store."""
-        assert self.store is not None
+    def checkpoint(self, experiment: Experiment, store: Path) -> Checkpoint:
+        """What is kept of it in a store, named after all that decides its result."""
         decisive = {**experiment.settings(), "iterations": experiment.iterations}
-        return Checkpoint(self.store, self.task, {"training": decisive, "by": versions()})
+        content = content_digest(None, self.law.settings())
+        return Checkpoint(store, self.task, {"training": decisive}, content)
 
 
-def under_way(job: TrainingJob, experiment: Experiment) -> list[str]:
+def under_way(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint) -> list[str]:
     """Sentences: from where the training goes on, and which like it were begun with other settings.
 
     Those are of the same algorithm and seed on the same task.
     """
-    checkpoint = job.checkpoint(experiment)
     begun, asked = checkpoint.state(KEY), plain(experiment.settings())
-    told = [] if begun is None else [f"{job.name} goes on after {kept(begun)[0]} iterations"]
+    told = [f"{job.name}: {note}" for note in checkpoint.notes]
+    told += [] if begun is None else [f"{job.name} goes on after {kept(begun)[0]} iterations"]
     for other in checkpoint.others(KEY):
         done, settings = kept(other)
         if [settings.get(key) for key in _ALIKE] == [asked[key] for key in _ALIKE]:
@@ -97,7 +98,7 @@ def under_way(job: TrainingJob, experiment: Experiment) -> list[str]:
             )
             told.append(
                 f"another training by {job.name} is unfinished after {done} iterations, with"
-                f" {', '.join(parts) or 'other iterations or versions'}; its own command goes on"
+                f" {', '.join(parts) or 'other iterations'}; its own command goes on"
                 " with it"
             )
     return told
@@ -109,8 +110,9 @@ def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Da
     Tells every row with its iteration; returns what is stored.
     """
     experiment = job.experiment()
-    stored = job.store is not None and job.store.is_dir()
-    checkpoint = job.checkpoint(experiment) if stored else None
+    # Workers elsewhere may not see it.
+    seen = job.kept is not None and job.kept.is_dir()
+    checkpoint = Checkpoint.of_another(job.kept) if seen else None
     data = train(experiment, checkpoint, lambda k, row: tell({"iteration": float(k), **row}))
     return described(experiment, data)
 

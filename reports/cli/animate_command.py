@@ -31,7 +31,6 @@ class AnimateOptions(SourceOptions):
 
 def check(options: AnimateOptions) -> RunView:
     """Read the run, and see that it can be drawn."""
-    from problems.lent import named_file
     from reports.cli.places import check_place
     from reports.cli.runs_command import stored
     from reports.motion.animation import check_drawable, frame_times
@@ -41,7 +40,7 @@ def check(options: AnimateOptions) -> RunView:
     check_format(options.file, options.fps)
     check_place(options.file, "animation")
     found = stored(options.run, options.out)
-    view = RunView.of(found, named_file(options.source, [found]))
+    view = RunView.of(found, options.own([found]))
     check_drawable(view)
     frame_times(float(view.time[-1]), options.fps, options.speed)
     return view

@@ -46,15 +46,14 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     from ocp.errors import choose
     from ocp.gradients.sweep import SweepRun
     from ocp.store.checkpoint import Checkpoint
-    from ocp.store.provenance import versions
     from reports.cli.estimate_request import EstimateRequest
     from reports.cli.places import check_places
 
     choose("backend", options.backend, dict.fromkeys(BACKENDS))
     asked = EstimateRequest.read(options)
     check_places(options.out, options.pdf)
-    identity = {**asked.record, "backend": options.backend, "by": versions()}
-    checkpoint = Checkpoint(options.out, asked.spec.name, identity)
+    request = {**asked.decisive, "backend": options.backend}
+    checkpoint = Checkpoint(options.out, asked.spec.name, request, asked.content)
     study = SweepRun(asked.objective, asked.sampling, asked.sweep, checkpoint, asked.rebuilt)
     what, seconds = f"{study.samples:.3g} samples of {asked.spec.name}", study.seconds()
     check_time(what, seconds)
@@ -76,18 +75,21 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
 
     asked, study, checkpoint = checked
     output, interrupted = options.output, False
-    try:
-        with interruptible(), estimates.progress(options.quiet, interrupt.check) as report:
-            study.run(report)
-    except KeyboardInterrupt:
-        if not study.rows:
-            raise
-        interrupted = True
-    meta = _meta(asked, study)
-    data = sweep_dataset(study.widest, study.rows, asked.sweep, asked.unit())
-    path = store.write(options.out, asked.spec.name, data, meta)
-    if study.finished:
-        checkpoint.discard()
+    with checkpoint:
+        for line in checkpoint.notes:
+            output.say(line)
+        try:
+            with interruptible(), estimates.progress(options.quiet, interrupt.check) as report:
+                study.run(report)
+        except KeyboardInterrupt:
+            if not study.rows:
+                raise
+            interrupted = True
+        meta = _meta(asked, study)
+        data = sweep_dataset(study.widest, study.rows, asked.sweep, asked.unit())
+        path = store.write(options.out, asked.spec.name, data, meta)
+        if study.finished:
+            checkpoint.discard()
     swept = None if asked.sweep is None else asked.sweep.name
     output.note(estimates.table(meta["estimates"], swept))
     if study.resumed:

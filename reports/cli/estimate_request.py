@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from ocp.gradients.estimation import Sampling
     from ocp.gradients.objective import SampledObjective
     from ocp.gradients.sweep import Sweep
+    from ocp.store.stored_run import StoredRun
     from problems.objectives import ObjectiveSpec
     from problems.spec import ProblemSpec
     from reports.cli.estimate_command import EstimateOptions
@@ -98,6 +100,23 @@ class EstimateRequest:
             }  # fmt: skip
         return record
 
+    @property
+    def decisive(self) -> dict[str, Any]:
+        """What a study that goes on must agree in, but for the content of files.
+
+        A run at which the gradient is taken counts by its decision: ``@last`` is another each time.
+        """
+        decision = hashlib.sha256(self.objective.theta.tobytes()).hexdigest()
+        return {**self.record, "source": None, "at": None, "decision": decision}
+
+    @property
+    def content(self) -> str:
+        """Digest of the user's files that it is asked of: the problem's and a learned law's."""
+        from ocp.store.provenance import content_digest
+
+        given = assignments("-c", self.options.law_settings)
+        return content_digest(getattr(self.spec, "digest", None), given)
+
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
         """Build the objective again at a value that shapes it, such as a number of steps."""
         known = self.spec.Params.model_fields
@@ -169,7 +188,7 @@ def _rollouts(
     per_step = problem.system.nu * (1 if options.policy == "open-loop" else problem.system.nx + 1)
     needed = sampling_memory(float(problem.N) * per_step, CHUNK)
     check_memory(f"{spec.name} with N = {problem.N}", needed)
-    theta = None if options.at is None else _stored_decision(options)
+    theta = None if options.at is None else _stored_decision(options, spec, given)
     expected = problem.N * per_step if not own.get("stationary") else None
     if theta is not None and expected is not None and theta.size != expected:
         raise InputError(
@@ -225,8 +244,10 @@ def _check_sweep(
             contact_law(options.contact, [*(options.law_settings or ()), f"{knob}={value}"])
 
 
-def _stored_decision(options: EstimateOptions) -> np.ndarray:
-    """Inputs, or gains, of a stored run, in the order of a decision."""
+def _stored_decision(
+    options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
+) -> np.ndarray:
+    """Inputs, or gains, of a stored run of this problem, in the order of a decision."""
     import numpy as np
 
     from reports.cli.runs_command import stored
@@ -234,12 +255,43 @@ def _stored_decision(options: EstimateOptions) -> np.ndarray:
     run = stored(str(options.at), options.out)
     if run.kind != "solve":
         raise InputError(f"--at {options.at}: that is a run of ocp {run.kind}; give one of a solve")
+    _check_same(run, options, spec, given)
     if options.policy == "open-loop":
         return run.data["u"].values[0]
     if "K" not in run.data:
         raise InputError(f"{options.at} holds no gains; solve it with --policy feedback")
     K, k = run.data["K"].values, run.data["k"].values
     return np.concatenate([K.reshape(len(K), -1), k], axis=1)
+
+
+def _check_same(
+    run: StoredRun, options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
+) -> None:
+    """Raise InputError unless a run is of this problem, at these parameters but for what is swept.
+
+    Its plan would be rolled out where it means nothing.
+    """
+    at = f"--at {options.at}: that run is of"
+    if run.meta["problem"] != spec.name:
+        raise InputError(
+            f"{at} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}"
+        )
+    if run.meta.get("source_digest") != spec.digest:
+        raise InputError(
+            f"{at} another {spec.name}: {spec.path or 'the problem'}, or what it imports, is not"
+            " what it was solved from; solve it again"
+        )
+    swept = "" if options.sweep is None else options.sweep.partition("=")[0].strip()
+    kept = run.record.get("params", {})
+    asked = spec.params(given).model_dump()
+    differ = [
+        f"{name}={kept.get(name)}" for name, value in asked.items()
+        if name != swept and kept.get(name) != value
+    ]  # fmt: skip
+    if differ:
+        raise InputError(
+            f"{at} {spec.name} at other parameters; give those of the run: -p {' -p '.join(differ)}"
+        )
 
 
 def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:

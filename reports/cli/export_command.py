@@ -140,7 +140,7 @@ def _read_run(what: str, options: ExportOptions) -> Asked:
     """Read a run; raises InputError where nothing has that name, saying what has."""
     from ocp.errors import InputError, did_you_mean
     from problems import names
-    from problems.lent import named_file, problem_of
+    from problems.lent import problem_of
     from problems.objectives import objective_names
     from reports.cli.choices import closing_law
     from reports.cli.runs_command import stored
@@ -152,7 +152,7 @@ def _read_run(what: str, options: ExportOptions) -> Asked:
     except InputError as error:
         hint = did_you_mean(what, names())
         raise InputError(f"{error}; nor is it a problem's name{hint}") from error
-    found, _, problem = problem_of(run, named_file(options.source, [run]))
+    found, _, problem = problem_of(run, options.own([run]))
     solution = run.solution(problem)
     settings = [f"{key}={value}" for key, value in run.record["contact_settings"].items()]
     law = closing_law(run.record["contact"], settings, problem.system)

@@ -144,20 +144,21 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
     out, output = options.out, options.output
     if not output.quiet:
         print(f"{study.id}: {study.title}", file=sys.stderr, flush=True)
-    kept = Checkpoint(out, study.id, asked) if study.resumes else None
-    data = study.data(asked, kept)
-    claims = study.claims(data)
-    meta = {
-        "kind": "figure",
-        "argv": options.argv,
-        "seed": asked["seed"],
-        "record": {"params": asked},
-        "claims": [asdict(claim) for claim in claims],
-        "verdict": did_hold(claims),
-        "status": "done",
-    }
-    stored = store.write(out, study.id, data, meta)
-    if kept is not None:
+    with Checkpoint(out if study.resumes else None, study.id, asked) as kept:
+        for line in kept.notes:
+            output.say(line)
+        data = study.data(asked, kept)
+        claims = study.claims(data)
+        meta = {
+            "kind": "figure",
+            "argv": options.argv,
+            "seed": asked["seed"],
+            "record": {"params": asked},
+            "claims": [asdict(claim) for claim in claims],
+            "verdict": did_hold(claims),
+            "status": "done",
+        }
+        stored = store.write(out, study.id, data, meta)
         kept.discard()
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     write_pdf([store.load(stored)], pdf)

@@ -9,12 +9,12 @@ from __future__ import annotations
 import inspect
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, fields
 from inspect import Parameter
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -23,6 +23,10 @@ from typer.models import ArgumentInfo
 from reports.cli.declared import argument, option
 from reports.cli.output import Output
 from reports.cli.shell import document, logs
+
+if TYPE_CHECKING:
+    from ocp.store.stored_run import StoredRun
+    from problems.spec import ProblemSpec
 
 T = TypeVar("T")
 RUN = "A run: its path, part of its name, or @last, @2, ... from the latest back."
@@ -70,6 +74,19 @@ class SourceOptions(StoreOptions):
     source: str | None = option(
         None, "--source", metavar="FILE", help="File that defines the problem of a run, if one did."
     )
+
+    def own(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
+        """The problem in that file, None where none is named; says where it has changed since.
+
+        Raises :class:`~ocp.errors.InputError` where it cannot be read, or is none of theirs.
+        """
+        from problems.lent import edited, named_file
+
+        found = named_file(self.source, runs)
+        for run in runs:
+            if told := edited(run, found):
+                self.output.say(told)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +185,8 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
     def called(context: typer.Context, **values: Any) -> int:
         sources = {key: context.get_parameter_source(key) for key in values}
         given = (k for k, source in sources.items() if source and source.name == "COMMANDLINE")
-        return carry_out(command, command.options(**values, given=frozenset(given)))
+        at_home = {key: _at_home(value) for key, value in values.items()}
+        return carry_out(command, command.options(**at_home, given=frozenset(given)))
 
     called.__doc__ = command.run.__doc__
     called.__annotations__ = {key: annotation for key, (annotation, _) in parameters.items()}
@@ -178,6 +196,17 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
         for key, (annotation, default) in parameters.items()
     ])  # fmt: skip
     app.command(name, cls=_shaped(command))(called)
+
+
+def _at_home(value: Any) -> Any:
+    """The value of an option, with a leading ~ of a path as the home directory."""
+    if isinstance(value, list):
+        return [_at_home(one) for one in value]
+    if not (isinstance(value, str | Path) and str(value).startswith("~")):
+        return value
+    from ocp.paths import expanded
+
+    return type(value)(expanded(value))
 
 
 def _shaped(command: Command[Any]) -> type[Strict]:

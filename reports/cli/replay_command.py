@@ -27,12 +27,12 @@ class ReplayOptions(LawOptions, SourceOptions):
 
 def check(options: ReplayOptions) -> Asked:
     """Read the run's plan, and make the law."""
-    from problems.lent import named_file, problem_of
+    from problems.lent import problem_of
     from reports.cli.choices import closing_law
     from reports.cli.runs_command import stored
 
     found = stored(options.run, options.out)
-    problem = problem_of(found, named_file(options.source, [found]))[2]
+    problem = problem_of(found, options.own([found]))[2]
     law = closing_law(options.contact, options.law_settings, problem.system)
     return found, found.solution(problem), problem, law
 

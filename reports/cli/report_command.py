@@ -27,13 +27,12 @@ class ReportOptions(SourceOptions):
 
 def check(options: ReportOptions) -> Asked:
     """Read the runs, and the problem's file if one is named."""
-    from problems.lent import named_file
     from reports.cli.places import check_place
     from reports.cli.runs_command import stored
 
     check_place(options.pdf, "PDF")
     runs = [stored(text, options.out) for text in options.runs]
-    return runs, named_file(options.source, runs)
+    return runs, options.own(runs)
 
 
 def run(options: ReportOptions, asked: Asked) -> int:

@@ -66,22 +66,25 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     asked = Request.read(options)
     check_side_by_side(asked.session, min(options.jobs, options.starts))
     check_places(options.out, options.pdf)
-    start = None if options.start is None else _start(asked, options.start, options.out)
+    start = None if options.start is None else _start(asked, options)
     return asked, start
 
 
-def _start(asked: Request, run: str, root: Path) -> Solution:
-    """Return the stored solution that ``run`` names, of this problem at its own parameters."""
+def _start(asked: Request, options: SolveOptions) -> Solution:
+    """Return the stored solution that ``--from`` names, of this problem at its own parameters."""
     from ocp.errors import InputError
-    from problems.lent import problem_of
+    from problems.lent import edited, problem_of
     from reports.cli.runs_command import stored
 
-    found, name = stored(run, root), asked.session.problem.name
+    run, name = str(options.start), asked.session.problem.name
+    found = stored(run, options.out)
     if found.meta["problem"] != name:
         raise InputError(
             f"--from {run}: that run is of {found.meta['problem']}, not of {name}; start from a run"
             f" of {name}"
         )
+    if told := edited(found, asked.spec):
+        options.output.say(f"--from {run}: {told}")
     solution = found.solution(problem_of(found, asked.spec)[2])
     return replace(solution, record={**solution.record, "hash": found.meta["hash"]})
 

@@ -11,7 +11,9 @@ from reports.cli.declared import argument, option
 from reports.cli.options import PROBLEM, Command, Options
 
 if TYPE_CHECKING:
-    from dynamics.learned.training import Training
+    import xarray as xr
+
+    from dynamics.learned.training import Recipe, Training
     from dynamics.learned.transitions import Transitions
     from ocp.store.checkpoint import Checkpoint
     from problems.spec import ProblemSpec
@@ -45,17 +47,17 @@ class LearnOptions(Options):
 
 @dataclass(frozen=True)
 class Asked:
-    """Data, and the training of a network on them where one is asked for."""
+    """Data, the recipe of a network on them where one is asked for, and where it is kept."""
 
     data: Transitions
-    training: Training | None
+    recipe: Recipe | None
     checkpoint: Checkpoint
-    resumed: int
 
 
 def check(options: LearnOptions) -> Asked:
     """Read the data, and see that the model can be made of them."""
     from ocp.errors import InputError, choose
+    from ocp.store import atomic
     from ocp.store.checkpoint import Checkpoint
     from reports.cli.places import check_place
 
@@ -78,16 +80,17 @@ def check(options: LearnOptions) -> Asked:
     hidden = _hidden(options.hidden)
     data = _data(options)
     check_place(options.file, "model")
-    request = {"data": data.hash, "sigma": options.noise, "hidden": hidden, "seed": options.seed}
-    checkpoint = Checkpoint(options.file.parent, "", request)
-    training = _training(options, data, hidden, checkpoint) if network else None
-    return Asked(data, training, checkpoint, training.epoch if training else 0)
+    recipe = _recipe(options, data, hidden) if network else None
+    request = {"data": data.hash, "sigma": options.noise, "hidden": hidden,
+               "epochs": options.epochs, "seed": options.seed}  # fmt: skip
+    place = atomic.destination(options.file)
+    # Beside the file, and nowhere for one that is a device or a FIFO.
+    root = place.parent if network and place is not None else None
+    return Asked(data, recipe, Checkpoint(root, "", request))
 
 
-def _training(
-    options: LearnOptions, data: Transitions, hidden: tuple[int, ...], checkpoint: Checkpoint
-) -> Training:
-    from dynamics.learned.training import Recipe, Training
+def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -> Recipe:
+    from dynamics.learned.training import Recipe
     from ocp.effort import check_memory, check_time, training_seconds
     from ocp.errors import InputError
 
@@ -98,10 +101,19 @@ def _training(
     seconds = training_seconds(float(weights) * len(data) * options.epochs)
     check_time(what, seconds)
     options.output.foretell(f"training for {what}, at most,", seconds)
-    state = checkpoint.state("training")
     try:
-        recipe = Recipe(hidden, options.epochs, held_out=HELD_OUT)
-        return Training(data.samples(), options.noise, recipe, options.seed, state)
+        return Recipe(hidden, options.epochs, held_out=HELD_OUT)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def _training(options: LearnOptions, asked: Asked, recipe: Recipe) -> Training:
+    from dynamics.learned.training import Training
+    from ocp.errors import InputError
+
+    state, samples = asked.checkpoint.state("training"), asked.data.samples()
+    try:
+        return Training(samples, options.noise, recipe, options.seed, state)
     except ValueError as error:
         raise InputError(str(error)) from error
 
@@ -166,37 +178,46 @@ def run(options: LearnOptions, asked: Asked) -> int:
     """
     import time
 
-    from dynamics.learned.fit import fit
     from ocp.store import models
     from reports import learned
 
-    began, data = time.perf_counter(), asked.data
-    if asked.training is None:
-        model, held_out = _averaged(options, data)
-    else:
-        model, held_out = _trained(options, asked, asked.training)
-    sigma = options.noise or NOISE
-    fitted = fit(model, data.samples(), held_out, sigma, options.seed)
-    parts = model.dataset(), fitted.dataset()
-    dataset = learned.model_dataset(*parts, data, len(held_out))
-    models.save(dataset, options.file)
-    asked.checkpoint.discard()
+    began, epochs, resumed = time.perf_counter(), None, 0
+    with asked.checkpoint as checkpoint:
+        for line in checkpoint.notes:
+            options.output.say(line)
+        if asked.recipe is None:
+            dataset = _described(options, asked.data, *_averaged(options, asked.data))
+        else:
+            training = _training(options, asked, asked.recipe)
+            resumed = training.epoch
+            dataset = _described(options, asked.data, *_trained(options, asked, training))
+            epochs = training.epoch
+        models.save(dataset, options.file)
+        checkpoint.discard()
     document = learned.model_document(dataset)
     for table in (learned.fit_table, learned.outside_table):
         options.output.note(table(document))
     seconds = time.perf_counter() - began
-    epochs = None if asked.training is None else asked.training.epoch
-    if asked.resumed:
-        options.output.say(f"went on after epoch {asked.resumed}")
+    if resumed:
+        options.output.say(f"went on after epoch {resumed}")
     how = "" if epochs is None else f", {epochs} epochs"
     options.output.say(f"model: {options.file} ({options.model}{how}, {seconds:.1f} s)")
     options.output.document(
         {
             **{"file": str(options.file), **document, "seconds": seconds},
-            **{"epochs": epochs, "resumed": asked.resumed},
+            **{"epochs": epochs, "resumed": resumed},
         }
     )
     return 0
+
+
+def _described(options: LearnOptions, data: Transitions, model: Any, held_out: Any) -> xr.Dataset:
+    """A model and how well it fits."""
+    from dynamics.learned.fit import fit
+    from reports import learned
+
+    fitted = fit(model, data.samples(), held_out, options.noise or NOISE, options.seed)
+    return learned.model_dataset(model.dataset(), fitted.dataset(), data, len(held_out))
 
 
 def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:

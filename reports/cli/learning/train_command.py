@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import closing
-from dataclasses import dataclass
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,7 +87,8 @@ def check(options: TrainOptions) -> Asked:
         one.algorithm.check(one)
         seconds += check_training(one, workers, options.seeds)
     options.output.foretell(f"{len(built)} trainings", seconds)
-    checkpoints = [job.checkpoint(one) for job, one in zip(jobs, built, strict=True)]
+    pairs, store = zip(jobs, built, strict=True), options.out.resolve()
+    checkpoints = [job.checkpoint(one, store) for job, one in pairs]
     return Asked(jobs, checkpoints, built, workers)
 
 
@@ -109,7 +110,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
         TrainingJob(
             task=options.task, params=assignments("-p", options.params), seed=seed,
             algorithm=psi.beside(algorithm), law=_law(options, algorithm, task),
-            store=options.out.resolve(), options={**own, **every}, guesses=psi.guesses,
+            options={**own, **every}, guesses=psi.guesses,
             threads=1 if options.scheduler is not None else max(1, _cpus() // workers),
         )
         for algorithm, own in chosen
@@ -144,21 +145,26 @@ def run(options: TrainOptions, asked: Asked) -> int:
     from ocp.errors import interruptible
     from problems.tasks.training import under_way
 
-    output, stored = options.output, _stored_before(asked)
-    if stored:
-        output.say(f"went on: {len(stored)} of {len(asked.jobs)} trainings were done before")
-    left = [place for place in range(len(asked.jobs)) if place not in stored]
-    for place in left:
-        for sentence in under_way(asked.jobs[place], asked.experiments[place]):
-            output.say(sentence)
-    try:
-        with interruptible():
-            failed = _trained(options, asked, left, stored)
-    except KeyboardInterrupt:
-        output.say("the same command goes on from what is kept")
-        raise
-    for place in stored:
-        asked.checkpoints[place].discard()
+    output = options.output
+    with ExitStack() as held:
+        for checkpoint in asked.checkpoints:
+            held.enter_context(checkpoint)
+        stored = _stored_before(asked)
+        if stored:
+            output.say(f"went on: {len(stored)} of {len(asked.jobs)} trainings were done before")
+        left = [place for place in range(len(asked.jobs)) if place not in stored]
+        for place in left:
+            parts = asked.jobs[place], asked.experiments[place], asked.checkpoints[place]
+            for sentence in under_way(*parts):
+                output.say(sentence)
+        try:
+            with interruptible():
+                failed = _trained(options, asked, left, stored)
+        except KeyboardInterrupt:
+            output.say("the same command goes on from what is kept")
+            raise
+        for place in stored:
+            asked.checkpoints[place].discard()
     _tell(options, [stored[place] for place in sorted(stored)], asked, failed)
     return 0
 
@@ -173,7 +179,7 @@ def _trained(
     from reports.trained.live import live
 
     failed = {}
-    jobs = [asked.jobs[place] for place in left]
+    jobs = [replace(asked.jobs[place], kept=asked.checkpoints[place].place) for place in left]
     ends = {asked.jobs[place].name: asked.experiments[place].iterations for place in left}
     with live(ends, options.quiet, interrupt.check) as heard:
         work = carried_out(trained, jobs, asked.workers, options.scheduler, heard)

@@ -18,9 +18,9 @@ def case_of(options: SolverOptions) -> Case:
     Raises :class:`~ocp.errors.InputError` for an unknown problem, and for words that are no
     assignments.
     """
-    path = source(options.problem).path
+    found = source(options.problem)
     return Case(
-        options.problem if path is None else str(path),
+        options.problem if found.path is None else str(found.path),
         assignments("-p", options.params),
         options.contact,
         assignments("-c", options.law_settings),
@@ -28,4 +28,4 @@ def case_of(options: SolverOptions) -> Case:
         options.policy,
         options.solver,
         assignments("-s", options.settings),
-    )
+    ).of(found)

@@ -48,7 +48,7 @@ def check(options: SweepOptions) -> Asked:
     """Read the grid, and build what can be known to fit before any work."""
     from ocp.errors import InputError, choose
     from ocp.sweeps.axes import axes
-    from ocp.sweeps.sweep import asked, check_points, check_side_by_side, kept_in
+    from ocp.sweeps.sweep import asked, check_points, check_side_by_side
     from reports.cli.places import check_places
     from reports.cli.sweeping.case import case_of
 
@@ -64,7 +64,7 @@ def check(options: SweepOptions) -> Asked:
     check_side_by_side(session, options.jobs)
     check_points(study, session)
     check_places(options.out, options.pdf)
-    return Asked(study, session, kept_in(study, session, options.out))
+    return Asked(study, session, study.checkpoint(options.out, session.problem.name))
 
 
 def run(options: SweepOptions, asked: Asked) -> int:
@@ -84,14 +84,15 @@ def run(options: SweepOptions, asked: Asked) -> int:
         f"{count} points", count * options.starts * session.seconds / options.jobs,
         session.memory * options.jobs,
     )  # fmt: skip
-    data = dataset(study, asked.session, _points(options, asked))
-    meta = {
-        **described(study, asked.session, data),
-        "argv": options.argv,
-        "tags": options.tags or (),
-    }
-    path = store.write(options.out, asked.session.problem.name, data, meta)
-    asked.checkpoint.discard()
+    with asked.checkpoint as checkpoint:
+        data = dataset(study, asked.session, _points(options, asked))
+        meta = {
+            **described(study, asked.session, data),
+            "argv": options.argv,
+            "tags": options.tags or (),
+        }
+        path = store.write(options.out, asked.session.problem.name, data, meta)
+        checkpoint.discard()
     dims = [axis["name"] for axis in meta["study"]["axes"]]
     found = rows(data)
     output.note(point_table(found, dims))
@@ -116,6 +117,8 @@ def _points(options: SweepOptions, asked: Asked) -> list[Point]:
         where({dims[name]: value for name, value in place.items()}, [*dims.values()])
         for place in study.places
     ]
+    for line in asked.checkpoint.notes:
+        output.say(line)
     found = kept_points(study, asked.checkpoint)
     if found:
         output.say(f"went on: {len(found)} of {len(names)} points were done before")

@@ -55,14 +55,14 @@ def given_to(name: str) -> dict[str, float]:
 
 def run(name: str, root: Path | None = None, kill_at: int = -1, **given) -> xr.Dataset:
     """Train, under a checkpoint in ``root``; the process is killed after iteration ``kill_at``."""
-    checkpoint = None if root is None else Always(root, "scalar", {"name": name})
 
     def report(k, _):
         if k == kill_at:
             os.kill(os.getpid(), signal.SIGKILL)
 
     settings = {**given_to(name), "task": scalar(**TASK), **given}
-    return train(experiment(SMALL[name], **settings), checkpoint, report)
+    with Always(root, "scalar", {"name": name}) as checkpoint:
+        return train(experiment(SMALL[name], **settings), checkpoint, report)
 
 
 def assert_same(one: xr.Dataset, other: xr.Dataset) -> None:

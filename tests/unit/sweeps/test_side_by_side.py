@@ -16,7 +16,7 @@ from ocp.sweeps.axes import axes
 from ocp.sweeps.case import Case
 from ocp.sweeps.point import Point
 from ocp.sweeps.starts import solve_starts
-from ocp.sweeps.sweep import asked, followed, kept_in
+from ocp.sweeps.sweep import asked, followed
 from tests.unit.sweeps.same import same
 
 OVER = {"M": [0.5, 1.0, 2.0], "contact.mu": [1e-3, 1e-2]}
@@ -115,12 +115,12 @@ def test_ctrl_c_that_compiled_code_took_for_a_failure_is_no_point(
     assert not list(tmp_path.rglob("point-*.json"))
     monkeypatch.undo()
     study = asked(Case("push-1d", SHORT), axes({"M": [1.0, 2.0]}))
-    checkpoint = kept_in(study, study.checked(), tmp_path)
+    checkpoint = study.checkpoint(tmp_path, study.checked().problem.name)
 
     def stop(_: int, message: object) -> None:
         if message is None:
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
+    with checkpoint, pytest.raises(KeyboardInterrupt):
         followed(study, checkpoint=checkpoint, heard=stop)
     assert not list(tmp_path.rglob("point-*.json"))

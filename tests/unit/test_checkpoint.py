@@ -1,0 +1,165 @@
+"""A checkpoint belongs to one study of one content, and one process at a time holds it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ocp.store import checkpoint as module
+from ocp.store.checkpoint import Checkpoint
+from ocp.store.provenance import content_digest
+
+ASKED = {"samples": 10}
+HOLD = """
+import sys, time
+from pathlib import Path
+from ocp.store.checkpoint import Checkpoint
+with Checkpoint(Path(sys.argv[1]), "toy", {"samples": 10}) as held:
+    held.save_rows(0, [{"mean": 1.0}])
+    print(held.place.name, flush=True)
+    time.sleep(60)
+"""
+
+
+def places(root: Path) -> list[str]:
+    return sorted(path.name for path in root.glob("toy/.unfinished-*"))
+
+
+def test_what_was_done_is_there_again(tmp_path: Path) -> None:
+    with Checkpoint(tmp_path, "toy", ASKED) as first:
+        assert first.rows(0) is None and first.state("sums") is None
+        first.save_rows(0, [{"mean": 1.0}])
+        first.save_state("sums", total=np.arange(3.0))
+    with Checkpoint(tmp_path, "toy", ASKED) as again:
+        assert again.rows(0) == [{"mean": 1.0}] and not again.notes
+        found = again.state("sums")
+        assert found is not None and found["total"].tolist() == [0.0, 1.0, 2.0]
+        again.discard()
+    assert places(tmp_path) == []
+
+
+def test_nothing_stays_of_what_did_nothing(tmp_path: Path) -> None:
+    with Checkpoint(tmp_path, "toy", ASKED):
+        assert len(places(tmp_path)) == 1
+    assert places(tmp_path) == []
+    with Checkpoint(None, "toy", ASKED) as nowhere:
+        nowhere.save_rows(0, [])
+        assert nowhere.rows(0) is None and nowhere.place is None
+    assert not list(Path().glob(".unfinished-*"))
+
+
+def test_two_at_once_have_places_of_their_own(tmp_path: Path) -> None:
+    first, second = (Checkpoint(tmp_path, "toy", ASKED) for _ in range(2))
+    with first:
+        first.save_rows(0, [{"of": "first"}])
+        with second:
+            assert second.rows(0) is None
+            assert second.notes == [
+                "another process does the same just now: this one works beside it, and ends with"
+                " the same numbers"
+            ]
+            second.save_rows(0, [{"of": "second"}])
+            second.discard()
+        assert first.rows(0) == [{"of": "first"}]
+        # The other way round: the first to begin is the first to end.
+        with Checkpoint(tmp_path, "toy", ASKED) as third:
+            third.save_rows(0, [{"of": "third"}])
+            first.discard()
+            assert third.rows(0) == [{"of": "third"}]
+    # What the third left is found, though the place before it is free.
+    with Checkpoint(tmp_path, "toy", ASKED) as fourth:
+        assert fourth.rows(0) == [{"of": "third"}]
+
+
+def test_what_a_killed_process_left_is_taken_over(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", HOLD, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        name = process.stdout.readline().strip()
+        with Checkpoint(tmp_path, "toy", ASKED) as beside:
+            assert beside.notes and beside.rows(0) is None
+        assert places(tmp_path) == [name]
+        process.send_signal(signal.SIGKILL)
+    with Checkpoint(tmp_path, "toy", ASKED) as after:
+        assert after.place is not None and after.place.name == name
+        assert after.rows(0) == [{"mean": 1.0}] and not after.notes
+
+
+def test_a_place_that_vanishes_while_it_is_entered_is_not_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its owner removes it between the opening and the locking of another."""
+    with Checkpoint(tmp_path, "toy", ASKED) as owner:
+        assert owner.place is not None
+        place = owner.place
+
+    def removing(handle: int, how: int) -> None:
+        monkeypatch.undo()
+        (place / ".lock").unlink()
+        place.rmdir()
+        module.fcntl.flock(handle, how)
+
+    place.mkdir()
+    monkeypatch.setattr(module.fcntl, "flock", removing)
+    with Checkpoint(tmp_path, "toy", ASKED) as entered:
+        entered.save_rows(0, [{"mean": 1.0}])
+        assert entered.place is not None and (entered.place / ".lock").exists()
+        with Checkpoint(tmp_path, "toy", ASKED) as other:
+            assert other.place != entered.place
+
+
+@pytest.mark.parametrize("changed", ["source", "program"])
+def test_another_content_starts_anew_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: str
+) -> None:
+    with Checkpoint(tmp_path, "toy", ASKED, "a" * 64) as before:
+        before.save_rows(0, [{"mean": 1.0}])
+    if changed == "program":
+        monkeypatch.setattr(module, "program_digest", lambda: "another")
+    source = "b" * 64 if changed == "source" else "a" * 64
+    with Checkpoint(tmp_path, "toy", ASKED, source) as after:
+        assert after.rows(0) is None
+        (note,) = after.notes
+        assert ("file, or what it imports, has changed" in note) == (changed == "source")
+        assert "it starts anew; what was done before is in" in note
+        assert ".unfinished-" in note
+    # Other words are another study, of which nothing is said.
+    with Checkpoint(tmp_path, "toy", {"samples": 11}, source) as other:
+        assert other.rows(0) is None and not other.notes
+
+
+def test_a_worker_writes_where_its_owner_holds(tmp_path: Path) -> None:
+    with Checkpoint(tmp_path, "toy", ASKED) as owner:
+        with Checkpoint.of_another(owner.place) as worker:
+            worker.save_state("sums", total=np.ones(2))
+            worker.discard()
+        found = owner.state("sums")
+        assert found is not None and found["total"].tolist() == [1.0, 1.0]
+
+
+def test_the_content_is_of_all_files_that_are_named(tmp_path: Path) -> None:
+    model = tmp_path / "model.nc"
+    model.write_text("one")
+    settings = {"model": str(model), "sigma": 0.1, "mode": "x" * 5000}
+    one = content_digest(None, settings)
+    assert content_digest(None, {**settings, "sigma": 0.2}) == one
+    assert content_digest("digest", settings) != one
+    model.write_text("two")
+    assert content_digest(None, settings) != one
+    assert content_digest(None, {"sigma": 0.1}) == ""
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_place_that_cannot_be_made_gets_its_sentence(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with (
+        pytest.raises(ValueError, match="cannot write what is done to"),
+        Checkpoint(tmp_path, "toy", ASKED),
+    ):
+        pass
