@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -114,7 +115,8 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
         told["plot"] = str(options.plot)
     output.finish(path, told, options.pdf, asked.spec)
     survives = options.require is None or bool(solution.referee.survives)
-    return 0 if solution.success and survives else NOT_CONVERGED
+    finite = math.isfinite(solution.cost) and math.isfinite(solution.audit.exact_cost)
+    return 0 if solution.success and survives and finite else NOT_CONVERGED
 
 
 def _plot(run: Path, file: Path, own: ProblemSpec) -> None:

@@ -100,7 +100,8 @@ def run(options: SweepOptions, asked: Asked) -> int:
     for failure in meta["study"]["failed"]:
         output.note(f"to look at it: {failure['command']}")
     output.finish(path, _document(meta, found, data), options.pdf, study.source)
-    return 0 if meta["success"] else NOT_CONVERGED
+    finite = all(math.isfinite(value) for value in data["exact_cost"].values.flat)
+    return 0 if meta["success"] and finite else NOT_CONVERGED
 
 
 def _points(options: SweepOptions, asked: Asked) -> list[Point]:
