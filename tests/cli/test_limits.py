@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import pytest
 
 from ocp import effort
+from ocp.continuation import walk
+from ocp.judgement import judged
 from reports.cli.output import Output
 
 WALL = ("solve", "wall-1d")
@@ -83,9 +87,18 @@ def test_the_line_has_time_and_what_matters_of_memory(capsys) -> None:
     )
 
 
-def test_a_curve_that_ends_in_no_number_has_failed(ocp) -> None:
-    done = ocp("continue", "wall-1d", "--over", "m", "--from", "1e-3", "--to", "1e-300",
-               "--steps", "1", "-p", "N=5", "--json")  # fmt: skip
+def test_a_curve_that_ends_in_no_number_has_failed(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From m = 0.75 on the exact replay overflows."""
+
+    def overflown(session, outcome, seed):
+        found = judged(session, outcome, seed)
+        lost = inf if session.values["m"] < 0.8 else found.audit.exact_cost
+        return replace(found, audit=replace(found.audit, exact_cost=lost))
+
+    monkeypatch.setattr(walk, "judged", overflown)
+    monkeypatch.setattr(walk, "SMALLEST", 0.9)
+    done = ocp("continue", "wall-1d", "--over", "m", "--from", "1", "--to", "0.5",
+               "--steps", "1", "-p", "N=3", "--json")  # fmt: skip
     assert done.code == 3 and done.json["success"] is False
     assert "its cost, replayed, is not finite" in done.json["verdict"]
     assert all(point["exact_cost"] is not None for point in done.json["points"])
