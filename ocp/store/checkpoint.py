@@ -18,6 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from dynamics.batch.engines.compiler import identity
 from ocp.store.atomic import told, write
 from ocp.store.plain import plain
 from ocp.store.provenance import program_digest, versions
@@ -152,7 +153,7 @@ class Checkpoint:
             why = (
                 "the problem's file, or what it imports, has changed"
                 if old != source
-                else "the program has changed"
+                else "the program, or the computer, has changed"
             )
             yield f"{why} since this was begun: it starts anew; what was done before is in {one}"
             return
@@ -233,8 +234,8 @@ def _arrays(file: Path) -> dict[str, np.ndarray] | None:
 
 
 def _program() -> str:
-    """What does it: our own source, and the versions of what it stands on."""
-    return _hashed({"source": program_digest(), **versions()})
+    """What does it: our own source, versions of what it stands on, the compiler and the CPU."""
+    return _hashed({"source": program_digest(), "compiler": identity(), **versions()})
 
 
 def _hashed(value: Any) -> str:

@@ -66,6 +66,7 @@ class Listed(TypedDict, total=False):
     """What a listing tells of those runs that have it."""
 
     seed: int | None
+    source_digest: str | None
     grade: Grade | None
     cost: float
     over: str
@@ -110,8 +111,11 @@ class Point(TypedDict):
     complementarity: float
 
 
-class Continued(TypedDict):
-    """What a run of ``ocp continue`` has, also ``from`` and ``to``."""
+Ends = TypedDict("Ends", {"from": float, "to": float})
+
+
+class Continued(Ends):
+    """What a run of ``ocp continue`` has."""
 
     over: str
     steps: int

@@ -73,10 +73,11 @@ def check_removable(path: Path) -> None:
     """
     if path.is_symlink():
         raise InputError(f"{path} is a symbolic link; remove the link, or name what it leads to")
-    found = {file.name for file in path.iterdir()} if path.is_dir() else set()
-    if not found & {DATA_FILE, META_FILE}:
+    found = list(path.iterdir()) if path.is_dir() else []
+    if not {file.name for file in found} & {DATA_FILE, META_FILE}:
         raise InputError(f"{path} is no run; ocp runs lists what the store holds")
-    if foreign := sorted(found - set(MOST)):
+    own = {file.name for file in found if file.is_symlink() or not file.is_dir()} & set(MOST)
+    if foreign := sorted({file.name for file in found} - own):
         raise InputError(f"{path} holds {foreign[0]}, which is no part of a run; move it away")
 
 

@@ -22,6 +22,12 @@ DATA_FILE, META_FILE, PROBLEM_FILE = "solution.nc", "meta.json", "problem.json"
 MOST = {DATA_FILE: 4 << 30, META_FILE: 32 << 20, PROBLEM_FILE: 256 << 20}
 """The files that a run may have, and how many bytes each may be."""
 
+_DEEPEST = 20
+_SHOWN = {
+    code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"
+}
+# Where text may hold one: written out, or as JSON escapes it.
+_CONTROL = re.compile(rb"[\x7f-\xff]|\\u00[0189][0-9a-fA-F]|\\u007[fF]|\\[bfr]")
 _END = re.compile(rb',\n "checksum": "([0-9a-f]{64})"\n}\n')
 _END_LENGTH = len(b',\n "checksum": ""\n}\n') + 64
 
@@ -76,7 +82,11 @@ def parsed(file: Path, content: bytes) -> dict[str, Any]:
     except ValueError as error:
         raise DamagedRun(f"{file} is not JSON: {error}") from error
     except RecursionError:
-        raise DamagedRun(f"{file} is not JSON that can be read: too deep") from None
+        found = None
+    if found is None or _is_deeper(found, _DEEPEST):
+        raise DamagedRun(f"{file} is nested more than {_DEEPEST} deep, which no run is")
+    if _CONTROL.search(content):
+        found = visible(found)
     if not isinstance(found, dict):
         raise DamagedRun(f"{file} holds a {type(found).__name__}, expected an object")
     return found
@@ -123,6 +133,21 @@ def _check_regular(file: Path, about: os.stat_result, most: int) -> None:
 
 def _too_large(file: Path, size: int, most: int) -> NoReturn:
     raise DamagedRun(f"{file} has {size} bytes, and that file of a run has at most {most}")
+
+
+def _is_deeper(value: Any, most: int) -> bool:
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return any(most == 0 or _is_deeper(item, most - 1) for item in inner
+               if isinstance(item, dict | list))  # fmt: skip
+
+
+def visible(value: Any) -> Any:
+    """Write control characters of texts in plain values as ``\\x1b``: a terminal obeys them."""
+    if isinstance(value, dict):
+        return {visible(key): visible(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [visible(item) for item in value]
+    return value.translate(_SHOWN) if isinstance(value, str) else value
 
 
 def _no_number(word: str) -> NoReturn:
