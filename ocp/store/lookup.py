@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from ocp.errors import InputError, did_you_mean
+from ocp.store.atomic import discard
 from ocp.paths import expanded
 from ocp.store.parts import DATA_FILE, META_FILE, MOST
 from ocp.store.runs import RunEntry, list_runs
@@ -91,6 +91,6 @@ def remove(paths: Iterable[Path]) -> None:
     for path in runs:
         check_removable(path)
     for path in runs:
-        shutil.rmtree(path)
+        discard(path)
         with suppress(OSError):
             path.parent.rmdir()

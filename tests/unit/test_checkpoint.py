@@ -54,6 +54,15 @@ def test_nothing_stays_of_what_did_nothing(tmp_path: Path) -> None:
     assert not list(Path().glob(".unfinished-*"))
 
 
+def test_a_checkpoint_that_is_not_held_is_not_used(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="inside of 'with' only"):
+        Checkpoint(tmp_path, "toy", ASKED).save_rows(0, [])
+    with Checkpoint(tmp_path, "toy", ASKED) as held:
+        pass
+    with pytest.raises(RuntimeError, match="inside of 'with' only"):
+        held.rows(0)
+
+
 def test_two_at_once_have_places_of_their_own(tmp_path: Path) -> None:
     first, second = (Checkpoint(tmp_path, "toy", ASKED) for _ in range(2))
     with first:

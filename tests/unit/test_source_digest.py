@@ -107,6 +107,18 @@ def test_a_module_beside_the_file_is_found_and_read_again(tmp_path: Path) -> Non
     assert import_file(file).value == 4
 
 
+def test_packages_without_init_in_one_another_are_followed(tmp_path: Path) -> None:
+    deep = tmp_path / "outside" / "of" / "all.py"
+    deep.parent.mkdir(parents=True)
+    deep.write_text("value = 1.0\n")
+    file = tmp_path / "main.py"
+    file.write_text("from outside.of.all import value\n")
+    assert parts(file)["outside.of.all"] == deep
+    before = source_digest(file)
+    deep.write_text("value = 2.0\n")
+    assert source_digest(file) != before
+
+
 def test_two_folders_do_not_mix(tmp_path: Path) -> None:
     """Each has a module of the same name."""
     files = [
