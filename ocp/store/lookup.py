@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ocp.errors import InputError, did_you_mean
 from ocp.store.atomic import discard
+from ocp.paths import expanded
 from ocp.store.parts import DATA_FILE, META_FILE, MOST
 from ocp.store.runs import RunEntry, list_runs
 
@@ -19,7 +20,7 @@ VARIABLE = "OCP_RUNS"
 
 def default_root() -> Path:
     """The store where none is said: ``$OCP_RUNS``, else ``runs`` in the working directory."""
-    return Path(os.environ.get(VARIABLE) or "runs")
+    return expanded(os.environ.get(VARIABLE) or "runs")
 
 
 def find(text: str, root: Path | str | None = None) -> Path:
@@ -31,9 +32,9 @@ def find(text: str, root: Path | str | None = None) -> Path:
 
     Raises :class:`~ocp.errors.InputError` for none and for several that differ.
     """
-    store = default_root() if root is None else Path(root)
-    if not text.startswith("@") and Path(text).exists():
-        return Path(text)
+    store = default_root() if root is None else expanded(root)
+    if not text.startswith("@") and expanded(text).exists():
+        return expanded(text)
     runs = list_runs(store)
     if re.fullmatch(r"@(last|[1-9]\d{0,8})", text):
         return _back(text, runs, store)
