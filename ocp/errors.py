@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from typing import TypeVar
 
 T = TypeVar("T")
+_LONGEST = 80
 
 
 class InputError(ValueError):
@@ -41,6 +42,16 @@ def interruptible() -> Iterator[None]:
         if isinstance(error.__cause__, KeyboardInterrupt):
             raise error.__cause__ from error
         raise
+
+
+def shown(value: object) -> str:
+    """How ``value`` looks, cut to a line; its type alone where it cannot say so itself."""
+    try:
+        text = repr(value)
+    except Exception:
+        return f"an unprintable {type(value).__name__}"
+    text = " ".join(text.split())
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
 def did_you_mean(name: str, known: Iterable[str], alike: float = 0.5) -> str:

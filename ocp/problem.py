@@ -5,96 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from pydantic import InstanceOf, JsonValue
 
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
-from ocp.errors import InputError
-from ocp.programs.units import SI, Units
+from ocp.errors import InputError, shown
+from ocp.expressions import check_symbols, column
+from ocp.given import Count, Line, checked
+from ocp.ingredients import Constraint, FreeStart, Reference, Scenarios, Sizes
+
+__all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Reference", "Scenarios", "Sizes"]
 
 Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
-
-
-@dataclass(frozen=True, eq=False)
-class Constraint:
-    """``lower <= expression <= upper``, the expression in (x, u, p), or (x, p) at the end."""
-
-    name: str
-    expression: ca.SX
-    lower: ca.SX | float
-    upper: ca.SX | float
-
-
-@dataclass(frozen=True)
-class Reference:
-    """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
-
-    ``x`` and ``u`` scale the perturbation
-    of guesses in a multi-start and normalise what the audit compares. All are multiples of the
-    natural ``units`` of their signals, so that none depends on the units of the parameters;
-    :meth:`~Problem.sizes` gives them in SI.
-    """
-
-    impulse: float = 1.0
-    gap: float = 0.1
-    x: float = 1.0
-    u: float = 1.0
-    units: Units = SI
-
-    @property
-    def mu(self) -> float:
-        """``impulse * gap``, at which homotopies start."""
-        return self.impulse * self.gap
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """Characteristic sizes in SI: impulse, gap, states (nx,) and inputs (nu,)."""
-
-    impulse: float
-    gap: float
-    x: np.ndarray
-    u: np.ndarray
-
-    @property
-    def mu(self) -> float:
-        """``impulse * gap``, at which homotopies start."""
-        return self.impulse * self.gap
-
-
-@dataclass(frozen=True)
-class Scenarios:
-    """Initial states ``x0 + std * e_i``, i < n, with e_i standard normal from ``seed``.
-
-    ``std`` (nx,) in the units of the states. n = 1 is the nominal start alone.
-    """
-
-    n: int = 1
-    std: tuple[float, ...] = ()
-    seed: int = 0
-
-    def offsets(self, nx: int) -> np.ndarray:
-        """Offsets from the nominal start, shape (n, nx); one scenario has offset zero."""
-        if self.n == 1:
-            return np.zeros((1, nx))
-        noise = np.random.default_rng(self.seed).standard_normal((self.n, nx))
-        return noise * np.asarray(self.std)
-
-
-@dataclass(frozen=True, eq=False)
-class FreeStart:
-    """A start that is chosen too: ``lower <= x_0 <= upper``, and ``x_N[i] = x_0[i]`` for i in
-    ``periodic``; ``Problem.x0`` is then where the search for it begins.
-
-    ``lower`` and ``upper`` (nx, 1) are expressions in the parameters.
-    """
-
-    lower: ca.SX
-    upper: ca.SX
-    periodic: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,32 +53,25 @@ class Problem:
     x_upper: ca.SX | float = ca.inf
     path: Sequence[Constraint] = ()
     terminal: Sequence[Constraint] = ()
-    scenarios: Scenarios = Scenarios()
+    scenarios: Scenarios = field(default_factory=Scenarios)
     start: FreeStart | None = None
     guess: Guess | None = None
-    reference: Reference = Reference()
+    reference: Reference = field(default_factory=Reference)
     settings: dict[str, float | int | str] = field(default_factory=dict)
     citation: str = ""
     source: str | None = None
     source_digest: str | None = None
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         nx, nu = self.system.nx, self.system.nu
-        if not (float(self.N).is_integer() and self.N >= 1):
-            raise InputError(
-                f"{self.name}: the horizon N must be a whole number >= 1, got {self.N}"
-            )
-        for what, value, size in (
-            ("x0", self.x0, nx),
-            ("du", self.du, nu),
-            ("u_before", self.u_before, nu),
-            ("stage_cost", self.stage_cost, 1),
-            ("terminal_cost", self.terminal_cost, 1),
-        ):
-            if value is not None and ca.SX(value).numel() != size:
-                raise InputError(
-                    f"{self.name}: {what} has {ca.SX(value).numel()} entries, expected {size}"
-                )
+        sizes = {"x0": (nx,), "du": (nu,), "u_before": (nu,), "u_lower": (nu, 1),
+                 "u_upper": (nu, 1), "x_lower": (nx, 1), "x_upper": (nx, 1),
+                 "stage_cost": (1,), "terminal_cost": (1,)}  # fmt: skip
+        for what, allowed in sizes.items():
+            value = getattr(self, what)
+            if value is not None or what not in ("du", "u_before"):
+                self._set(what, column(f"{self.name}: {what}", value, *allowed))
         if (self.du is None) != (self.u_before is None):
             raise InputError(f"{self.name}: a cost on du needs both du and u_before, or neither")
         if self.scenarios.n > 1 and len(self.scenarios.std) != nx:
@@ -161,19 +81,45 @@ class Problem:
             )
         if self.start is not None and self.scenarios.n > 1:
             raise InputError(f"{self.name}: a start that is chosen goes with one scenario only")
+        if self.start is not None:
+            self.start.check(self.name, nx)
         self._check_symbols()
 
+    def _set(self, what: str, value: Any) -> None:
+        object.__setattr__(self, what, value)
+
+    def _check_kinds(self) -> None:
+        for what, kind in _KINDS.items():
+            called = {"name": "a problem's name", "N": f"{self.name}: the horizon N"}
+            owner = called.get(what, f"{self.name}: {what}")
+            self._set(what, checked(owner, getattr(self, what), kind))
+
     def _check_symbols(self) -> None:
-        s = self.system
-        known = [s.x, s.u, self.parameters.vector, *([] if self.du is None else [self.du])]
-        declared = {str(symbol) for part in known for symbol in ca.symvar(ca.SX(part))}
-        used = ca.vertcat(self.stage_cost, self.terminal_cost, self.x0)
-        strange = sorted({str(symbol) for symbol in ca.symvar(used)} - declared)
-        if strange:
-            raise InputError(
-                f"{self.name}: the cost or x0 uses {', '.join(strange)}, which is no state, input,"
-                " du or declared parameter"
-            )
+        s, free = self.system, self.start
+        own, last = [self.parameters.vector], [s.x, self.parameters.vector]
+        along = [*last, s.u, *([] if self.du is None else [self.du])]
+        if self.du is not None and not self.du.is_valid_input():
+            raise InputError(f"{self.name}: du must be symbols, ca.SX.sym('du', {s.nu})")
+        bounds = [
+            (f"{what} of {one.name}", getattr(one, what))
+            for one in (*self.path, *self.terminal)
+            for what in ("lower", "upper")
+        ]
+        bounds += [] if free is None else [("the start", free.lower), ("the start", free.upper)]
+        for known, used, expected in (
+            (along, [("stage_cost", self.stage_cost), *((c.name, c.expression) for c in self.path)],
+             "no state, input, du or declared parameter"),
+            (last, [("terminal_cost", self.terminal_cost),
+                    *((c.name, c.expression) for c in self.terminal)],
+             "no state or declared parameter"),
+            (own, [*((what, getattr(self, what)) for what in _BY_PARAMETERS), *bounds],
+             "no declared parameter"),
+            (own, [("the system", s.parameters.vector)],
+             "no parameter of the problem; give the problem the table that the system has"),
+        ):  # fmt: skip
+            for what, value in used:
+                if value is not None:
+                    check_symbols(f"{self.name}: {what}", value, known, expected)
 
     @property
     def uses_du(self) -> bool:
@@ -277,11 +223,44 @@ class Problem:
         return nominal + self.scenarios.offsets(self.system.nx)
 
     def initial_guess(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """States (N+1, nx) and inputs (N, nu) to start from: by default everything stands still."""
+        """States (N+1, nx) and inputs (N, nu) to start from: by default everything stands still.
+
+        Raises :class:`~ocp.errors.InputError` for a ``guess`` of other shapes, or not finite.
+        """
         if self.guess is not None:
-            return self.guess(self, p)
+            return self._checked_guess(self.guess(self, p))
         x0, u_before = (np.array(v).ravel() for v in self.limits(p)[:2])
         return np.tile(x0, (self.N + 1, 1)), np.tile(u_before, (self.N, 1))
+
+    def _checked_guess(self, given: Any) -> tuple[np.ndarray, np.ndarray]:
+        try:
+            states, inputs = (np.asarray(part) for part in given)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{self.name}: the guess must be two arrays, states and inputs, got {shown(given)}"
+            ) from None
+        found = states.shape, inputs.shape
+        expected = (self.N + 1, self.system.nx), (self.N, self.system.nu)
+        if found != expected:
+            raise InputError(
+                f"{self.name}: the guess has states {found[0]} and inputs {found[1]}, expected"
+                f" {expected[0]} and {expected[1]}"
+            )
+        if not all(
+            part.dtype.kind in "if" and np.isfinite(part).all() for part in (states, inputs)
+        ):
+            raise InputError(f"{self.name}: the guess must have finite numbers alone")
+        return states, inputs
+
+
+_KINDS: dict[str, Any] = {
+    "name": Line, "system": InstanceOf[ContactSystem], "N": Count,
+    "parameters": InstanceOf[ParameterTable], "path": tuple[InstanceOf[Constraint], ...],
+    "terminal": tuple[InstanceOf[Constraint], ...], "scenarios": InstanceOf[Scenarios],
+    "start": InstanceOf[FreeStart] | None, "guess": Callable[..., Any] | None,
+    "reference": InstanceOf[Reference], "settings": dict[Line, JsonValue], "citation": Line,
+}  # fmt: skip
+_BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
 
 
 def _column(value: ca.SX | float, size: int) -> ca.SX:

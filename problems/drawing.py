@@ -8,16 +8,23 @@ that are equal (walls, goals) can be drawn once. ``role`` is ``"object"``, ``"ac
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from ocp.given import NotNegative, Number
+
+Role = Annotated[str, Field(pattern="^(object|actuator|environment|goal)$")]
 
 
 @dataclass(frozen=True)
 class Disc:
     """A disc around (x, y)."""
 
-    x: float
-    y: float
-    radius: float
-    role: str = "object"
+    x: Number
+    y: Number
+    radius: NotNegative
+    role: Role = "object"
 
 
 @dataclass(frozen=True)
@@ -28,56 +35,56 @@ class Box:
     lies within them.
     """
 
-    x: float
-    y: float
-    width: float
-    height: float
-    angle: float = 0.0
-    role: str = "object"
-    rounding: float = 0.0
+    x: Number
+    y: Number
+    width: NotNegative
+    height: NotNegative
+    angle: Number = 0.0
+    role: Role = "object"
+    rounding: NotNegative = 0.0
 
 
 @dataclass(frozen=True)
 class Capsule:
     """A link with round ends: all within ``radius`` of the segment (x1, y1) to (x2, y2)."""
 
-    x1: float
-    y1: float
-    x2: float
-    y2: float
-    radius: float
-    role: str = "object"
+    x1: Number
+    y1: Number
+    x2: Number
+    y2: Number
+    radius: NotNegative
+    role: Role = "object"
 
 
 @dataclass(frozen=True)
 class Segment:
     """A straight bar from (x1, y1) to (x2, y2)."""
 
-    x1: float
-    y1: float
-    x2: float
-    y2: float
-    role: str = "object"
+    x1: Number
+    y1: Number
+    x2: Number
+    y2: Number
+    role: Role = "object"
 
 
 @dataclass(frozen=True)
 class Spring:
     """A spring from (x1, y1) to (x2, y2)."""
 
-    x1: float
-    y1: float
-    x2: float
-    y2: float
-    role: str = "environment"
+    x1: Number
+    y1: Number
+    x2: Number
+    y2: Number
+    role: Role = "environment"
 
 
 @dataclass(frozen=True)
 class Mark:
     """A mark at (x, y)."""
 
-    x: float
-    y: float
-    role: str = "object"
+    x: Number
+    y: Number
+    role: Role = "object"
 
 
 @dataclass(frozen=True)
@@ -87,11 +94,11 @@ class HalfPlane:
     A floor at height zero is ``HalfPlane(0, 0, 0, 1)``.
     """
 
-    x: float
-    y: float
-    nx: float
-    ny: float
-    role: str = "environment"
+    x: Number
+    y: Number
+    nx: Number
+    ny: Number
+    role: Role = "environment"
 
 
 Shape = Disc | Box | Capsule | Segment | Spring | Mark | HalfPlane
@@ -109,11 +116,11 @@ class ContactFrame:
     ``friction`` is Coulomb's coefficient; the force lies within atan(friction) of the normal.
     """
 
-    x: float
-    y: float
-    nx: float
-    ny: float
-    friction: float = 0.0
+    x: Number
+    y: Number
+    nx: Number
+    ny: Number
+    friction: NotNegative = 0.0
 
     @property
     def tangent(self) -> tuple[float, float]:

@@ -9,13 +9,17 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import cast
 
+import casadi as ca
 import numpy as np
+from pydantic import BaseModel, JsonValue
 
 from ocp.errors import InputError
+from ocp.given import Line, checked
 from ocp.problem import Problem
 from ocp.store.provenance import file_digest
+from problems.own_code import reason, told
 from problems.source_digest import folder_modules, open_to_imports
-from problems.spec import ProblemSpec, reason, where
+from problems.spec import ProblemSpec, describe
 
 
 def import_file(path: Path) -> ModuleType:
@@ -36,17 +40,16 @@ def import_file(path: Path) -> ModuleType:
     sys.modules[spec.name] = module
     open_to_imports(path.parent)
     _forget_others(path)
-    try:
+    with told("the file raised at", path):
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{path}: the file raised at {where(error, path)}") from error
     return module
 
 
 def check_file(path: Path) -> None:
     """Raise :class:`~ocp.errors.InputError` where there is no such file."""
     if not path.is_file():
-        kind = "is a directory" if path.is_dir() else "there is no such file"
+        other = "is a directory" if path.is_dir() else "is no regular file"
+        kind = other if path.exists() else "there is no such file"
         raise InputError(f"{path}: {kind}; expected a Python file that defines a problem")
 
 
@@ -84,43 +87,40 @@ def check(spec: ProblemSpec) -> None:
     problem = spec.problem()
     p = problem.parameters.values
     system = problem.system
-    parts = {
-        "the system": lambda: system.reduced,
-        "x0, u_before or a bound": lambda: _check_limits(problem),
-        "the cost": lambda: problem.cost_terms,
-        "the guess": lambda: _check_guess(problem, p),
-    }
+    parts = {"system": lambda: system.reduced, "guess": lambda: problem.initial_guess(p)}
     for what, evaluate in parts.items():
         try:
             evaluate()
         except Exception as error:
-            raise InputError(f"{spec.path}: {what} does not fit: {reason(error)}") from error
+            said = reason(error).removeprefix(f"{spec.path}: ")
+            raise InputError(f"{spec.path}: the {what} does not fit: {said}") from error
     start = problem.initial_states(p)
     if not np.all(np.isfinite(start)):
         raise InputError(f"{spec.path}: x0 is not finite: {start[0]}")
     cost = np.array(problem.cost_terms(start[0], np.zeros(system.nu), np.zeros(system.nu), p))
     if not np.all(np.isfinite(cost)):
         raise InputError(f"{spec.path}: the cost is not a finite number at x0 and u = 0")
-    if spec.draw is not None:
-        try:
-            spec.draw(spec.params({}), start[0])
-        except Exception as error:
-            path = spec.path or Path()
-            raise InputError(f"{path}: draw(params, state) failed: {where(error, path)}") from error
+    if not np.all(np.isfinite(_step(problem, start[0], p))):
+        raise InputError(f"{spec.path}: residual or gap is not finite at x0, u = 0 and lam = 0")
+    params = spec.params({})
+    for look in (spec.draw, spec.frames):
+        if look is not None:
+            look(params, start[0])
+    _check_words(spec, params)
 
 
-def _check_limits(problem: Problem) -> None:
-    limits, nx, nu = problem.limits, problem.system.nx, problem.system.nu
-    for index in range(limits.n_out()):
-        name, rows = limits.name_out(index), limits.size1_out(index)
-        expected = nx if name.startswith("x") else nu
-        if rows != expected:
-            raise ValueError(f"{name} has {rows} entries, expected {expected}")
+def _step(problem: Problem, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Residual and gap of a step that stays at x, without inputs and impulses."""
+    s, own = problem.system, problem.parameters.vector
+    at = ca.Function("step", [s.x, s.u, s.x_next, s.lam, own], [ca.vertcat(s.residual, s.gap)])
+    return np.array(at(x, 0, x, 0, p))
 
 
-def _check_guess(problem: Problem, p: np.ndarray) -> None:
-    states, inputs = problem.initial_guess(p)
-    expected = (problem.N + 1, problem.system.nx), (problem.N, problem.system.nu)
-    shapes = np.shape(states), np.shape(inputs)
-    if shapes != expected:
-        raise ValueError(f"it has states {shapes[0]} and inputs {shapes[1]}, expected {expected}")
+def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
+    """Values that a run's record can hold, and words that a terminal can show."""
+    for about in describe(spec):
+        parameter = f"parameter {checked(f'{spec.path}: a parameter', about['name'], Line)}"
+        for what in ("unit", "description"):
+            checked(f"{spec.path}: the {what} of {parameter}", about[what], Line)
+    for name, value in params.model_dump().items():
+        checked(f"{spec.path}: parameter {name}", value, JsonValue)

@@ -11,7 +11,7 @@ from dynamics.learned.region import Region
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError
 from ocp.problem import Problem
-from problems.spec import ProblemSpec, where
+from problems.spec import ProblemSpec
 
 _SPREAD = 0.3
 
@@ -22,12 +22,7 @@ def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
     Raises :class:`~ocp.errors.InputError` for a user's ``region`` that raises or does not fit.
     """
     owner = spec.path or spec.name
-    try:
-        found = around_task(problem) if spec.region is None else spec.region(params)
-    except Exception as error:
-        if spec.path is None:
-            raise
-        raise InputError(f"{owner}: region(params) failed: {where(error, spec.path)}") from error
+    found = around_task(problem) if spec.region is None else spec.region(params)
     if not isinstance(found, Region):
         raise InputError(
             f"{owner}: region(params) returned {type(found).__name__}, expected a"
@@ -35,7 +30,7 @@ def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
         )
     try:
         found.check(problem.system)
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise InputError(f"{owner}: {error}") from error
     return found
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import importlib
-import re
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from pydantic import BaseModel
-
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
+from problems.declared import read
 from problems.loading import check, check_file, import_file
 from problems.source_digest import source_digest
 from problems.spec import ProblemSpec, defined
@@ -34,7 +32,6 @@ _MODULES = {
 }
 _TRIES = 3
 """To read a file that is being edited; one that writes to what it names is never at rest."""
-_REQUIRED = ("name", "title", "Params", "build")
 
 
 def names() -> list[str]:
@@ -84,16 +81,7 @@ def load(path: str | Path) -> ProblemSpec:
     file = Path(path).expanduser().resolve()
     check_file(file)
     module, digest = _imported(file)
-    missing = [key for key in _REQUIRED if not hasattr(module, key)]
-    if missing:
-        raise InputError(
-            f"{file}: the file must define {', '.join(_REQUIRED)};"
-            f" {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
-        )
-    wrong = _wrong_kind(vars(module))
-    if wrong:
-        raise InputError(f"{file}: {wrong}")
-    found = defined(ProblemSpec, module, path=file, digest=digest)
+    found = read(module, file, digest)
     check(found)
     return found
 
@@ -112,18 +100,3 @@ def _imported(file: Path) -> tuple[ModuleType, str]:
 @cache
 def _module_of(name: str) -> ProblemSpec:
     return defined(ProblemSpec, importlib.import_module(_MODULES[name]), path=None)
-
-
-def _wrong_kind(values: dict[str, Any]) -> str | None:
-    if not (isinstance(values["name"], str) and re.fullmatch(r"\w[\w.-]*", values["name"])):
-        return f"name must be a word of letters, digits, '-' and '_', got {values['name']!r}"
-    if not isinstance(values["title"], str):
-        return f"title must be a text, got {values['title']!r}"
-    params = values["Params"]
-    if not (isinstance(params, type) and issubclass(params, BaseModel)):
-        return "Params must be a class derived from problems.Parameters (a pydantic model)"
-    if not isinstance(values.get("equations", ""), str):
-        return "equations must be a text in typst's mathematics, one a line"
-    if not callable(values["build"]):
-        return "build must be a function that takes Params and returns a Problem"
-    return None

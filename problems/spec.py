@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -16,9 +15,11 @@ from pydantic.fields import FieldInfo
 
 from dynamics.learned.region import Region
 from ocp.errors import InputError, did_you_mean
+from ocp.given import Count, Index, Line, Number, Positive
 from ocp.numbers import typed
 from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
+from problems.own_code import own, told
 from problems.parameters import natural_units, range_of, unit_of
 
 S = TypeVar("S", bound="Spec")
@@ -28,8 +29,8 @@ S = TypeVar("S", bound="Spec")
 class Citation:
     """Where a problem comes from: the key in the bibliography, and the place in words."""
 
-    key: str
-    text: str
+    key: Line
+    text: Line
 
 
 @dataclass(frozen=True)
@@ -45,17 +46,17 @@ class Golden:
     ``note`` tells of other minima and of what the default settings end at, where that is another.
     """
 
-    cost: float
-    law: str = "exact"
-    method: str = "direct"
-    stationarity: str = "B"
-    kind: str = "S"
+    cost: Number
+    law: Line = "exact"
+    method: Line = "direct"
+    stationarity: Line = "B"
+    kind: Line = "S"
     settings: Mapping[str, str | float] = field(default_factory=dict)
-    start: int = 0
-    tried: int = 1
-    independent: str = ""
-    note: str = ""
-    tolerance: float = 1e-6
+    start: Index = 0
+    tried: Count = 1
+    independent: Line = ""
+    note: Line = ""
+    tolerance: Positive = 1e-6
 
     @property
     def certificate(self) -> str:
@@ -115,6 +116,13 @@ class ProblemSpec(Spec):
     path: Path | None = None
     digest: str | None = None
 
+    def params(self, values: Mapping[str, Any]) -> Any:
+        """Check ``values`` and fill in the defaults; raises as :meth:`Spec.params` does."""
+        if self.path is None:
+            return super().params(values)
+        with told("Params failed:", self.path, through=InputError):
+            return super().params(values)
+
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
         """Build the problem at ``values``, the rest at their defaults.
 
@@ -122,21 +130,18 @@ class ProblemSpec(Spec):
         raises, returns no problem, or one whose dimensions do not fit.
         """
         params = self.params(values or {})
-        try:
-            problem = self.build(params)
-        except Exception as error:
-            if self.path is None:
-                raise
-            raise InputError(f"{self.path}: build(params) failed: {where(error, self.path)}") from (
-                error
-            )
+        problem = self.build(params)
         if not isinstance(problem, Problem):
             raise InputError(
                 f"{self.path or self.name}: build(params) returned"
                 f" {_kind(problem)}, expected an ocp.problem.Problem"
             )
+        guess = problem.guess
+        if guess is not None and self.path is not None:
+            guess = own(guess, "guess(problem, p)", self.path)
         return replace(
             problem,
+            guess=guess,
             reference=replace(problem.reference, units=natural_units(params)),
             settings={**_fixed(params, problem), **problem.settings},
             citation=problem.citation or (self.citation.key if self.citation else ""),
@@ -219,25 +224,6 @@ def defined(kind: type[S], module: ModuleType, **more: Any) -> S:
     found = {name: getattr(module, name) for name in names if hasattr(module, name)}
     text = re.sub(r"\n +", " ", found.get("equations", "").strip())
     return kind(**{**found, **more, "equations": tuple(text.splitlines())})
-
-
-def where(error: BaseException, path: Path) -> str:
-    """Say what was raised and at which line of the user's file."""
-    if isinstance(error, SyntaxError):
-        return f"line {error.lineno}: {type(error).__name__}: {error.msg}"
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename) == path
-    ]
-    place = f"line {lines[-1]}: " if lines else ""
-    return f"{place}{type(error).__name__}: {reason(error)}"
-
-
-def reason(error: BaseException) -> str:
-    """Return the line of the message that says what happened; CasADi puts it below a location."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [""]
-    return lines[-1] if lines[0].endswith(":") else lines[0]
 
 
 def _kind(value: object) -> str:

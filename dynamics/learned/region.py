@@ -56,6 +56,8 @@ class Region:
             value = np.asarray(getattr(self, what), dtype=float)
             if value.shape != (system.nx,) or not np.all(np.isfinite(value)):
                 raise ValueError(f"the region's {what} must be {system.nx} finite numbers")
+        if np.min(self.spread, initial=0) < 0:
+            raise ValueError(f"the region's spread must not be negative, got {self.spread}")
 
     def box_states(self, rng: np.random.Generator, n: int, names: Sequence[str]) -> np.ndarray:
         """States (n, nx), uniform in their ranges."""

@@ -15,11 +15,21 @@ KNOB = "contact."
 
 @dataclass(frozen=True)
 class Signal:
-    """One component of a state, an input or a contact vector: its name, unit and meaning."""
+    """One component of a state, an input or a contact vector: its name, unit and meaning.
+
+    Raises ``ValueError`` for no name, and for signs that cannot be printed.
+    """
 
     name: str
     unit: str
     description: str = ""
+
+    def __post_init__(self) -> None:
+        for what, text in (("name", self.name), ("unit", self.unit), ("meaning", self.description)):
+            if not text.isprintable():
+                raise ValueError(f"the {what} {text!r} of a signal has signs that nobody can read")
+        if not self.name:
+            raise ValueError("a signal has no name; write it as 'x [m] position'")
 
 
 @dataclass(frozen=True, eq=False)

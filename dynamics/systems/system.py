@@ -98,6 +98,13 @@ class ContactSystem:
                     f"system {self.name!r}: {what} has {expression.numel()} entries, but there are"
                     f" {size} named {of}; give {what} one entry for each"
                 )
+        for of, named in (("states", self.states), ("inputs", self.inputs),
+                          ("contacts", self.contacts)):  # fmt: skip
+            names = [signal.name for signal in named]
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise ValueError(
+                    f"system {self.name!r}: two {of} have the name {twice[0]!r}; rename one"
+                )
         if len(self.pairs) != len(self.contacts):
             raise ValueError(
                 f"system {self.name!r}: {len(self.pairs)} pairs for {len(self.contacts)} named"

@@ -243,12 +243,13 @@ def _evaluation_s(stats: dict[str, Any]) -> float:
 def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
     for letter, layout in (("x", nlp.variables), ("g", nlp.constraints)):
         lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
-        crossed = np.flatnonzero(lower > upper)
+        crossed = np.flatnonzero(~(lower <= upper) | (lower == np.inf) | (upper == -np.inf))
         if crossed.size:
             at = int(crossed[0])
             block, index = layout.locate(at)
             component = block.components[index[-1]] if block.components else str(index[-1])
+            how = "above" if lower[at] > upper[at] else "and no finite number lies below"
             raise InputError(
                 f"{nlp.title}: the lower bound of {component} in {block.name} is"
-                f" {lower[at]:g}, above its upper bound {upper[at]:g}; exchange or widen them"
+                f" {lower[at]:g}, {how} its upper bound {upper[at]:g}; exchange or widen them"
             )

@@ -151,6 +151,10 @@ def _explain(error: Exception) -> tuple[str, int]:
 
 
 def _shortened(message: str) -> str:
-    """Leave out the middle of words that no name or path needs, and write what is no text so."""
+    """Leave out the middle of words that no name or path needs, and write what is no text so.
+
+    Nothing that a message quotes reaches a terminal as a command to it.
+    """
     message = message.encode("utf-8", "backslashreplace").decode()
+    message = re.sub(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", lambda sign: repr(sign[0])[1:-1], message)
     return re.sub(r"\S{200,}", lambda word: f"{word[0][:60]}...{word[0][-30:]}", message)

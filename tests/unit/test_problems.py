@@ -336,18 +336,21 @@ BROKEN = {
     "strange": (USER.replace("v, u: u,", "v, u: ca.SX.sym('a'),"), "uses a, which is no state"),
     "bound": (
         USER.replace(END, END + "u_upper=ca.SX([1, 2]),"),
-        "a bound does not fit: u_upper has 2 entries, expected 1",
+        "u_upper has 2 entries, expected 1",
     ),
     "guess": (
         USER.replace(END, END + "guess=lambda problem, p: ([0], [0]),"),
-        "the guess does not fit: it has states",
+        "the guess has states",
     ),
     "nan": (USER.replace("ca.SX([1, 0])", "ca.SX([1, float('nan')])"), "x0 is not finite"),
     "nan cost": (
         USER.replace("(system.x[0] - 1) **", "(system.x[1]) ** -"),
         "cost is not a finite",
     ),
-    "horizon": (USER.replace("N=params.N", "N=0"), "horizon N must be a whole number >= 1"),
+    "horizon": (
+        USER.replace("N=params.N", "N=0"),
+        "horizon N must be greater than or",
+    ),
     "draw": (
         USER + "\ndef draw(params, state):\n    return state[9]\n",
         r"draw\(params, state\) failed: line \d+: IndexError",

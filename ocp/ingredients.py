@@ -1,0 +1,135 @@
+"""What a problem is made of beside its system: constraints, sizes, scenarios and a chosen start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from pydantic import InstanceOf
+
+from ocp.errors import InputError
+from ocp.expressions import column
+from ocp.given import Count, Index, Line, NotNegative, Positive, check_fields, checked
+from ocp.programs.units import SI, Units
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """``lower <= expression <= upper``, the expression in (x, u, p), or (x, p) at the end.
+
+    Raises :class:`~ocp.errors.InputError` where one of them is no column.
+    """
+
+    name: str
+    expression: ca.SX
+    lower: ca.SX | float
+    upper: ca.SX | float
+
+    def __post_init__(self) -> None:
+        name = checked("a constraint's name", self.name, Line)
+        expression = column(f"constraint {name}", self.expression)
+        object.__setattr__(self, "expression", expression)
+        for side in ("lower", "upper"):
+            bound = column(
+                f"{side} of constraint {name}", getattr(self, side), expression.numel(), 1
+            )
+            object.__setattr__(self, side, bound)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
+
+    ``x`` and ``u`` scale the perturbation
+    of guesses in a multi-start and normalise what the audit compares. All are multiples of the
+    natural ``units`` of their signals, so that none depends on the units of the parameters;
+    :meth:`~Problem.sizes` gives them in SI.
+
+    Raises :class:`~ocp.errors.InputError` for a size that is not positive and finite.
+    """
+
+    impulse: float = 1.0
+    gap: float = 0.1
+    x: float = 1.0
+    u: float = 1.0
+    units: Units = SI
+
+    def __post_init__(self) -> None:
+        sizes = dict.fromkeys(("impulse", "gap", "x", "u"), Positive)
+        check_fields(self, "reference", **sizes, units=InstanceOf[Units] | None)
+
+    @property
+    def mu(self) -> float:
+        """``impulse * gap``, at which homotopies start."""
+        return self.impulse * self.gap
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Characteristic sizes in SI: impulse, gap, states (nx,) and inputs (nu,)."""
+
+    impulse: float
+    gap: float
+    x: np.ndarray
+    u: np.ndarray
+
+    @property
+    def mu(self) -> float:
+        """``impulse * gap``, at which homotopies start."""
+        return self.impulse * self.gap
+
+
+@dataclass(frozen=True)
+class Scenarios:
+    """Initial states ``x0 + std * e_i``, i < n, with e_i standard normal from ``seed``.
+
+    ``std`` (nx,) in the units of the states. n = 1 is the nominal start alone.
+
+    Raises :class:`~ocp.errors.InputError` for n < 1, and widths or a seed that are negative.
+    """
+
+    n: int = 1
+    std: tuple[float, ...] = ()
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "std", np.ravel(self.std).tolist())
+        check_fields(self, "scenarios", n=Count, std=tuple[NotNegative, ...], seed=Index)
+
+    def offsets(self, nx: int) -> np.ndarray:
+        """Offsets from the nominal start, shape (n, nx); one scenario has offset zero."""
+        if self.n == 1:
+            return np.zeros((1, nx))
+        noise = np.random.default_rng(self.seed).standard_normal((self.n, nx))
+        return noise * np.asarray(self.std)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeStart:
+    """A start that is chosen too: ``lower <= x_0 <= upper``, and ``x_N[i] = x_0[i]`` for i in
+    ``periodic``; ``Problem.x0`` is then where the search for it begins.
+
+    ``lower`` and ``upper`` (nx, 1) are expressions in the parameters.
+    """
+
+    lower: ca.SX
+    upper: ca.SX
+    periodic: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        for side in ("lower", "upper"):
+            bound = column(f"{side} of the start", getattr(self, side))
+            object.__setattr__(self, side, bound)
+        periodic = checked("periodic of the start", self.periodic, tuple[Index, ...])
+        object.__setattr__(self, "periodic", tuple(dict.fromkeys(periodic)))
+
+    def check(self, name: str, nx: int) -> None:
+        """Raise :class:`~ocp.errors.InputError` where this is no start of ``nx`` states."""
+        column(f"{name}: lower of the start", self.lower, nx, 1)
+        column(f"{name}: upper of the start", self.upper, nx, 1)
+        if any(index >= nx for index in self.periodic):
+            raise InputError(
+                f"{name}: periodic of the start names state {max(self.periodic)}, but states are"
+                f" counted from 0 to {nx - 1}"
+            )

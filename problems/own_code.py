@@ -1,0 +1,115 @@
+"""Code of a user's file: whatever it does, it ends in a value or in one sentence."""
+
+from __future__ import annotations
+
+import functools
+import os
+import signal
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocp.errors import InputError
+
+Function = Callable[..., Any]
+
+
+def own(function: Function, what: str, path: Path, check: Function | None = None) -> Function:
+    """Return ``function`` of the file at ``path`` so that it raises nothing but sentences.
+
+    ``check(value)`` is what it returns, or raises :class:`~ocp.errors.InputError`.
+    """
+
+    @functools.wraps(function)
+    def guarded(*given: Any, **named: Any) -> Any:
+        with told(f"{what} failed:", path):
+            value = function(*given, **named)
+        try:
+            return value if check is None else check(value)
+        except InputError as error:
+            raise InputError(f"{path}: {what} returned what does not fit: {error}") from error
+
+    return guarded
+
+
+@contextmanager
+def told(what: str, path: Path, through: type[Exception] | tuple[()] = ()) -> Iterator[None]:
+    """Run code of the file at ``path``; what it sets for the whole process is set back.
+
+    Raises :class:`~ocp.errors.InputError` with ``what``, the line and the reason for whatever is
+    raised inside, ``SystemExit`` and the like included. Only a Ctrl-C, and what is let ``through``,
+    go on as they came.
+    """
+    try:
+        with _set_back():
+            yield
+    except through:
+        raise
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and _was_pressed(error, path):
+            raise
+        raise InputError(f"{path}: {what} {where(error, path)}") from error
+
+
+@contextmanager
+def _set_back() -> Iterator[None]:
+    """Restore folder, paths of import, streams, and how NumPy and warnings deal with trouble."""
+    folder, limit = _folder(), sys.getrecursionlimit()
+    paths, streams = list(sys.path), (sys.stdout, sys.stderr)
+    try:
+        with np.errstate(), warnings.catch_warnings():
+            yield
+    finally:
+        sys.stdout, sys.stderr = streams
+        sys.path += [path for path in paths if path not in sys.path]
+        sys.setrecursionlimit(max(limit, sys.getrecursionlimit()))
+        if folder is not None and folder != _folder():
+            with suppress(OSError):
+                os.chdir(folder)
+
+
+def _folder() -> str | None:
+    try:
+        return str(Path.cwd())
+    except OSError:
+        return None
+
+
+def _was_pressed(error: BaseException, path: Path) -> bool:
+    """Whether a KeyboardInterrupt came from a signal, whose handler then raised it, not the file.
+
+    Python's own handler leaves no frame; there it is taken for a signal.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        return True
+    frames = traceback.extract_tb(error.__traceback__)
+    return not frames or Path(frames[-1].filename) != path
+
+
+def where(error: BaseException, path: Path) -> str:
+    """Say what was raised and at which line of the user's file."""
+    if isinstance(error, SyntaxError) and error.lineno is not None:
+        return f"line {error.lineno}: {type(error).__name__}: {error.msg}"
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename) == path
+    ]
+    place = f"line {lines[-1]}: " if lines else ""
+    return f"{place}{type(error).__name__}: {reason(error)}"
+
+
+def reason(error: BaseException) -> str:
+    """Return the line of the message that says what happened; CasADi puts it below a location."""
+    try:
+        text = str(error)
+    except Exception:
+        return "it cannot say why"
+    lines = [line.strip() for line in text.splitlines() if line.strip()] or ["no reason given"]
+    return lines[-1] if lines[0].endswith(":") else lines[0]
