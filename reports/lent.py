@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def main() -> int:
     """Run the command line."""
-    from reports.cli.app import main
+    from reports.cli.start import main
 
     return main()
 

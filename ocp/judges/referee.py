@@ -10,7 +10,15 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.physics.measures import Broken, Physics, broken_constraints, measure
+from ocp.physics.constraints import (
+    Broken,
+    broken_constraints,
+    noticeable,
+    seen_sizes,
+    told,
+    travelled,
+)
+from ocp.physics.measures import Physics, measure
 from ocp.physics.parting import Parting, find_parting
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, Unsolved, roll_on, trajectory_costs
@@ -21,24 +29,13 @@ COST_SHARE = 0.1
 """How much dearer than the plan, as a share of its cost, a replay may be that survives."""
 STATE_SHARE = 0.1
 """How far its states may be from the plan's, as a share of their characteristic size."""
-CONSTRAINT_SHARE = 0.01
-"""How far it may break a constraint, as a share of the characteristic size of what is bounded.
-
-A tenth of what the states may differ by: at the solver's tolerance no plan that rests on a bound
-would survive another contact, however close its replay stays; a share of the size catches those
-that leave the bound by something which can be seen.
-"""
 PENETRATION_SHARE = 0.1
 """How deep bodies may be in one another, at or between nodes, as a share of the characteristic gap.
 
 At the nodes true gaps leave none but rounding. In between the straight way cuts corners: by a
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
-_LEAST_COST = 1e-9
-_KINDS = {
-    "bound on x": "bound on", "bound on u": "bound on", "path": "constraint",
-    "terminal": "terminal constraint", "periodic": "periodicity of",
-}  # fmt: skip
+_LEAST_COST, _LEAST_GAP = 1e-9, 1e-4
 
 
 @dataclass(frozen=True)
@@ -142,10 +139,22 @@ def hear(
     there = heard.replay
     planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
     replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
-    broken = tuple(broken_constraints(problem, there.x, there.u, physical))
+    broken = tuple(
+        broken_constraints(problem, there.x, there.u, physical, seen_sizes(problem, plan.x))
+    )
     parting = find_parting(problem, plan.x, plan.u, plan.lam, values)
     reasons = survival(problem, plan, heard, replayed, broken)
     return Hearing(heard, reasons, planned, replayed, broken, parting)
+
+
+def seen_gap(problem: Problem, x: np.ndarray) -> float:
+    """Characteristic gap [m] to judge a plan x (S, N+1, nx): at most a third of the way it goes."""
+    own = problem.sizes.gap
+    way = [
+        size for size, signal in zip(travelled(problem, x), problem.system.states, strict=True)
+        if signal.unit == "m"
+    ]  # fmt: skip
+    return float(np.clip(min(way, default=np.inf) / 3, _LEAST_GAP * own, own))
 
 
 def survival(
@@ -155,12 +164,14 @@ def survival(
 
     It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
     the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
-    :data:`CONSTRAINT_SHARE` and its bodies apart to :data:`PENETRATION_SHARE` of the problem's
-    characteristic sizes. ``physics`` and ``broken`` are those of the replay.
+    :data:`~ocp.physics.constraints.CONSTRAINT_SHARE` and its bodies apart to
+    :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which count for no more than
+    the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`).
+    ``physics`` and ``broken`` are those of the replay.
     """
     excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST)
     off = np.abs(heard.replay.x - plan.x)
-    shares = off / problem.sizes.x
+    shares = off / seen_sizes(problem, plan.x)
     share = float(shares.max())
     reasons = []
     if heard.failed is not None:
@@ -175,23 +186,12 @@ def survival(
         s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), off.shape))
         signal = problem.system.states[i]
         reasons.append(f"{signal.name} is {off[s, k, i]:.2g} {signal.unit} off at node {k}")
-    reasons += _what_breaks(broken)
+    reasons += [f"its {words}" for words in told(noticeable(broken))]
+    deep = seen_gap(problem, plan.x)
     for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
-        if worst is not None and worst.amount > PENETRATION_SHARE * problem.sizes.gap:
+        if worst is not None and worst.amount > PENETRATION_SHARE * deep:
             reasons.append(
                 f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}"
             )
             break
     return tuple(reasons)
-
-
-def _what_breaks(broken: Sequence[Broken]) -> list[str]:
-    """One half sentence for every kind of constraint that is broken: its worst entry."""
-    worst: dict[str, Broken] = {}
-    for one in broken:
-        if one.share > CONSTRAINT_SHARE:
-            worst.setdefault(one.violation.name, one)
-    return [
-        f"its {_KINDS[v.name]} {v.component} is broken by {v.amount:.2g} at step {v.step}"
-        for v in (one.violation for one in worst.values())
-    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import sys
 import traceback
@@ -92,15 +93,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     streams.prepare()
-    command = typer.main.get_command(app)
     try:
         with interrupt.watched():
+            command = typer.main.get_command(app)
             code = command.main(args=given, prog_name="ocp", standalone_mode=False)
             interrupt.check()
-    except KeyboardInterrupt:
-        return _stopped()
-    except Exception as error:
-        if interrupt.seen():
+            streams.flush()
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) or interrupt.seen():
             return _stopped()
         if "--debug" in given:
             traceback.print_exc()
@@ -115,12 +115,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
 def _stopped() -> int:
+    streams.abandon()
     print("stopped by the user; what was finished is kept", file=sys.stderr)
     return interrupt.EXIT_CODE
 
 
-def _explain(error: Exception) -> tuple[str, int]:
+def _explain(error: BaseException) -> tuple[str, int]:
     """Return the sentence and the exit code of anything that was raised."""
     # By what they have, not by type: typer brings click along under a name of its own, and to
     # import ocp.errors would load CasADi for every ocp --help.
@@ -132,7 +136,12 @@ def _explain(error: Exception) -> tuple[str, int]:
     if isinstance(code := getattr(error, "exit_code", None), int):
         return _shortened(str(error)), code
     if isinstance(error, BrokenPipeError):
+        streams.abandon()
         return "", 1
+    if isinstance(error, OSError) and error.errno in _FULL:
+        streams.abandon()
+        where = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
+        return f"cannot write{where}: {error.strerror}; free some space or write elsewhere", 1
     if isinstance(error, ImportError):
         from ocp.distribution import hiding
 

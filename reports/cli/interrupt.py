@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
-EXIT_CODE = 130
-"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
+from reports.cli.start import EXIT_CODE, end
+
+__all__ = ["EXIT_CODE", "answered", "check", "seen", "watched"]
 
 _seen, _answered = threading.Event(), threading.Event()
 
@@ -26,11 +28,13 @@ def watched() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, _note)
+    before, told = signal.signal(signal.SIGINT, _note), sys.unraisablehook
+    sys.unraisablehook = _quiet(told)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = told
 
 
 def seen() -> bool:
@@ -51,6 +55,16 @@ def check() -> None:
 
 def _note(*_: object) -> None:
     if _seen.is_set():
-        os._exit(EXIT_CODE)
+        end()
     _seen.set()
     raise KeyboardInterrupt
+
+
+def _quiet(told: Any) -> Any:
+    """Tell what could not be raised, but for Ctrl-C, which :func:`check` raises after all."""
+
+    def hook(unraisable: Any) -> None:
+        if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+            told(unraisable)
+
+    return hook

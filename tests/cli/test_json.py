@@ -57,7 +57,12 @@ def test_nothing_stands_beside_the_document(tmp_path: Path, words: tuple[str, ..
 
 @pytest.mark.parametrize(
     ("ending", "code"),
-    [("raise KeyboardInterrupt", 130), ("raise ValueError('no')", 2), ("raise OSError(5)", 2)],
+    [
+        ("__import__('signal').raise_signal(2)", 130),
+        ("raise KeyboardInterrupt", 2),
+        ("raise ValueError('no')", 2),
+        ("raise OSError(5)", 2),
+    ],
 )
 def test_a_command_that_ends_early_has_no_document_and_gives_stdout_back(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], ending: str, code: int

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import codecs
+import os
 import sys
 import unicodedata
 from io import TextIOWrapper
+from pathlib import Path
+
+from reports.cli.shell import document
 
 SIGNS = {
     "⟂": "_|_", "·": "*", "–": "-", "—": "-", "…": "...", "≤": "<=", "≥": ">=", "≠": "!=",
@@ -44,3 +48,21 @@ def prepare() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper) and codecs.lookup(stream.encoding).name != "utf-8":
             stream.reconfigure(errors=HANDLER)
+
+
+def flush() -> None:
+    """Write what waits for stdout now, while its failure can still be told; raises ``OSError``."""
+    sys.stdout.flush()
+
+
+def abandon() -> None:
+    """Let what still waits for stdout go nowhere where it cannot be written.
+
+    Python would try it again as it ends, and print a traceback.
+    """
+    for stream in (sys.stdout, document.stream()):
+        try:
+            stream.flush()
+        except OSError:
+            with Path(os.devnull).open("w") as nowhere:
+                os.dup2(nowhere.fileno(), stream.fileno())

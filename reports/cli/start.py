@@ -1,0 +1,46 @@
+"""The first lines of the program: Ctrl-C is heeded before anything else is imported."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+EXIT_CODE = 130
+"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
+
+
+def main() -> int:
+    """Run the command that ``sys.argv`` asks for and return its exit code.
+
+    Ctrl-C ends the process at once before :mod:`reports.cli.interrupt` listens, and after it.
+    """
+    signal.signal(signal.SIGINT, end)
+    _open_closed()
+    from reports.cli.app import main as run
+
+    code = run()
+    # What is left is Python's own end, in which a handler of Python's would raise in odd places.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    return code
+
+
+def end(*_: object) -> None:
+    """End the process at once, as a handler of Ctrl-C where there is nothing to keep."""
+    try:
+        os.write(2, b"stopped by the user\n")
+    finally:
+        os._exit(EXIT_CODE)
+
+
+def _open_closed() -> None:
+    """Let streams that came closed lead nowhere, before a file of ours gets their descriptor."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(1, "w")
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(2, "w")

@@ -1,0 +1,107 @@
+"""From the first line to the last: Ctrl-C, and output that nobody takes, end in one sentence."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from reports.cli import interrupt
+from reports.cli.app import main
+
+ROOT = Path(__file__).parents[2]
+HEEDED = """
+import os, signal, sys
+real = signal.signal
+def told(*given):
+    before = real(*given)
+    os.write(1, b".")
+    return before
+signal.signal = told
+from reports.cli.start import main
+sys.argv[0] = "ocp"
+sys.exit(main())
+"""
+"""The program, which says by a dot that it heeds Ctrl-C from now on."""
+
+
+def start(*words: str, **given: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", HEEDED, *words],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **given,
+    )
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.1, 0.3])
+def test_ctrl_c_while_the_program_is_still_imported(seconds: float, tmp_path: Path) -> None:
+    process = start("solve", "half-cheetah", cwd=tmp_path)
+    assert process.stdout is not None and process.stdout.read(1) == "."
+    time.sleep(seconds)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err.startswith("stopped by the user") and err.count("\n") == 1
+
+
+def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
+    """A descriptor 1 that came closed would be the next file's, into which solvers then print."""
+    program = "import os; os.closerange(0, 3)\n" + HEEDED.replace('os.write(1, b".")', "pass")
+    words = [sys.executable, "-c", program, "solve", "wall-1d", "-p", "N=2", "-s", "print_level=5"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    assert subprocess.run(words, cwd=tmp_path, env=environment, timeout=120).returncode == 0
+    assert main(["runs", "--out", str(tmp_path / "runs"), "--json"]) == 0
+    assert all(b"Ipopt" not in part.read_bytes() for part in tmp_path.rglob("*.*"))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize(
+    "words", [["list"], ["--help"], ["show", "push-1d"], ["runs"], ["doctor"], ["laws"]]
+)
+def test_an_output_that_is_full_is_told(words, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    with Path("/dev/full").open("w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert main(words) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("error: cannot write: No space left") and err.count("\n") == 1
+
+
+def test_a_reader_that_went_away_is_no_fault(monkeypatch, capsys) -> None:
+    ours, theirs = os.pipe()
+    os.close(ours)
+    with os.fdopen(theirs, "w") as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        assert main(["list"]) == 1
+    assert capsys.readouterr().err == ""
+
+
+def test_an_interrupt_where_nothing_can_be_raised_is_raised_later(capsys) -> None:
+    class Dying:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    with interrupt.watched():
+        Dying()
+        assert interrupt.seen()
+        with pytest.raises(KeyboardInterrupt):
+            interrupt.check()
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("raised", [SystemExit(0), GeneratorExit(), BaseException("odd")])
+def test_whatever_is_raised_becomes_a_sentence(raised, monkeypatch, capsys) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise raised
+
+    monkeypatch.setattr("typer.main.get_command", fails)
+    assert main(["list"]) == 1
+    assert capsys.readouterr().err.startswith("error: internal fault")
