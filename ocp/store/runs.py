@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocp.errors import DamagedRun, InputError
-from ocp.paths import expanded
 from ocp.solution import Solution
 from ocp.store.atomic import drafts, flush, told
 from ocp.store.description import check_description
@@ -30,6 +29,7 @@ from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import StoredRun
 from ocp.store.tags import checked
+from ocp.words.paths import expanded
 
 if TYPE_CHECKING:
     import xarray as xr
