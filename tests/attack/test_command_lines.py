@@ -181,7 +181,7 @@ def test_json_is_json_and_finite(shop, tally, side_by_side, tmp_path) -> None:
     account = tally(
         "`--json` prints one JSON document and nothing else; what is not finite is no success.",
         f"{len(lines)} commands at extreme numbers and with solvers that print",
-        82,
+        84,
     )
     side_by_side(lambda server, line: account.count(json_of(server, line, shop)), lines)
 
