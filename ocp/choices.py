@@ -99,7 +99,7 @@ def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) ->
                 f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
                 f" it takes {', '.join(takes) or 'none'}; {where} tells them"
             )
-    from ocp.typed import read
+    from ocp.words.typed import read
 
     hints = get_type_hints(cls.__init__)
     typed = {key: read(f"{name}: {key}", value, hints[key]) for key, value in values.items()}

@@ -10,8 +10,8 @@ from pydantic import InstanceOf
 
 from ocp.errors import InputError
 from ocp.expressions import column
-from ocp.given import Count, Index, Line, NotNegative, Positive, check_fields, checked
 from ocp.programs.units import SI, Units
+from ocp.words.given import Count, Index, Line, NotNegative, Positive, check_fields, checked
 
 
 @dataclass(frozen=True, eq=False)

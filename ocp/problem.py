@@ -15,8 +15,8 @@ from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError, shown
 from ocp.expressions import check_symbols, column
-from ocp.given import Count, Line, checked
 from ocp.ingredients import Constraint, FreeStart, Reference, Scenarios, Sizes
+from ocp.words.given import Count, Line, checked
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Reference", "Scenarios", "Sizes"]
 

@@ -13,9 +13,9 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from pydantic import Field
 
 from ocp.errors import choose
-from ocp.numbers import number, whole
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
-from ocp.typed import read
+from ocp.words.numbers import number, whole
+from ocp.words.typed import read
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ OWN = {setting.name: setting.meaning for setting in declared(Settings)}
 
 
 def literal(value: Any) -> Any:
-    """Turn a word into an int, float or bool where it reads as one (:mod:`ocp.numbers`)."""
+    """Turn a word into an int, float or bool where it reads as one (:mod:`ocp.words.numbers`)."""
     if not isinstance(value, str):
         return value
     if (found := number(value)) is not None:

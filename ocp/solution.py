@@ -15,12 +15,12 @@ from ocp.errors import InputError
 from ocp.floors import lent
 from ocp.judges.findings import Audit, Refereed
 from ocp.judges.verdict import Grade, grade, headline, verdict
-from ocp.paths import expanded
 from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.replay import Replay, replayed
 from ocp.rollout import Gains
 from ocp.stationarity.certificate import Certificate
+from ocp.words.paths import expanded
 
 if TYPE_CHECKING:
     import xarray as xr

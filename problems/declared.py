@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, Field
 
 from ocp.errors import InputError
-from ocp.given import Line, checked
+from ocp.words.given import Line, checked
 from problems.drawing import ContactFrame, Shape
 from problems.own_code import own
 from problems.spec import Citation, Golden, ProblemSpec, defined

@@ -12,7 +12,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ocp.given import NotNegative, Number
+from ocp.words.given import NotNegative, Number
 
 Role = Annotated[str, Field(pattern="^(object|actuator|environment|goal)$")]
 

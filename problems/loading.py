@@ -16,9 +16,9 @@ import numpy as np
 from pydantic import BaseModel, JsonValue
 
 from ocp.errors import InputError
-from ocp.given import Line, checked
 from ocp.problem import Problem
 from ocp.store.provenance import file_digest
+from ocp.words.given import Line, checked
 from problems.own_code import reason, told
 from problems.source_digest import folder_modules, open_to_imports
 from problems.spec import ProblemSpec, describe

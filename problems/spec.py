@@ -15,9 +15,9 @@ from pydantic.fields import FieldInfo
 
 from dynamics.learned.region import Region
 from ocp.errors import InputError, did_you_mean
-from ocp.given import Count, Index, Line, Number, Positive
-from ocp.numbers import typed
 from ocp.problem import Problem
+from ocp.words.given import Count, Index, Line, Number, Positive
+from ocp.words.numbers import typed
 from problems.drawing import ContactFrame, Shape
 from problems.own_code import own, told
 from problems.parameters import natural_units, range_of, unit_of

@@ -16,9 +16,9 @@ from ocp.gradients.estimation import Sampling, carry_out, check_samples
 from ocp.gradients.known_gradient import kind_of
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.verdict import comes_to
-from ocp.numbers import number
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.plain import plain
+from ocp.words.numbers import number
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocp.errors import DamagedRun, InputError
-from ocp.paths import expanded
 from ocp.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import drafts, flush, told
@@ -41,6 +40,7 @@ from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import StoredRun
 from ocp.store.tags import checked
+from ocp.words.paths import expanded
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -14,7 +14,6 @@ from dynamics.contact import ContactLaw
 from ocp.asking import Named, told_apart
 from ocp.effort import check_memory, points_memory
 from ocp.errors import InputError, interruptible
-from ocp.paths import expanded
 from ocp.problem import Problem
 from ocp.scheduling import Failure, carried_out
 from ocp.session import Session
@@ -24,6 +23,7 @@ from ocp.sweeps.axes import Axis, axes
 from ocp.sweeps.case import Case, Changed
 from ocp.sweeps.point import FAULT, Point, failed, solved
 from ocp.sweeps.study import Study, dataset, keep, kept_points
+from ocp.words.paths import expanded
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -41,7 +41,7 @@ def closing_law(name: str, given: Iterable[str] | None, system: ContactSystem) -
 
 def whole(option: str, text: str) -> int:
     """Read a count such as ``100000`` or ``1e5``; raises InputError for anything else."""
-    from ocp.numbers import typed
+    from ocp.words.numbers import typed
 
     try:
         return typed(text, int)

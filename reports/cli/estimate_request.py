@@ -305,7 +305,7 @@ def _check_same(
 def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
     from ocp.gradients.interpolation import RULES
-    from ocp.typed import read
+    from ocp.words.typed import read
 
     known = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
     settings: dict[str, dict[str, float]] = {}

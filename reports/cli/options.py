@@ -238,7 +238,7 @@ def _at_home(value: Any) -> Any:
         return [_at_home(one) for one in value]
     if not (isinstance(value, str | Path) and str(value).startswith("~")):
         return value
-    from ocp.paths import expanded
+    from ocp.words.paths import expanded
 
     return type(value)(expanded(value))
 
@@ -288,7 +288,7 @@ class Strict(TyperCommand):
         hint = self.hints.get(name)
         if hint is None or not isinstance(word, str) or not word.strip():
             return word
-        from ocp.numbers import typed
+        from ocp.words.numbers import typed
 
         try:
             return str(typed(word, hint))

@@ -120,7 +120,7 @@ def _training(options: LearnOptions, asked: Asked, recipe: Recipe) -> Training:
 
 def _hidden(text: str) -> tuple[int, ...]:
     from ocp.errors import InputError
-    from ocp.numbers import whole
+    from ocp.words.numbers import whole
 
     units = [whole(part) for part in text.split(",")]
     if not all(count is not None and 0 < count <= 100_000 for count in units):

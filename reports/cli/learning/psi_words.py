@@ -47,7 +47,7 @@ def believed(given: Mapping[str, str], physical: Sequence[str]) -> Believed:
     """
     from ocp.learning.identification import RandomSearch
     from ocp.learning.identification.psi_learning import PsiLearning
-    from ocp.typed import read
+    from ocp.words.typed import read
 
     kinds = [get_type_hints(PsiLearning), get_type_hints(RandomSearch)]
     own, search = (

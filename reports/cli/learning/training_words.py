@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.learning.experiment import Experiment
-from ocp.numbers import whole
 from ocp.settings import declared
+from ocp.words.numbers import whole
 from problems.tasks.usual import made, settings_of, usual
 from reports.cli.learning.psi_words import SETTINGS
 
@@ -66,7 +66,7 @@ def _unknown(key: str, chosen: Mapping[str, type]) -> str:
 
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
-    from ocp.typed import read
+    from ocp.words.typed import read
 
     if name == "hidden":
         return _hidden(text)

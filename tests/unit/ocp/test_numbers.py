@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from ocp.numbers import LARGEST, number, typed, whole
+from ocp.words.numbers import LARGEST, number, typed, whole
 
 NO_NUMBERS = ("", "-", ".", "e5", "1e", "1_0", "１２", "٣", "0x10", "1,5", "1d3", "--1", "1 0",
               "nan", "inf", "-inf", "Infinity", "1e999", "-1e999", "1e-999", "true")  # fmt: skip
@@ -30,7 +30,7 @@ def test_whole_numbers_however_written(word: str, value: int | None) -> None:
 @pytest.mark.parametrize("word", NO_NUMBERS)
 def test_nothing_else_is_a_number(word: str) -> None:
     assert number(word) is None and whole(word) is None
-    for kind in (int, float, int | None, Annotated[float, Field(gt=0)] | None):
+    for kind in (int, float, int | None, Annotated[float | None, Field(gt=0)]):
         with pytest.raises(ValueError, match="number"):
             typed(word, kind)
 

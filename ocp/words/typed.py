@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from ocp.errors import InputError
-from ocp.numbers import typed
+from ocp.words.numbers import typed
 
 _KINDS = {
     "bool": "true or false",
@@ -23,7 +23,7 @@ _KINDS = {
 def read(what: str, value: Any, kind: Any) -> Any:
     """Return ``value``, a word or already a value, as the type ``kind``.
 
-    Numbers are written as :mod:`ocp.numbers` has it.
+    Numbers are written as :mod:`ocp.words.numbers` has it.
 
     Raises :class:`~ocp.errors.InputError` that says what was expected of ``what``.
     """
