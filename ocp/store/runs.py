@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocp.errors import DamagedRun, InputError
+from ocp.paths import expanded
 from ocp.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import drafts, flush, told
@@ -129,8 +130,9 @@ def write(
     content = bytes(data.to_netcdf(engine="netcdf4"))
     files = sealed(described, {DATA_FILE: content, **(parts or {})})
     name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
-    shelf = Path(root) / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
-    with _told(Path(root)), drafts(shelf) as room:
+    place = expanded(root)
+    shelf = place / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
+    with _told(place), drafts(shelf) as room:
         for file, content in files.items():
             (room / file).write_bytes(content)
             flush(room / file)
@@ -157,7 +159,8 @@ def _completed(
 
 def check_writable(root: Path | str) -> None:
     """Make ``root`` and raise :class:`~ocp.errors.InputError` where nothing can be written."""
-    with _told(Path(root)), drafts(Path(root)):
+    place = expanded(root)
+    with _told(place), drafts(place):
         pass
 
 
@@ -171,7 +174,7 @@ def load(path: Path | str) -> StoredRun:
     Raises :class:`~ocp.errors.InputError` where there is no such directory and
     :class:`~ocp.errors.DamagedRun`, naming file and reason, where the run is not whole.
     """
-    directory = Path(path)
+    directory = expanded(path)
     meta = read_meta(directory)
     parts = {name: part(directory, meta, name) for name in meta["parts"]}
     data = _arrays(directory / DATA_FILE, parts.pop(DATA_FILE))

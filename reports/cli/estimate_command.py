@@ -55,7 +55,9 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     request = {**asked.decisive, "backend": options.backend}
     checkpoint = Checkpoint(options.out, asked.spec.name, request, asked.content)
     study = SweepRun(asked.objective, asked.sampling, asked.sweep, checkpoint, asked.rebuilt)
-    check_time(f"{study.samples:.3g} samples of {asked.spec.name}", study.seconds())
+    what, seconds = f"{study.samples:.3g} samples of {asked.spec.name}", study.seconds()
+    check_time(what, seconds)
+    options.output.foretell(what, seconds)
     return asked, study, checkpoint
 
 

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 SIGMA_SHARE = 0.1
 """Noise on a problem's inputs where none is asked for, as a share of their characteristic size."""
+SIGMA_APART = 1e9
+"""No noise is so many times larger or smaller than the usual one: doubles would hide one of both
+sizes behind the other."""
 _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "at": "--at"}
 
 
@@ -61,6 +64,8 @@ class EstimateRequest:
             usual if options.sigma is None else options.sigma, options.seed, rules,
             options.reference, None if most is None else whole("--reference-samples", most),
         )  # fmt: skip
+        known = spec.Params.model_fields.get("sigma")
+        _check_noise(spec.name, sampling.sigma, known.default if known else usual, sweep)
         kind = kind_of(objective, sampling.sigma, sampling.reference)
         if most is not None and kind != "zobg":
             raise InputError(
@@ -201,6 +206,18 @@ def _policy_settings(options: EstimateOptions) -> dict[str, str]:
     from ocp.choices import split_policy_settings
 
     return split_policy_settings(assignments("-s", options.settings))[0]
+
+
+def _check_noise(name: str, sigma: float, usual: float, sweep: Sweep | None) -> None:
+    """Raise InputError for noise whose effect doubles could not tell."""
+    low, high = usual / SIGMA_APART, usual * SIGMA_APART
+    swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
+    for value in (sigma, *swept):
+        if not low <= value <= high:
+            raise InputError(
+                f"sigma of {name} must be from {low:.3g} to {high:.3g}, beyond which doubles do not"
+                f" tell what it does, got {value:g}"
+            )
 
 
 def _check_sweep(

@@ -16,7 +16,7 @@ from tests.attack.works import furnish
 
 DRAWN = 160
 PATIENCE_S = 60.0
-MEMORY = 6 << 30
+MEMORY = 8 << 30
 """Address space [byte] that a command may take here: nothing small needs more."""
 REFUSED = """\
 solve push-1d -p N=1e23
