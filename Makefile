@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo check test test-slow bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated verdicts
+.PHONY: setup demo check test test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated verdicts promises
 
 setup: $(READY)
 
@@ -31,6 +31,15 @@ test: lint
 
 test-slow: setup
 	$(BIN)/pytest -m slow
+
+# Kills, full disks, flipped bits, crowds, broken files, and nonsense against the whole program, in
+# some twelve minutes; ATTACK_SEED=7 draws others. `make promises` writes the site's table of it.
+test-attack: setup
+	$(BIN)/pytest -m attack -s tests/attack
+
+promises: setup
+	$(BIN)/python -m tests.attack.ledger
+	$(BIN)/python -m reports.site
 
 bench: setup
 	$(BIN)/pytest -m bench -s tests/benchmarks

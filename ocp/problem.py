@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -199,22 +199,42 @@ class Problem:
         return Sizes(reference.impulse * units.of("N s"), reference.gap * units.of("m"),
                      reference.x * states, reference.u * inputs)  # fmt: skip
 
-    def check_physics(self) -> None:
-        """Check the step size and the mass matrix, where one is known, at the defaults and x0.
+    @cached_property
+    def _physics(self) -> ca.Function:
+        """Map ``(x, p)`` to step size, mass, stiffness and friction, empty where there is none."""
+        system = self.system
+        friction = None if system.forces is None else system.forces.friction
+        known = (ca.SX() if one is None else one for one in (
+            system.mass, system.stiffness, friction
+        ))  # fmt: skip
+        given = [system.x, self.parameters.vector]
+        return ca.Function("physics", given, [ca.SX(system.h), *(ca.densify(one) for one in known)])
 
-        Raises :class:`~ocp.errors.InputError` unless h > 0 and M is positive definite.
+    def check_physics(self, values: Mapping[str, float] | None = None) -> None:
+        """Check step size, mass, stiffness and friction, where they are known, at x0.
+
+        ``values`` are parameter values by name, by default the parameters' own. Raises
+        :class:`~ocp.errors.InputError` unless h > 0, M and K are positive definite and no
+        coefficient of friction is negative.
         """
-        p, given = self.parameters.values, [self.system.x, self.parameters.vector]
-        mass = ca.SX() if self.system.mass is None else self.system.mass
-        told = ca.Function("told", given, [ca.SX(self.system.h), ca.densify(mass)])
-        h, M = (np.array(value) for value in told(self.limits(p)[0], p))
+        p = self.parameters.values if values is None else self.parameters.pack(values)
+        h, M, K, friction = (np.array(one) for one in self._physics(self.limits(p)[0], p))
         if not h > 0:
             raise InputError(f"{self.name}: the step size must be positive, got {h.item():g} s")
-        least = np.linalg.eigvalsh(M).min(initial=np.inf)
-        if not least > 0:
+        for matrix, what, raised in (
+            (M, "mass", "masses and inertias"), (K, "stiffness", "stiffnesses"),
+        ):  # fmt: skip
+            known = np.isfinite(matrix).all()
+            least = np.linalg.eigvalsh(matrix).min(initial=np.inf) if known else np.nan
+            if not least > 0:
+                raise InputError(
+                    f"{self.name}: the {what} matrix must be positive definite, and its least"
+                    f" eigenvalue is {least:g}; raise the {raised} above zero"
+                )
+        if not np.all(friction >= 0):
             raise InputError(
-                f"{self.name}: the mass matrix must be positive definite, and its least eigenvalue"
-                f" is {least:g}; raise the masses and inertias above zero"
+                f"{self.name}: Coulomb's coefficients of friction must not be negative, got"
+                f" {friction.min():g}"
             )
 
     def initial_states(self, p: np.ndarray) -> np.ndarray:

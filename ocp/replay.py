@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.judges.audit import signed_distances
+from ocp.physics.constraints import Violation, broken_constraints, noticeable, told
+from ocp.physics.measures import Worst, between
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
 
@@ -26,7 +28,9 @@ class Replay:
 
     ``cost`` is the mean over scenarios, ``planned_cost`` the plan's under its own law,
     ``state_gap`` the largest |x - planned x|, ``penetration`` [m] by true signed distance, or by
-    the model's gaps where that is unknown; ``inputs`` are "open-loop" or "feedback".
+    the model's gaps where that is unknown; ``between`` the same on the straight way from node to
+    node, None without geometry; ``broken`` the constraints that are broken by what can be seen, the
+    worst of every kind with its step; ``inputs`` are "open-loop" or "feedback".
     """
 
     data: xr.Dataset
@@ -37,13 +41,19 @@ class Replay:
     planned_cost: float
     state_gap: float
     penetration: float
+    between: Worst | None = None
+    broken: list[Violation] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return (
             f"<Replay of {self.problem} under {self.law.name}, {self.inputs}:"
             f" cost {self.cost:.6g}, planned {self.planned_cost:.6g}; the states part by at most"
-            f" {self.state_gap:.2g}, penetration {self.penetration:.2g} m>"
+            f" {self.state_gap:.2g}, penetration {self.penetration:.2g} m{self._broken}>"
         )
+
+    @property
+    def _broken(self) -> str:
+        return "".join(f"; {words}" for words in told(self.broken))
 
 
 def replayed(
@@ -57,7 +67,8 @@ def replayed(
     x = plan["x"].values
     inputs = plan["u"].values if gains is None else gains
     rolled = roll_out(problem, inputs, values, law, x[:, 0])
-    distance = signed_distances(problem, rolled.x, problem.parameters.pack(values))
+    physical = problem.parameters.pack(values)
+    distance = signed_distances(problem, rolled.x, physical)
     deepest = -(rolled.gap if distance is None else distance)
     return Replay(
         data=_labelled(problem, plan, rolled, law),
@@ -68,6 +79,8 @@ def replayed(
         planned_cost=planned_cost,
         state_gap=float(np.max(np.abs(rolled.x - x))),
         penetration=max(0.0, float(np.max(deepest, initial=0.0))),
+        between=None if distance is None else between(problem, rolled.x, physical),
+        broken=noticeable(broken_constraints(problem, rolled.x, rolled.u, physical)),
     )
 
 

@@ -114,7 +114,10 @@ class Session:
 
         ``number`` counts several guesses: each takes another relaxation than the one before, since
         a relaxation that starts wide forgets its guess and ends in the same minimum.
+
+        Raises :class:`~ocp.errors.InputError` at values without mechanics, as without mass.
         """
+        self.problem.check_physics(self.values)
         follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
         if start is not None and warm_from is not None:
             there = translate(start, warm_from, self.nlp_of("product"))

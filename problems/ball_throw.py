@@ -30,8 +30,8 @@ golden = {
         settings={"tol": 1e-10},
         tried=33,
         independent="Nelder-Mead over angle and speed of a simulation in closed form",
-        # The speeds of the N - 1 idle inputs u have cost u² and the bound u >= 0. An interior-point
-        # method ends where 2 u² = mu <= tol, which costs (N - 1) tol / 2 in all at most: 2.7e-7 of
+        # The N - 1 idle speeds, u of the fastest, have cost u² and the bound u >= 0. An interior-
+        # point method ends where 2 u² = mu <= tol, which costs (N - 1) tol / 2 in all: 2.7e-7 of
         # the optimum at tol = 1e-10, 2.7e-5 at 1e-8 (9e-7 seen in direct, 2e-6 in shooting).
         tolerance=1e-6,
     ),
@@ -86,8 +86,9 @@ def build(params: Params) -> Problem:
         name=name,
         system=system,
         N=params.N,
-        # Inputs after the throw have no effect; a cost of their own keeps them determined.
-        stage_cost=hand * thrown + (1 - hand) * (theta**2 + speed**2),
+        # Inputs after the throw have no effect; a cost of their own, without units, keeps them
+        # determined.
+        stage_cost=hand * thrown + (1 - hand) * (theta**2 + (speed / p["speed_max"]) ** 2),
         terminal_cost=p["w_end"] * ca.sumsqr(off[:2]) + p["w_v"] * ca.sumsqr(off[2:]),
         x0=ca.vertcat(p["x0"], p["z0"], 0, 0, 1, 2 * p["g"] * p["z0"]),
         parameters=p,

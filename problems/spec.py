@@ -127,7 +127,8 @@ class ProblemSpec(Spec):
         """Build the problem at ``values``, the rest at their defaults.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter, and for a user's ``build`` that
-        raises, returns no problem, or one whose dimensions do not fit.
+        raises, returns no problem, one whose dimensions do not fit, or one without mechanics, as
+        without mass.
         """
         params = self.params(values or {})
         problem = self.build(params)
@@ -136,6 +137,7 @@ class ProblemSpec(Spec):
                 f"{self.path or self.name}: build(params) returned"
                 f" {_kind(problem)}, expected an ocp.problem.Problem"
             )
+        problem.check_physics()
         guess = problem.guess
         if guess is not None and self.path is not None:
             guess = own(guess, "guess(problem, p)", self.path)

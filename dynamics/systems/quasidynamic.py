@@ -81,6 +81,8 @@ def quasi_dynamic(
             pairs=rows.pairs,
             forces=rows.forces,
             sharp=touching.sharp(rows.curved, built),
+            mass=mass,
+            stiffness=stiffness,
         )
 
     return built(Touching(contacts, distance, sliding, friction, cone, linearised))

@@ -53,7 +53,9 @@ class ContactSystem:
 
     ``sharp`` leads to the sharpest contact that is known for the system, see :attr:`sharpest`.
     ``refinable`` says that h only discretises: ``h / 4`` is the same system, looked at more often.
-    ``mass`` is M (nq, nq) where the system has one, an expression in x and the parameters.
+    ``mass`` and ``stiffness`` are what must be positive definite, expressions in x and the
+    parameters, where the system has them: M (nq, nq), of quasi-dynamics that of the free
+    coordinates alone, and its actuators' K.
 
     Raises ``ValueError`` when a dimension does not fit or a symbol is not declared.
     """
@@ -79,6 +81,7 @@ class ContactSystem:
     sharp: Sharp | None = None
     refinable: bool = False
     mass: ca.SX | None = None
+    stiffness: ca.SX | None = None
 
     def __post_init__(self) -> None:
         if not self.pairs:

@@ -104,10 +104,13 @@ def continue_over(
     break, with the reason, and the points so far are kept.
 
     Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
-    equal or non-finite ends, or a log scale through zero.
+    equal or non-finite ends, a log scale through zero, or an end at which there is no such law or
+    no such mechanics, as without mass.
     """
     name = resolve(session, over)
     scales = check_range(scale, start, end, steps)
+    for value in (start, end):
+        check_value(session, name, value)
     tracker = Tracker(session, name, abs(end - start), scale == "log")
     walk = _Walk(session, tracker, Continuation(name), scales, (start, end, steps), seed, progress)
     return walk.all()
@@ -274,6 +277,17 @@ class _Walk:
         for worst in failed.audit.worst[:1]:
             where = f"{worst.name} of {worst.component} at step {worst.step}"
             self.followed.broke += f" Worst: {where}, {worst.amount:.1e}."
+
+
+def check_value(session: Session, name: str, value: float) -> None:
+    """Raise :class:`~ocp.errors.InputError` where a knob or parameter cannot have this value."""
+    if not name.startswith(KNOB):
+        session.problem.check_physics({**session.values, name: value})
+        return
+    try:
+        session.law.at(**{name.removeprefix(KNOB): value})
+    except ValueError as error:
+        raise InputError(str(error)) from error
 
 
 def check_range(

@@ -17,7 +17,7 @@ from ocp.judges.audit import audit, feasible
 from ocp.judges.findings import Audit, Refereed
 from ocp.judges.referee import Hearing, hear
 from ocp.judges.verdict import UNJUDGED
-from ocp.physics.measures import broken_constraints
+from ocp.physics.constraints import broken_constraints
 from ocp.physics.parting import Parting
 from ocp.problem import Problem, Sizes
 from ocp.programs.solver import Point

@@ -7,8 +7,8 @@ import numpy as np
 
 from ocp.judges.findings import Audit
 from ocp.physics.along import distances
+from ocp.physics.constraints import Violation, broken_constraints, noticeable
 from ocp.physics.contact_book import ContactBook, contact_book, largest
-from ocp.physics.measures import Violation
 from ocp.problem import Problem
 from ocp.programs.solver import Result
 from ocp.rollout import Rollout, roll_on
@@ -74,6 +74,7 @@ def audit(
         momentum_residual=book.momentum_residual,
         contacts=book.contacts,
         replay_failed="" if unsolved is None else unsolved.brief,
+        replay_broken=noticeable(broken_constraints(problem, replay.x, replay.u, physical)),
     )
     return found, replay, book
 

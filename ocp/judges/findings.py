@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from ocp.physics.constraints import Violation
 from ocp.physics.contact_book import ContactSummary
-from ocp.physics.measures import Violation, Worst
+from ocp.physics.measures import Worst
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class Audit:
     could take. Where energy is known: ``energy_gain`` [J] the largest rise in one step beyond the
     work done, contact's and the integrator's, ``dissipated`` [J] what contact took in all,
     ``momentum_residual`` [N s]. ``contacts`` tells of each contact when it acts, how hard, and how
-    far it slides. ``replay_failed`` names the step at which the replay ended, "" where it did not.
+    far it slides. ``replay_failed`` names the step at which the replay ended, "" where it did not;
+    ``replay_broken`` the constraints that it breaks by what can be seen, the worst of every kind.
     """
 
     complementarity: float
@@ -47,6 +49,7 @@ class Audit:
     momentum_residual: float = math.nan
     contacts: list[ContactSummary] = field(default_factory=list)
     replay_failed: str = ""
+    replay_broken: list[Violation] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

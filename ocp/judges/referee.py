@@ -10,7 +10,8 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.physics.measures import Broken, Physics, broken_constraints, measure
+from ocp.physics.constraints import Broken, broken_constraints, noticeable, told
+from ocp.physics.measures import Physics, measure
 from ocp.physics.parting import Parting, find_parting
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, Unsolved, roll_on, trajectory_costs
@@ -21,13 +22,6 @@ COST_SHARE = 0.1
 """How much dearer than the plan, as a share of its cost, a replay may be that survives."""
 STATE_SHARE = 0.1
 """How far its states may be from the plan's, as a share of their characteristic size."""
-CONSTRAINT_SHARE = 0.01
-"""How far it may break a constraint, as a share of the characteristic size of what is bounded.
-
-A tenth of what the states may differ by: at the solver's tolerance no plan that rests on a bound
-would survive another contact, however close its replay stays; a share of the size catches those
-that leave the bound by something which can be seen.
-"""
 PENETRATION_SHARE = 0.1
 """How deep bodies may be in one another, at or between nodes, as a share of the characteristic gap.
 
@@ -35,10 +29,6 @@ At the nodes true gaps leave none but rounding. In between the straight way cuts
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
 _LEAST_COST = 1e-9
-_KINDS = {
-    "bound on x": "bound on", "bound on u": "bound on", "path": "constraint",
-    "terminal": "terminal constraint", "periodic": "periodicity of",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -155,8 +145,9 @@ def survival(
 
     It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
     the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
-    :data:`CONSTRAINT_SHARE` and its bodies apart to :data:`PENETRATION_SHARE` of the problem's
-    characteristic sizes. ``physics`` and ``broken`` are those of the replay.
+    :data:`~ocp.physics.constraints.CONSTRAINT_SHARE` and its bodies apart to
+    :data:`PENETRATION_SHARE` of the problem's characteristic sizes. ``physics`` and
+    ``broken`` are those of the replay.
     """
     excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST)
     off = np.abs(heard.replay.x - plan.x)
@@ -175,7 +166,7 @@ def survival(
         s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), off.shape))
         signal = problem.system.states[i]
         reasons.append(f"{signal.name} is {off[s, k, i]:.2g} {signal.unit} off at node {k}")
-    reasons += _what_breaks(broken)
+    reasons += [f"its {words}" for words in told(noticeable(broken))]
     for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
         if worst is not None and worst.amount > PENETRATION_SHARE * problem.sizes.gap:
             reasons.append(
@@ -183,15 +174,3 @@ def survival(
             )
             break
     return tuple(reasons)
-
-
-def _what_breaks(broken: Sequence[Broken]) -> list[str]:
-    """One half sentence for every kind of constraint that is broken: its worst entry."""
-    worst: dict[str, Broken] = {}
-    for one in broken:
-        if one.share > CONSTRAINT_SHARE:
-            worst.setdefault(one.violation.name, one)
-    return [
-        f"its {_KINDS[v.name]} {v.component} is broken by {v.amount:.2g} at step {v.step}"
-        for v in (one.violation for one in worst.values())
-    ]

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal
 
+from dynamics.systems import KNOB
+from ocp.physics.constraints import told
+
 if TYPE_CHECKING:
     from ocp.solution import Solution
 
@@ -12,6 +15,8 @@ Grade = Literal["survives", "certified", "failed"]
 """Certified and surviving; certified alone; neither. Shown green, amber and red."""
 _SAME = 1e-5
 _NOTABLE = 0.1
+_BLURRED, _CLEAR = 0.5, 1e-2
+"""Shares of the characteristic mu from which on nothing is seen clearly, and at which most is."""
 _FEASIBLE = ("not-optimal", "undecided")
 """Of plans that are no answers, those of which it is worth saying that they survive."""
 
@@ -71,7 +76,7 @@ def findings(found: Solution) -> list[str]:
     others = found.record.get("learned_at", {}).items()
     differs = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in others)
     model += f"; its data were taken at {differs}" if differs else ""
-    said = (model, _referee(found), _replay(found), found.referee.parting)
+    said = (model, _referee(found), _replay(found), _broken(found), found.referee.parting)
     lines += [_sentence(line) for line in said if line]
     if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):
         lines.append("A second way of solving took too long beside the first and was given up.")
@@ -133,8 +138,26 @@ def _replay(found: Solution) -> str:
         return f"the motion is unstable: replayed, it parts from the plan{remedy}"
     return (
         f"the plan leans on the smoothing: under the exact law it costs {audit.exact_cost:.6g}"
-        f" instead of {found.cost:.6g}"
+        f" instead of {found.cost:.6g}{_narrower(found)}"
     )
+
+
+def _narrower(found: Solution) -> str:
+    """Which mu to take where the one given is as large as impulse times distance themselves."""
+    mu, own = found.values.get(f"{KNOB}mu", 0.0), found.problem.sizes.mu
+    if mu < _BLURRED * own:
+        return ""
+    return (
+        f"; mu = {mu:g} blurs all there is, impulses and distances being about {own:.0e} N s m"
+        f" together: take -c mu={_CLEAR * own:.0e}"
+    )
+
+
+def _broken(found: Solution) -> str:
+    """Constraints that the exact replay breaks, where the referee has not told of its own."""
+    if found.referee.survives is False or not found.audit.replay_broken:
+        return ""
+    return "replayed under the exact law, its " + ", its ".join(told(found.audit.replay_broken))
 
 
 def grade(found: Solution) -> Grade:

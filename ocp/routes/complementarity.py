@@ -109,7 +109,7 @@ FEW = 128
 _TURNS = 3
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)
 """From where all contacts are felt from afar."""
-OTHERS = (WIDE, CentralPath(), CentralPath(), CentralPath())
+OTHERS = (WIDE, CentralPath(), CentralPath(), ScholtesAdaptive())
 """Followed from as many perturbed guesses where the path of a small problem was hard to follow."""
 RELAXATIONS = (
     CentralPath(),

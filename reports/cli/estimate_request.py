@@ -213,6 +213,8 @@ def _check_sweep(
 
     What is swept takes its values from the sweep alone.
     """
+    from problems.spec import ProblemSpec
+
     law, sign, knob = swept.name.partition(".")
     of_law = (law, sign) == ("contact", ".")
     beside = {name: "-p " + name for name in given}
@@ -225,6 +227,10 @@ def _check_sweep(
             spec.params({**given, swept.name: value})
         elif of_law:
             contact_law(options.contact, [*(options.law_settings or ()), f"{knob}={value}"])
+    if isinstance(spec, ProblemSpec) and swept.name in spec.Params.model_fields:
+        # What the range of a parameter allows, mechanics may not: a user's mass below zero.
+        for value in (min(swept.values), max(swept.values)):
+            spec.problem({**given, swept.name: value})
 
 
 def _stored_decision(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from reports.cli.declared import argument, option
@@ -10,11 +10,11 @@ from reports.cli.options import RUN, Command, LawOptions, SourceOptions
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw
-    from ocp.problem import Problem
+    from ocp.replay import Replay
     from ocp.solution import Solution
     from ocp.store.stored_run import StoredRun
 
-    Asked = tuple[StoredRun, Solution, Problem, ContactLaw]
+    Asked = tuple[StoredRun, Solution, ContactLaw]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,49 +34,54 @@ def check(options: ReplayOptions) -> Asked:
     found = stored(options.run, options.out)
     problem = problem_of(found, options.own([found]))[2]
     law = closing_law(options.contact, options.law_settings, problem.system)
-    return found, found.solution(problem), problem, law
+    return found, found.solution(problem), law
 
 
 def run(options: ReplayOptions, asked: Asked) -> int:
     """Roll the inputs, or the feedback policy, of a stored run out under a contact law."""
+    from ocp.physics.constraints import told
     from reports.console import number, small
 
-    found = replay(*asked)
-    law, output = asked[-1], options.output
+    (stored, solution, law), output = asked, options.output
+    rolled = solution.replay(law)
     output.say(
-        f"planned cost {number(found['planned_cost'], 8)};"
-        f" under the {law.name} law {number(found['cost'], 8)}"
+        f"planned cost {number(rolled.planned_cost, 8)};"
+        f" under the {law.name} law {number(rolled.cost, 8)}"
     )
+    way = rolled.between
     output.say(
-        f"the states part by at most {small(found['state_gap'])};"
-        f" penetration {small(found['penetration'])} m"
+        f"the states part by at most {small(rolled.state_gap)};"
+        f" penetration {small(rolled.penetration)} m"
+        + ("" if way is None else f", between nodes {small(way.amount)} m")
     )
-    output.document(found)
+    for words in told(rolled.broken):
+        output.say(words)
+    output.document(document(stored, rolled))
     return 0
 
 
-def replay(
-    stored: StoredRun, solution: Solution, problem: Problem, law: ContactLaw
-) -> dict[str, Any]:
+def document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:
     """Return what ``ocp replay --json`` prints.
 
     ``cost`` under the law, ``planned_cost``, ``state_gap`` max |x - x_replay|, ``penetration`` [m]
-    by true signed distance, ``final_state`` (scenario, state), ``inputs`` "open-loop" or
+    by true signed distance, ``between`` the deepest on the way between nodes, ``broken`` the
+    constraints that the replay breaks, ``final_state`` (scenario, state), ``inputs`` "open-loop" or
     "feedback".
     """
-    rolled = solution.replay(law)
     return {
         "run": str(stored.path),
         "problem": stored.meta["problem"],
-        "contact": law.name,
-        "contact_settings": law.settings(),
+        "contact": rolled.law.name,
+        "contact_settings": rolled.law.settings(),
         "inputs": rolled.inputs,
         "cost": rolled.cost,
         "planned_cost": rolled.planned_cost,
         "state_gap": rolled.state_gap,
         "penetration": rolled.penetration,
+        "between": None if rolled.between is None else asdict(rolled.between),
+        "broken": [asdict(one) for one in rolled.broken],
         "final_state": rolled.data["x"].values[:, -1],
-        "states": [signal.name for signal in problem.system.states],
+        "states": [str(name) for name in rolled.data["state"].values],
     }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ocp.errors import InputError
 from reports.cli.choices import assignments
 from reports.cli.options import SolverOptions
 
@@ -40,14 +39,11 @@ class Request:
     def check_value(self, name: str, value: float) -> None:
         """Raise InputError where parameter ``name``, the law's or the problem's, cannot be so."""
         from dynamics.systems import KNOB
+        from ocp.continuation.walk import check_value
 
         if not name.startswith(KNOB):
             self.spec.params({**self.params, name.removeprefix("problem."): value})
-            return
-        try:
-            self.session.law.at(**{name.removeprefix(KNOB): value})
-        except ValueError as error:
-            raise InputError(str(error)) from error
+        check_value(self.session, name, value)
 
     @property
     def origin(self) -> dict[str, Any]:

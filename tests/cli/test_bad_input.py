@@ -209,6 +209,22 @@ def test_a_users_file_that_does_not_work(
         assert word in done.err
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["continue", "mine.py", "--over", "m", "--from", "1", "--to", "-1"],
+        ["estimate", "mine.py", "--sweep", "m=1:-1:3"],
+        ["collect", "mine.py", "-p", "m=-1", "--samples", "10", "-o", "data.nc"],
+        ["export", "mine.py", "-p", "m=-1", "-o", "mine.c"],
+    ],
+)
+def test_a_mass_that_is_none_is_refused_at_every_door(ocp, tmp_path: Path, words) -> None:
+    (tmp_path / "mine.py").write_text(USER_FILE.replace(', "mass", above=0', ', "mass"'))
+    done = ocp(*words)
+    assert done.code == 2 and "mass matrix must be positive definite" in done.err
+    assert not (tmp_path / "data.nc").exists() and not (tmp_path / "mine.c").exists()
+
+
 def test_a_users_file_that_works_is_found_again_by_its_run(ocp, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(USER_FILE)
     solved = ocp("solve", "mine.py", "-p", "m=2", "--json")

@@ -7,7 +7,9 @@ from dataclasses import replace
 import pytest
 
 import problems
+from dynamics.contact import Exact
 from ocp.routes.relaxations import DEFAULT_STRATEGY
+from ocp.solve import solve
 from tests.golden.known import BETTER, STATED, better, fault, reached, session_of, solved
 
 LONG = {("hopper", "exact"), ("hopper", "barrier mu=1e-3"), ("half-cheetah", "barrier mu=1e-3")}
@@ -32,6 +34,17 @@ def test_the_stated_value_is_reached_as_stated(name: str, key: str) -> None:
     golden = problems.spec(name).golden[key]
     assert (golden.law, golden.method) == (key.partition(" ")[0], "direct")
     assert fault(golden, reached(name, key)) == ""
+
+
+DRAWN = {"mc": 2.2205, "mp": 0.0932, "l": 0.4108, "wall": 0.3335, "k": 106.0, "h": 0.033,
+         "w_end": 90.53, "u_max": 2.3294}  # fmt: skip
+"""Between these walls relaxations on the central path all end at 1915.75."""
+
+
+@pytest.mark.parametrize("starts", [1, pytest.param(20, marks=pytest.mark.slow)])
+def test_a_hard_path_is_left_for_one_beside_it(starts: int) -> None:
+    found = solve(problems.get("cart-walls", **DRAWN), Exact(), starts=starts)
+    assert found.success and found.cost <= 289.1509191
 
 
 def undercut(name: str, key: str, strategies: tuple[str, ...], guesses: range) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dynamics.contact import Barrier, ContactLaw, Exact
-from dynamics.systems import ParameterTable, lcs
+from dynamics.systems import ParameterTable, lcs, signals, time_stepping
 from ocp import Constraint, Direct, MultipleShooting, Problem, SingleShooting, Solution, solve
 from ocp.errors import InputError
 from ocp.problem import Reference
@@ -97,6 +97,23 @@ def test_a_plan_that_passes_through_a_body_between_nodes_is_told() -> None:
 def test_a_step_size_that_is_none_is_refused(h: float) -> None:
     with pytest.raises(InputError, match=f"step size must be positive, got {h:g} s"):
         solve(ring(h=h, speed=1.0))
+
+
+@pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
+def test_a_start_inside_a_wall_never_survives(law: ContactLaw) -> None:
+    """The law pushes out what begins 5 m deep in one step, which no wall does."""
+    p = ParameterTable([])
+    system = time_stepping(
+        "deep", states=signals("x [m]; v [m/s]"), inputs=signals("u [N]"),
+        contacts=signals("wall [N s]"), mass=ca.SX.eye(1), impulse=lambda q, v, u: 0.1 * u,
+        distance=lambda q: q, h=0.1, parameters=p,
+    )  # fmt: skip
+    end = ca.sumsqr(system.x[0] - 1)
+    found = solve(Problem("deep", system, 4, ca.sumsqr(system.u), end, ca.SX([-5.0, 0]), p), law)
+    assert found.data["x"].values[0, 1, 0] > -1e-6
+    assert found.referee.survives is False and found.grade == "certified"
+    assert "; does not survive." in headline(found)
+    assert "the plan does not survive: wall is penetrated by 5 at node 0" in found.verdict
 
 
 def test_the_referee_of_a_plan_is_a_rollout_with_true_gaps() -> None:
@@ -275,8 +292,39 @@ def test_a_hard_end_that_only_smoothing_meets_is_named(moved: bool) -> None:
     assert broken > 0.1
     assert headline(found).endswith("; does not survive.")
     assert f"its terminal constraint at is broken by {broken:.2g} at step 20" in found.verdict
+    replay = found.replay()
+    (off,) = replay.broken
+    assert (off.name, off.component, off.step) == ("terminal", "at", 20)
+    assert off.amount == pytest.approx(abs(replay.data["x"].values[0, -1, 0] - 0.3), rel=1e-9)
+    assert repr(replay).endswith(
+        f"terminal constraint at is broken by {off.amount:.2g} at step 20>"
+    )
     sharp = solve(problem, Barrier(mu=1e-3))
-    assert sharp.grade == "survives"
+    assert sharp.grade == "survives" and sharp.replay().broken == []
+
+
+def test_a_hard_end_of_a_system_without_geometry_is_named_too() -> None:
+    """``x+ = x + lam, 0 <= lam ⟂ lam - u >= 0``: lam = max(u, 0) exactly, more where smoothed.
+
+    At least effort all six inputs are one u, so that ``6 lam = 0.3`` and ``lam (lam - u) = mu``.
+    """
+    ramp = lcs("ramp", A=ONE, B=[[0.0]], C=ONE, D=[[0.0]], E=[[-1.0]], F=ONE)
+    problem = Problem(
+        "ramp", ramp, 6, 0.1 * ca.sumsqr(ramp.u), ca.SX(0), ca.SX([0.0]), ParameterTable([]),
+        terminal=[Constraint("end", ramp.x[0], 0.3, 0.3)],
+        guess=lambda problem, _: (np.zeros((7, 1)), np.full((6, 1), 0.05)),
+    )  # fmt: skip
+    found = solve(problem, Barrier(mu=1e-3))
+    u = 0.05 - 1e-3 / 0.05
+    np.testing.assert_allclose(found.data["u"], u, atol=1e-6)
+    assert (found.status, found.referee.survives) == (Status.SOLVED, None)
+    (off,) = found.audit.replay_broken
+    assert (off.component, off.step) == ("end", 6)
+    assert off.amount == pytest.approx(0.3 - 6 * u, abs=1e-5)
+    assert (
+        f"Replayed under the exact law, its terminal constraint end is broken by {off.amount:.2g}"
+        " at step 6."
+    ) in found.verdict
 
 
 def test_planar_push_leaves_its_reach_bound_in_the_replay() -> None:

@@ -22,7 +22,8 @@ from dynamics.contact import Barrier
 from ocp import solve, store
 from ocp.errors import DamagedRun, InputError
 from ocp.judges.findings import Audit, Refereed
-from ocp.physics.measures import Violation, Worst
+from ocp.physics.constraints import Violation
+from ocp.physics.measures import Worst
 from ocp.programs.status import Status
 from ocp.solution import Solution, StageRecord
 from ocp.stationarity.certificate import Certificate, Move

@@ -22,7 +22,7 @@ import numpy as np
 from dynamics.contact import Barrier, Exact
 from ocp.guesses import guesses
 from ocp.judgement import judged
-from ocp.physics.measures import broken_constraints
+from ocp.physics.constraints import broken_constraints
 from ocp.programs.status import Status
 from ocp.routes.complementarity import Route, by_strategy
 from ocp.routes.legs import Homotopy

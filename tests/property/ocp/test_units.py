@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from dynamics.contact import Exact
+from dynamics.contact import Barrier, Exact
 from ocp.programs.status import Status
 from ocp.programs.units import Units, dimension, fitted
 from ocp.solution import Solution
@@ -43,6 +47,67 @@ def test_costs_are_invariant_under_a_change_of_units(problem: str) -> None:
             assert np.abs(u - known.data["u"].values).max() < 1e-5
 
 
+@st.composite
+def other_units(draw: st.DrawFn) -> Units:
+    """Mass, length and time counted in anything from a thousandth to a thousand of SI's units."""
+    kg, m, s = (10.0 ** draw(st.floats(-3, 3)) for _ in range(3))
+    return Units(kg, m, s)
+
+
+@functools.cache
+def in_si(problem: str, soft: bool, method: str = "direct") -> Solution:
+    return solve(get(problem), Barrier(mu=1e-3) if soft else Exact(), method)
+
+
+def agrees(problem: str, units: Units, soft: bool, method: str = "direct") -> None:
+    """The same status, and a cost that differs by its own unit alone; mu is in N s m too."""
+    known = in_si(problem, soft, method)
+    law = Barrier(mu=1e-3 * units.of("N s m")) if soft else Exact()
+    found = solve(get(problem, **stated(problem, units)), law, method)
+    size = units.of("m") if problem == "hopper-1d" else 1.0
+    assert found.status is known.status is Status.SOLVED
+    assert found.cost / size == pytest.approx(known.cost, rel=1e-6)
+    assert found.referee.survives == known.referee.survives
+    # The path solver of a rollout stops at a tolerance of its own.
+    assert found.referee.cost / size == pytest.approx(known.referee.cost, rel=1e-3)
+
+
+@settings(max_examples=5)
+@given(problem=st.sampled_from(CONSISTENT), units=other_units(), soft=st.booleans())
+def test_costs_are_invariant_in_any_units(problem: str, units: Units, soft: bool) -> None:
+    agrees(problem, units, soft)
+
+
+@pytest.mark.slow
+@settings(max_examples=150)
+@given(problem=st.sampled_from(CONSISTENT), units=other_units(), soft=st.booleans())
+def test_costs_are_invariant_in_very_many_units(problem: str, units: Units, soft: bool) -> None:
+    agrees(problem, units, soft)
+
+
+@pytest.mark.slow
+@settings(max_examples=60)
+@given(
+    problem=st.sampled_from(CONSISTENT), units=other_units(), soft=st.booleans(),
+    method=st.sampled_from(["multiple-shooting", "single-shooting"]),
+)  # fmt: skip
+def test_shooting_is_invariant_too(problem: str, units: Units, soft: bool, method: str) -> None:
+    agrees(problem, units, soft, method)
+
+
+@pytest.mark.slow
+@settings(max_examples=3)
+@given(units=other_units())
+def test_a_thrown_ball_is_thrown_alike_in_any_units(units: Units) -> None:
+    agrees("ball-throw", units, soft=False)
+
+
+@pytest.mark.parametrize("kg", [1e-3, 1e3])
+def test_carts_between_walls_move_alike_in_any_unit_of_mass(kg: float) -> None:
+    """One weight of the cost is for every state, and so it has no unit of length or time."""
+    agrees("cart-walls", Units(kg), soft=False)
+
+
 def dimensionless(found: Solution, units: Units, key: str) -> np.ndarray:
     """A trajectory as it would read in SI."""
     system = found.problem.system
@@ -60,6 +125,20 @@ def test_light_balls_and_heavy_discs_end_where_others_do(
 ) -> None:
     found = solve(get(problem, **params), Exact())
     assert found.success and found.cost == pytest.approx(cost, rel=1e-5)
+
+
+def test_a_mu_as_large_as_the_problem_is_told_with_one_that_is_not() -> None:
+    """A ball of 10 g is one of 1 kg in another unit of mass, and so is mu = 1e-5 one of 1e-3."""
+    light = get("ball-bounce", m=0.01, u_max=0.15, w_u=100.0)
+    blurred = solve(light, Barrier())
+    assert blurred.referee.survives is False
+    assert "mu = 0.001 blurs all there is" in blurred.verdict
+    assert blurred.verdict.count("take -c mu=1e-05.") == 1
+    clear = solve(light, Barrier(mu=1e-5))
+    known = in_si("ball-bounce", soft=True)
+    assert clear.cost == pytest.approx(known.cost, rel=1e-6)
+    assert clear.audit.exact_cost == pytest.approx(known.audit.exact_cost, rel=1e-4)
+    assert "blurs" not in clear.verdict and "leans on the smoothing" in known.verdict
 
 
 @pytest.mark.parametrize("problem", CONSISTENT)

@@ -10,7 +10,8 @@ import pytest
 
 from ocp import Constraint
 from ocp.physics.along import distances
-from ocp.physics.measures import broken_constraints, least_between, measure
+from ocp.physics.constraints import broken_constraints
+from ocp.physics.measures import least_between, measure
 from problems import get
 from tests.unit.ocp.user_problems import physical
 

@@ -13,7 +13,8 @@ from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem
 from ocp import Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
 from ocp.judges.referee import Hearing, Referee, hear, referee, survival
-from ocp.physics.measures import broken_constraints, measure
+from ocp.physics.constraints import broken_constraints
+from ocp.physics.measures import measure
 from ocp.physics.parting import find_parting
 from ocp.rollout import Rollout, roll_on
 from problems import get

@@ -1,0 +1,151 @@
+"""What a trajectory does to a problem's constraints, and words for what it breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ocp.problem import Constraint, Problem
+from ocp.rollout import at_steps
+from ocp.transcription.common import constraint_names
+
+CONSTRAINT_SHARE = 0.01
+"""How far a replay may break a constraint, as a share of the characteristic size of what is
+bounded.
+
+A tenth of what the states may differ by: at the solver's tolerance no plan that rests on a bound
+would survive another contact, however close its replay stays; a share of the size catches those
+that leave the bound by something which can be seen.
+"""
+_KINDS = {
+    "bound on x": "bound on", "bound on u": "bound on", "path": "constraint",
+    "terminal": "terminal constraint", "periodic": "periodicity of",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One violated constraint by name, with scenario, step, and how far it is off."""
+
+    name: str
+    component: str
+    scenario: int
+    step: int
+    amount: float
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A violated constraint, and by how much of the characteristic size of what it bounds.
+
+    For a bound or periodicity that size is the reference's of states or inputs; for a path or
+    terminal constraint what its expression changes by when state and input change by theirs, to
+    first order. So the share does not depend on how the constraint is written.
+    """
+
+    violation: Violation
+    share: float
+
+
+def broken_constraints(
+    problem: Problem, x: np.ndarray, u: np.ndarray, physical: np.ndarray
+) -> list[Broken]:
+    """Find what trajectories x (S, N+1, nx), u (S, N, nu) violate, each entry where it is worst.
+
+    Bounds of states and inputs, path and terminal constraints, and the periodicity of a start that
+    is chosen; the worst first. What is no number is no violation: say that it was not replayed.
+    """
+    u_low, u_high, x_low, x_high = (np.array(v).ravel() for v in problem.limits(physical)[2:])
+    system, sizes = problem.system, problem.sizes
+    states, inputs = ([signal.name for signal in part] for part in (system.states, system.inputs))
+    after = x[:, 1:]
+    found = [
+        *_worst_entries("bound on x", states, _off(after, x_low, x_high), sizes.x, 1),
+        *_worst_entries("bound on u", inputs, _off(u, u_low, u_high), sizes.u),
+    ]
+    for kind, constraints in (("path", problem.path), ("terminal", problem.terminal)):
+        if constraints:
+            at = (x[:, :-1], u) if kind == "path" else (x[:, -1:], u[:, -1:])
+            off, size = _constraints_off(problem, constraints, *at, physical)
+            first = 0 if kind == "path" else problem.N
+            names = constraint_names(constraints)
+            found += _worst_entries(kind, names, off, size, first)
+    if problem.start is not None and problem.start.periodic:
+        which = list(problem.start.periodic)
+        off = np.abs(x[:, -1:, which] - x[:, :1, which])
+        names = [states[i] for i in which]
+        found += _worst_entries("periodic", names, off, sizes.x[which], problem.N)
+    return sorted(found, key=lambda broken: -broken.share)
+
+
+def noticeable(broken: Sequence[Broken]) -> list[Violation]:
+    """Worst entry of every kind that is broken by more than :data:`CONSTRAINT_SHARE`."""
+    worst: dict[str, Violation] = {}
+    for one in broken:
+        if one.share > CONSTRAINT_SHARE:
+            worst.setdefault(one.violation.name, one.violation)
+    return list(worst.values())
+
+
+def told(broken: Sequence[Violation]) -> list[str]:
+    """Say of every violation what is broken, by how much and at which step, half a sentence each.
+
+    They begin with the constraint's name: "terminal constraint end is broken by 0.3 at step 20".
+    """
+    return [
+        f"{_KINDS[v.name]} {v.component} is broken by {v.amount:.2g} at step {v.step}"
+        for v in broken
+    ]
+
+
+def _off(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    return np.maximum(low - values, values - high)
+
+
+def _worst_entries(
+    name: str, components: Sequence[str], off: np.ndarray, size: np.ndarray | float, first: int = 0
+) -> list[Broken]:
+    """Every component's worst violation of off (S, steps, n), the steps counted from ``first``."""
+    amounts = np.maximum(np.nan_to_num(off, nan=0.0), 0.0)
+    shares = amounts / size
+    found = []
+    for i, component in enumerate(components):
+        s, k = (int(v) for v in np.unravel_index(int(shares[:, :, i].argmax()), shares.shape[:2]))
+        if shares[s, k, i] > 0:
+            violation = Violation(name, component, s, k + first, float(amounts[s, k, i]))
+            found.append(Broken(violation, float(shares[s, k, i])))
+    return found
+
+
+def _constraints_off(
+    problem: Problem, constraints: Sequence[Constraint], x: np.ndarray, u: np.ndarray,
+    physical: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Violation of every entry, (S, steps, n), and the size of a change of it."""
+    system, sizes = problem.system, problem.sizes
+    value = ca.vertcat(*(c.expression for c in constraints))
+    low, high = (
+        ca.vertcat(*(
+            ca.repmat(ca.SX(end), c.expression.numel() // ca.SX(end).numel())
+            for end, c in zip(ends, constraints, strict=True)
+        ))
+        for ends in ([c.lower for c in constraints], [c.upper for c in constraints])
+    )  # fmt: skip
+    size = _row_sizes(value, system.x, sizes.x) + _row_sizes(value, system.u, sizes.u)
+    function = ca.Function(
+        "constraints",
+        [system.x, system.u, problem.parameters.vector],
+        [ca.densify(part) for part in (ca.fmax(low - value, value - high), size)],
+    )
+    off, size = at_steps(function, x, u, p=physical)
+    # Where nothing changes a constraint to first order, any violation of it is a large one.
+    return off, np.fmax(size, 1e-12)
+
+
+def _row_sizes(value: ca.SX, of: ca.SX, sizes: np.ndarray) -> ca.SX:
+    """Largest change of every entry by an entry of ``of`` that moves by its size, (n, 1)."""
+    J = ca.fabs(ca.densify(ca.jacobian(value, of))) @ ca.diag(ca.DM(sizes))
+    return ca.vertcat(*(ca.mmax(ca.horzcat(0, J[i, :])) for i in range(value.numel())))

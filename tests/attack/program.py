@@ -1,0 +1,156 @@
+"""The program as anybody starts it, how it ended, and what no end may be."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import IO
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 300.0
+"""Longer than anything here takes, on a computer that has other things to do too."""
+CODES = (0, 1, 2, 3, 4, 130)
+
+
+@cache
+def entry_point() -> tuple[str, str]:
+    """Module and function that ``ocp`` calls, as the package declares it."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["ocp"]
+    module, _, function = declared.partition(":")
+    return module, function
+
+
+@cache
+def command() -> list[str]:
+    """What an installed ``ocp`` is: the interpreter, and a call of the entry point."""
+    module, function = entry_point()
+    return [
+        sys.executable,
+        "-c",
+        f"import sys; from {module} import {function} as f; sys.exit(f())",
+    ]
+
+
+def environment(**more: str) -> dict[str, str]:
+    """Variables under which the program of this tree runs, whatever else is installed."""
+    return {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "1", **more}
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one start of the program ended; ``code`` is None where it never did."""
+
+    arguments: Sequence[str]
+    code: int | None
+    out: str
+    err: str
+    seconds: float
+
+    @property
+    def line(self) -> str:
+        """The command line, as a shell would take it."""
+        return "ocp " + shlex.join(self.arguments)
+
+    @property
+    def last(self) -> str:
+        """Last words on standard error."""
+        return " | ".join(self.err.strip().splitlines()[-2:])[-300:]
+
+
+def start(
+    arguments: Sequence[str],
+    directory: Path,
+    *,
+    env: dict[str, str] | None = None,
+    stdout: IO[bytes] | int = subprocess.PIPE,
+    stderr: IO[bytes] | int = subprocess.PIPE,
+) -> subprocess.Popen[bytes]:
+    """Start the program in a group of its own, with its words kept in pipes."""
+    return subprocess.Popen(
+        [*command(), *arguments],
+        cwd=directory,
+        env=environment() if env is None else env,
+        stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=stderr,
+        start_new_session=True,
+    )
+
+
+def ended(
+    process: subprocess.Popen[bytes], arguments: Sequence[str], patience: float = PATIENCE_S
+) -> Ended:
+    """Wait for the end of the program and of all that it started."""
+    began = time.monotonic()
+    try:
+        out, err = process.communicate(timeout=patience)
+        code = process.returncode
+    except subprocess.TimeoutExpired:
+        kill_group(process.pid)
+        out, err = process.communicate()
+        code = None
+    said, told = ((text or b"").decode(errors="replace") for text in (out, err))
+    return Ended(arguments, code, said, told, time.monotonic() - began)
+
+
+def run(arguments: Sequence[str], directory: Path) -> Ended:
+    """Start the program and wait for its end."""
+    return ended(start(arguments, directory), arguments)
+
+
+def kill_group(group: int) -> None:
+    """Kill the program with all that it started."""
+    with suppress(ProcessLookupError):
+        os.killpg(group, signal.SIGKILL)
+
+
+def orphans(group: int, patience: float = 10.0) -> list[str]:
+    """What is left of a group of processes whose first has ended, after some seconds of grace."""
+    until = time.monotonic() + patience
+    while (left := _members(group)) and time.monotonic() < until:
+        time.sleep(0.05)
+    return left
+
+
+def _members(group: int) -> list[str]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, member = stat.read_text().rpartition(")")[2].split()[:3]
+            if int(member) == group and state != "Z":
+                found.append((stat.parent / "cmdline").read_text().replace("\0", " ")[:200])
+    return found
+
+
+def faults(end: Ended, *, expected: tuple[int, ...] = CODES) -> list[tuple[str, str]]:
+    """What is wrong with an end, as kinds of fault and words; nothing if all is well.
+
+    A code that is not ``expected`` is nonsense accepted where it is 0, and a strange end elsewhere.
+    """
+    said, where = end.out + end.err, f"{end.line} -> exit {end.code}: {end.last}"
+    if end.code is None:
+        return [("hung", where)]
+    found = []
+    if "Traceback (most recent call last)" in said or "Exception ignored" in said:
+        found.append(("traceback", where))
+    if "internal fault" in said:
+        found.append(("internal fault", where))
+    if end.code not in expected and not found:
+        kind = "nonsense accepted" if end.code == 0 else "strange end"
+        found.append((kind, where))
+    if end.code in (1, 2) and not end.err.strip():
+        found.append(("silent failure", where))
+    if end.code == 2 and len(re.findall(r"^error: ", end.err, re.MULTILINE)) != 1:
+        found.append(("no sentence", where))
+    return found

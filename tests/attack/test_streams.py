@@ -1,0 +1,79 @@
+"""Closed, full and narrow streams, a directory that is gone, and an environment without a home."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.attack import program
+from tests.attack.works import furnish
+
+LINES = (
+    "list", "show push-1d", "runs", "runs @1", "laws", "settings", "doctor", "--help",
+    "solve push-1d -p N=3", "solve push-1d -p N=3 --json", "solve nothing",
+    "estimate heaviside -n 100 --json",
+)  # fmt: skip
+SHELLS = {
+    "to /dev/full": "{} > /dev/full",
+    "both to /dev/full": "{} > /dev/full 2>&1",
+    "a closed stdout": "{} >&-",
+    "a closed stderr": "{} 2>&-",
+    "both closed": "{} >&- 2>&-",
+    "everything closed": "{} <&- >&- 2>&-",
+    "a reader that goes": "{} | head -c 1",
+    "a folder that is gone": "mkdir gone && cd gone && rmdir ../gone && {}",
+    "ASCII": "LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0 PYTHONIOENCODING=ascii {}",
+    "a narrow terminal": "COLUMNS=1 {}",
+    "a wide terminal": "COLUMNS=99999999 {}",
+    "no home": "env -u HOME -u XDG_CACHE_HOME -u USER {}",
+    "a home that is a file": "HOME=/dev/null XDG_CACHE_HOME=/dev/null/x {}",
+    "a locale that is none": "LC_ALL=xx_YY.nothing LANG=nothing {}",
+    "no temporary folder": "TMPDIR=/nothing TEMP=/nothing TMP=/nothing {}",
+}
+
+
+@pytest.fixture(scope="module")
+def shop(servers, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return furnish(servers[0], tmp_path_factory.mktemp("shop"))
+
+
+def test_streams_and_places(shop, tally, side_by_side, tmp_path) -> None:
+    account = tally(
+        "A full, closed or narrow output is no fault of the program: one sentence at most.",
+        f"{len(SHELLS)} kinds of streams and places, for commands that print",
+        90,
+    )
+    many = ("to /dev/full", "a closed stdout", "ASCII", "both closed")
+    items = [
+        (name, line)
+        for k, name in enumerate(SHELLS)
+        for line in (LINES if name in many else LINES[k % 4 :: 4])
+    ]
+
+    def attack(_server, item: tuple[str, str]) -> None:
+        name, line = item
+        here = shutil.copytree(
+            shop, tmp_path / f"{name} {line}".replace("/", "-").replace(" ", "-")
+        )
+        words = line.split()
+        call = shlex.join([*program.command(), *words])
+        script = SHELLS[name].format(call)
+        done = subprocess.run(
+            ["bash", "-c", f"({script}); exit $?"],
+            cwd=here, env=program.environment(), capture_output=True, text=True, errors="replace",
+            timeout=program.PATIENCE_S,
+        )  # fmt: skip
+        end = program.Ended(words, done.returncode, done.stdout, done.stderr, 0.0)
+        found = program.faults(end)
+        if "closed" in name or name == "both to /dev/full":
+            found = [fault for fault in found if fault[0] not in ("silent failure", "no sentence")]
+        if name == "to /dev/full" and end.code == 0:
+            found.append(("lost output", "it says all is well"))
+        account.count([(kind, f"{name}: {told}") for kind, told in found])
+        shutil.rmtree(here)
+
+    side_by_side(attack, items)
