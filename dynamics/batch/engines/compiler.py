@@ -159,7 +159,8 @@ def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
     except (OSError, subprocess.SubprocessError) as error:
         raise CompilerError(f"{command[0]} could not run: {error}") from error
     if process.returncode != 0:
-        lines = [line for line in err.splitlines() if line.strip()]
+        every = [line for line in err.splitlines() if line.strip()]
+        lines = [line for line in every if "compilation terminated" not in line] or every
         last = lines[-1].strip() if lines else f"exit status {process.returncode}, no message"
         raise CompilerError(f"{command[0]} failed: {last}")
     return out
