@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.judges.audit import signed_distances
-from ocp.physics.constraints import Violation, broken_constraints, noticeable, told
+from ocp.physics.constraints import Violation, broken_constraints, noticeable, seen_sizes, told
 from ocp.physics.measures import Worst, between
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
@@ -80,7 +80,9 @@ def replayed(
         state_gap=float(np.max(np.abs(rolled.x - x))),
         penetration=max(0.0, float(np.max(deepest, initial=0.0))),
         between=None if distance is None else between(problem, rolled.x, physical),
-        broken=noticeable(broken_constraints(problem, rolled.x, rolled.u, physical)),
+        broken=noticeable(
+            broken_constraints(problem, rolled.x, rolled.u, physical, seen_sizes(problem, x))
+        ),
     )
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -40,7 +42,7 @@ def import_file(path: Path) -> ModuleType:
     sys.modules[spec.name] = module
     open_to_imports(path.parent)
     _forget_others(path)
-    with told("the file raised at", path):
+    with told("the file raised at", path), _no_bytecode():
         spec.loader.exec_module(module)
     return module
 
@@ -59,6 +61,16 @@ class _Afresh(SourceFileLoader):
     def get_code(self, fullname: str) -> CodeType:
         content = self.get_data(self.path)
         return cast("CodeType", self.source_to_code(content, self.path))
+
+
+@contextmanager
+def _no_bytecode() -> Iterator[None]:
+    """Write none, for the same reason, of the modules that are imported inside either."""
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = before
 
 
 _contents: dict[str, tuple[str, str]] = {}

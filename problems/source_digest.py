@@ -99,7 +99,7 @@ class _Search:
         path, whole = self.path, ""
         for part in name.split("."):
             whole = f"{whole}.{part}" if whole else part
-            spec = None if whole in OWN else _spec(whole, path)
+            spec = None if whole in OWN else _spec(part, path)
             if spec is None or (spec.origin and _installed(Path(spec.origin))):
                 return
             inside = spec.submodule_search_locations
@@ -110,7 +110,10 @@ class _Search:
 
 
 def _spec(name: str, path: Sequence[str]) -> ModuleSpec | None:
-    """Where a module lies, found without loading anything."""
+    """Where a module lies, by the last part of its name, found without loading anything.
+
+    By its whole name a package without ``__init__`` would ask for the one around it, loaded.
+    """
     try:
         spec = PathFinder.find_spec(name, path)
     except (ImportError, OSError, ValueError):

@@ -25,7 +25,7 @@ COLUMNS = 80
 
 def print_table(table: Table | Group) -> None:
     """Print a table that is a command's result, on stdout, 80 columns wide at most."""
-    Console(width=COLUMNS, highlight=False).print(table)
+    Console(width=COLUMNS, highlight=False, markup=False).print(table)
 
 
 def number(value: float | None, digits: int = 6) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ocp.judges.findings import Audit
 from ocp.physics.along import distances
-from ocp.physics.constraints import Violation, broken_constraints, noticeable
+from ocp.physics.constraints import Violation, broken_constraints, noticeable, seen_sizes
 from ocp.physics.contact_book import ContactBook, contact_book, largest
 from ocp.problem import Problem
 from ocp.programs.solver import Result
@@ -50,6 +50,7 @@ def audit(
     x_off = np.maximum(bounds["lbx"] - result.point.x, result.point.x - bounds["ubx"])
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
     free = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
+    seen = seen_sizes(problem, plan.x)
     smallest = np.minimum(plan.lam, plan.gap)
     # A learned law has no pairs, which is not the same as pairs that are complementary.
     pairs = nlp.step.n >= problem.system.nlam
@@ -74,7 +75,7 @@ def audit(
         momentum_residual=book.momentum_residual,
         contacts=book.contacts,
         replay_failed="" if unsolved is None else unsolved.brief,
-        replay_broken=noticeable(broken_constraints(problem, replay.x, replay.u, physical)),
+        replay_broken=noticeable(broken_constraints(problem, replay.x, replay.u, physical, seen)),
     )
     return found, replay, book
 

@@ -10,7 +10,14 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.physics.constraints import Broken, broken_constraints, noticeable, told
+from ocp.physics.constraints import (
+    Broken,
+    broken_constraints,
+    noticeable,
+    seen_sizes,
+    told,
+    travelled,
+)
 from ocp.physics.measures import Physics, measure
 from ocp.physics.parting import Parting, find_parting
 from ocp.problem import Problem
@@ -28,7 +35,7 @@ PENETRATION_SHARE = 0.1
 At the nodes true gaps leave none but rounding. In between the straight way cuts corners: by a
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
-_LEAST_COST = 1e-9
+_LEAST_COST, _LEAST_GAP = 1e-9, 1e-4
 
 
 @dataclass(frozen=True)
@@ -132,10 +139,22 @@ def hear(
     there = heard.replay
     planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
     replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
-    broken = tuple(broken_constraints(problem, there.x, there.u, physical))
+    broken = tuple(
+        broken_constraints(problem, there.x, there.u, physical, seen_sizes(problem, plan.x))
+    )
     parting = find_parting(problem, plan.x, plan.u, plan.lam, values)
     reasons = survival(problem, plan, heard, replayed, broken)
     return Hearing(heard, reasons, planned, replayed, broken, parting)
+
+
+def seen_gap(problem: Problem, x: np.ndarray) -> float:
+    """Characteristic gap [m] to judge a plan x (S, N+1, nx): at most a third of the way it goes."""
+    own = problem.sizes.gap
+    way = [
+        size for size, signal in zip(travelled(problem, x), problem.system.states, strict=True)
+        if signal.unit == "m"
+    ]  # fmt: skip
+    return float(np.clip(min(way, default=np.inf) / 3, _LEAST_GAP * own, own))
 
 
 def survival(
@@ -146,12 +165,13 @@ def survival(
     It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
     the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
     :data:`~ocp.physics.constraints.CONSTRAINT_SHARE` and its bodies apart to
-    :data:`PENETRATION_SHARE` of the problem's characteristic sizes. ``physics`` and
-    ``broken`` are those of the replay.
+    :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which count for no more than
+    the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`).
+    ``physics`` and ``broken`` are those of the replay.
     """
     excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST)
     off = np.abs(heard.replay.x - plan.x)
-    shares = off / problem.sizes.x
+    shares = off / seen_sizes(problem, plan.x)
     share = float(shares.max())
     reasons = []
     if heard.failed is not None:
@@ -167,8 +187,9 @@ def survival(
         signal = problem.system.states[i]
         reasons.append(f"{signal.name} is {off[s, k, i]:.2g} {signal.unit} off at node {k}")
     reasons += [f"its {words}" for words in told(noticeable(broken))]
+    deep = seen_gap(problem, plan.x)
     for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
-        if worst is not None and worst.amount > PENETRATION_SHARE * problem.sizes.gap:
+        if worst is not None and worst.amount > PENETRATION_SHARE * deep:
             reasons.append(
                 f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}"
             )

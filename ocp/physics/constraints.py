@@ -20,6 +20,7 @@ A tenth of what the states may differ by: at the solver's tolerance no plan that
 would survive another contact, however close its replay stays; a share of the size catches those
 that leave the bound by something which can be seen.
 """
+_FAR, _LEAST = 10.0, 1e-3
 _KINDS = {
     "bound on x": "bound on", "bound on u": "bound on", "path": "constraint",
     "terminal": "terminal constraint", "periodic": "periodicity of",
@@ -50,26 +51,51 @@ class Broken:
     share: float
 
 
+def seen_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Characteristic sizes of the states (nx,) for judging against a plan x (S, N+1, nx).
+
+    A problem's own, or ten times the most that any state of the same unit moves, where that is
+    less, down to a thousandth of its own: sizes that are stated for metres, or not at all, say
+    nothing of millimetres.
+    """
+    sizes = problem.sizes.x
+    return np.clip(_FAR * travelled(problem, x), _LEAST * sizes, sizes)
+
+
+def travelled(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """The most that any state of the same unit moves in x (S, N+1, nx), for every state (nx,).
+
+    Infinite where nothing of that unit moves, or is no number.
+    """
+    units = np.array([signal.unit for signal in problem.system.states])
+    with np.errstate(invalid="ignore"):
+        ranges = np.ptp(x, axis=1).max(axis=0)
+    most = np.array([ranges[units == unit].max() for unit in units])
+    return np.where(most > 0, most, np.inf)
+
+
 def broken_constraints(
-    problem: Problem, x: np.ndarray, u: np.ndarray, physical: np.ndarray
-) -> list[Broken]:
+    problem: Problem, x: np.ndarray, u: np.ndarray, physical: np.ndarray,
+    sizes: np.ndarray | None = None,
+) -> list[Broken]:  # fmt: skip
     """Find what trajectories x (S, N+1, nx), u (S, N, nu) violate, each entry where it is worst.
 
     Bounds of states and inputs, path and terminal constraints, and the periodicity of a start that
     is chosen; the worst first. What is no number is no violation: say that it was not replayed.
+    ``sizes`` (nx,) are those of the states, by default the problem's.
     """
     u_low, u_high, x_low, x_high = (np.array(v).ravel() for v in problem.limits(physical)[2:])
-    system, sizes = problem.system, problem.sizes
+    system, of_x = problem.system, problem.sizes.x if sizes is None else sizes
     states, inputs = ([signal.name for signal in part] for part in (system.states, system.inputs))
     after = x[:, 1:]
     found = [
-        *_worst_entries("bound on x", states, _off(after, x_low, x_high), sizes.x, 1),
-        *_worst_entries("bound on u", inputs, _off(u, u_low, u_high), sizes.u),
+        *_worst_entries("bound on x", states, _off(after, x_low, x_high), of_x, 1),
+        *_worst_entries("bound on u", inputs, _off(u, u_low, u_high), problem.sizes.u),
     ]
     for kind, constraints in (("path", problem.path), ("terminal", problem.terminal)):
         if constraints:
             at = (x[:, :-1], u) if kind == "path" else (x[:, -1:], u[:, -1:])
-            off, size = _constraints_off(problem, constraints, *at, physical)
+            off, size = _constraints_off(problem, constraints, *at, physical, of_x)
             first = 0 if kind == "path" else problem.N
             names = constraint_names(constraints)
             found += _worst_entries(kind, names, off, size, first)
@@ -77,7 +103,7 @@ def broken_constraints(
         which = list(problem.start.periodic)
         off = np.abs(x[:, -1:, which] - x[:, :1, which])
         names = [states[i] for i in which]
-        found += _worst_entries("periodic", names, off, sizes.x[which], problem.N)
+        found += _worst_entries("periodic", names, off, of_x[which], problem.N)
     return sorted(found, key=lambda broken: -broken.share)
 
 
@@ -122,10 +148,10 @@ def _worst_entries(
 
 def _constraints_off(
     problem: Problem, constraints: Sequence[Constraint], x: np.ndarray, u: np.ndarray,
-    physical: np.ndarray,
+    physical: np.ndarray, of_x: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Violation of every entry, (S, steps, n), and the size of a change of it."""
-    system, sizes = problem.system, problem.sizes
+    system = problem.system
     value = ca.vertcat(*(c.expression for c in constraints))
     low, high = (
         ca.vertcat(*(
@@ -134,7 +160,7 @@ def _constraints_off(
         ))
         for ends in ([c.lower for c in constraints], [c.upper for c in constraints])
     )  # fmt: skip
-    size = _row_sizes(value, system.x, sizes.x) + _row_sizes(value, system.u, sizes.u)
+    size = _row_sizes(value, system.x, of_x) + _row_sizes(value, system.u, problem.sizes.u)
     function = ca.Function(
         "constraints",
         [system.x, system.u, problem.parameters.vector],

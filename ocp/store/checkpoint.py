@@ -18,6 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from dynamics.batch.engines.compiler import identity
 from ocp.store.atomic import told, write
 from ocp.store.plain import plain
 from ocp.store.provenance import program_digest, versions
@@ -60,7 +61,9 @@ class Checkpoint:
 
     @property
     def place(self) -> Path | None:
-        """The directory while it is held, None where nothing is kept."""
+        """The directory that is held, None where nothing is kept; only inside of ``with``."""
+        if self._place is None and self._shelf is not None:
+            raise RuntimeError("a checkpoint is held inside of 'with' only")
         return self._place
 
     def __enter__(self) -> Self:
@@ -85,22 +88,22 @@ class Checkpoint:
 
     def rows(self, point: int) -> list[dict[str, Any]] | None:
         """Rows of a finished point, None where it was not finished."""
-        if self._place is None:
+        if self.place is None:
             return None
         try:
-            return json.loads((self._place / f"point-{point:05d}.json").read_bytes())
+            return json.loads((self.place / f"point-{point:05d}.json").read_bytes())
         except (OSError, ValueError):
             return None
 
     def save_rows(self, point: int, rows: list[dict[str, Any]]) -> None:
         """Keep a finished point; its states are no longer needed."""
         self._write(f"point-{point:05d}.json", json.dumps(rows).encode())
-        for state in self._place.glob(f"{point:05d}-*.npz") if self._place else ():
+        for state in self.place.glob(f"{point:05d}-*.npz") if self.place else ():
             state.unlink(missing_ok=True)
 
     def state(self, key: str) -> dict[str, np.ndarray] | None:
         """Arrays of a sampling that was under way, or None."""
-        return None if self._place is None else _arrays(self._place / f"{key}.npz")
+        return None if self.place is None else _arrays(self.place / f"{key}.npz")
 
     def others(self, key: str) -> Iterator[dict[str, np.ndarray]]:
         """Arrays of what is under way of the same problem, but was asked for otherwise."""
@@ -123,22 +126,22 @@ class Checkpoint:
 
     def discard(self) -> None:
         """Remove everything that this process holds: the study is stored as a run."""
-        if self._place is not None and self._shelf is not None:
-            _remove(self._place)
+        if self.place is not None and self._shelf is not None:
+            _remove(self.place)
 
     def _write(self, name: str, content: bytes) -> None:
-        if self._place is not None:
-            write(self._place / name, content, "what is done to")
+        if self.place is not None:
+            write(self.place / name, content, "what is done to")
 
     def _notes(self, busy: bool) -> list[str]:
-        assert self._place is not None and self._shelf is not None
+        assert self.place is not None and self._shelf is not None
         notes = []
         if busy:
             notes.append(
                 "another process does the same just now: this one works beside it, and ends with"
                 " the same numbers"
             )
-        if _empty(self._place):
+        if _empty(self.place):
             notes += self._outdated(self._shelf)
         return notes
 
@@ -152,7 +155,7 @@ class Checkpoint:
             why = (
                 "the problem's file, or what it imports, has changed"
                 if old != source
-                else "the program has changed"
+                else "the program, or the computer, has changed"
             )
             yield f"{why} since this was begun: it starts anew; what was done before is in {one}"
             return
@@ -233,8 +236,8 @@ def _arrays(file: Path) -> dict[str, np.ndarray] | None:
 
 
 def _program() -> str:
-    """What does it: our own source, and the versions of what it stands on."""
-    return _hashed({"source": program_digest(), **versions()})
+    """What does it: our own source, versions of what it stands on, the compiler and the CPU."""
+    return _hashed({"source": program_digest(), "compiler": identity(), **versions()})
 
 
 def _hashed(value: Any) -> str:

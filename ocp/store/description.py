@@ -111,8 +111,11 @@ class Point(TypedDict):
     complementarity: float
 
 
-class Continued(TypedDict):
-    """What a run of ``ocp continue`` has, also ``from`` and ``to``."""
+Ends = TypedDict("Ends", {"from": float, "to": float})
+
+
+class Continued(Ends):
+    """What a run of ``ocp continue`` has."""
 
     over: str
     steps: int

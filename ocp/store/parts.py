@@ -23,6 +23,11 @@ MOST = {DATA_FILE: 4 << 30, META_FILE: 32 << 20, PROBLEM_FILE: 256 << 20}
 """The files that a run may have, and how many bytes each may be."""
 
 _DEEPEST = 20
+_SHOWN = {
+    code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"
+}
+# Where text may hold one: written out, or as JSON escapes it.
+_CONTROL = re.compile(rb"[\x7f-\xff]|\\u00[0189][0-9a-fA-F]|\\u007[fF]|\\[bfr]")
 _END = re.compile(rb',\n "checksum": "([0-9a-f]{64})"\n}\n')
 _END_LENGTH = len(b',\n "checksum": ""\n}\n') + 64
 
@@ -80,6 +85,8 @@ def parsed(file: Path, content: bytes) -> dict[str, Any]:
         found = None
     if found is None or _is_deeper(found, _DEEPEST):
         raise DamagedRun(f"{file} is nested more than {_DEEPEST} deep, which no run is")
+    if _CONTROL.search(content):
+        found = visible(found)
     if not isinstance(found, dict):
         raise DamagedRun(f"{file} holds a {type(found).__name__}, expected an object")
     return found
@@ -132,6 +139,15 @@ def _is_deeper(value: Any, most: int) -> bool:
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return any(most == 0 or _is_deeper(item, most - 1) for item in inner
                if isinstance(item, dict | list))  # fmt: skip
+
+
+def visible(value: Any) -> Any:
+    """Write control characters of texts in plain values as ``\\x1b``: a terminal obeys them."""
+    if isinstance(value, dict):
+        return {visible(key): visible(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [visible(item) for item in value]
+    return value.translate(_SHOWN) if isinstance(value, str) else value
 
 
 def _no_number(word: str) -> NoReturn:

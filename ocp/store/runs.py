@@ -24,7 +24,7 @@ from ocp.errors import DamagedRun, InputError
 from ocp.solution import Solution
 from ocp.store.atomic import drafts, flush, told
 from ocp.store.description import check_description
-from ocp.store.parts import DATA_FILE, META_FILE, part, read_sealed, reason, sealed
+from ocp.store.parts import DATA_FILE, META_FILE, part, read_sealed, reason, sealed, visible
 from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import StoredRun
@@ -157,11 +157,23 @@ def _arrays(file: Path, content: bytes) -> xr.Dataset:
                 raise DamagedRun(
                     f"{file} claims {sum(claimed)} bytes of numbers and has {len(content)} in all"
                 )
-        return xr.load_dataset(content, engine="netcdf4")
+        return _visible(xr.load_dataset(content, engine="netcdf4"))
     except (DamagedRun, MemoryError):
         raise
     except Exception as error:
         raise DamagedRun(f"{file} is no readable netCDF file: {error}") from error
+
+
+def _visible(data: xr.Dataset) -> xr.Dataset:
+    """The same with texts that a terminal shows and does not obey."""
+    for name, variable in data.variables.items():
+        variable.attrs = visible(variable.attrs)
+        if variable.dtype.kind in "OUS":
+            words = np.vectorize(visible, otypes=[object])(variable.values)
+            if not np.array_equal(words, variable.values):
+                put = data.assign_coords if name in data.coords else data.assign
+                data = put({name: (variable.dims, words, variable.attrs)})
+    return data
 
 
 def read_meta(directory: Path) -> dict[str, Any]:

@@ -8,8 +8,8 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from reports.cli.declared import argument, option
-from reports.cli.options import RUN, Command, SourceOptions
+from reports.cli.declared import option
+from reports.cli.options import Command, RunOptions, SourceOptions
 from reports.cli.output import Output
 
 if TYPE_CHECKING:
@@ -17,10 +17,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnimateOptions(SourceOptions):
+class AnimateOptions(RunOptions, SourceOptions):
     """Which run, the file, and how fast."""
 
-    run: str = argument(help=RUN)
     file: Path = option(MISSING, "--output", "-o", help="The .gif, .mp4 or .html file to write.")
     fps: int = option(25, "--fps", min=1, max=100, help="Frames a second.")
     speed: float = option(

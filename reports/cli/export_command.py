@@ -39,6 +39,18 @@ class ExportOptions(SourceOptions):
         None, "--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."
     )
 
+    @property
+    def named_runs(self) -> list[str]:
+        """Runs that are shown, as they were named."""
+        return [] if self.is_problem else [self.what]
+
+    @property
+    def is_problem(self) -> bool:
+        """Whether a problem is named, by its name or its file, and no run."""
+        from problems import names
+
+        return self.what in names() or self.what.endswith(".py")
+
 
 @dataclass(frozen=True)
 class Asked:
@@ -112,13 +124,13 @@ def check(options: ExportOptions) -> Asked:
 def _asked(options: ExportOptions) -> Asked:
     """Find the problem or the run, and make the law; a run has its own parameters."""
     from ocp.errors import InputError
-    from problems import names, spec
+    from problems import spec
     from reports.cli.choices import assignments, closing_law
     from reports.cli.places import check_place
 
     check_place(options.file, "C file")
     what = options.what
-    if what in names() or what.endswith(".py"):
+    if options.is_problem:
         if "out" in options.given:
             raise InputError(f"--out says where runs are, but {what} is a problem; drop it")
         if options.source is not None:

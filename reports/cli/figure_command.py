@@ -44,6 +44,11 @@ class FigureOptions(StoreOptions):
         None, "--panel", metavar="a", help="Only this panel of the bare figure, a column wide."
     )
 
+    @property
+    def named_runs(self) -> list[str]:
+        """Runs that are shown, as they were named."""
+        return [name for name in self.figures or () if _names_run(name)]
+
 
 Asked = list["tuple[Study, dict[str, Any]] | StoredRun"]
 
@@ -79,7 +84,11 @@ def _stored(name: str, root: Path) -> StoredRun | None:
     """The run that a name means, None for one that is no path, no ``@last`` and no part of one."""
     from reports.cli.runs_command import stored
 
-    return stored(name, root) if name.startswith("@") or "/" in name else None
+    return stored(name, root) if _names_run(name) else None
+
+
+def _names_run(name: str) -> bool:
+    return name.startswith("@") or "/" in name
 
 
 def _asked(

@@ -9,7 +9,8 @@ from __future__ import annotations
 import inspect
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, fields
 from inspect import Parameter
@@ -65,6 +66,18 @@ class StoreOptions(Options):
     """Where runs are kept."""
 
     out: Path = option(Path("runs"), "--out", envvar="OCP_RUNS", help="Directory of the run store.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(StoreOptions):
+    """A stored run."""
+
+    run: str = argument(help=RUN)
+
+    @property
+    def named_runs(self) -> list[str]:
+        """Runs that are shown, as they were named."""
+        return [self.run]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,9 +175,30 @@ def carry_out(command: Command[T], options: Options) -> int:
     """Check the options of a command, then do its work; what is logged is shown if asked for."""
     if options.as_json:
         document.reserve()
-    with logs.shown(options.verbose):
+    with logs.shown(options.verbose), _understood(getattr(options, "named_runs", ())):
         options.check()
         return work(command, options, command.check(options))
+
+
+@contextmanager
+def _understood(runs: Sequence[str]) -> Iterator[None]:
+    """Tell of a run what cannot be made of it, though its checksums agree.
+
+    What it holds was written by this program, or by whoever sent it.
+    """
+    try:
+        yield
+    except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError,
+            ValueError) as error:  # fmt: skip
+        if not runs or hasattr(error, "exit_code"):
+            raise
+        from ocp.errors import DamagedRun
+
+        raise DamagedRun(
+            f"{', '.join(runs)} cannot be shown: what it holds does not fit together"
+            f" ({type(error).__name__}: {error}); if this program wrote it, that is a defect of the"
+            " workbench, and --debug shows where it lies"
+        ) from error
 
 
 def work(command: Command[T], options: Options, checked: T) -> int:

@@ -39,7 +39,9 @@ class Output:
         from rich.console import Console
 
         terminal = sys.stderr.isatty()
-        return Console(stderr=True, width=None if terminal else 80, highlight=False)
+        width = None if terminal else 80
+        # What a run says of itself is text, whatever brackets there are in it.
+        return Console(stderr=True, width=width, highlight=False, markup=False)
 
     def note(self, what: Any) -> None:
         """Show progress or a table, unless quiet."""

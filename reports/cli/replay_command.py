@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import argument, option
-from reports.cli.options import RUN, Command, LawOptions, SourceOptions
+from reports.cli.declared import option
+from reports.cli.options import Command, LawOptions, RunOptions, SourceOptions
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw
@@ -18,10 +18,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayOptions(LawOptions, SourceOptions):
-    """Which run."""
+class ReplayOptions(RunOptions, LawOptions, SourceOptions):
+    """Which run, under which law."""
 
-    run: str = argument(help=RUN)
     contact: str = option("exact", "--contact", help="Contact law; ocp list shows them.")
 
 

@@ -24,6 +24,11 @@ class ReportOptions(SourceOptions):
     pdf: Path = option(MISSING, "--output", "-o", help="The PDF to write.")
     cones: bool = option(False, "--cones", help="Draw friction cones where forces act.")
 
+    @property
+    def named_runs(self) -> list[str]:
+        """Runs that are shown, as they were named."""
+        return self.runs
+
 
 def check(options: ReportOptions) -> Asked:
     """Read the runs, and the problem's file if one is named."""

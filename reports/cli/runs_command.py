@@ -44,6 +44,11 @@ class RunsOptions(StoreOptions):
     )
     last: int | None = option(None, "--last", "-n", min=1, metavar="N", help="The last N of them.")
 
+    @property
+    def named_runs(self) -> list[str]:
+        """Runs that are shown, as they were named."""
+        return [] if self.run is None else [self.run]
+
 
 def check(options: RunsOptions) -> Asked:
     """Read the run that was asked for, None for all; and since when."""

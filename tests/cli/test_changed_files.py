@@ -46,8 +46,7 @@ def weigh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 
     def write(end: int) -> None:
         Path("mine.py").write_text(MINE)
-        # Of another size each time: by that Python tells bytecode that is out of date.
-        Path("weights.py").write_text(f"END = {end}\n{end * '#'}\n")
+        Path("weights.py").write_text(f"END = {end}\n")
 
     write(1)
     return write

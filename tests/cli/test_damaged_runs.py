@@ -8,6 +8,7 @@ import shutil
 import stat
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -187,6 +188,71 @@ def test_one_bad_run_is_one_bad_line(ocp, made: dict[str, Path], tmp_path: Path,
         assert list(rows.values()) == ["damaged", "solved"]
     assert ocp("replay", "@last", "-q").code == 0, good
     assert ocp("runs", "rm", str(bad)).code == (2 if harm == "directory" else 0)
+
+
+def test_no_text_of_a_run_is_obeyed(ocp, made: dict[str, Path], tmp_path: Path) -> None:
+    """By a terminal, by rich's markup, or by the browser that shows a motion."""
+    run = shutil.copytree(made["solve"], tmp_path / "runs" / "wall-1d" / "run")
+    data = store.load(run).data
+    loud = data.assign_coords(state=["\x1b[31mq", "</script>"])
+    word = "\x1b]0;title\x07[/red]\x9b"
+    record = {**json.loads((run / "meta.json").read_bytes())["record"], "solver": word}
+    harm = having(verdict=f"{word}</script>", problem=word, record=record)
+    reseal(run, harm, solution=bytes(loud.to_netcdf(engine="netcdf4")))
+    found = store.load(run)
+    assert list(found.data["state"].values) == ["\\x1b[31mq", "</script>"]
+    assert found.record["solver"] == "\\x1b]0;title\\x07[/red]\\x9b"
+    for line in ("runs", "runs @1", "runs export @1 -o a.csv", "replay @1"):
+        done = ocp(*line.split())
+        assert done.code in (0, 2) and not {"\x1b", "\x07", "\x9b"} & set(done.out + done.err), line
+    assert "[/red]" in ocp("runs", "@1").out
+
+
+ENTRIES = {
+    "solve": ("record.params", "record.contact_settings", "stages"),
+    "continue": ("record.params", "points", "from", "record.contact"),
+    "sweep": ("study.axes", "record.params"),
+    "estimate": ("estimates.0.reference", "record.params"),
+    "train": ("evaluation.length", "evaluation", "record.algorithm_settings", "record.discount"),
+}
+
+
+def lacking_entry(way: str) -> Callable[[dict[str, Any]], None]:
+    *groups, last = [int(word) if word.isdigit() else word for word in way.split(".")]
+
+    def harm(meta: Any) -> None:
+        for key in groups:
+            meta = meta[key]
+        del meta[last]
+
+    return harm
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ENTRIES)
+def test_what_does_not_fit_together_is_no_internal_fault(
+    ocp, made: dict[str, Path], tmp_path: Path, kind: str
+) -> None:
+    """Though every checksum agrees: parts left out, and arrays of another run."""
+    another = (made["figure" if kind != "solve" else "train"] / "solution.nc").read_bytes()
+    harms = [(lacking_entry(way), {}) for way in ENTRIES[kind]]
+    for harm, parts in [*harms, (having(), {"solution": another})]:
+        run = shutil.copytree(made[kind], tmp_path / "run")
+        reseal(run, harm, **parts)
+        for line in ("runs {}", "replay {}", "runs export {} -o a.csv", "evaluate {}",
+                     "report {} -o a.pdf"):  # fmt: skip
+            done = ocp(*line.format(run).split())
+            assert done.code in (0, 2, 4) and "internal fault" not in done.err, done.err
+            assert "Traceback" not in done.err
+        shutil.rmtree(run)
+
+
+def test_what_does_not_fit_together_is_told(ocp, made: dict[str, Path], tmp_path: Path) -> None:
+    run = shutil.copytree(made["estimate"], tmp_path / "run")
+    reseal(run, lacking_entry("estimates.0.reference"))
+    done = ocp("report", str(run), "-o", "a.pdf")
+    assert done.code == 4 and "does not fit together (KeyError: 'reference')" in done.err
+    assert ocp("report", str(made["estimate"]), "-o", "a.pdf", "--quiet").code == 0
 
 
 def test_folders_that_are_none(ocp, made: dict[str, Path], tmp_path: Path, monkeypatch) -> None:

@@ -54,6 +54,15 @@ def test_nothing_stays_of_what_did_nothing(tmp_path: Path) -> None:
     assert not list(Path().glob(".unfinished-*"))
 
 
+def test_a_checkpoint_that_is_not_held_is_not_used(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="inside of 'with' only"):
+        Checkpoint(tmp_path, "toy", ASKED).save_rows(0, [])
+    with Checkpoint(tmp_path, "toy", ASKED) as held:
+        pass
+    with pytest.raises(RuntimeError, match="inside of 'with' only"):
+        held.rows(0)
+
+
 def test_two_at_once_have_places_of_their_own(tmp_path: Path) -> None:
     first, second = (Checkpoint(tmp_path, "toy", ASKED) for _ in range(2))
     with first:
@@ -114,14 +123,14 @@ def test_a_place_that_vanishes_while_it_is_entered_is_not_held(
             assert other.place != entered.place
 
 
-@pytest.mark.parametrize("changed", ["source", "program"])
+@pytest.mark.parametrize("changed", ["source", "program_digest", "identity"])
 def test_another_content_starts_anew_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: str
 ) -> None:
     with Checkpoint(tmp_path, "toy", ASKED, "a" * 64) as before:
         before.save_rows(0, [{"mean": 1.0}])
-    if changed == "program":
-        monkeypatch.setattr(module, "program_digest", lambda: "another")
+    if changed != "source":
+        monkeypatch.setattr(module, changed, lambda: "another")
     source = "b" * 64 if changed == "source" else "a" * 64
     with Checkpoint(tmp_path, "toy", ASKED, source) as after:
         assert after.rows(0) is None

@@ -132,4 +132,5 @@ def test_nobody_else_opens_a_file_to_write() -> None:
     into_memory = {"reports/style.py", "reports/papers/bare.py", "reports/site/pictures.py"}
     drafts = {"ocp/store/atomic.py", "ocp/store/runs.py", "reports/motion/movie.py",
               "reports/motion/gallery.py", "reports/pdf.py"}  # fmt: skip
-    assert found == drafts | into_memory
+    standard_output = {"reports/cli/shell/document.py"}
+    assert found == drafts | into_memory | standard_output

@@ -4,7 +4,8 @@ Objects live in the user's cache directory as `<key>-<sha256>.so`, where the key
 the compiler's version, the flags and the CPU's instruction set, and the second part is the
 checksum of the object itself. A name appears by one atomic rename, so processes may race; an
 object whose bytes do not match its name is thrown away and compiled again before anything is
-loaded.
+loaded. Whoever empties the cache meanwhile costs time and breaks nothing: what is being compiled is
+locked, and what vanishes before it is loaded is compiled again elsewhere.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dynamics.batch.engines.workshop import swept, workshop
+
 _LOG = logging.getLogger(__name__)
 CANDIDATES = ("cc", "gcc", "clang")
 # No flag here lets the compiler assume that NaN or infinity do not occur, reorder a sum, or choose
@@ -36,6 +39,7 @@ FLAGS = (
     *("-fPIC", "-shared"),
 )
 NATIVE_FLAGS = (("-march=native",), ("-mcpu=native",), ())
+_LAST = "compilation terminated"
 COMPILE_TIMEOUT_S, PROBE_TIMEOUT_S = 300, 30
 VECTOR_FUNCTIONS = (
     *("acos", "acosh", "asin", "asinh", "atan", "atanh", "cos", "cosh", "erf", "exp", "expm1"),
@@ -159,8 +163,7 @@ def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
     except (OSError, subprocess.SubprocessError) as error:
         raise CompilerError(f"{command[0]} could not run: {error}") from error
     if process.returncode != 0:
-        every = [line for line in err.splitlines() if line.strip()]
-        lines = [line for line in every if "compilation terminated" not in line] or every
+        lines = [line for line in err.splitlines() if line.strip(" .") not in ("", _LAST)]
         last = lines[-1].strip() if lines else f"exit status {process.returncode}, no message"
         raise CompilerError(f"{command[0]} failed: {last}")
     return out
@@ -183,21 +186,29 @@ def load(source: str, needs: Sequence[str] = ()) -> ctypes.CDLL:
     key = hashlib.sha256("\n".join((compiler.identity, *flags, source)).encode()).hexdigest()[:32]
     with _lock:
         if key not in _loaded:
+            made = key, source, compiler, flags
             try:
-                path = _object(key, source, compiler, flags)
+                library = _open(_object(*made), needs)
+                if library is None:
+                    library = _open(_compile(*made, _private_directory()), needs)
             except OSError as error:
                 reason = f"{error.strerror or error}: {error.filename or 'temporary files'}"
                 raise CompilerError(f"{compiler.path} made no object, {reason}") from error
-            _loaded[key] = _open(path, needs)
+            if library is None:
+                raise CompilerError("the compiled object vanished before it was loaded")
+            _loaded[key] = library
         return _loaded[key]
 
 
-def _open(path: Path, needs: Sequence[str]) -> ctypes.CDLL:
+def _open(path: Path, needs: Sequence[str]) -> ctypes.CDLL | None:
+    """Load an object with the functions that it needs, None where it is not there any more."""
     try:
         library = ctypes.CDLL(str(path))
         for name in needs:
             getattr(library, name)
     except (OSError, AttributeError) as error:
+        if not path.exists():
+            return None
         # Its name is that of whatever this compiler makes of the source: a mended one gets no turn.
         path.unlink(missing_ok=True)
         raise CompilerError(f"the compiled object does not load: {error}") from error
@@ -232,12 +243,17 @@ def _verified(directory: Path, key: str) -> Path | None:
 def _compile(
     key: str, source: str, compiler: Compiler, flags: tuple[str, ...], directory: Path
 ) -> Path:
-    with tempfile.TemporaryDirectory(prefix="build-", dir=directory) as build:
-        text, built = Path(build) / "batch.c", Path(build) / "batch.so"
+    with workshop(directory) as build:
+        text, built = build / "batch.c", build / "batch.so"
         text.write_text(source, encoding="utf-8")
         libraries = ["-lmvec", "-lm"] if compiler.vector_math else ["-lm"]
         began = time.perf_counter()
-        _run([compiler.path, *flags, "-o", str(built), str(text), *libraries])
+        try:
+            _run([compiler.path, *flags, "-o", str(built), str(text), *libraries])
+        except CompilerError as error:
+            if not text.exists():
+                raise FileNotFoundError(f"{build} was removed while it was compiled in") from error
+            raise
         _LOG.info(
             "%s compiled %d lines of C in %.2f s", compiler.path, source.count("\n"),
             time.perf_counter() - began,
@@ -281,6 +297,14 @@ def _cache_path() -> Path:
     return (Path(root) if root else Path.home() / ".cache") / "centralpath" / "objects"
 
 
+def identity() -> str:
+    """What tells this compiler and CPU from others, "" where there is none that works."""
+    try:
+        return find_compiler().identity
+    except CompilerError:
+        return ""
+
+
 def info() -> dict[str, object]:
     """What `ocp doctor` shows: the compiler, its vector library, and the cache.
 
@@ -309,15 +333,17 @@ def info() -> dict[str, object]:
 
 
 def clear() -> int:
-    """Empty the cache of compiled objects; returns how many there were."""
+    """Empty the cache of compiled objects, but for those that are being compiled.
+
+    Returns how many there were.
+    """
     directory = cache_directory()
     if directory is None:
         return 0
-    objects = _objects(directory)
-    for path in objects:
-        path.unlink(missing_ok=True)
-    for path in directory.glob("build-*"):
-        shutil.rmtree(path, ignore_errors=True)
+    with swept(directory):
+        objects = _objects(directory)
+        for path in objects:
+            path.unlink(missing_ok=True)
     return len(objects)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import argument, option
-from reports.cli.options import RUN, Command, LawOptions
+from reports.cli.declared import option
+from reports.cli.options import Command, LawOptions, RunOptions
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw
@@ -18,10 +18,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(LawOptions):
+class EvaluateOptions(RunOptions, LawOptions):
     """Which policy, under which law, over how many episodes."""
 
-    run: str = argument(help=RUN)
     contact: str = option("exact", "--contact", help="Contact law; ocp list shows them.")
     episodes: int = option(100, "--episodes", "-n", min=1, max=1_000_000, help="How many.")
     seed: int = option(0, "--seed", min=0, help="Seed of the first states.")

@@ -6,8 +6,8 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from reports.cli.declared import argument, option
-from reports.cli.options import RUN, Command, StoreOptions
+from reports.cli.declared import option
+from reports.cli.options import Command, RunOptions
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
@@ -16,10 +16,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SaveAsOptions(StoreOptions):
+class SaveAsOptions(RunOptions):
     """Which run, the file, and its format."""
 
-    run: str = argument(help=RUN)
     file: Path = option(MISSING, "--output", "-o", help="The file to write.")
     form: str | None = option(
         None, "--format", metavar="csv|npz", help="csv or npz; if not said, by the file's name."

@@ -68,8 +68,8 @@ def agrees(problem: str, units: Units, soft: bool, method: str = "direct") -> No
     assert found.status is known.status is Status.SOLVED
     assert found.cost / size == pytest.approx(known.cost, rel=1e-6)
     assert found.referee.survives == known.referee.survives
-    # The path solver of a rollout stops at a tolerance of its own.
-    assert found.referee.cost / size == pytest.approx(known.referee.cost, rel=1e-3)
+    if known.referee.survives:
+        assert found.referee.cost / size == pytest.approx(known.referee.cost, rel=1e-3)
 
 
 @settings(max_examples=5)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import casadi as ca
@@ -198,6 +200,87 @@ def test_info_and_clear(own_cache):
     assert told["width"] in (2, 4, 8)
     assert compiler.clear() == 1
     assert compiler.info()["objects"] == 0
+
+
+def slow_compiler(folder: Path, monkeypatch) -> tuple[Path, Path]:
+    """The compiler, which says that it has begun and waits to be told to go on."""
+    begun, go = folder / "begun", folder / "go"
+    real = compiler.find_compiler().path
+    script = f"""case "$*" in
+      *--version*|*-dM*) exec {real} "$@" ;;
+    esac
+    /usr/bin/touch {begun}
+    while [ ! -e {go} ]; do /bin/sleep 0.02; done
+    exec {real} "$@\""""
+    fake_compiler(folder / "bin", script, monkeypatch)
+    monkeypatch.setenv("PATH", f"{folder / 'bin'}:/usr/bin:/bin")
+    return begun, go
+
+
+def waited_for(place: Path) -> None:
+    end = time.monotonic() + 60
+    while not place.exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("how", ["clear", "rm"])
+def test_what_is_being_compiled_survives_an_emptied_cache(own_cache, tmp_path, monkeypatch, how):
+    """`clear` leaves it alone; where its folder is removed all the same, it is compiled again."""
+    begun, go = slow_compiler(tmp_path, monkeypatch)
+    with ThreadPoolExecutor(1) as pool:
+        loaded = pool.submit(compiler.load, SOURCE % 49)
+        waited_for(begun)
+        if how == "clear":
+            assert compiler.clear() == 0
+        else:
+            shutil.rmtree(own_cache)
+        go.touch()
+        assert loaded.result(60).answer() == 49
+    if how == "clear":
+        assert [path.suffix for path in own_cache.iterdir()] == [".so"]
+        assert compiler.clear() == 1
+
+
+def test_what_is_cleared_before_it_is_loaded_is_compiled_again(own_cache, monkeypatch):
+    compile_ = compiler._compile
+
+    def cleared(*arguments):
+        path = compile_(*arguments)
+        compiler.clear()
+        return path
+
+    monkeypatch.setattr(compiler, "_compile", cleared)
+    assert compiler.load(SOURCE % 50).answer() == 50
+
+
+def test_clear_removes_what_a_killed_process_left(own_cache):
+    left = own_cache / "build-left"
+    left.mkdir(parents=True, mode=0o700)
+    own_cache.chmod(0o700)
+    (left / "batch.c").write_text("")
+    assert compiler.clear() == 0
+    assert list(own_cache.iterdir()) == []
+
+
+def test_a_cleared_object_stays_loaded_for_a_solver(own_cache):
+    """CasADi asks the loader for it by name, after another process may have cleared the cache."""
+    from ocp.transcription.compiled import StageCompiler
+
+    x = ca.SX.sym("x")
+    function = ca.Function("squared", [x], [x**2])
+    load = compiler.load
+
+    def cleared(source):
+        library = load(source)
+        assert compiler.clear() == 1
+        return library
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(compiler, "load", cleared)
+        stages = StageCompiler()
+        assert float(stages(function)(3.0)) == 9.0
+    assert stages.outcome == "compiled"
 
 
 @pytest.mark.parametrize("native", [("-march=x86-64",), ("-march=haswell",)])

@@ -81,11 +81,9 @@ def test_a_killed_training_goes_on_to_the_same_end(name, tmp_path):
     process.join()
     assert process.exitcode == -signal.SIGKILL
     done = []
-    resumed = train(
-        experiment(SMALL[name], **given_to(name), task=scalar(**TASK)),
-        Always(tmp_path, "scalar", {"name": name}),
-        lambda k, _: done.append(k),
-    )
+    asked = experiment(SMALL[name], **given_to(name), task=scalar(**TASK))
+    with Always(tmp_path, "scalar", {"name": name}) as checkpoint:
+        resumed = train(asked, checkpoint, lambda k, _: done.append(k))
     assert done == [3, 4, 5, 6], "what was saved is not done again"
     assert_same(resumed, run(name))
 

@@ -1,0 +1,55 @@
+"""A problem of millimetres is judged by millimetres, whatever sizes it has not stated."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.contact import Barrier
+from dynamics.systems import ParameterTable, quasi_dynamic, signals, time_stepping
+from ocp import Constraint, Problem, solve
+from ocp.judges.referee import Referee, survival
+from ocp.physics.measures import measure
+from ocp.rollout import Rollout
+
+SCALES = [1.0, 1e-3]
+
+
+@pytest.mark.parametrize("length", SCALES)
+def test_a_flight_through_a_body_does_not_survive_however_small_the_body(length: float) -> None:
+    """One step leads from -0.5 to 0.5 across a disc of radius 0.2, clear of it at both nodes."""
+    p = ParameterTable([])
+    system = time_stepping(
+        "flight", states=signals("x [m]; y [m]; vx [m/s]; vy [m/s]"),
+        inputs=signals("fx [N]; fy [N]"), contacts=signals("post [N s]"), mass=ca.SX.eye(2),
+        impulse=lambda q, v, u: 0.1 * u, distance=lambda q: ca.norm_2(q) - 0.2 * length,
+        h=0.1, parameters=p,
+    )  # fmt: skip
+    problem = Problem("flight", system, 2, ca.SX(0), ca.SX(0), ca.SX.zeros(4), p)
+    x = length * np.array([[[-0.5, 0, 10, 0], [0.5, 0, 10, 0], [1.5, 0, 10, 0]]])
+    u, one = np.zeros((1, 2, 2)), np.zeros((1, 2, 1))
+    plan = Rollout(x, u, one, one, np.zeros(1))
+    replay = Referee(plan, 0.0, None, "the model itself", np.nan, "")
+    found = measure(problem, problem.exact_step, x, u, one, np.zeros(0))
+    (reason,) = survival(problem, plan, replay, found, [])
+    assert reason == f"post is penetrated by {0.2 * length:.2g} at step 0"
+
+
+@pytest.mark.parametrize("length", SCALES)
+def test_a_hard_end_that_only_smoothing_meets_is_named_at_any_size(length: float) -> None:
+    """At mu = 0.1 a force from afar brings the body to 0.3; replayed, it is elsewhere."""
+    system = quasi_dynamic(
+        "line", states=signals("x [m]; a [m]"), inputs=signals("u [m]"),
+        contacts=signals("push [N s]"), h=0.1, mass=ca.SX.eye(1), stiffness=50.0 * ca.SX.eye(1),
+        distance=lambda q: q[0] - q[1] - 0.1 * length, parameters=ParameterTable([]),
+    )  # fmt: skip
+    du = ca.SX.sym("du")
+    problem = Problem(
+        "line", system, 10, 0.1 * (du / length) ** 2, ca.SX(0), ca.SX([0, -0.5 * length]),
+        ParameterTable([]), du=du, u_before=ca.SX([-0.5 * length]),
+        terminal=[Constraint("at", system.x[0], 0.3 * length, 0.3 * length)],
+    )  # fmt: skip
+    found = solve(problem, Barrier(mu=0.1 * length**2))
+    assert found.success and found.referee.survives is False
+    assert "its terminal constraint at is broken by" in found.verdict
