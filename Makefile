@@ -35,6 +35,7 @@ test-slow: setup
 # Kills, full disks, flipped bits, crowds, broken files, and nonsense against the whole program, in
 # some twelve minutes; ATTACK_SEED=7 draws others. `make promises` writes the site's table of it.
 test-attack: setup
+	rm -rf build/attack
 	$(BIN)/pytest -m attack -s tests/attack
 
 promises: setup

@@ -28,6 +28,10 @@ class Source(Protocol):
         """Its parameters, a pydantic model."""
         ...
 
+    def params(self, values: Mapping[str, Any]) -> Any:
+        """Check parameters; raises :class:`~ocp.errors.InputError` for a bad one."""
+        ...
+
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
         """Build the problem; raises :class:`~ocp.errors.InputError` for a bad parameter."""
         ...

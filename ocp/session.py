@@ -13,6 +13,7 @@ import numpy as np
 
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.law import Schedule
+from ocp.effort import solve_memory, solve_seconds
 from ocp.errors import NotConverged, choose
 from ocp.guesses import Guessed, guesses, rolled_guesses
 from ocp.policy import Feedback, Policy
@@ -131,11 +132,8 @@ class Session:
         nlp = self.nlp_of("product")
         if self.step.exact and self.homotopy is not False:
             return self._rolled(follower, guess, nlp)
-        schedule = None if self.step.exact or self.homotopy is False else self.schedule()
+        schedule, path = self.path()
         value = self.values[schedule.knob] if schedule else 0.0
-        path = Path([0.0], lambda _: Leg(self.step.law.name, 0.0))
-        if schedule is not None:
-            path = own_path(schedule, value, self.start_value, self.factor)
         result, nlp, finished = follower.follow(path, self.first_point(nlp, guess))
         if len(path.values) > 1 and self.step.branches == 1:
             exact = self._absorbed(self.helper(Exact(), Direct()), follower, guess)
@@ -145,6 +143,28 @@ class Session:
                 if below is not None and (not finished or lower(below, result)):
                     result, finished = below, True
         return Outcome(result, nlp, finished, follower.trace)
+
+    def path(self) -> tuple[Schedule | None, Path]:
+        """The law's own path and how it falls; one stage, and None, where none is followed.
+
+        Raises :class:`~ocp.errors.InputError` for one of too many stages.
+        """
+        schedule = None if self.step.exact or self.homotopy is False else self.schedule()
+        if schedule is None:
+            return None, Path([0.0], lambda _: Leg(self.step.law.name, 0.0))
+        value = self.values[schedule.knob]
+        return schedule, own_path(schedule, value, self.start_value, self.factor)
+
+    @property
+    def seconds(self) -> float:
+        """What a solve takes, about (:mod:`ocp.effort`)."""
+        path = 1 if self.complementary else len(self.path()[1].values)
+        return solve_seconds(self.problem, self.policy, self.law, path)
+
+    @property
+    def memory(self) -> float:
+        """Bytes that a solve takes, about (:mod:`ocp.effort`)."""
+        return solve_memory(self.problem, self.policy, self.law)
 
     def schedule(self) -> Schedule | None:
         """How the law's knob is followed down, if it has one."""

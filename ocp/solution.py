@@ -15,6 +15,7 @@ from ocp.errors import InputError
 from ocp.floors import lent
 from ocp.judges.findings import Audit, Refereed
 from ocp.judges.verdict import Grade, grade, headline, verdict
+from ocp.paths import expanded
 from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.replay import Replay, replayed
@@ -143,11 +144,11 @@ class Solution:
 
         Raises :class:`~ocp.errors.InputError` for another ending, and for a problem not drawn.
         """
-        return lent("reports").animate(self, Path(path), fps, speed)
+        return lent("reports").animate(self, expanded(path), fps, speed)
 
     def report(self, path: Path | str) -> Path:
         """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
-        return lent("reports").report(self, Path(path))
+        return lent("reports").report(self, expanded(path))
 
     def save(self, root: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
         """Store it as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.

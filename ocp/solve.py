@@ -157,7 +157,11 @@ def new_session(
     made_policy = policy_of(policy, for_policy)
     law = closing_law(contact, for_law, made.system)
     chosen = Settings.read(own)
-    check_memory(f"{made.name} with N = {made.N}{_several(made)}", solve_memory(made))
+    try:
+        needed = solve_memory(made, made_policy, law)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    check_memory(f"{made.name} with N = {made.N}{_several(made)}", needed)
     session = Session(
         made,
         law,
@@ -193,6 +197,8 @@ def _check_use(session: Session, given: set[str]) -> None:
             f"{' and '.join(unused)} would change nothing for the {session.law.name} law by"
             f" {session.method.name}{instead}; drop {'it' if len(unused) == 1 else 'them'}"
         )
+    # Now, so that a path of too many stages is refused before any work.
+    _ = session.seconds
 
 
 def solve_session(

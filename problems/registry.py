@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any
 
 from ocp.errors import InputError, did_you_mean
+from ocp.paths import expanded
 from ocp.problem import Problem
 from problems.declared import read
 from problems.loading import check, check_file, import_file
@@ -78,7 +79,7 @@ def load(path: str | Path) -> ProblemSpec:
     Raises :class:`~ocp.errors.InputError` where there is no such file, it raises (with the line),
     a name is missing or of the wrong kind, or the problem's dimensions do not fit.
     """
-    file = Path(path).expanduser().resolve()
+    file = expanded(path).resolve()
     check_file(file)
     module, digest = _imported(file)
     found = read(module, file, digest)

@@ -34,6 +34,12 @@ class CurvePoint:
     value: float
     solution: Solution
 
+    @property
+    def endless(self) -> list[str]:
+        """Costs that are not finite: planned, or replayed under the exact law."""
+        costs = {"planned": self.solution.cost, "replayed": self.solution.audit.exact_cost}
+        return [name for name, cost in costs.items() if not math.isfinite(cost)]
+
     def row(self) -> dict[str, Any]:
         """The point as JSON tells it."""
         found = self.solution
@@ -136,7 +142,7 @@ class _Walk:
             self.tracker.begin(first)
             self._walk(1.0 / steps)
         else:
-            verdict = followed.points[-1].solution.verdict
+            verdict = _why(followed.points[-1])
             followed.broke = f"at the first point, {followed.parameter} = {start:g}: {verdict}"
         followed.nlp_builds = session.nlp_builds
         followed.iterations += self.tracker.wasted
@@ -180,8 +186,9 @@ class _Walk:
         solution = judged(self.session, outcome, self.seed)
         point = CurvePoint(value, solution)
         good = outcome.finished and solution.status in (Status.SOLVED, Status.NO_PROGRESS)
+        good = good and not point.endless
         if not good and self.followed.points:
-            self.failed = solution
+            self.failed = point
             return False
         self.followed.iterations += solution.iterations
         self.followed.points.append(point)
@@ -259,7 +266,7 @@ class _Walk:
             return self._solved(self._beyond(folds[0].value), ended=True)
         for stop in way:
             if not self._add(stop.outcome, stop.value):
-                followed.broke = f"on the way round a fold: {self.failed.verdict}"
+                followed.broke = f"on the way round a fold: {_why(self.failed)}"
                 break
         return True
 
@@ -273,10 +280,16 @@ class _Walk:
     def _break(self, value: float) -> None:
         last, failed = self.followed.points[-1].value, self.failed
         broke = f"after {self.followed.parameter} = {last:g}, on the way to {value:g}:"
-        self.followed.broke = f"{broke} {failed.verdict}"
-        for worst in failed.audit.worst[:1]:
+        self.followed.broke = f"{broke} {_why(failed)}"
+        for worst in failed.solution.audit.worst[:1]:
             where = f"{worst.name} of {worst.component} at step {worst.step}"
             self.followed.broke += f" Worst: {where}, {worst.amount:.1e}."
+
+
+def _why(failed: CurvePoint) -> str:
+    """What is wrong with a point."""
+    lost = " and ".join(failed.endless)
+    return f"its cost, {lost}, is not finite. " * bool(lost) + failed.solution.verdict
 
 
 def check_value(session: Session, name: str, value: float) -> None:

@@ -302,3 +302,8 @@ def _check_finite(objective: SampledObjective, name: str, found: Sampled) -> Non
             f" {bad[0]}) and {found.moments.n} are left; a smaller sigma or a shorter horizon may"
             " keep them finite"
         )
+    if not np.isfinite([found.moments.mean, found.moments.variance]).all():
+        raise InputError(
+            f"{objective.name}: mean or variance of {name} is beyond what a double holds; take"
+            " another sigma"
+        )

@@ -177,7 +177,13 @@ class StaticObjective(SampledObjective):
         if self._closed_form is None:
             return None
         theta = {s.name: float(v) for s, v in zip(self.decision, self.theta, strict=True)}
-        return self._closed_form({**theta, **self.parameters}, sigma)
+        try:
+            return self._closed_form({**theta, **self.parameters}, sigma)
+        except ArithmeticError as error:
+            raise InputError(
+                f"{self.name}: at sigma = {sigma:g} its closed form is beyond what a double holds;"
+                " take another sigma, or other parameters"
+            ) from error
 
 
 def quietly(function: Callable[..., Any], *args: Any, **named: Any) -> Any:

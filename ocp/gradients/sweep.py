@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 Build = Callable[[dict[str, float]], SampledObjective]
 """Makes the objective at changed values of what shapes it, such as its horizon."""
-_MANY, _PROBE = 1e11, 1 << 11
+_MANY, _PROBE = 3e9, 1 << 11
 """Noise numbers from which on a study is timed beforehand, and the samples that this takes."""
 _MOST_VALUES = 100_000
 OF_THE_PLAN = ("sigma", "samples")
@@ -114,18 +115,23 @@ class SweepRun:
     @property
     def samples(self) -> int:
         """Samples at all points, those of references too."""
-        return sum(_size(*task) for task in self._tasks)
+        return sum(self._sizes)
+
+    @cached_property
+    def _sizes(self) -> list[int]:
+        """Samples at each point."""
+        return [_size(*task) for task in self._tasks]
 
     def seconds(self) -> float:
         """Time that all samples take, from a probe where they are many; 0 where they are few."""
-        most = max(self._tasks, key=lambda task: _size(*task))
+        most = self._tasks[int(np.argmax(self._sizes))]
         if self.samples * max(1, most[0].n_noise) < _MANY:
             return 0.0
         return self.samples * _probed(*most)
 
     def run(self, progress: Callable[[Progress], None] | None = None) -> None:
         """Estimate at all points that are not finished, in their order."""
-        sizes = [_size(*task) for task in self._tasks]
+        sizes = self._sizes
         saved = self._checkpoint
         for i, (objective, sampling) in enumerate(self._tasks):
             before = [sum(sizes[:i])]

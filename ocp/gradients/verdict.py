@@ -73,7 +73,8 @@ def judge(
         return Verdict("no reference", "There is no gradient to hold it against.", np.nan, np.nan)
     off = moments.mean - known.gradient
     width = np.hypot(moments.standard_error, known.standard_error)
-    slack = NEGLIGIBLE * np.abs(known.gradient).max(initial=0) + 1e-15
+    # Rounding is told by size where there is one: a gradient of 1e-80 is not nothing.
+    slack = NEGLIGIBLE * np.abs(known.gradient).max(initial=0) or 1e-15
     z = np.where(np.abs(off) <= slack, 0.0, np.abs(off) / np.maximum(width, 1e-300))
     error, worst, limit = float(np.linalg.norm(off)), float(z.max()), quantile(len(off))
     size = float(np.linalg.norm(known.gradient))

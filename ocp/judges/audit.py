@@ -135,6 +135,7 @@ def _moved_by_contact_alone(problem: Problem) -> np.ndarray:
     return np.where(reached, 0.0, 1.0)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _slopes(
     problem: Problem, replay: Rollout, values: dict[str, float], mask: np.ndarray
 ) -> tuple[float, float]:

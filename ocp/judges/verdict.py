@@ -129,7 +129,8 @@ def _replay(found: Solution) -> str:
         return f"not replayed under the exact law: {audit.replay_failed}"
     if not math.isfinite(audit.exact_cost):
         return "replayed under the exact law, the cost is no number"
-    if found.referee.parting or abs(off) <= max(_NOTABLE * abs(found.cost), _SAME):
+    infeasible = found.certificate.reason == UNJUDGED
+    if infeasible or found.referee.parting or abs(off) <= max(_NOTABLE * abs(found.cost), _SAME):
         return ""
     if found.record.get("contact") == "exact":
         remedy = "" if found.record.get("policy") == "feedback" else (

@@ -6,6 +6,7 @@ answer is feasible for the exact problem.
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -20,6 +21,10 @@ from ocp.stationarity.lpec import LinearModel
 
 NEIGHBOUR = "neighbour"
 """What a stage is called that tries a neighbouring contact schedule."""
+LONGEST = 300
+"""Iterations after which a branch is given up."""
+_PATIENCE, _LEAST = 2, 64
+"""Times what a first guess of the active set took, and iterations at least, for a second one."""
 _ROUNDS = 8
 _EXCHANGES = 12
 _NEAR = 1e-6
@@ -44,11 +49,12 @@ class Branches:
         self.limits = self.program.bounds(follower.values)
 
     def solve(
-        self, start: Point, active: np.ndarray, most: int | None = None, mu_init: float = 1e-6
-    ) -> Result:
+        self, start: Point, active: np.ndarray, most: int = LONGEST, mu_init: float = 1e-6,
+        knob: str = "active set",
+    ) -> Result:  # fmt: skip
         """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains.
 
-        A neighbouring schedule is given up after ``most`` iterations.
+        It is given up after ``most`` iterations; ``knob`` is what the stage is called.
         """
         first, second = self.program.pairs
         bounds = {key: value.copy() for key, value in self.limits.items()}
@@ -57,10 +63,9 @@ class Branches:
         options: dict[str, Any] = {}
         if self.follower.solver.name == "ipopt":
             warm = WARM if start.lam_g is not None else {}
-            options = {**warm, "mu_init": mu_init} | ({"max_iter": most} if most else {})
+            options = {**warm, "mu_init": mu_init, "max_iter": most}
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
         found = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
-        knob = NEIGHBOUR if most else "active set"
         self.follower.record(knob, float(active.sum()), self.program, found, self.p, bounds)
         return found
 
@@ -70,14 +75,24 @@ class Branches:
         A pair near (0, 0) is put where it is larger in characteristic sizes; if its multiplier then
         asks for the other side, it is moved there and the program solved again. Of several guesses
         of the active set the cheapest answer counts; None where no branch was solved.
-        """
-        found = [self._settled(start, active) for active in self.program.active_sets(start.x)]
-        return min((one for one in found if one is not None), key=lambda one: one.f, default=None)
 
-    def _settled(self, start: Point, active: np.ndarray) -> Result | None:
+        The last guess is tried first. Once one has an answer the others are given up after twice
+        the iterations of its longest branch: one without a feasible point near never ends.
+        """
+        found, most = [], LONGEST
+        for active in reversed(self.program.active_sets(start.x)):
+            before = len(self.follower.trace.records)
+            one = self._settled(start, active, most)
+            if one is not None:
+                found.insert(0, one)
+                took = max(r.iterations for r in self.follower.trace.records[before:])
+                most = min(most, patient(took))
+        return min(found, key=lambda one: one.f, default=None)
+
+    def _settled(self, start: Point, active: np.ndarray, most: int) -> Result | None:
         best, point = None, start
         for _ in range(_ROUNDS):
-            found = self.solve(point, active)
+            found = self.solve(point, active, most)
             if not found.ok or (best is not None and found.f > best.f - 1e-9 * (1 + abs(best.f))):
                 break
             best, point = found, found.point
@@ -191,6 +206,11 @@ class Branches:
         x = found.point.x / self.program.natural.x
         both = np.all(x[self.program.pairs] < _NEAR, axis=0)
         return both & (self.wishes(found, active) > WISH)
+
+
+def patient(took: int) -> int:
+    """Iterations left to a second way; powers of two, since every limit is a solver of its own."""
+    return max(_LEAST, 2 ** math.ceil(math.log2(_PATIENCE * max(took, 1))))
 
 
 def land(

@@ -75,6 +75,8 @@ def improved(branches: Branches, settled: Result) -> Result:
 
 def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
     """Follow one strategy and land on a branch, which is not improved."""
+    if isinstance(strategy, CentralPath):
+        strategy = strategy.over(follower.nlp_of("none").chains.shape[-1])
     paths = strategy.paths(route.reference)
     source = follower.nlp_of(paths[0].form)
     result, source = along(follower, paths, route.start(source), source)

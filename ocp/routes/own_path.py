@@ -10,12 +10,15 @@ from dynamics.contact.law import Schedule
 from dynamics.systems import KNOB
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.legs import Homotopy, Leg, Path, geometric
+from ocp.routes.legs import PRIMAL, Homotopy, Leg, Path, geometric
 
 STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""
 MU_LAST = 1e-9
 """Where the barrier law is left for the exact one."""
+_PUSH = dict.fromkeys(("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-6)
+_NEAR = {**PRIMAL, **_PUSH}
+"""IPOPT options for a start without multipliers that is nearly the answer."""
 
 
 def own_path(
@@ -45,7 +48,9 @@ def from_exact(
 
     The path from a wide law may end in a worse minimum, one with another contact schedule, and then
     the exact optimum is the better neighbour. Pairs are lifted onto the path of the law's mu. None
-    where the solver does not converge, from a high or from a low barrier parameter of its own.
+    where the solver does not converge, from a high or from a low barrier parameter of its own. It
+    is to stay near: the usual push off the bounds, a hundredth of a unit, would lift every small
+    impulse of every step above the path, and a long horizon with them.
     """
     x = x.copy()
     if program.pairs.size:
@@ -54,7 +59,7 @@ def from_exact(
         acts = lam > gap
         x[program.pairs] = np.where(acts, lam, mu / gap), np.where(acts, mu / lam, gap)
     for mu_init in (1e-3, 1e-6):
-        leg = Leg("from exact", value, options={"mu_init": mu_init})
+        leg = Leg("from exact", value, options={**_NEAR, "mu_init": mu_init})
         found = follower.stage(leg, program, Point(x), False)
         if found.ok:
             return found

@@ -8,7 +8,7 @@ smoothing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,6 +23,11 @@ T_SHARP = 1e-8
 _SHORT = 300
 """Iterations after which a stage is rather retried at a larger t."""
 _LOOSE = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _SHORT}
+_SIXTY = 60
+"""Steps up to which a horizon is short; no named problem has more by default."""
+_FLAT = {"acceptable_tol": 1.0, "acceptable_constr_viol_tol": 1e-4,
+         "acceptable_obj_change_tol": 1e-5, "acceptable_iter": 10}  # fmt: skip
+"""IPOPT options by which a stage ends in a flat valley, nearly feasible."""
 T_LOOSE = 1e-4
 """Fraction of impulse times distance at which the active set shows, and polishing can begin."""
 
@@ -55,11 +60,22 @@ class CentralPath:
     makes the end exact. Where it cannot, :meth:`further` follows the path on. The first stage may
     lie ``below`` the path (``lam gap <= t``): from a cold start that halves its iterations on
     systems with many contacts.
+
+    Below the path IPOPT's barrier pulls at every product of every step, while a cost is mostly of
+    the end or a mean: beyond sixty ``steps`` the barrier that is held falls as their inverse, or it
+    outweighs the cost, and the stage wanders along a valley without end. Where a cost does not
+    settle all of a long plan such a valley is flat, and ten iterations that gain no more than 1e-5
+    end a stage, which only prepares the next.
     """
 
     factor: float = 0.03
     wide: float = 1.0
     below: bool = True
+    steps: int = 0
+
+    def over(self, steps: int) -> CentralPath:
+        """The same for a horizon of so many steps; none where there is no time."""
+        return replace(self, steps=steps)
 
     def paths(self, reference: Reference) -> list[Path]:
         """One path from ``wide`` times impulse times distance to a ten-thousandth of these."""
@@ -73,8 +89,11 @@ class CentralPath:
         return [Path(values, lambda t: self._leg(t, False))]
 
     def _leg(self, t: float, first: bool) -> Leg:
-        lower = -np.inf if first and self.below else t
-        return Leg("t", t, contact=(lower, t), options={**_inexact(t), "max_iter": _SHORT})
+        options = {**_inexact(t), "max_iter": _SHORT, **(_FLAT if self.steps > _SIXTY else {})}
+        if not (first and self.below):
+            return Leg("t", t, contact=(t, t), options=options)
+        options["mu_target"] *= _SIXTY / max(self.steps, _SIXTY)
+        return Leg("t", t, contact=(-np.inf, t), options=options)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocp.programs.solver import Result
-from ocp.routes.branches import WISH, Branches
+from ocp.routes.branches import NEIGHBOUR, WISH, Branches
 from ocp.routes.outcome import lower
 
 _ITERATIONS = 40
@@ -52,7 +52,7 @@ def rescheduled(branches: Branches, best: Result) -> Result:
             if trace.iterations > until:
                 return best
             tried.add(changed.tobytes())
-            found = branches.solve(best.point, changed, _ITERATIONS)
+            found = branches.solve(best.point, changed, _ITERATIONS, knob=NEIGHBOUR)
             if found.ok and lower(found, best):
                 best, active, last = found, changed, move
                 break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from bisect import insort
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -24,8 +25,9 @@ _FLAT = 1e-4
 _NOISE = 1e-9
 WITHIN = 1e-2
 """How far, in characteristic sizes, a direction of descent is followed to tell what it gains."""
-SECONDS = 5.0
-"""What the programs of one certificate may take in all."""
+SECONDS, _BUSY = 5.0, 3.0
+"""Processor time that the programs of one certificate may take in all, so that a busy machine says
+what an idle one does; and times what is left of it, the wall time that ends a single program."""
 
 
 _WORDS = {
@@ -130,7 +132,9 @@ def certify(
     objective and constraints are linearised, and directions ``|d_i| <= rho`` (in characteristic
     sizes) are searched for one that lowers the cost:
 
-    1. by weak duality from ``multipliers`` of the rows, where a solver left some: no program;
+    1. by weak duality from ``multipliers`` of the rows, where a solver left some, and from those
+       that fit best, which are without the trace that an interior point's barrier leaves at every
+       bound of a long horizon: no program;
     2. by a linear program in which both members of pairs near zero may grow: no descent there is
        strong stationarity, which implies B-stationarity;
     3. by the linear program with complementarity constraints (LPEC), one binary a near pair.
@@ -150,7 +154,7 @@ def certify(
         return Certificate("undecided", reason="a function or derivative is no number there")
     slope = float(np.abs(model.cost).sum())
     tolerance = tolerance_of(model, f)
-    verdict, strong, descent = _search(model, multipliers, tolerance, began + seconds)
+    verdict, strong, descent = _search(model, multipliers, tolerance, seconds)
     fitted = multipliers if multipliers is not None else fit_multipliers(model)
     hessian, gain = nlp.bend(x, p, fitted, model.sizes), 0.0
     if verdict == "not":
@@ -192,28 +196,36 @@ def tolerance_of(model: LinearModel, f: float) -> float:
 
 
 def _search(
-    model: LinearModel, multipliers: np.ndarray | None, tolerance: float, deadline: float
+    model: LinearModel, multipliers: np.ndarray | None, tolerance: float, seconds: float
 ) -> tuple[Stationarity, bool, Descent]:
     """Look for descent in shrinking regions; ``B`` as soon as there is none in one of them.
 
     The flag tells strong stationarity: not even both members of near pairs may grow.
     """
-    found = Descent(0.0)
-    if multipliers is not None and model.dual_bound(multipliers, RADII[0]) <= tolerance:
-        return "B", True, found
+    found, until = Descent(0.0), time.thread_time() + seconds
+    for y in _candidates(model, multipliers):
+        if model.dual_bound(y, RADII[0]) <= tolerance:
+            return "B", True, found
     for radius in RADII:
         for branching in (False, True):
             if branching and not model.near(radius).any():
                 break
-            left = deadline - time.perf_counter()
+            left = until - time.thread_time()
             if left <= 0:
                 return "undecided", False, Descent(np.nan, trouble="the time limit was reached")
-            found = model.descend(radius, branching, left, tolerance)
+            found = model.descend(radius, branching, _BUSY * left, tolerance)
             if found.decrease <= tolerance:
                 return "B", not branching, found
     if np.isnan(found.decrease):
         return "undecided", False, Descent(np.nan, trouble=f"HiGHS says {found.trouble!r}")
     return "not", False, found
+
+
+def _candidates(model: LinearModel, multipliers: np.ndarray | None) -> Iterator[np.ndarray]:
+    """Multipliers that may prove a point: a solver's, then those that fit best beside them."""
+    if multipliers is not None:
+        yield multipliers
+        yield fit_multipliers(model)
 
 
 def fit_multipliers(model: LinearModel) -> np.ndarray:

@@ -121,6 +121,19 @@ def drafts(directory: Path) -> Iterator[Path]:
         _close(lock)
 
 
+def discard(directory: Path) -> None:
+    """Remove a directory whole: it is hidden first, so that a kill leaves no half of it in sight.
+
+    What a killed process leaves is a draft like others, which the next writer here removes.
+    """
+    hidden = directory.with_name(f"{_PREFIX}{directory.name}")
+    directory.rename(hidden)
+    flush(directory.parent)
+    # Another may be removing it already, as a draft that nobody holds.
+    with suppress(FileNotFoundError):
+        shutil.rmtree(hidden)
+
+
 def flush(path: Path) -> None:
     """Bring a file, or the names in a directory, to the disk."""
     handle = os.open(path, os.O_RDONLY)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from ocp.errors import InputError, did_you_mean
+from ocp.paths import expanded
+from ocp.store.atomic import discard
 from ocp.store.parts import DATA_FILE, META_FILE, MOST
 from ocp.store.runs import RunEntry, list_runs
 
@@ -19,7 +20,7 @@ VARIABLE = "OCP_RUNS"
 
 def default_root() -> Path:
     """The store where none is said: ``$OCP_RUNS``, else ``runs`` in the working directory."""
-    return Path(os.environ.get(VARIABLE) or "runs")
+    return expanded(os.environ.get(VARIABLE) or "runs")
 
 
 def find(text: str, root: Path | str | None = None) -> Path:
@@ -31,9 +32,9 @@ def find(text: str, root: Path | str | None = None) -> Path:
 
     Raises :class:`~ocp.errors.InputError` for none and for several that differ.
     """
-    store = default_root() if root is None else Path(root)
-    if not text.startswith("@") and Path(text).exists():
-        return Path(text)
+    store = default_root() if root is None else expanded(root)
+    if not text.startswith("@") and expanded(text).exists():
+        return expanded(text)
     runs = list_runs(store)
     if re.fullmatch(r"@(last|[1-9]\d{0,8})", text):
         return _back(text, runs, store)
@@ -90,6 +91,6 @@ def remove(paths: Iterable[Path]) -> None:
     for path in runs:
         check_removable(path)
     for path in runs:
-        shutil.rmtree(path)
+        discard(path)
         with suppress(OSError):
             path.parent.rmdir()

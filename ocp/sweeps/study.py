@@ -89,13 +89,8 @@ class Study:
         passed: set[tuple[str, float]] = set()
         for place in self.places:
             try:
-                source.Params(**self.case.at(place).params)
+                source.params(self.case.at(place).params)
                 passed |= set(place.items())
-                continue
-            except ValueError:
-                pass
-            try:
-                source.problem(self.case.at(place).params)
             except InputError as error:
                 refused |= {item: error for item in place.items() if item not in refused}
         for item, error in refused.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import replace
@@ -11,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
 from ocp.asking import Named, told_apart
-from ocp.effort import check_memory, solve_memory
+from ocp.effort import check_memory, points_memory
 from ocp.errors import InputError, interruptible
+from ocp.paths import expanded
 from ocp.problem import Problem
 from ocp.scheduling import Failure, carried_out
 from ocp.session import Session
@@ -81,7 +83,8 @@ def sweep(
     study = asked(case, axes(over), starts, seed, rank_by)
     session = study.checked()
     check_side_by_side(session, jobs)
-    root = None if store is None else Path(store)
+    check_points(study, session)
+    root = None if store is None else expanded(store)
     with study.checkpoint(root, session.problem.name) as checkpoint:
         found = kept_points(study, checkpoint)
         points = followed(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
@@ -99,7 +102,7 @@ def _name(problem: Named) -> str:
     if not isinstance(problem, str | PathLike):
         return str(getattr(problem, "path", None) or problem.name)
     named = fspath(problem)
-    return str(Path(named).expanduser().resolve()) if named.endswith(".py") else named
+    return str(expanded(named).resolve()) if named.endswith(".py") else named
 
 
 def asked(
@@ -124,7 +127,18 @@ def asked(
 
 def check_side_by_side(session: Session, jobs: int) -> None:
     """Raise :class:`~ocp.errors.InputError` where so many solves at once need too much memory."""
-    check_memory(f"{jobs} solves side by side", jobs * solve_memory(session.problem))
+    check_memory(f"{jobs} solves side by side", jobs * session.memory)
+
+
+def check_points(study: Study, session: Session) -> None:
+    """Raise :class:`~ocp.errors.InputError` where all points together need too much memory."""
+    count = math.prod(study.shape)
+    # Shorter points are filled up to the longest.
+    longest = math.prod(
+        max(axis.values) / axis.values[0] for axis in study.axes
+        if axis.name in ("problem.N", "problem.scenarios")
+    )  # fmt: skip
+    check_memory(f"a grid of {count} points", points_memory(session.problem, count, longest))
 
 
 def followed(

@@ -31,6 +31,7 @@ def check(options: ContinueOptions) -> Request:
     """Build the session, and see that the parameter may have both values."""
     from ocp.continuation import resolve
     from ocp.continuation.walk import check_range
+    from ocp.effort import check_memory, points_memory
     from ocp.errors import InputError, choose
     from reports.cli.choices import assignments
     from reports.cli.places import check_places
@@ -38,6 +39,7 @@ def check(options: ContinueOptions) -> Request:
 
     choose("scale", options.scale, SCALES)
     asked = Request.read(options)
+    check_memory(f"--steps {options.steps}", points_memory(asked.session.problem, options.steps))
     check_places(options.out, options.pdf)
     name = resolve(asked.session, options.over)
     for value in (options.start, options.end):
@@ -54,11 +56,17 @@ def run(options: ContinueOptions, asked: Request) -> int:
     """Follow a solution along a parameter of the problem, the law or the start; store the path."""
     from ocp import store
     from ocp.continuation import curve_dataset
+    from ocp.effort import FOLLOWED
     from reports import curve_tables
 
+    options.output.foretell(
+        f"{options.steps} steps of {asked.spec.name}",
+        options.steps * FOLLOWED * asked.session.seconds, asked.session.memory,
+    )  # fmt: skip
     path, interrupted = _followed(options, asked)
     output, meta = options.output, _meta(options, asked, path)
-    stored = store.write(options.out, asked.session.problem.name, curve_dataset(path), meta)
+    problem, data = asked.session.problem, curve_dataset(path)
+    stored = store.write(options.out, problem.name, data, meta, store.shown(problem))
     if path.events:
         output.note(curve_tables.event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])

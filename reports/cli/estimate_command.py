@@ -55,7 +55,9 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     request = {**asked.decisive, "backend": options.backend}
     checkpoint = Checkpoint(options.out, asked.spec.name, request, asked.content)
     study = SweepRun(asked.objective, asked.sampling, asked.sweep, checkpoint, asked.rebuilt)
-    check_time(f"{study.samples:.3g} samples of {asked.spec.name}", study.seconds())
+    what, seconds = f"{study.samples:.3g} samples of {asked.spec.name}", study.seconds()
+    check_time(what, seconds)
+    options.output.foretell(what, seconds)
     return asked, study, checkpoint
 
 
@@ -85,7 +87,9 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
             interrupted = True
         meta = _meta(asked, study)
         data = sweep_dataset(study.widest, study.rows, asked.sweep, asked.unit())
-        path = store.write(options.out, asked.spec.name, data, meta)
+        problem = getattr(asked.objective, "problem", None)
+        parts = {} if problem is None else store.shown(problem)
+        path = store.write(options.out, asked.spec.name, data, meta, parts)
         if study.finished:
             checkpoint.discard()
     swept = None if asked.sweep is None else asked.sweep.name

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 SIGMA_SHARE = 0.1
 """Noise on a problem's inputs where none is asked for, as a share of their characteristic size."""
+SIGMA_APART = 1e9
+"""No noise is so many times larger or smaller than the usual one: doubles would hide one of both
+sizes behind the other."""
 _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "at": "--at"}
 
 
@@ -61,6 +64,8 @@ class EstimateRequest:
             usual if options.sigma is None else options.sigma, options.seed, rules,
             options.reference, None if most is None else whole("--reference-samples", most),
         )  # fmt: skip
+        known = spec.Params.model_fields.get("sigma")
+        _check_noise(spec.name, sampling.sigma, known.default if known else usual, sweep)
         kind = kind_of(objective, sampling.sigma, sampling.reference)
         if most is not None and kind != "zobg":
             raise InputError(
@@ -203,6 +208,18 @@ def _policy_settings(options: EstimateOptions) -> dict[str, str]:
     return split_policy_settings(assignments("-s", options.settings))[0]
 
 
+def _check_noise(name: str, sigma: float, usual: float, sweep: Sweep | None) -> None:
+    """Raise InputError for noise whose effect doubles could not tell."""
+    low, high = usual / SIGMA_APART, usual * SIGMA_APART
+    swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
+    for value in (sigma, *swept):
+        if not low <= value <= high:
+            raise InputError(
+                f"sigma of {name} must be from {low:.3g} to {high:.3g}, beyond which doubles do not"
+                f" tell what it does, got {value:g}"
+            )
+
+
 def _check_sweep(
     swept: Sweep,
     spec: ObjectiveSpec | ProblemSpec,
@@ -260,6 +277,8 @@ def _check_same(
 
     Its plan would be rolled out where it means nothing.
     """
+    from ocp.store.plain import plain
+
     at = f"--at {options.at}: that run is of"
     if run.meta["problem"] != spec.name:
         raise InputError(
@@ -272,7 +291,7 @@ def _check_same(
         )
     swept = "" if options.sweep is None else options.sweep.partition("=")[0].strip()
     kept = run.record.get("params", {})
-    asked = spec.params(given).model_dump()
+    asked = plain(spec.params(given).model_dump())
     differ = [
         f"{name}={kept.get(name)}" for name, value in asked.items()
         if name != swept and kept.get(name) != value

@@ -219,7 +219,8 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
     def called(context: typer.Context, **values: Any) -> int:
         sources = {key: context.get_parameter_source(key) for key in values}
         given = (k for k, source in sources.items() if source and source.name == "COMMANDLINE")
-        return carry_out(command, command.options(**values, given=frozenset(given)))
+        at_home = {key: _at_home(value) for key, value in values.items()}
+        return carry_out(command, command.options(**at_home, given=frozenset(given)))
 
     called.__doc__ = command.run.__doc__
     called.__annotations__ = {key: annotation for key, (annotation, _) in parameters.items()}
@@ -229,6 +230,17 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
         for key, (annotation, default) in parameters.items()
     ])  # fmt: skip
     app.command(name, cls=_shaped(command))(called)
+
+
+def _at_home(value: Any) -> Any:
+    """The value of an option, with a leading ~ of a path as the home directory."""
+    if isinstance(value, list):
+        return [_at_home(one) for one in value]
+    if not (isinstance(value, str | Path) and str(value).startswith("~")):
+        return value
+    from ocp.paths import expanded
+
+    return type(value)(expanded(value))
 
 
 def _shaped(command: Command[Any]) -> type[Strict]:

@@ -52,6 +52,14 @@ class Output:
         """Print a result line for people."""
         print(line, file=sys.stderr if self.as_json else sys.stdout)
 
+    def foretell(self, what: str, seconds: float, memory: float = 0.0) -> None:
+        """Tell on stderr, in one line, what will take long, unless quiet."""
+        from ocp.effort import foretold
+
+        line = foretold(what, seconds, memory)
+        if line is not None and not self.quiet:
+            print(line, file=sys.stderr, flush=True)
+
     def verdict(self, text: str, grade: str) -> None:
         """Print a verdict, on a terminal its first line in its grade's colour."""
         stream = sys.stderr if self.as_json else sys.stdout

@@ -88,10 +88,12 @@ def run(options: RunsOptions, asked: Asked) -> int:
 def _print(
     options: RunsOptions, entries: list[dict[str, Any]], every: list[dict[str, Any]]
 ) -> None:
+    from ocp.store.parts import visible
     from reports.cli.stored.listing import lines, values
 
     if entries:
-        print("\n".join(lines(entries)))
+        # Folders may be called anything.
+        print("\n".join(lines(visible(entries))))
     elif every:
         print(f"none of the {len(every)} runs in {options.out} is like that; there are:")
         for key in FILTERS:

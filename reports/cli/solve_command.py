@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,6 +47,7 @@ class SolveOptions(SolverOptions):
 def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     """Build the session, and read the solution to start at."""
     from ocp.errors import InputError, choose
+    from ocp.sweeps.sweep import check_side_by_side
     from reports.cli.places import check_place, check_places
     from reports.cli.request import Request
     from reports.papers.formats import format_of
@@ -63,6 +65,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         format_of(options.plot)
         check_place(options.plot, "figure")
     asked = Request.read(options)
+    check_side_by_side(asked.session, min(options.jobs, options.starts))
     check_places(options.out, options.pdf)
     start = None if options.start is None else _start(asked, options)
     return asked, start
@@ -92,7 +95,13 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     from ocp import store
 
     asked, start = checked
-    output = options.output
+    output, session = options.output, asked.session
+    side_by_side = min(options.jobs, options.starts)
+    several = f" from {options.starts} starts" if options.starts > 1 else ""
+    output.foretell(
+        f"{asked.spec.name}{several}", session.seconds * options.starts / side_by_side,
+        session.memory * side_by_side,
+    )  # fmt: skip
     solution = _solved(options, asked, start)
     path = store.save(solution, options.out, options.argv, options.tags or ())
     show(output, solution)
@@ -106,7 +115,8 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
         told["plot"] = str(options.plot)
     output.finish(path, told, options.pdf, asked.spec)
     survives = options.require is None or bool(solution.referee.survives)
-    return 0 if solution.success and survives else NOT_CONVERGED
+    finite = math.isfinite(solution.cost) and math.isfinite(solution.audit.exact_cost)
+    return 0 if solution.success and survives and finite else NOT_CONVERGED
 
 
 def _plot(run: Path, file: Path, own: ProblemSpec) -> None:

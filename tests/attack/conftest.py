@@ -46,7 +46,7 @@ def tally(request: pytest.FixtureRequest) -> Iterator[Opened]:
 
     def open_account(promise: str, attack: str, order: int) -> Tally:
         file, test = Path(request.node.path).name, request.node.originalname
-        command = f"pytest -m attack tests/attack/{file} -k {test}"
+        command = f"{file} -k {test}"
         account = Tally(request.node.name, promise, attack, order, command)
         opened.append(account)
         return account

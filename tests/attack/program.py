@@ -33,13 +33,15 @@ def entry_point() -> tuple[str, str]:
 
 @cache
 def command() -> list[str]:
-    """What an installed ``ocp`` is: the interpreter, and a call of the entry point."""
+    """The interpreter, and such a script as an installer makes of the entry point."""
     module, function = entry_point()
-    return [
-        sys.executable,
-        "-c",
-        f"import sys; from {module} import {function} as f; sys.exit(f())",
-    ]
+    script = ROOT / "build" / "attack" / "ocp"
+    script.parent.mkdir(parents=True, exist_ok=True)
+    script.write_text(
+        f"import sys\nfrom {module} import {function}\nif __name__ == '__main__':\n"
+        f"    sys.exit({function}())\n"
+    )
+    return [sys.executable, str(script)]
 
 
 def environment(**more: str) -> dict[str, str]:
@@ -131,6 +133,12 @@ def _members(group: int) -> list[str]:
             if int(member) == group and state != "Z":
                 found.append((stat.parent / "cmdline").read_text().replace("\0", " ")[:200])
     return found
+
+
+def of_python_alone(end: Ended) -> bool:
+    """Whether the last words are a traceback of Python's own start, in which no file of ours is."""
+    ours = end.err.replace(str(ROOT / "build"), "")
+    return "Traceback" in end.err and str(ROOT) not in ours
 
 
 def faults(end: Ended, *, expected: tuple[int, ...] = CODES) -> list[tuple[str, str]]:

@@ -16,7 +16,7 @@ from tests.attack.works import furnish
 
 DRAWN = 160
 PATIENCE_S = 60.0
-MEMORY = 6 << 30
+MEMORY = 8 << 30
 """Address space [byte] that a command may take here: nothing small needs more."""
 REFUSED = """\
 solve push-1d -p N=1e23
@@ -181,7 +181,7 @@ def test_json_is_json_and_finite(shop, tally, side_by_side, tmp_path) -> None:
     account = tally(
         "`--json` prints one JSON document and nothing else; what is not finite is no success.",
         f"{len(lines)} commands at extreme numbers and with solvers that print",
-        82,
+        84,
     )
     side_by_side(lambda server, line: account.count(json_of(server, line, shop)), lines)
 

@@ -11,15 +11,15 @@ from random import Random
 import numpy as np
 import pytest
 
-from ocp import store
 from tests.attack import program
 from tests.attack.test_flipped_bits import READERS
 from tests.attack.works import KINDS, furnish, run_of
+from tests.resealed import having, reseal
 
 CANARY = 'from pathlib import Path\nPath({song!r}).write_text("sung")\n'
 DEEP = 200_000
 PATIENCE_S = 30.0
-LIMITS = {"RLIMIT_AS": 4 << 30}
+LIMITS = {"RLIMIT_AS": 8 << 30}
 """Nothing that a trap holds may fill the memory."""
 
 
@@ -37,7 +37,7 @@ def traps(directory: Path) -> dict[str, object]:
         make(file)
 
     def described(**changes: object) -> None:
-        meta.write_text(json.dumps(json.loads(meta.read_bytes()) | changes))
+        reseal(directory, having(**changes))
 
     def device(file: Path) -> None:
         if os.geteuid() == 0:
@@ -56,7 +56,7 @@ def traps(directory: Path) -> dict[str, object]:
         "numbers for words": lambda: described(problem=1, kind=2, created=3, hash=4, tags=5),
         "a number as long as a book": lambda: meta.write_text('{"schema": ' + "9" * 100_000 + "}"),
         "no text": lambda: meta.write_bytes(bytes(range(256)) * 64),
-        "NaN": lambda: described(cost=float("nan"), created="NaN"),
+        "words for numbers": lambda: described(cost="NaN", created="NaN", hash=None),
         "a giant": lambda: os.truncate(meta, 1 << 33),
         "giant arrays": lambda: os.truncate(data, 1 << 36),
         "terminal signs": lambda: described(problem="\x1b[2J\x1b]0;owned\x07", status="\x1b[31m"),
@@ -178,14 +178,14 @@ def test_runs_that_name_code(servers, shop, tally, side_by_side, tmp_path) -> No
         (here / f"{name}.py").write_text(CANARY.format(song=str(song)))
     inside = received / "prob.py"
     places = [str(problem), "prob.py", str(inside), "../prob.py", "os", "problems.push_1d"]
-    meta = json.loads((received / "meta.json").read_bytes())
+    record = json.loads((received / "meta.json").read_bytes())["record"]
 
     def attack(server, item) -> None:
         at, place, words = item
         run = shutil.copytree(received, here / "received" / str(at) / received.name)
         (run / inside.name).write_text(canary)
-        forged = {**meta, "record": {**meta["record"], "source": place, "problem": place}}
-        forge(run, forged)
+        forged = {**record, "source": place, "problem": place}
+        reseal(run, having(record=forged, source=place, problem=place))
         line = [str(run) if word == "RUN" else word for word in words]
         end = server.run(line, here, patience=PATIENCE_S)
         found = program.faults(end)
@@ -206,14 +206,6 @@ def test_runs_that_name_code(servers, shop, tally, side_by_side, tmp_path) -> No
             found.append(("code run", f"{end.line} beside modules of well-known names"))
             song.unlink()
         account.count(found)
-
-
-def forge(run: Path, meta: dict) -> None:
-    """Write a description as one who knows how the store does it would."""
-    (run / "meta.json").write_text(json.dumps(meta, indent=1, sort_keys=True) + "\n")
-    seal = getattr(store, "sealed", None)
-    if seal is not None:
-        (run / "meta.json").write_bytes(seal(meta))
 
 
 def test_pickles(servers, shop, tally, tmp_path) -> None:

@@ -60,7 +60,7 @@ def test_kills_by_the_clock(shop, tally, side_by_side, dice: Random, tmp_path) -
         where = f"{end.line} killed after {when * lasts[work.name]:.3f} s"
         found = harm_to(place / "runs", before, where) + harm_to_file(place, work, where)
         found += [("orphan", f"{left}: {where}") for left in program.orphans(process.pid)]
-        account.count(found)
+        account.count(found, int(end.code == -signal.SIGKILL))
         shutil.rmtree(place)
 
     side_by_side(attack, items)
@@ -106,7 +106,7 @@ def test_kills_at_steps_of_writing(shop, work, tally, side_by_side, dice, tmp_pa
         found += [("leftover", f"{left}: {where}") for left in leftovers(here)]
         if work.leaves and not (here / work.leaves).exists():
             found.append(("lost file", where))
-        account.count(found)
+        account.count(found, int(end.code == -signal.SIGKILL))
         shutil.rmtree(here)
 
     side_by_side(attack, chosen)
@@ -135,7 +135,7 @@ def test_kills_while_removing(shop, tally, side_by_side, tmp_path) -> None:
         found = harm_to(here / "runs", {}, where)
         if len(hashes(here / "runs")) < len(KINDS) - 3:
             found.append(("lost run", where))
-        account.count(found)
+        account.count(found, int(end.code == -signal.SIGKILL))
 
     side_by_side(attack, range(1, steps.counted(log) + 1))
 

@@ -227,3 +227,9 @@ def test_one_run_and_filters_exclude_each_other(ocp, runs: Path) -> None:
     assert done.code == 2 and "drop --tag" in done.err
     shutil.rmtree(runs)
     assert "there is no run" in ocp("runs", "@1").err
+
+
+def test_a_folder_of_an_odd_name_is_shown_and_not_obeyed(ocp, tmp_path: Path) -> None:
+    (tmp_path / "runs/wall-1d/20990101T000000Z-\x1b[31m").mkdir(parents=True)
+    listed = ocp("runs").out
+    assert "\x1b" not in listed and r"\x1b[31m  wall-1d  damaged" in listed

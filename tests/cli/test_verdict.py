@@ -57,6 +57,12 @@ def test_what_is_not_certified_is_not_done(ocp) -> None:
     assert found["cost"] > 1.02 * 0.1006, "the optimum costs less"
 
 
+def test_what_obeys_no_dynamics_is_not_called_unstable(ocp) -> None:
+    found = ocp("solve", "wall-1d", *EXACT, "-s", "max_iter=2", *QUIET).json
+    assert found["dynamics_residual"] > 1e-3 and not found["success"]
+    assert "unstable" not in found["verdict"] and "feedback" not in found["verdict"]
+
+
 @pytest.mark.parametrize(
     ("option", "word", "meant"),
     [("--require", "survive", "survives"), ("--rank", "refree", "referee")],

@@ -27,7 +27,7 @@ from ocp.physics.measures import Worst
 from ocp.programs.status import Status
 from ocp.solution import Solution, StageRecord
 from ocp.stationarity.certificate import Certificate, Move
-from ocp.store import atomic
+from ocp.store import atomic, lookup
 from problems import get
 from tests.resealed import having, lacking, reseal
 
@@ -276,6 +276,23 @@ def test_kill_leaves_no_half_run_and_the_next_save_sweeps(tmp_path: Path) -> Non
     store.save(solution(), tmp_path, [])
     assert not living[0].exists()
     assert len(store.list_runs(tmp_path)) == 2
+
+
+def test_a_removal_cut_short_leaves_no_half_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = store.save(solution(), tmp_path, [])
+
+    def killed(place: Path) -> None:
+        (place / "meta.json").unlink()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(atomic.shutil, "rmtree", killed)
+        lookup.remove([path])
+    assert store.list_runs(tmp_path) == []
+    store.save(solution(), tmp_path, [])
+    assert not [child for child in path.parent.iterdir() if child.name.startswith(".")]
 
 
 @pytest.mark.parametrize("ending", [KeyboardInterrupt, ValueError])

@@ -70,6 +70,7 @@ class Asked:
 def check(options: TrainOptions) -> Asked:
     """Build the task and every algorithm, and see that the runs can be stored."""
     from ocp.errors import InputError
+    from ocp.learning.effort import check_training
     from problems.tasks import registry
     from reports.cli.choices import assignments
     from reports.cli.places import check_places
@@ -81,8 +82,11 @@ def check(options: TrainOptions) -> Asked:
     jobs, workers = _jobs(options, spec, task)
     check_places(options.out, options.pdf)
     built = [job.experiment(task) for job in jobs]
+    seconds = 0.0
     for one in built[:: options.seeds]:
         one.algorithm.check(one)
+        seconds += check_training(one, workers, options.seeds)
+    options.output.foretell(f"{len(built)} trainings", seconds)
     pairs, store = zip(jobs, built, strict=True), options.out.resolve()
     checkpoints = [job.checkpoint(one, store) for job, one in pairs]
     return Asked(jobs, checkpoints, built, workers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +48,7 @@ def check(options: SweepOptions) -> Asked:
     """Read the grid, and build what can be known to fit before any work."""
     from ocp.errors import InputError, choose
     from ocp.sweeps.axes import axes
-    from ocp.sweeps.sweep import asked, check_side_by_side
+    from ocp.sweeps.sweep import asked, check_points, check_side_by_side
     from reports.cli.places import check_places
     from reports.cli.sweeping.case import case_of
 
@@ -61,6 +62,7 @@ def check(options: SweepOptions) -> Asked:
     study = asked(case, over, options.starts, options.seed, RANKS[options.rank])
     session = study.checked()
     check_side_by_side(session, options.jobs)
+    check_points(study, session)
     check_places(options.out, options.pdf)
     return Asked(study, session, study.checkpoint(options.out, session.problem.name))
 
@@ -77,6 +79,11 @@ def run(options: SweepOptions, asked: Asked) -> int:
     from reports.sweeps.table import point_table
 
     output, study = options.output, asked.study
+    count, session = math.prod(study.shape), asked.session
+    output.foretell(
+        f"{count} points", count * options.starts * session.seconds / options.jobs,
+        session.memory * options.jobs,
+    )  # fmt: skip
     with asked.checkpoint as checkpoint:
         data = dataset(study, asked.session, _points(options, asked))
         meta = {
@@ -84,7 +91,8 @@ def run(options: SweepOptions, asked: Asked) -> int:
             "argv": options.argv,
             "tags": options.tags or (),
         }
-        path = store.write(options.out, asked.session.problem.name, data, meta)
+        problem = asked.session.problem
+        path = store.write(options.out, problem.name, data, meta, store.shown(problem))
         checkpoint.discard()
     dims = [axis["name"] for axis in meta["study"]["axes"]]
     found = rows(data)
@@ -93,7 +101,8 @@ def run(options: SweepOptions, asked: Asked) -> int:
     for failure in meta["study"]["failed"]:
         output.note(f"to look at it: {failure['command']}")
     output.finish(path, _document(meta, found, data), options.pdf, study.source)
-    return 0 if meta["success"] else NOT_CONVERGED
+    finite = all(math.isfinite(value) for value in data["exact_cost"].values.flat)
+    return 0 if meta["success"] and finite else NOT_CONVERGED
 
 
 def _points(options: SweepOptions, asked: Asked) -> list[Point]:

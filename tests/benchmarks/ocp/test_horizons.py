@@ -1,0 +1,73 @@
+"""Processor time of a solve with its judges, a step, as the horizon grows."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import pytest
+
+from dynamics.contact import Barrier, ContactLaw, Exact
+from ocp.judgement import judged
+from ocp.solve import new_session
+from problems import get
+from reports.site.measured import write_table
+from tests.benchmarks.ocp.race import tell
+
+LENGTHS = {"exact": (24, 50, 100, 200), "barrier": (20, 100, 400, 1000)}
+EXACT = ("push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "hopper-1d",
+         "planar-push", "hopper", "half-cheetah")  # fmt: skip
+RUNS = [*((name, "exact") for name in EXACT), ("push-disc", "barrier")]
+GROWTH = 2.0
+"""Largest ratio of the time a step takes to that at the shortest horizon."""
+LIMIT_S = 400.0
+"""Wall time after which a solve is given up."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one solve took: processor time a step [s], iterations, and what came of it."""
+
+    step_s: float
+    iterations: int
+    status: str
+
+
+def measured(name: str, law: ContactLaw, steps: int) -> Measured:
+    """Set up, solve and judge a problem over so many steps."""
+    began = time.process_time()
+    session = new_session(get(name, N=steps), law)
+    with session.solver.within(LIMIT_S):
+        outcome = session.solve()
+    found = judged(session, outcome, 0)
+    took = time.process_time() - began
+    return Measured(took / steps, found.iterations, found.status.label)
+
+
+@pytest.mark.bench
+def test_time_of_a_step_hardly_grows_with_the_horizon() -> None:
+    """What is imported and made once a process is so before the first measurement."""
+    measured("push-1d", Exact(), 8)
+    rows, missed = [], []
+    for name, law in RUNS:
+        lengths = LENGTHS[law]
+        found = [measured(name, Exact() if law == "exact" else Barrier(mu=1e-3), N)
+                 for N in lengths]  # fmt: skip
+        ratios = [one.step_s / found[0].step_s for one in found]
+        rows.append([
+            name, law, " / ".join(map(str, lengths)),
+            " / ".join(f"{1e3 * one.step_s:.3g}" for one in found),
+            " / ".join(f"{ratio:.2f}" for ratio in ratios),
+            " / ".join(str(one.iterations) for one in found),
+            " / ".join(one.status for one in found),
+        ])  # fmt: skip
+        missed += [name] if max(ratios) > GROWTH else []
+    title = "Time of a step over the horizon: set-up, solve, certificate and referee"
+    columns = ["problem", "law", "N", "ms of processor a step", "ratio", "iterations", "status"]
+    tell(title, columns, rows)
+    write_table(
+        "horizons", title=title, columns=columns, rows=rows,
+        command="pytest -m bench tests/benchmarks/ocp/test_horizons.py",
+        note=f"Floor: a ratio of {GROWTH:g} at most.",
+    )  # fmt: skip
+    assert not missed

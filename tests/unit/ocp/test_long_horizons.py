@@ -1,0 +1,121 @@
+"""What a solve takes grows with its horizon no faster than the horizon: counted, not timed."""
+
+from __future__ import annotations
+
+import functools
+import time
+
+import numpy as np
+import pytest
+
+from dynamics.contact import Barrier, Exact
+from ocp import Solution, solve
+from ocp.programs.solver import Point, Result
+from ocp.programs.status import Status
+from ocp.routes.branches import LONGEST, Branches, patient
+from ocp.routes.legs import Homotopy
+from ocp.routes.relaxations import CentralPath
+from ocp.solve import new_session
+from ocp.stationarity.certificate import certify, linear_model, tolerance_of
+from ocp.stationarity.lpec import LinearModel
+from problems import get
+
+
+@functools.cache
+def softened(steps: int) -> Solution:
+    return solve(get("push-disc", N=steps), Barrier(mu=1e-3))
+
+
+def test_a_horizon_twenty_times_as_long_takes_no_more_than_twice_the_iterations() -> None:
+    short, long = softened(20), softened(400)
+    assert short.success and long.success
+    assert all(stage.accepted for stage in long.stages)
+    assert long.iterations <= 2 * short.iterations
+
+
+def test_the_exact_answer_is_near_the_barriers_own_at_any_length() -> None:
+    """An answer's small impulses, one a step, are not pushed off their bounds on the way back."""
+    for steps in (20, 400):
+        back = [stage for stage in softened(steps).stages if stage.knob == "from exact"]
+        assert len(back) == 1 and back[0].accepted
+        assert back[0].iterations <= 40
+
+
+def test_the_barrier_below_a_path_falls_as_the_horizon_grows() -> None:
+    """Held at t/10 up to sixty steps, then the sum over steps of the barrier's weights is."""
+    reference = get("push-disc").reference
+
+    def held(steps: int) -> float:
+        path = CentralPath().over(steps).paths(reference)[0]
+        return path.leg(path.values[0]).options["mu_target"]
+
+    assert held(0) == held(20) == held(60) == pytest.approx(reference.mu / 10)
+    for steps in (120, 600):
+        assert steps * held(steps) == pytest.approx(60 * held(60))
+    later = CentralPath().over(600).paths(reference)[0]
+    assert later.leg(later.values[1]).options["mu_target"] == pytest.approx(later.values[1] / 10)
+
+
+class Guessing(Branches):
+    """Branches of push-1d whose guesses of the active set cost what a test says."""
+
+    def __init__(self, took: dict[int, int]) -> None:
+        session = new_session(get("push-1d", N=4), Exact())
+        super().__init__(Homotopy(session.nlp_of, session.solver, session.values))
+        self.took, self.given = took, []
+
+    def solve(self, start: Point, active: np.ndarray, most: int = LONGEST, *_, **__) -> Result:
+        count = int(active.sum())
+        took = self.took[count]
+        self.given.append((count, most))
+        ended = Status.SOLVED if took <= most else Status.ITERATION_LIMIT
+        word, spent = ended.name, min(took, most)
+        found = Result(start, float(count), np.zeros(self.program.m), ended, word, spent, 0.0)
+        self.follower.record("active set", 0.0, self.program, found, self.p, self.limits)
+        return found
+
+
+@pytest.mark.parametrize(
+    ("took", "most", "taken"),
+    [({3: 10**6, 1: 20}, 64, 1), ({3: 10**6, 1: 90}, 256, 1), ({0: 50, 3: 20}, 64, 0)],
+)
+def test_a_second_guess_is_given_up_soon_after_what_the_first_took(
+    took: dict[int, int], most: int, taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    branches = Guessing(took)
+    first, last = took
+    guesses = [np.arange(4) < count for count in (first, last)]
+    monkeypatch.setattr(type(branches.program), "active_sets", lambda self, x: guesses)
+    found = branches.settle(Point(np.ones(branches.program.n)))
+    assert branches.given == [(last, LONGEST), (first, most)]
+    assert found is not None and found.f == taken
+    assert most == patient(took[last]) >= 2 * took[last]
+
+
+def test_multipliers_a_little_off_need_no_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The barrier of an interior point leaves a slope at every bound; a thousand of them count."""
+    session = new_session(get("push-disc"), Barrier(mu=1e-3))
+    outcome = session.solve()
+    nlp, x, y = outcome.nlp, outcome.result.point.x, outcome.result.point.lam_g
+    assert y is not None
+    p, bounds = nlp.parameter_vector(session.values), nlp.bounds(session.values)
+    model = linear_model(nlp, x, p, bounds)
+    off = y + 1e-2 * np.abs(y).max() * np.random.default_rng(0).standard_normal(y.size)
+    assert model.dual_bound(off, 1e-3) > tolerance_of(model, outcome.result.f)
+    monkeypatch.setattr(LinearModel, "descend", lambda *_, **__: pytest.fail("a program"))
+    assert certify(nlp, x, p, bounds, off).stationarity == "KKT"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["half-cheetah", "hopper-1d", "planar-push", "cart-walls"])
+def test_eight_times_the_steps_take_sixteen_times_the_time_at_most(name: str) -> None:
+    """Under the exact law, iterations and processor time, judges included."""
+    seconds, found = [], []
+    solve("push-1d", Exact())
+    for steps in (25, 200):
+        began = time.process_time()
+        found.append(solve(get(name, N=steps), Exact()))
+        seconds.append(time.process_time() - began)
+    assert all(one.success for one in found)
+    assert found[1].iterations <= 2 * found[0].iterations
+    assert seconds[1] <= 16 * seconds[0]
