@@ -9,14 +9,14 @@ from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
-from pydantic import InstanceOf, JsonValue
+from pydantic import InstanceOf
 
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError, shown
 from ocp.expressions import check_symbols, column
 from ocp.ingredients import Constraint, FreeStart, Reference, Scenarios, Sizes
-from ocp.words.given import Count, Line, checked
+from ocp.words.given import Count, Line, Recorded, checked
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Reference", "Scenarios", "Sizes"]
 
@@ -288,7 +288,7 @@ _KINDS: dict[str, Any] = {
     "parameters": InstanceOf[ParameterTable], "path": tuple[InstanceOf[Constraint], ...],
     "terminal": tuple[InstanceOf[Constraint], ...], "scenarios": InstanceOf[Scenarios],
     "start": InstanceOf[FreeStart] | None, "guess": Callable[..., Any] | None,
-    "reference": InstanceOf[Reference], "settings": dict[Line, JsonValue], "citation": Line,
+    "reference": InstanceOf[Reference], "settings": dict[Line, Recorded], "citation": Line,
 }  # fmt: skip
 _BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
 

@@ -13,12 +13,12 @@ from typing import cast
 
 import casadi as ca
 import numpy as np
-from pydantic import BaseModel, JsonValue
+from pydantic import BaseModel
 
 from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.provenance import file_digest
-from ocp.words.given import Line, checked
+from ocp.words.given import Line, Recorded, checked
 from problems.own_code import reason, told
 from problems.source_digest import folder_modules, open_to_imports
 from problems.spec import ProblemSpec, describe
@@ -135,4 +135,4 @@ def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
         for what in ("unit", "description"):
             checked(f"{spec.path}: the {what} of {parameter}", about[what], Line)
     for name, value in params.model_dump().items():
-        checked(f"{spec.path}: parameter {name}", value, JsonValue)
+        checked(f"{spec.path}: parameter {name}", value, Recorded)

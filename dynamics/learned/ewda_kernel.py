@@ -46,7 +46,7 @@ class CompiledMoments:
         n, self._nz = points.z.shape
         self._ny = points.y.shape[1]
         compiler = find_compiler()
-        self._run = load(ewda_source(self._nz, self._ny, compiler)).run
+        self._run = load(ewda_source(self._nz, self._ny, compiler), ["run"]).run
         self._run.restype = None
         self._threads = checked_threads(threads)
         self._order = neighbourly(points.z, CHUNK, REGISTER)

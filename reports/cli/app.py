@@ -7,6 +7,7 @@ import re
 import sys
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -115,6 +116,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
+def _folder_is_gone() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
+
+
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
@@ -150,6 +159,8 @@ def _explain(error: BaseException) -> tuple[str, int]:
     if isinstance(error, OSError) and error.filename is not None:
         reason = f"{error.strerror}; name another file or directory"
         return f"cannot use {_shortened(str(error.filename))}: {reason}", 2
+    if isinstance(error, FileNotFoundError) and _folder_is_gone():
+        return "the working folder is gone; change into one that is there", 2
     if isinstance(error, MemoryError):
         return "this does not fit into memory; take fewer steps, scenarios or samples", 2
     return (

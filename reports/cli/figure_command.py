@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from string import ascii_lowercase
@@ -140,6 +142,30 @@ def _bare(run: StoredRun, options: FigureOptions) -> Path:
     return file
 
 
+@contextmanager
+def _told(study: Study, asked: dict[str, Any]) -> Iterator[None]:
+    """Raise InputError for a study that fails at values that somebody chose, and names them.
+
+    At its own values a failure is a defect. Elsewhere it need not have an answer: ranges go one by
+    one, and a ball may well land before or after all that is looked at.
+    """
+    from ocp.errors import InputError
+
+    usual = study.params({}).model_dump()
+    chosen = [f"{name}={value}" for name, value in asked.items()
+              if name != "seed" and value != usual[name]]  # fmt: skip
+    try:
+        yield
+    except (ArithmeticError, IndexError, ValueError) as error:
+        if not chosen or isinstance(error, InputError):
+            raise
+        said = " ".join(str(error).split())
+        raise InputError(
+            f"{study.id} has no answer with {', '.join(chosen)} ({said}); choose values nearer to"
+            " its own"
+        ) from error
+
+
 def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> dict[str, Any]:
     from dataclasses import asdict
 
@@ -156,8 +182,9 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
     with Checkpoint(out if study.resumes else None, study.id, asked) as kept:
         for line in kept.notes:
             output.say(line)
-        data = study.data(asked, kept)
-        claims = study.claims(data)
+        with _told(study, asked):
+            data = study.data(asked, kept)
+            claims = study.claims(data)
         meta = {
             "kind": "figure",
             "argv": options.argv,
@@ -170,7 +197,8 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
         stored = store.write(out, study.id, data, meta)
         kept.discard()
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
-    write_pdf([store.load(stored)], pdf)
+    with _told(study, asked):
+        write_pdf([store.load(stored)], pdf)
     # netCDF 3: HDF5 stamps its root group with the time of writing.
     atomic.write(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
     output.note(claim_table(claims))

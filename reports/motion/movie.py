@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
@@ -25,6 +27,8 @@ _REST = 60
 _SAMPLED = 12
 """Frames that the palette of a GIF is made from."""
 _PALE = 246
+_ROOM = 1 << 20
+"""Bytes; an encoder that ends with fewer free has had no room."""
 
 
 def check_format(file: Path, fps: int = 25) -> None:
@@ -129,6 +133,8 @@ def _write_mp4(animation: Animation, draft: Path, told: Callable[[int], None]) -
             told(frame + 1)
     if encoder.returncode:
         said = log.read_text(errors="replace").strip().splitlines()
+        if shutil.disk_usage(draft.parent).free < _ROOM:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(draft))
         raise InputError(
             f"ffmpeg could not make the film: {said[-1] if said else 'it says nothing'}; install"
             " one with an h264 encoder, or name a .gif or .html file instead"

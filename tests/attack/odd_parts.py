@@ -103,7 +103,7 @@ PARTICULAR = {
     "settings NaN": ("settings={}", "settings={'a': float('nan')}", True),
     "settings numpy": ("settings={}", "settings={'a': np.float64(1)}", True),
     "settings without text": ("settings={}", "settings={1: 2}", False),
-    "settings deep": ("settings={}", "settings={'a': {'b': {'c': 1}}}", True),
+    "settings deep": ("settings={}", "settings={'a': {'b': {'c': 1}}}", False),
     "no problem": ("    return Problem(", "    Problem(", False),
     "a class for a problem": ("    return Problem(", "    return dict(", False),
     "step size NaN": ("h=0.1", "h=float('nan')", False),

@@ -136,3 +136,27 @@ def test_a_bare_figure_that_cannot_be_is_told_before_any_work(
     done = ocp("figure", *arguments)
     assert done.code == 2 and sentence in done.err
     assert not list(tmp_path.rglob("*.nc"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["A2v", "-p", "first=3"], "first = 3 s, must not come after the latest, last = 1 s"),
+        (["A2v", "-p", "last=1e-9"], "must be a number >= 0.02 [s]"),
+        (["A6", "-p", "g=1e9"], "A6 has no answer with g=1000000000.0"),
+    ],
+)
+def test_a_study_at_values_that_have_no_answer(ocp, words: list[str], said: str) -> None:
+    done = ocp("figure", *words, "--quiet")
+    assert done.code == 2
+    assert said in done.err and "internal fault" not in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_a_study_that_fails_at_its_own_values_is_a_defect(ocp, monkeypatch) -> None:
+    def fails(*_: object) -> None:
+        raise ValueError("odd")
+
+    monkeypatch.setattr("problems.studies.study.Study.data", fails)
+    assert "internal fault, ValueError: odd" in ocp("figure", "A1").err
+    assert "A1 has no answer with sigma=2.0 (odd)" in ocp("figure", "A1", "-p", "sigma=2").err

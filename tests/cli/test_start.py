@@ -105,3 +105,14 @@ def test_whatever_is_raised_becomes_a_sentence(raised, monkeypatch, capsys) -> N
     monkeypatch.setattr("typer.main.get_command", fails)
     assert main(["list"]) == 1
     assert capsys.readouterr().err.startswith("error: internal fault")
+
+
+def test_a_folder_that_is_gone_is_told(tmp_path: Path, monkeypatch, capsys) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert main(["solve", "mine.py"]) == 2
+    assert capsys.readouterr().err == (
+        "error: the working folder is gone; change into one that is there\n"
+    )

@@ -102,7 +102,7 @@ class CompiledEngine:
 def c_engine(tape: Tape, threads: int, block: int) -> CompiledEngine:
     """The engine of backend `c`. Raises `CompilerError`."""
     return CompiledEngine(
-        "c", threads, compiler.load(source(tape, block, compiler.find_compiler())).run
+        "c", threads, compiler.load(source(tape, block, compiler.find_compiler()), ["run"]).run
     )
 
 

@@ -27,7 +27,10 @@ def choose(
         if backend not in makers:
             choices = ", ".join(("auto", *makers))
             raise ValueError(f"unknown backend {backend!r} for {what}; choose one of {choices}")
-        return backend, makers[backend]()
+        try:
+            return backend, makers[backend]()
+        except CompilerError as error:
+            raise CompilerError(f"{error}; take numpy or auto for a backend") from error
     reasons: list[str] = []
     for name, make in makers.items():
         try:

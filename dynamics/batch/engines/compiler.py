@@ -18,11 +18,13 @@ import logging
 import os
 import re
 import shutil
+import signal
 import stat
 import subprocess
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,7 +39,8 @@ FLAGS = (
     *("-fPIC", "-shared"),
 )
 NATIVE_FLAGS = (("-march=native",), ("-mcpu=native",), ())
-COMPILE_TIMEOUT_S = 600
+_LAST = "compilation terminated"
+COMPILE_TIMEOUT_S, PROBE_TIMEOUT_S = 300, 30
 VECTOR_FUNCTIONS = (
     *("acos", "acosh", "asin", "asinh", "atan", "atanh", "cos", "cosh", "erf", "exp", "expm1"),
     *("log", "log1p", "sin", "sinh", "tan", "tanh", "atan2", "hypot", "pow"),
@@ -47,6 +50,8 @@ TWO_ARGUMENTS = frozenset({"atan2", "hypot", "pow"})
 
 class CompilerError(RuntimeError):
     """There is no working C compiler; the message is one line and says what failed."""
+
+    exit_code = 2
 
 
 @dataclass(frozen=True)
@@ -81,10 +86,10 @@ def find_compiler() -> Compiler:
 
 @functools.lru_cache(maxsize=8)
 def _probe(path: str, _changed: int) -> Compiler:
-    version = (_run([path, "--version"]).splitlines() or ["unknown version"])[0]
+    version = (_run([path, "--version"], PROBE_TIMEOUT_S).splitlines() or ["unknown version"])[0]
     for native in NATIVE_FLAGS:
         with contextlib.suppress(CompilerError):
-            macros = _run([path, *native, "-dM", "-E", "-x", "c", os.devnull])
+            macros = _run([path, *native, "-dM", "-E", "-x", "c", os.devnull], PROBE_TIMEOUT_S)
             break
     else:
         raise CompilerError(f"{path} cannot preprocess an empty file")
@@ -134,34 +139,47 @@ def vector_math(mangling: str) -> dict[str, str]:
     return {name: symbol for name, symbol in names.items() if hasattr(library, symbol)}
 
 
-def _run(command: list[str]) -> str:
+def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
+    """What a command prints; it and all that it started are gone when this returns or raises."""
     try:
-        done = subprocess.run(
+        with subprocess.Popen(
             command,
-            capture_output=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-            timeout=COMPILE_TIMEOUT_S,
-            check=False,
             env={**os.environ, "LC_ALL": "C"},
-        )
+            process_group=0,
+        ) as process:
+            try:
+                out, err = process.communicate(timeout=limit_s)
+            except BaseException:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                raise
+    except subprocess.TimeoutExpired:
+        raise CompilerError(f"{command[0]} did not end within {limit_s:g} s") from None
     except (OSError, subprocess.SubprocessError) as error:
         raise CompilerError(f"{command[0]} could not run: {error}") from error
-    if done.returncode != 0:
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
-        last = lines[-1].strip() if lines else f"exit status {done.returncode}, no message"
+    if process.returncode != 0:
+        lines = [line for line in err.splitlines() if line.strip(" .") not in ("", _LAST)]
+        last = lines[-1].strip() if lines else f"exit status {process.returncode}, no message"
         raise CompilerError(f"{command[0]} failed: {last}")
-    return done.stdout
+    return out
 
 
 _loaded: dict[str, ctypes.CDLL] = {}
 _lock = threading.Lock()
+_ROOM = 1 << 24
+"""Bytes that a compilation may need; with fewer it fails for want of them."""
 
 
-def load(source: str) -> ctypes.CDLL:
-    """Compile C source to a shared object, or take it from the cache, and load it.
+def load(source: str, needs: Sequence[str] = ()) -> ctypes.CDLL:
+    """Compile C source to a shared object with the functions it ``needs``, and load it.
 
-    Raises `CompilerError` with the compiler's last line where it fails, or with the loader's.
+    It may come from the cache. Raises `CompilerError` with the compiler's last line where it fails,
+    or with the loader's.
     """
     compiler = find_compiler()
     flags = (*FLAGS, *compiler.native)
@@ -169,21 +187,32 @@ def load(source: str) -> ctypes.CDLL:
     with _lock:
         if key not in _loaded:
             made = key, source, compiler, flags
-            library = _open(_object(*made)) or _open(_compile(*made, _private_directory()))
+            try:
+                library = _open(_object(*made), needs)
+                if library is None:
+                    library = _open(_compile(*made, _private_directory()), needs)
+            except OSError as error:
+                reason = f"{error.strerror or error}: {error.filename or 'temporary files'}"
+                raise CompilerError(f"{compiler.path} made no object, {reason}") from error
             if library is None:
                 raise CompilerError("the compiled object vanished before it was loaded")
             _loaded[key] = library
         return _loaded[key]
 
 
-def _open(path: Path) -> ctypes.CDLL | None:
-    """Load an object, None where it is not there any more."""
+def _open(path: Path, needs: Sequence[str]) -> ctypes.CDLL | None:
+    """Load an object with the functions that it needs, None where it is not there any more."""
     try:
-        return ctypes.CDLL(str(path))
-    except OSError as error:
+        library = ctypes.CDLL(str(path))
+        for name in needs:
+            getattr(library, name)
+    except (OSError, AttributeError) as error:
         if not path.exists():
             return None
+        # Its name is that of whatever this compiler makes of the source: a mended one gets no turn.
+        path.unlink(missing_ok=True)
         raise CompilerError(f"the compiled object does not load: {error}") from error
+    return library
 
 
 def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -> Path:
@@ -193,8 +222,12 @@ def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -
         if found is not None:
             _LOG.debug("%s: taken from the cache", found.name)
             return found
-        with contextlib.suppress(OSError):
-            return _compile(key, source, compiler, flags, directory)
+        try:
+            with contextlib.suppress(OSError):
+                return _compile(key, source, compiler, flags, directory)
+        except CompilerError:
+            if shutil.disk_usage(directory).free > _ROOM:
+                raise
     return _compile(key, source, compiler, flags, _private_directory())
 
 

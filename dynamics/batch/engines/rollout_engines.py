@@ -214,7 +214,7 @@ def c_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> CompiledR
     machine = compiler.find_compiler()
 
     def make(own_p: bool, own_theta: bool) -> Any:
-        return compiler.load(c_rollout.source(tapes, block, machine, own_p, own_theta)).run
+        return compiler.load(c_rollout.source(tapes, block, machine, own_p, own_theta), ["run"]).run
 
     return CompiledRolloutEngine(tapes.nu, threads, make, tapes.layers is not None)
 

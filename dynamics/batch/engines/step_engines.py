@@ -29,7 +29,7 @@ _STRIDES = {
 def c_step_engine(tapes: RolloutTapes, threads: int, block: int) -> CompiledEngine:
     """The engine of backend `c`. Raises `CompilerError` where the step cannot be compiled."""
     text = source(tapes, block, compiler.find_compiler())
-    return CompiledEngine("c", threads, compiler.load(text).run)
+    return CompiledEngine("c", threads, compiler.load(text, ["run"]).run)
 
 
 def source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import xarray as xr
+from pydantic import model_validator
 
 from dynamics.batch import Gaussian, RolloutFunction, open_loop
 from dynamics.contact import Barrier
@@ -23,8 +24,17 @@ class Params(StudyParams):
     v0: float = setting(1.0, "m/s", "horizontal velocity")
     sigma: float = setting(0.1, "m/s", "noise on each component of the throw", above=0)
     n_samples: int = setting(1000, "1", "samples", least=10)
-    first: float = setting(0.36, "s", "earliest end of the rollout", above=0)
-    last: float = setting(1.0, "s", "latest end of the rollout", above=0)
+    first: float = setting(0.36, "s", "earliest end of the rollout", least=max(STEPS))
+    last: float = setting(1.0, "s", "latest end of the rollout", least=max(STEPS))
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Params:
+        if self.first > self.last:
+            raise ValueError(
+                f"the earliest end of the rollout, first = {self.first:g} s, must not come after"
+                f" the latest, last = {self.last:g} s"
+            )
+        return self
 
 
 def run(params: Params) -> xr.Dataset:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import stat
 import subprocess
 import sys
+import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -127,18 +129,57 @@ def test_failing_compiler_shows_its_last_line_and_is_passed_over(graph, tmp_path
     fake_compiler(tmp_path / "bin", script, monkeypatch)
     with pytest.warns(BatchWarning, match=r"cc failed: cc1: out of memory; 'graph' runs on the"):
         assert BatchFunction(graph).backend == "numpy"
-    with pytest.raises(CompilerError, match=r"cc failed: cc1: out of memory$"):
+    with pytest.raises(CompilerError, match=r"out of memory; take numpy or auto for a backend$"):
         BatchFunction(graph, backend="c")
 
 
-def test_compiler_that_makes_rubbish_is_passed_over(graph, tmp_path, monkeypatch):
-    script = """case "$*" in
+RUBBISH = {
+    "text": "echo rubbish > $2",
+    "nothing": ":",
+    "another function": "echo 'int other(void) { return 0; }' | $REAL -shared -fPIC -xc - -o $2",
+}
+
+
+@pytest.mark.parametrize("made", RUBBISH)
+def test_compiler_that_makes_rubbish_is_passed_over(graph, tmp_path, monkeypatch, made, own_cache):
+    script = f"""REAL={compiler.find_compiler().path}
+    case "$*" in
       *--version*) echo "cc 0.2" ;;
       *-dM*) echo "#define __SSE2__ 1" ;;
-      *) while [ "$1" != "-o" ]; do shift; done; echo rubbish > "$2" ;;
+      *) while [ "$1" != "-o" ]; do shift; done; {RUBBISH[made]} ;;
+    esac"""
+    before = os.environ["PATH"]
+    fake_compiler(tmp_path / "bin", script, monkeypatch)
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{before}")
+    with pytest.raises(CompilerError, match=r"does not load|made no object"):
+        BatchFunction(graph, backend="c")
+    assert not list(own_cache.glob("*.so")), "a mended compiler gets its turn"
+    with pytest.warns(BatchWarning, match="'graph' runs on the numpy"):
+        assert BatchFunction(graph).backend == "numpy"
+
+
+def test_compiler_that_hangs_is_ended_with_all_it_started(graph, tmp_path, monkeypatch):
+    monkeypatch.setattr(compiler._run, "__defaults__", (0.3,))
+    script = """case "$*" in
+      *--version*) echo "cc 0.3" ;;
+      *-dM*) echo "#define __SSE2__ 1" ;;
+      *) /bin/sleep 60 ;;
     esac"""
     fake_compiler(tmp_path / "bin", script, monkeypatch)
-    with pytest.raises(CompilerError, match="the compiled object does not load"):
+    began = time.monotonic()
+    with pytest.raises(CompilerError, match=r"cc did not end within 0.3 s; take numpy"):
+        BatchFunction(graph, backend="c")
+    assert time.monotonic() - began < 20, "its child held the pipe open"
+
+
+def test_without_cache_and_temporary_files_numpy_is_taken(graph, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    compiler._private_directory.cache_clear()
+    with pytest.warns(BatchWarning, match=r"made no object.*'graph' runs on the numpy"):
+        assert BatchFunction(graph).backend == "numpy"
+    with pytest.raises(CompilerError, match="made no object"):
         BatchFunction(graph, backend="c")
 
 
