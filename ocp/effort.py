@@ -108,9 +108,12 @@ def solve_seconds(
     return iterations * stages(problem, law) * (_LINEAR_S * v + _SQUARE_S * v**2)
 
 
-def points_memory(problem: Problem, count: float) -> float:
-    """Bytes that ``count`` solved points take: plan, replay and referee's replay of each."""
-    numbers = problem.N * problem.scenarios.n * stage_size(problem)
+def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
+    """Bytes that ``count`` solved points take: plan, replay and referee's replay of each.
+
+    The longest has ``longer`` times the steps and scenarios of ``problem``.
+    """
+    numbers = problem.N * problem.scenarios.n * stage_size(problem) * longer
     return count * (_POINT + _ARRAYS * 8.0 * numbers)
 
 

@@ -21,6 +21,7 @@ from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.own_code import own, told
 from problems.parameters import natural_units, range_of, unit_of
+from problems.shown import Shown
 
 S = TypeVar("S", bound="Spec")
 
@@ -149,6 +150,7 @@ class ProblemSpec(Spec):
             citation=problem.citation or (self.citation.key if self.citation else ""),
             source=None if self.path is None else str(self.path),
             source_digest=self.digest,
+            shown=None if self.path is None else Shown(self, params),
         )
 
 

@@ -37,7 +37,7 @@ def strobe(view: RunView, cones: bool = False) -> Figure | None:
 
 def drawable(view: RunView) -> bool:
     """Whether the run has states, and its problem a drawing."""
-    return view.spec is not None and view.spec.draw is not None and view.array("x") is not None
+    return view.picture is not None
 
 
 def picked_scenarios(count: int) -> list[int]:
@@ -98,18 +98,18 @@ def draw_strobe(
 
     A force of ``largest``, if not given the largest of the run, has the longest arrow.
     """
-    spec, x = view.spec, view.array("x")
-    assert spec is not None and spec.draw is not None and x is not None
+    picture = view.picture
+    assert picture is not None
     forces = _forces_drawn(view)
-    plays = [spec.draw(view.params, state) for state in x[0]]
+    plays = picture.shapes("", view.time)
     chosen = draw_motion(axis, plays, None if forces is None else _strongest(forces))
     if forces is not None:
         most = forces.largest if largest is None else largest
         _arrows(axis, view, forces, (chosen, cones, most))
         if most > 0:
             axis.set_title(caption(most, forces.unit, cones), loc="left", color=INK)
-    axis.set_xlabel(spec.axes[0])
-    axis.set_ylabel(spec.axes[1])
+    axis.set_xlabel(picture.axes[0])
+    axis.set_ylabel(picture.axes[1])
     axis.set_axisbelow(True)
 
 
@@ -156,16 +156,16 @@ def _instants(plays: list[list[Shape]]) -> np.ndarray:
 
 def _forces_drawn(view: RunView) -> Forces | None:
     """The forces, where the problem says where they act."""
-    return forces_of(view) if view.spec is not None and view.spec.frames is not None else None
+    return forces_of(view) if view.picture is not None and view.picture.framed else None
 
 
 def _arrows(
     axis: Axes, view: RunView, forces: Forces, shown: tuple[np.ndarray, bool, float]
 ) -> None:
     """Arrows from the contacts at the instants that are drawn, and cones of friction if asked."""
-    (chosen, cones, largest), spec, x = shown, view.spec, view.array("x")
-    assert spec is not None and spec.frames is not None and x is not None
-    for node in chosen[chosen > 0]:
-        frames = spec.frames(view.params, x[0, node])
+    (chosen, cones, largest), picture = shown, view.picture
+    assert picture is not None
+    acting = chosen[chosen > 0]
+    for node, frames in zip(acting, picture.contacts("", view.time[acting]), strict=True):
         pushes = forces.normal[node - 1], forces.friction[node - 1]
         draw_contacts(axis, frames, pushes, largest, cones=0.5 if cones else 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from problems import ProblemSpec
 from problems.lent import known_parameters, problem_of
 from problems.tasks import registry as tasks
 from problems.tasks.spec import TaskSpec
+from reports.picture import Picture, picture_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,14 +53,36 @@ class RunView:
     @property
     def title(self) -> str:
         """Title of the problem."""
-        return self.spec.title if self.spec else str(self.run.meta["problem"])
+        if self.spec is not None:
+            return self.spec.title
+        told = self.run.own_problem
+        return str(self.run.meta["problem"]) if told is None else str(told["title"])
+
+    @cached_property
+    def picture(self) -> Picture | None:
+        """What is drawn of it, None for a run without states or drawing."""
+        return picture_of(self)
+
+    @property
+    def pictured(self) -> int:
+        """How many scenarios can be drawn: a run keeps the drawing of the first alone."""
+        return self.scenarios if self.spec is not None else 1
 
     def signals(self, kind: str) -> list[Signal]:
         """Names and units of the ``states``, ``inputs`` or ``contacts``."""
         if self.problem is not None:
             return list(getattr(self.problem.system, kind))
         dimension = {"states": "state", "inputs": "control", "contacts": "contact"}[kind]
-        return [Signal(str(name), "") for name in self.run.data[dimension].values]
+        names, unit = self.run.data[dimension].values, f"{dimension}_unit"
+        units = self.run.data[unit].values if unit in self.run.data else [""] * len(names)
+        return [Signal(str(name), str(one)) for name, one in zip(names, units, strict=True)]
+
+    @property
+    def gap_unit(self) -> str:
+        """Unit of the gaps."""
+        if self.problem is not None:
+            return self.problem.system.gap_unit
+        return str(self.run.data["gap"].attrs.get("units", "m")) if "gap" in self.run.data else "m"
 
     def array(self, name: str) -> np.ndarray | None:
         """Values of a stored array, or None where the run has none, as forces of a learned law."""

@@ -1,7 +1,17 @@
 """The store of runs: what was asked and what came out, on disk, and read back."""
 
 from ocp.store.lookup import default_root, find
-from ocp.store.runs import SCHEMA, check_writable, list_runs, load, read_meta, save, unsaved, write
+from ocp.store.runs import (
+    SCHEMA,
+    check_writable,
+    list_runs,
+    load,
+    read_meta,
+    save,
+    shown,
+    unsaved,
+    write,
+)
 from ocp.store.stored_run import StoredRun
 
 __all__ = [
@@ -14,6 +24,7 @@ __all__ = [
     "load",
     "read_meta",
     "save",
+    "shown",
     "unsaved",
     "write",
 ]

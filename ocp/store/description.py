@@ -180,6 +180,31 @@ class Drawn(TypedDict):
     claims: list[Row]
 
 
+class Meaning(TypedDict):
+    """What a parameter is."""
+
+    unit: str
+    description: str
+
+
+class Motion(TypedDict):
+    """Shapes and contacts at each node."""
+
+    shapes: list[list[Row]]
+    contacts: list[list[Row]]
+
+
+class OwnProblem(TypedDict):
+    """What a run keeps of a problem of a user's file, for whoever shows it without that file."""
+
+    title: str
+    equations: list[str]
+    axes: list[str]
+    parameters: dict[str, Meaning]
+    motions: dict[str, Motion]
+    undrawn: str
+
+
 KINDS: dict[str, Any] = {
     "solve": Solved, "continue": Continued, "sweep": Swept, "estimate": Estimated,
     "train": Trained, "figure": Drawn,
@@ -195,6 +220,15 @@ def check_description(file: Path, meta: dict[str, Any]) -> None:
         found = f"kind is {meta['kind']!r}, expected one of {', '.join(KINDS)}"
     if found := found or misfit(KINDS[meta["kind"]], meta):
         raise DamagedRun(f"{file} does not describe a run: {found}")
+
+
+def check_own_problem(file: Path, told: dict[str, Any]) -> None:
+    """Raise :class:`~ocp.errors.DamagedRun` for what is no :class:`OwnProblem`."""
+    found = misfit(OwnProblem, told)
+    if not found and len(told["axes"]) != len("xy"):
+        found = f"axes are {len(told['axes'])}, expected 2"
+    if found:
+        raise DamagedRun(f"{file} does not tell of a problem: {found}")
 
 
 def _misfit_of_parts(meta: dict[str, Any]) -> str:

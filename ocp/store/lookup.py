@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from ocp.errors import InputError, did_you_mean
-from ocp.store.atomic import discard
 from ocp.paths import expanded
+from ocp.store.atomic import discard
 from ocp.store.parts import DATA_FILE, META_FILE, MOST
 from ocp.store.runs import RunEntry, list_runs
 

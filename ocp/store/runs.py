@@ -8,10 +8,11 @@ nothing is ever pickled, and no code that it names is ever loaded.
 from __future__ import annotations
 
 import errno
+import json
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -22,10 +23,20 @@ import numpy as np
 
 from ocp.errors import DamagedRun, InputError
 from ocp.paths import expanded
+from ocp.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import drafts, flush, told
 from ocp.store.description import check_description
-from ocp.store.parts import DATA_FILE, META_FILE, part, read_sealed, reason, sealed, visible
+from ocp.store.parts import (
+    DATA_FILE,
+    META_FILE,
+    PROBLEM_FILE,
+    part,
+    read_sealed,
+    reason,
+    sealed,
+    visible,
+)
 from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import StoredRun
@@ -50,13 +61,28 @@ def save(
     solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()
 ) -> Path:
     """Store a solution and return its run directory; see :func:`write` for what it raises."""
-    return write(root, *_parts(solution, argv, tags))
+    problem, data, meta = _parts(solution, argv, tags)
+    return write(root, problem, data, meta, shown(solution.problem, data))
 
 
 def unsaved(solution: Solution) -> StoredRun:
     """The run that :func:`save` would store, for whatever shows a run; it has no place on disk."""
     problem, data, meta = _parts(solution, [], [])
-    return StoredRun(Path(), data, _completed(problem, data, meta, datetime.now(UTC)))
+    described = _completed(problem, data, meta, datetime.now(UTC))
+    return StoredRun(Path(), data, described, shown(solution.problem, data))
+
+
+def shown(problem: Problem, data: xr.Dataset | None = None) -> dict[str, bytes]:
+    """The part of a run that tells of a user's own problem, drawn at the states of ``data``.
+
+    No part for a problem that has a name, or none.
+    """
+    if problem.shown is None:
+        return {}
+    motions = {} if data is None else {
+        suffix: np.asarray(data[f"x{suffix}"].values[0]) for suffix in ("", "_replay")
+    }  # fmt: skip
+    return {PROBLEM_FILE: json.dumps(plain(problem.shown.told(motions))).encode()}
 
 
 def _parts(
@@ -82,19 +108,27 @@ def _parts(
     return str(record.get("problem", "problem")), solution.data, meta
 
 
-def write(root: Path | str, problem: str, data: xr.Dataset, meta: dict[str, Any]) -> Path:
+def write(
+    root: Path | str,
+    problem: str,
+    data: xr.Dataset,
+    meta: dict[str, Any],
+    parts: Mapping[str, bytes] | None = None,
+) -> Path:
     """Store ``data`` and ``meta`` as one run of ``problem`` and return its directory.
 
     ``meta`` is what :mod:`ocp.store.description` says of its ``kind``; ``tags`` are words that mark
-    the run; ``schema problem created versions revision hash parts checksum`` are added. The hash in
-    the name covers the content without times and tags, so identical solves share it.
+    the run; ``parts`` are what :func:`shown` gave. Added are ``schema problem created versions
+    revision hash parts checksum``. The hash in the name covers the content without times and tags,
+    so identical solves share it.
 
     Raises :class:`~ocp.errors.InputError` for a tag that is no word, and where the directory cannot
     be written or the disk is full; then nothing of the run is left behind.
     """
     created = datetime.now(UTC)
     described = _completed(problem, data, meta, created)
-    files = sealed(described, {DATA_FILE: bytes(data.to_netcdf(engine="netcdf4"))})
+    content = bytes(data.to_netcdf(engine="netcdf4"))
+    files = sealed(described, {DATA_FILE: content, **(parts or {})})
     name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
     place = expanded(root)
     shelf = place / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")

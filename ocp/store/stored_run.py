@@ -15,7 +15,8 @@ from ocp.programs.status import Status
 from ocp.rollout import Gains
 from ocp.solution import Solution, StageRecord
 from ocp.stationarity.certificate import Certificate
-from ocp.store.parts import META_FILE
+from ocp.store.description import check_own_problem
+from ocp.store.parts import META_FILE, PROBLEM_FILE, parsed
 from ocp.store.plain import read
 
 if TYPE_CHECKING:
@@ -47,6 +48,19 @@ class StoredRun:
     def record(self) -> dict[str, Any]:
         """What was asked."""
         return self.meta.get("record") or {}
+
+    @cached_property
+    def own_problem(self) -> dict[str, Any] | None:
+        """What it keeps of a problem of a user's file (:class:`~ocp.store.description.OwnProblem`).
+
+        None where it keeps nothing; raises as :attr:`audit` does.
+        """
+        if PROBLEM_FILE not in self.parts:
+            return None
+        file = self.path / PROBLEM_FILE
+        told = parsed(file, self.parts[PROBLEM_FILE])
+        check_own_problem(file, told)
+        return told
 
     @cached_property
     def status(self) -> Status:

@@ -133,7 +133,12 @@ def check_side_by_side(session: Session, jobs: int) -> None:
 def check_points(study: Study, session: Session) -> None:
     """Raise :class:`~ocp.errors.InputError` where all points together need too much memory."""
     count = math.prod(study.shape)
-    check_memory(f"a grid of {count} points", points_memory(session.problem, count))
+    # Shorter points are filled up to the longest.
+    longest = math.prod(
+        max(axis.values) / axis.values[0] for axis in study.axes
+        if axis.name in ("problem.N", "problem.scenarios")
+    )  # fmt: skip
+    check_memory(f"a grid of {count} points", points_memory(session.problem, count, longest))
 
 
 def followed(

@@ -65,7 +65,8 @@ def run(options: ContinueOptions, asked: Request) -> int:
     )  # fmt: skip
     path, interrupted = _followed(options, asked)
     output, meta = options.output, _meta(options, asked, path)
-    stored = store.write(options.out, asked.session.problem.name, curve_dataset(path), meta)
+    problem, data = asked.session.problem, curve_dataset(path)
+    stored = store.write(options.out, problem.name, data, meta, store.shown(problem))
     if path.events:
         output.note(curve_tables.event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])

@@ -87,7 +87,9 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
             interrupted = True
         meta = _meta(asked, study)
         data = sweep_dataset(study.widest, study.rows, asked.sweep, asked.unit())
-        path = store.write(options.out, asked.spec.name, data, meta)
+        problem = getattr(asked.objective, "problem", None)
+        parts = {} if problem is None else store.shown(problem)
+        path = store.write(options.out, asked.spec.name, data, meta, parts)
         if study.finished:
             checkpoint.discard()
     swept = None if asked.sweep is None else asked.sweep.name

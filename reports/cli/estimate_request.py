@@ -277,6 +277,8 @@ def _check_same(
 
     Its plan would be rolled out where it means nothing.
     """
+    from ocp.store.plain import plain
+
     at = f"--at {options.at}: that run is of"
     if run.meta["problem"] != spec.name:
         raise InputError(
@@ -289,7 +291,7 @@ def _check_same(
         )
     swept = "" if options.sweep is None else options.sweep.partition("=")[0].strip()
     kept = run.record.get("params", {})
-    asked = spec.params(given).model_dump()
+    asked = plain(spec.params(given).model_dump())
     differ = [
         f"{name}={kept.get(name)}" for name, value in asked.items()
         if name != swept and kept.get(name) != value

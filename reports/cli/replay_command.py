@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from reports.cli.declared import option
 from reports.cli.options import Command, LawOptions, RunOptions, SourceOptions
+from reports.cli.solve_command import NOT_CONVERGED
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw
@@ -56,7 +58,7 @@ def run(options: ReplayOptions, asked: Asked) -> int:
     for words in told(rolled.broken):
         output.say(words)
     output.document(document(stored, rolled))
-    return 0
+    return 0 if math.isfinite(rolled.cost) else NOT_CONVERGED
 
 
 def document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:

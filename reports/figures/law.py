@@ -38,7 +38,7 @@ def contact_plane(view: RunView) -> Figure:
         own = np.s_[..., np.isin(np.arange(lam.shape[-1]) % len(signals), members)]
         axis.plot(_above(gap[own]).ravel(), _above(lam[own]).ravel(), "os^Dv"[index % 5], alpha=0.8,
                   color=CYCLE[index % len(CYCLE)], label=title)  # fmt: skip
-    gap_unit = view.problem.system.gap_unit if view.problem else "m"
+    gap_unit = view.gap_unit
     axis.set(xscale="log", yscale="log")
     axis.set_xlabel(label("gap", gap_unit))
     axis.set_ylabel(label("$\\lambda$", signals[0].unit if signals else ""))

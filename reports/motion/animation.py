@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,12 +49,12 @@ class Animation:
         drawing, and for more frames than a file should hold.
         """
         check_drawable(view)
-        assert view.spec is not None
+        assert view.picture is not None
         self.view, self.fps, self.speed, self.cones = view, fps, speed, cones
         self.times = frame_times(float(view.time[-1]), fps, speed)
         self.motions = motions(view, self.times)
         self.cameras: list[Camera] = film([motion.shapes for motion in self.motions])
-        self.axes: tuple[str, str] = view.spec.axes
+        self.axes: tuple[str, str] = view.picture.axes
 
     @property
     def title(self) -> str:
@@ -120,22 +119,22 @@ def motions(view: RunView, times: np.ndarray) -> list[Motion]:
 
 
 def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion:
-    spec, x = view.spec, view.array(f"x{suffix}")
-    assert spec is not None and spec.draw is not None and x is not None
+    picture, x = view.picture, view.array(f"x{suffix}")
+    assert picture is not None and x is not None
     states = np.stack([np.interp(times, view.time, column) for column in x[0].T], axis=1)
     known = np.isfinite(states).all(axis=1)
     if not known.all():
         end = max(1, int(np.argmin(known)))
         states = states[:end]
         title = f"{title}; runs away at {times[end]:.2f} s"
-    frames: Callable[..., list[ContactFrame]] = spec.frames or (lambda *_: [])
+    seen = times[: len(states)]
     forces = forces_of(view, suffix)
     return Motion(
         title,
         suffix,
         states,
-        [spec.draw(view.params, state) for state in states],
-        [frames(view.params, state) for state in states],
+        picture.shapes(suffix, seen),
+        picture.contacts(suffix, seen),
         None if forces is None else _sampled(forces, view.time, times),
     )
 
@@ -163,7 +162,11 @@ def check_drawable(view: RunView) -> None:
             f"{view.run.path} holds a {view.run.kind} study, which does not move; give a run of"
             " ocp solve or ocp train"
         )
+    if view.picture is not None:
+        return
     if view.spec is None:
+        if told := view.run.own_problem:
+            raise InputError(f"the problem {name!r} has no drawing: {told['undrawn']}")
         spec_of(view.run)
         raise InputError(f"the problem {name!r} of {view.run.path} no longer fits the run")
     if view.spec.draw is None:

@@ -16,6 +16,7 @@ from problems.studies.study import Study
 from reports.bibliography import full_citation
 from reports.console import number
 from reports.figures.panels import COLUMNS, Row, draw_rows
+from reports.notation import plain
 from reports.units import in_symbols, powers, symbol
 from reports.view import RunView
 
@@ -26,6 +27,10 @@ _NOT_SETTINGS = (
 )  # fmt: skip
 _FIRST = ("contact", "method", "policy", "solver")
 _LEAST_MU = 1e-12
+_UNLOADED = (
+    "The file of this problem was not loaded: what is shown is what the run keeps of it. ocp report"
+    " --source FILE sets its equations, and draws what only the file can."
+)
 
 
 def head(view: RunView) -> dict[str, Any]:
@@ -37,12 +42,16 @@ def head(view: RunView) -> dict[str, Any]:
 def described(run: StoredRun, spec: Spec | Study | None, values: dict[str, Any]) -> dict[str, Any]:
     """Where a run is from, what was asked, and what it found."""
     cited = spec.citation if spec else None
+    told = run.own_problem if spec is None else None
     return {
         "hash": run.meta["hash"],
         "verdict": run.meta["verdict"],
         "how": how(run),
         "equations": list(spec.equations) if isinstance(spec, Spec) else [],
-        "parameters": _parameters(spec, values),
+        # What a run tells is text: typst's mathematics is a program that a page would run.
+        "typed": [plain(line) for line in told["equations"]] if told else [],
+        "unloaded": _UNLOADED if told else "",
+        "parameters": _kept_parameters(told, values) if told else _parameters(spec, values),
         "citation": f"{cited.text}. {full_citation(cited.key)}." if cited else "",
         "settings": settings(run),
         "versions": pairs(run.meta.get("versions") or {}),
@@ -113,6 +122,15 @@ def _parameters(spec: Spec | Study | None, values: dict[str, Any]) -> list[list[
         [name, shown(values[name]), powers(unit_of(about)), about.description or ""]
         for name, about in spec.Params.model_fields.items() if name in values
     ]  # fmt: skip
+
+
+def _kept_parameters(told: dict[str, Any], values: dict[str, Any]) -> list[list[str]]:
+    known, nothing = told["parameters"], {"unit": "", "description": ""}
+    meant = {name: known.get(name, nothing) for name in values}
+    return [
+        [name, shown(value), powers(meant[name]["unit"]), meant[name]["description"]]
+        for name, value in values.items()
+    ]
 
 
 def shown(value: Any) -> str:

@@ -23,7 +23,7 @@ from reports.figures import run as figures_of
 from reports.pages.described import Page, head, numbered, row_figures, shown
 from reports.pages.described import law as law_said
 from reports.stages import left_out
-from reports.strobe import MOST_SCENARIOS, drawable, picked_scenarios, strobe, strobe_rows
+from reports.strobe import drawable, picked_scenarios, strobe, strobe_rows
 from reports.units import label, symbol
 from reports.view import RunView
 
@@ -58,9 +58,9 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
         "peak": label("peak", multiplier_unit(view)),
         "idle": idle_contacts(stored.audit),
         "scenarios": view.scenarios,
-        "gap": label("its gap", view.problem.system.gap_unit if view.problem else "m"),
+        "gap": label("its gap", view.gap_unit),
         "averaged": view.run.data.sizes.get("contact", 0) > len(view.signals("contacts")),
-        "pictured": min(view.scenarios, MOST_SCENARIOS),
+        "pictured": len(picked_scenarios(view.pictured)),
     }  # fmt: skip
     figures, content["arrows"] = _motion(view, cones)
     figures |= row_figures("motion", motion.plan_rows(view))
@@ -79,7 +79,7 @@ def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
     """The strobe, or one for each scenario, and what arrows mean in those."""
     if view.scenarios == 1 or not drawable(view):
         return {"strobe": strobe(view, cones)}, ""
-    picked = picked_scenarios(view.scenarios)
+    picked = picked_scenarios(view.pictured)
     rows, told = strobe_rows([(f"scenario {i}", view.scenario(i)) for i in picked], cones)
     return {**numbered("strobes", rows)}, told
 

@@ -51,7 +51,7 @@ def solution_figure(view: RunView) -> Figure:
         )
     shown = groups(view)
     rows = -(-len(shown) // _COLUMNS)
-    drawn = view.spec is not None and view.spec.draw is not None
+    drawn = view.picture is not None
     figure = Figure(figsize=(WIDTH, _ROW * rows + 0.4))
     grid = figure.add_gridspec(rows + drawn, min(_COLUMNS, len(shown)))
     if drawn:

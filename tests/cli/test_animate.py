@@ -61,7 +61,7 @@ def test_a_gif_of_a_stored_run(ocp, store_of_runs: Path) -> None:
         (["push-1d/", "-o", "x.mp4"], ["ffmpeg", "x.gif or x.html"]),
         (["nothing", "-o", "x.gif"], ["no run 'nothing'"]),
         (["wall-1d/", "-o", "x.gif"], ["continue study", "ocp solve"]),
-        (["bare/", "-o", "x.gif"], ["not loaded", "--source FILE"]),
+        (["bare/", "-o", "x.gif"], ["no drawing", "draw(params, state)"]),
         (["push-1d/"], ["--output"]),
         (["push-1d/", "-o", "x.gif", "--fps", "0"], ["--fps"]),
         (["push-1d/", "-o", "x.gif", "--speed", "0"], ["--speed"]),

@@ -128,7 +128,7 @@ CASES = {
         [*SOLVE, "-s", "homotopy=false", "-s", "factor=0.5"],
         ["factor would change nothing"],
     ),
-    "figure beyond a year": (["figure", "P1", "-p", "n_samples=1000000000000"], ["years"]),
+    "figure beyond memory": (["figure", "P1", "-p", "n_samples=1000000000000"], ["GB of memory"]),
     "rank of one": ([*SOLVE, "--rank", "referee"], ["--starts 2"]),
     "animation without a name": (["animate", "x", "-o", ""], ["--output is empty"]),
     "what is followed": ([*CONTINUE, "--from", "1", "--to", "2", "-c", "mu=3"], ["drop -c mu"]),

@@ -33,6 +33,9 @@ TOO_MUCH = {
     "points together": (
         ["sweep", "wall-1d", "--over", "m=1:2:20000", "-p", "N=100000"], "a grid of 20000 points",
     ),
+    "points of a growing horizon": (
+        ["sweep", "wall-1d", "--over", "N=1:50000:50000"], "a grid of 50000 points",
+    ),
     "steps of a curve": (
         ["continue", "wall-1d", "--over", "m", "--from", "1", "--to", "2", "--steps", "100000",
          "-p", "N=20000"], "--steps 100000 would take",
@@ -107,6 +110,8 @@ def test_a_curve_that_ends_in_no_number_has_failed(ocp, monkeypatch: pytest.Monk
 def test_a_solve_whose_replay_has_no_number_has_failed(ocp) -> None:
     done = ocp(*WALL, "-p", "N=5", "-p", "m=1e-300", "--json")
     assert done.json["exact_cost"] is None and done.code == 3
+    again = ocp("replay", "@last", "--json")
+    assert again.json["cost"] is None and again.code == 3
 
 
 def test_a_tilde_is_the_home_directory(ocp, tmp_path: Path, monkeypatch) -> None:

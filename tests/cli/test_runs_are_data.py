@@ -6,10 +6,16 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ocp import load, store
-from ocp.errors import InputError
+from ocp.errors import DamagedRun, InputError
+from problems import registry
+from problems.drawing import Disc
+from reports.notation import plain
+from reports.pages.described import head
+from reports.view import RunView
 from tests.resealed import reseal
 
 EVIL = """
@@ -118,7 +124,7 @@ def test_nor_does_a_start_or_a_decision(ocp, made: Path, received: dict[str, Pat
 
 @pytest.mark.parametrize("command", ["replay", "report", "animate", "export"])
 def test_source_names_the_code(ocp, made: Path, command: str) -> None:
-    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta["grade"])
+    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))
     line = (command, str(run), *COMMANDS[command], "--source")
     assert ocp(*line, str(made / "mine.py")).code == 0
     other = made / "other.py"
@@ -129,7 +135,7 @@ def test_source_names_the_code(ocp, made: Path, command: str) -> None:
 
 
 def test_what_needs_code_says_so_in_a_sentence(ocp, made: Path) -> None:
-    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta["grade"])
+    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))
     told = json.loads((run / "meta.json").read_text())["record"]["source"]
     for command in ("replay", "export"):
         done = ocp(command, str(run), *COMMANDS[command])
@@ -144,6 +150,67 @@ def test_source_is_for_runs_of_a_file(ocp) -> None:
 
 
 def test_load_takes_the_file_by_name(made: Path) -> None:
-    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta["grade"])
+    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))
     again = load(run, source=made / "mine.py")
     assert again.replay().cost == pytest.approx(again.audit.exact_cost, rel=1e-9)
+
+
+def test_a_run_shows_its_problem_without_the_file(ocp, made: Path, tmp_path: Path) -> None:
+    """The same motion as with it: at nodes as drawn, between them in straight lines."""
+    run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))
+    shapes = {}
+    for how in ([], ["--source", str(made / "mine.py")]):
+        done = ocp("animate", str(run), "-o", "a.gif", "--fps", "7", "--json", *how)
+        assert done.code == 0 and done.json["frames"] == 4
+        own = registry.load(how[1]) if how else None
+        view = RunView.of(store.load(run), own)
+        assert (view.spec is None) == (not how)
+        assert view.title == "A disc and a wall"
+        times = np.linspace(0, view.time[-1], 9)
+        assert view.picture is not None
+        assert view.picture.shapes("", view.time)[0] == [Disc(1.0, 0.0, 0.1)]
+        shapes[len(how)] = [
+            [disc.x for (disc,) in view.picture.shapes(suffix, times) if isinstance(disc, Disc)]
+            for suffix in ("", "_replay")
+        ]
+    np.testing.assert_allclose(shapes[0], shapes[2], rtol=0, atol=1e-14)
+    kept = head(RunView.of(store.load(run)))
+    named = head(RunView.of(store.load(run), registry.load(made / "mine.py")))
+    assert sorted(kept["parameters"]) == sorted(named["parameters"])
+    assert kept["equations"] == [] and kept["typed"] == [plain("m dot(v) = u + lambda")]
+    assert "--source FILE" in kept["unloaded"] and named["unloaded"] == ""
+
+
+def test_what_is_not_drawn_ahead_says_why(ocp, made: Path, tmp_path: Path) -> None:
+    (tmp_path / "late.py").write_text(
+        MINE.replace("return [Disc", "if state[0] < 0.9: return None\n    return [Disc")
+    )
+    solved = ocp("solve", "late.py", "-p", "N=4", "--json", "-q")
+    assert solved.code == 0, "a run is never lost for its drawing"
+    done = ocp("animate", solved.json["run"], "-o", "a.gif")
+    assert done.code == 2 and "draw(params, state)" in done.err and "has no drawing" in done.err
+
+
+def test_a_flip_in_what_is_kept_of_the_problem_is_found(made: Path, tmp_path: Path) -> None:
+    source = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))
+    run = shutil.copytree(source, tmp_path / "run")
+    content = (run / "problem.json").read_bytes()
+    for bit in np.random.default_rng(14).choice(8 * len(content), 100, replace=False):
+        changed = bytearray(content)
+        changed[bit // 8] ^= 1 << bit % 8
+        (run / "problem.json").write_bytes(changed)
+        with pytest.raises(DamagedRun, match=r"problem\.json"):
+            store.load(run)
+
+
+@pytest.mark.parametrize("harm", [
+    b"[]", b"{}", b'{"title": 1}', b"[" * 10_000,
+    b'{"title": "a", "equations": [], "axes": ["x", "y"], "parameters": {}, "undrawn": "",'
+    b' "motions": {"": {"shapes": [[{"kind": "__import__", "name": "os"}]], "contacts": []}}}',
+])  # fmt: skip
+def test_a_drawing_of_another_kind_is_damage(ocp, made: Path, tmp_path: Path, harm: bytes) -> None:
+    source = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))
+    run = shutil.copytree(source, tmp_path / "run")
+    reseal(run, lambda meta: None, problem=harm)
+    done = ocp("animate", str(run), "-o", "a.gif")
+    assert done.code == 4 and done.err.count("\n") == 1, done.err

@@ -91,7 +91,8 @@ def run(options: SweepOptions, asked: Asked) -> int:
             "argv": options.argv,
             "tags": options.tags or (),
         }
-        path = store.write(options.out, asked.session.problem.name, data, meta)
+        problem = asked.session.problem
+        path = store.write(options.out, problem.name, data, meta, store.shown(problem))
         checkpoint.discard()
     dims = [axis["name"] for axis in meta["study"]["axes"]]
     found = rows(data)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from dynamics.contact import Barrier
-from ocp import effort, solve
+from dynamics.contact import Barrier, Randomized
+from ocp import Feedback, effort, solve
 from ocp.errors import InputError
 from ocp.gradients.estimation import Sampling
 from ocp.gradients.sweep import SweepRun
@@ -18,7 +19,7 @@ from problems.objectives import objective_spec
 
 PEAK = """
 import resource, sys
-from dynamics.contact import Barrier
+from dynamics.contact import Barrier, Randomized
 from ocp import solve
 from problems import get
 solve(get(sys.argv[1], N=int(sys.argv[2])), Barrier(mu=1e-2), settings={"max_iter": 3})
@@ -29,6 +30,42 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 def test_memory_grows_with_steps_and_scenarios_alike() -> None:
     one = effort.solve_memory(get("push-disc", N=10, scenarios=1))
     assert effort.solve_memory(get("push-disc", N=70, scenarios=3)) == pytest.approx(21 * one)
+
+
+def test_feedback_adds_its_gains_to_a_stage_and_noise_its_nodes_to_a_program() -> None:
+    problem, law = get("push-disc", N=10, scenarios=3), Randomized(samples=8)
+    nx, nu, nlam = problem.system.nx, problem.system.nu, problem.system.nlam
+    assert effort.stage_size(problem) == nx + nu + 2 * nlam
+    assert effort.stage_size(problem, Feedback()) == nx + nu + 2 * nlam + nu * (nx + 1)
+    assert effort.stages(problem) == 30 and effort.stages(problem, law) == 240
+    assert effort.solve_memory(problem, None, law) == 8 * effort.solve_memory(problem)
+    assert effort.solve_seconds(problem, path=1000) == 10 * effort.solve_seconds(problem, path=100)
+
+
+def test_limits_are_those_of_the_groups_around_too(tmp_path: Path, monkeypatch) -> None:
+    """Version 2 has one tree, version 1 one of memory; a group may have less than it asks for."""
+    machine = effort.machine_memory()
+    groups, own = tmp_path / "cgroup", tmp_path / "own"
+    (groups / "outer/inner").mkdir(parents=True)
+    (groups / "memory/job").mkdir(parents=True)
+    monkeypatch.setattr(effort, "_CGROUPS", groups)
+    monkeypatch.setattr(effort, "_OF_PROCESS", own)
+    own.write_text("0::/outer/inner\n")
+    (groups / "outer/inner/memory.max").write_text("max\n")
+    assert effort.machine_memory() >= machine
+    (groups / "outer/memory.max").write_text("12345678\n")
+    assert effort.machine_memory() == 12345678
+    own.write_text("5:cpu,memory:/job\n1:name=systemd:/x:y\n")
+    assert effort.machine_memory() >= machine
+    (groups / "memory/job/memory.limit_in_bytes").write_text("2345678\n")
+    assert effort.machine_memory() == 2345678
+    own.unlink()
+    assert effort.machine_memory() >= machine
+
+
+def test_durations_are_told_in_the_largest_unit_of_which_there_are_two() -> None:
+    told = [effort.duration(s) for s in (90.0, 119.0, 120.0, 7199.0, 7200.0, 172800.0, 3e7)]
+    assert told == ["90 s", "120 s", "2 min", "120 min", "2 hours", "2 days", "350 days"]
 
 
 @pytest.mark.slow

@@ -74,6 +74,6 @@ def test_forces_belong_to_the_nearest_node_or_to_all_steps_of_a_frame(h: float) 
     np.testing.assert_allclose(found.normal[1:], expected)
 
 
-def test_a_problem_whose_file_is_gone_is_named() -> None:
-    with pytest.raises(InputError, match="the problem 'box' of runs/box is not found again"):
+def test_a_problem_that_no_name_finds_needs_its_file() -> None:
+    with pytest.raises(InputError, match="code that a run names is not loaded; name the file"):
         check_drawable(replace(VIEW, spec=None))
