@@ -144,7 +144,8 @@ def _explain(error: BaseException) -> tuple[str, int]:
         return f"{_shortened(message).rstrip('.')}; ocp --help shows what there is", 2
     if isinstance(code := getattr(error, "exit_code", None), int):
         return _shortened(str(error)), code
-    if isinstance(error, BrokenPipeError):
+    # rich turns a pipe that broke into an exit of its own.
+    if isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
         streams.abandon()
         return "", 1
     if isinstance(error, OSError) and error.errno in _FULL:

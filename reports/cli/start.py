@@ -1,10 +1,10 @@
 """The first lines of the program: Ctrl-C is heeded before anything else is imported."""
 
-from __future__ import annotations
-
 import os
-import signal
 import sys
+
+# What the module signal wraps: that one imports for 10 ms, in which nobody hears Ctrl-C.
+_signal = __import__("_signal")
 
 EXIT_CODE = 130
 """Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
@@ -15,13 +15,13 @@ def main() -> int:
 
     Ctrl-C ends the process at once before :mod:`reports.cli.interrupt` listens, and after it.
     """
-    signal.signal(signal.SIGINT, end)
+    _signal.signal(_signal.SIGINT, end)
     _open_closed()
     from reports.cli.app import main as run
 
     code = run()
     # What is left is Python's own end, in which a handler of Python's would raise in odd places.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     return code
 
 

@@ -35,30 +35,25 @@ SHELLS = {
     "no temporary folder": "TMPDIR=/nothing TEMP=/nothing TMP=/nothing {}",
 }
 
+EVERY = ("to /dev/full", "a closed stdout", "ASCII", "both closed", "a reader that goes")
+"""Those in which every command is run, for others every fourth."""
+
 
 @pytest.fixture(scope="module")
 def shop(servers, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return furnish(servers[0], tmp_path_factory.mktemp("shop"))
 
 
-def test_streams_and_places(shop, tally, side_by_side, tmp_path) -> None:
+@pytest.mark.parametrize("name", SHELLS)
+def test_streams_and_places(shop, name: str, tally, side_by_side, tmp_path) -> None:
     account = tally(
         "A full, closed or narrow output is no fault of the program: one sentence at most.",
         f"{len(SHELLS)} kinds of streams and places, for commands that print",
         90,
     )
-    many = ("to /dev/full", "a closed stdout", "ASCII", "both closed")
-    items = [
-        (name, line)
-        for k, name in enumerate(SHELLS)
-        for line in (LINES if name in many else LINES[k % 4 :: 4])
-    ]
 
-    def attack(_server, item: tuple[str, str]) -> None:
-        name, line = item
-        here = shutil.copytree(
-            shop, tmp_path / f"{name} {line}".replace("/", "-").replace(" ", "-")
-        )
+    def attack(_server, line: str) -> None:
+        here = shutil.copytree(shop, tmp_path / line.replace(" ", "-"))
         words = line.split()
         call = shlex.join([*program.command(), *words])
         script = SHELLS[name].format(call)
@@ -76,4 +71,5 @@ def test_streams_and_places(shop, tally, side_by_side, tmp_path) -> None:
         account.count([(kind, f"{name}: {told}") for kind, told in found])
         shutil.rmtree(here)
 
-    side_by_side(attack, items)
+    place = list(SHELLS).index(name)
+    side_by_side(attack, LINES if name in EVERY else LINES[place % 4 :: 4])

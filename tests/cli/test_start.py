@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import signal
 import subprocess
@@ -11,18 +12,18 @@ from pathlib import Path
 
 import pytest
 
-from reports.cli import interrupt
+from reports.cli import app, interrupt
 from reports.cli.app import main
 
 ROOT = Path(__file__).parents[2]
 HEEDED = """
-import os, signal, sys
-real = signal.signal
+import _signal, os, sys
+real = _signal.signal
 def told(*given):
     before = real(*given)
     os.write(1, b".")
     return before
-signal.signal = told
+_signal.signal = told
 from reports.cli.start import main
 sys.argv[0] = "ocp"
 sys.exit(main())
@@ -50,6 +51,28 @@ def test_ctrl_c_while_the_program_is_still_imported(seconds: float, tmp_path: Pa
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert err.startswith("stopped by the user") and err.count("\n") == 1
+
+
+def test_nothing_is_imported_before_ctrl_c_is_heeded() -> None:
+    program = (
+        "import sys; old = {*sys.modules}; import reports.cli.start; print({*sys.modules} - old)"
+    )
+    found = subprocess.check_output([sys.executable, "-c", program], cwd=ROOT, text=True)
+    assert ast.literal_eval(found) == {"reports", "reports.cli", "reports.cli.start"}
+
+
+def test_a_reader_that_goes_is_no_fault(capsys: pytest.CaptureFixture[str]) -> None:
+    """Consoles of rich make an exit of their own of a pipe that broke."""
+
+    def broken() -> None:
+        try:
+            raise BrokenPipeError
+        except BrokenPipeError:
+            sys.exit(1)
+
+    with pytest.raises(SystemExit) as caught:
+        broken()
+    assert app._explain(caught.value) == ("", 1)
 
 
 def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
