@@ -20,7 +20,7 @@ from ocp.programs.status import Status
 from ocp.replay import Replay, replayed
 from ocp.rollout import Gains
 from ocp.stationarity.certificate import Certificate
-from ocp.words.paths import expanded
+from ocp.words.tilde import expanded
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,7 +10,7 @@ from typing import Any
 
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
-from ocp.words.paths import expanded
+from ocp.words.tilde import expanded
 from problems.declared import read
 from problems.loading import check, check_file, import_file
 from problems.source_digest import source_digest

@@ -12,7 +12,7 @@ from ocp.errors import InputError, did_you_mean
 from ocp.store.atomic import discard
 from ocp.store.parts import DATA_FILE, META_FILE, MOST
 from ocp.store.runs import RunEntry, list_runs
-from ocp.words.paths import expanded
+from ocp.words.tilde import expanded
 
 VARIABLE = "OCP_RUNS"
 """Environment variable that names the store where none is said."""

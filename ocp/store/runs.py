@@ -40,7 +40,7 @@ from ocp.store.plain import content_hash, plain
 from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import StoredRun
 from ocp.store.tags import checked
-from ocp.words.paths import expanded
+from ocp.words.tilde import expanded
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -23,7 +23,7 @@ from ocp.sweeps.axes import Axis, axes
 from ocp.sweeps.case import Case, Changed
 from ocp.sweeps.point import FAULT, Point, failed, solved
 from ocp.sweeps.study import Study, dataset, keep, kept_points
-from ocp.words.paths import expanded
+from ocp.words.tilde import expanded
 
 if TYPE_CHECKING:
     import xarray as xr

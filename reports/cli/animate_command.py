@@ -77,7 +77,7 @@ def _progress(output: Output, frames: int) -> Iterator[Callable[[int], None]]:
     """Yield what is called after each frame: a bar on a terminal; Ctrl-C is noticed there too."""
     from rich.progress import Progress
 
-    from reports.cli import interrupt
+    from reports.cli.shell import interrupt
 
     console = output.console
     hidden = output.quiet or not console.is_terminal

@@ -19,7 +19,6 @@ from reports.cli import (
     estimate_command,
     export_command,
     figure_command,
-    interrupt,
     list_command,
     replay_command,
     report_command,
@@ -35,7 +34,7 @@ from reports.cli.learning import (
 )
 from reports.cli.named import laws_command, methods_command, settings_command
 from reports.cli.options import register
-from reports.cli.shell import document, streams
+from reports.cli.shell import document, interrupt, streams
 from reports.cli.shell.program import Program, tell_version
 from reports.cli.stored import rm_command, save_as_command
 from reports.cli.sweeping import sweep_command

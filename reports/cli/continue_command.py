@@ -80,7 +80,7 @@ def _followed(options: ContinueOptions, asked: Request) -> tuple[Continuation, b
     """The path, and whether Ctrl-C ended it; what was finished by then is the path."""
     from ocp.continuation import Continuation, continue_over, resolve
     from ocp.errors import interruptible
-    from reports.cli import interrupt
+    from reports.cli.shell import interrupt
     from reports.curve_tables import curve_lines
 
     session, over, finished = asked.session, options.over, []

@@ -71,7 +71,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
     from ocp.errors import interruptible
     from ocp.gradients.sweep import sweep_dataset
     from reports import estimates
-    from reports.cli import interrupt
+    from reports.cli.shell import interrupt
 
     asked, study, checkpoint = checked
     output, interrupted = options.output, False

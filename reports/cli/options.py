@@ -238,7 +238,7 @@ def _at_home(value: Any) -> Any:
         return [_at_home(one) for one in value]
     if not (isinstance(value, str | Path) and str(value).startswith("~")):
         return value
-    from ocp.words.paths import expanded
+    from ocp.words.tilde import expanded
 
     return type(value)(expanded(value))
 

@@ -137,7 +137,7 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
     from ocp.solve import solve_from
     from ocp.sweeps.starts import solve_starts
     from reports import console
-    from reports.cli import interrupt
+    from reports.cli.shell import interrupt
     from reports.cli.sweeping.case import case_of
 
     with console.progress(options.output.progress, f"{asked.spec.name}: building") as report:

@@ -3,17 +3,16 @@
 import os
 import sys
 
+from reports.cli.shell.ending import end
+
 # What the module signal wraps: that one imports for 10 ms, in which nobody hears Ctrl-C.
 _signal = __import__("_signal")
-
-EXIT_CODE = 130
-"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
 
 
 def main() -> int:
     """Run the command that ``sys.argv`` asks for and return its exit code.
 
-    Ctrl-C ends the process at once before :mod:`reports.cli.interrupt` listens, and after it.
+    Ctrl-C ends the process at once before :mod:`reports.cli.shell.interrupt` listens, and after it.
     """
     _signal.signal(_signal.SIGINT, end)
     _open_closed()
@@ -23,14 +22,6 @@ def main() -> int:
     # What is left is Python's own end, in which a handler of Python's would raise in odd places.
     _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     return code
-
-
-def end(*_: object) -> None:
-    """End the process at once, as a handler of Ctrl-C where there is nothing to keep."""
-    try:
-        os.write(2, b"stopped by the user\n")
-    finally:
-        os._exit(EXIT_CODE)
 
 
 def _open_closed() -> None:

@@ -234,7 +234,7 @@ def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:
 def _trained(options: LearnOptions, asked: Asked, training: Training) -> tuple[Any, Any]:
     """The network after its last epoch, and the rows that it was not trained on."""
     from reports import learned
-    from reports.cli import interrupt
+    from reports.cli.shell import interrupt
 
     try:
         with learned.training_progress(options.quiet, training.epoch, options.epochs) as report:

@@ -175,7 +175,7 @@ def _trained(
     """Do what is ``left`` and add it to ``stored`` as it ends; gives what failed."""
     from ocp.scheduling import Failure, carried_out
     from problems.tasks.training import trained
-    from reports.cli import interrupt
+    from reports.cli.shell import interrupt
     from reports.trained.live import live
 
     failed = {}

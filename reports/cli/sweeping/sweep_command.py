@@ -110,7 +110,7 @@ def _points(options: SweepOptions, asked: Asked) -> list[Point]:
     from ocp.sweeps.study import dimension, kept_points
     from ocp.sweeps.summary import where
     from ocp.sweeps.sweep import followed
-    from reports.cli import interrupt
+    from reports.cli.shell import interrupt
     from reports.sweeps.live import live
 
     study, output = asked.study, options.output
