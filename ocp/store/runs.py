@@ -12,6 +12,7 @@ import json
 import math
 import os
 import re
+import threading
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCHEMA = 2
+_NETCDF = threading.Lock()
+"""The netCDF library crashes where two threads of a process are in it."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,8 @@ def write(
     """
     created = datetime.now(UTC)
     described = _completed(problem, data, meta, created)
-    content = bytes(data.to_netcdf(engine="netcdf4"))
+    with _NETCDF:
+        content = bytes(data.to_netcdf(engine="netcdf4"))
     files = sealed(described, {DATA_FILE: content, **(parts or {})})
     name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
     place = expanded(root)
@@ -187,14 +191,15 @@ def _arrays(file: Path, content: bytes) -> xr.Dataset:
     import xarray as xr
 
     try:
-        with netCDF4.Dataset(file.name, memory=content) as found:
-            claimed = [math.prod(v.shape) * np.dtype(v.dtype or object).itemsize
-                       for v in found.variables.values()]  # fmt: skip
-            if sum(claimed) > len(content):
+        with _NETCDF:
+            with netCDF4.Dataset(file.name, memory=content) as found:
+                claimed = sum(math.prod(v.shape) * np.dtype(v.dtype or object).itemsize
+                              for v in found.variables.values())  # fmt: skip
+            if claimed > len(content):
                 raise DamagedRun(
-                    f"{file} claims {sum(claimed)} bytes of numbers and has {len(content)} in all"
+                    f"{file} claims {claimed} bytes of numbers and has {len(content)} in all"
                 )
-        return _visible(xr.load_dataset(content, engine="netcdf4"))
+            return _visible(xr.load_dataset(content, engine="netcdf4"))
     except (DamagedRun, MemoryError):
         raise
     except Exception as error:

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,6 +86,17 @@ def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
     assert run.meta["argv"] == ["ocp", "solve", "toy"]
     assert run.meta["seed"] == 4
     assert {"python", "casadi", "numpy"} <= set(run.meta["versions"])
+
+
+def test_threads_of_a_process_may_load_and_save_at_once(tmp_path: Path) -> None:
+    kept = store.save(solution(), tmp_path, [])
+
+    def load(turn: int) -> bool:
+        path = store.save(solution(), tmp_path, []) if turn % 8 == 0 else kept
+        return store.load(path).data.identical(solution().data)
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(load, range(80)))
 
 
 def test_meta_is_strict_json(tmp_path: Path) -> None:
