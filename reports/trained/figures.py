@@ -53,7 +53,8 @@ def signals(found: Sequence[Group]) -> Figure | None:
                 _banded(axis, group, "iteration", name, _color(place))
         axis.set_title(_TOLD[name], loc="left")
         axis.set_xlabel("iteration")
-        if name != "return_mean":
+        if name != "return_mean" and any(np.greater(line.get_ydata(), 0).any()
+                                         for line in axis.lines):  # fmt: skip
             axis.set_yscale("log", nonpositive="mask")
     _legend(figure, found)
     return figure
