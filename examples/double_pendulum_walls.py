@@ -23,7 +23,7 @@ class Params(Parameters):
 
     m: float = quantity(1.0, "kg", "mass of either link", above=0)
     length: float = quantity(0.5, "m", "length of either link", above=0)
-    wall: float = quantity(0.6, "m", "distance of either wall from the middle", above=0)
+    wall: float = quantity(0.58, "m", "distance of either wall from the middle", above=0)
     friction: float = quantity(0.2, "1", "Coulomb's coefficient with the walls", least=0)
     u_max: float = quantity(4.0, "N m", "largest torque of either motor", above=0)
     h: float = quantity(0.02, "s", "step size", above=0)

@@ -21,7 +21,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "double_pendulum_walls.py"
 
 @cache
 def problem() -> Problem:
-    return load(EXAMPLE).problem({"friction": 0.0})
+    return load(EXAMPLE).problem({"friction": 0.0, "wall": 0.6})
 
 
 def states(count: int) -> list[tuple[np.ndarray, np.ndarray]]:
