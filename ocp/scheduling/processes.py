@@ -91,7 +91,7 @@ class _Worker:
         self.place = place
         # A worker that has died meanwhile is noticed when it is listened to.
         with suppress(OSError):
-            self.pipe.send(jobs[place])
+            self.pipe.send((jobs[place],))
 
     def received(self) -> tuple[str, Any] | None:
         """What the worker says, or None where it has died."""
@@ -135,6 +135,8 @@ def _stop(crew: Sequence[_Worker]) -> None:
     for worker in crew:
         with suppress(OSError, TypeError):
             os.kill(worker.process.pid, signal.SIGINT)
+            # One that does not hear signals yet, as it is starting, ends with its first job.
+            worker.pipe.send(())
     end = time.monotonic() + _GRACE_S
     for worker in crew:
         # What a worker says now is not heard; a full pipe must not hold it.
@@ -156,8 +158,8 @@ def _serve(function: Function, pipe: Any) -> None:
         pipe.send(("told", message))
 
     with suppress(KeyboardInterrupt, EOFError, OSError):
-        while True:
-            outcome = attempt(function, pipe.recv(), tell)
+        while given := pipe.recv():
+            outcome = attempt(function, given[0], tell)
             _check_interrupt()
             pipe.send(("ended", _sendable(outcome)))
 

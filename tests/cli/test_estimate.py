@@ -196,7 +196,9 @@ def final(out: Path) -> tuple[list, dict]:
     return stored.meta["estimates"], {**arrays, "hash": stored.meta["hash"]}
 
 
-@pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize(
+    "signal_number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
+)
 def test_a_stopped_sweep_goes_on_to_the_same_bits(tmp_path, signal_number):
     broken, whole = tmp_path / "broken", tmp_path / "whole"
     with subprocess.Popen(program(broken), stdout=subprocess.DEVNULL) as process:

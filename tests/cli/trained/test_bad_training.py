@@ -57,7 +57,14 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("words", REFUSED)
+@pytest.mark.parametrize(
+    "words",
+    [
+        # Ten seconds are waited for a scheduler.
+        pytest.param(words, marks=pytest.mark.slow) if "--scheduler" in words else words
+        for words in REFUSED
+    ],
+)
 def test_a_training_is_refused(ocp: Ocp, words: str) -> None:
     done = ocp("train", *words.split(), "--json")
     assert done.code == 2 and done.out == ""

@@ -123,6 +123,7 @@ def cluster() -> Iterator[LocalCluster]:
         yield found
 
 
+@pytest.mark.slow
 def test_a_cluster_worker_killed_on_the_way_loses_nothing(
     tmp_path: Path, whole: list[xr.Dataset], cluster: LocalCluster
 ) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from ocp.errors import InputError
-from ocp.scheduling import Failure, carried_out
+from ocp.scheduling import Failure, carried_out, processes
 from tests.unit.scheduling.jobs_done import kept, squared
 
 ROOT = Path(__file__).parents[3]
@@ -64,6 +64,18 @@ def test_workers_may_keep_what_they_did_when_the_caller_stops(tmp_path: Path) ->
     with pytest.raises(KeyboardInterrupt), closing(carried_out(kept, jobs, 2, heard=heard)) as run:
         list(run)
     assert [(tmp_path / name).read_text() for name in "ab"] == ["kept", "kept"]
+
+
+def test_a_worker_that_is_starting_as_the_caller_stops_ends_by_itself() -> None:
+    """It does not hear the signal of Ctrl-C yet, nor ever where the shell has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        worker = processes._Worker.hired(squared)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    worker.give(0, [{"x": 1.0}])
+    processes._stop([worker])
+    assert worker.process.exitcode == 0, "it was killed after the time of grace"
 
 
 def test_workers_end_with_a_caller_that_was_killed(tmp_path: Path) -> None:
