@@ -18,8 +18,8 @@ LINES = (
     "estimate heaviside -n 100 --json",
 )  # fmt: skip
 SHELLS = {
-    "to /dev/full": "{} > /dev/full",
-    "both to /dev/full": "{} > /dev/full 2>&1",
+    "to a full device": "{} > /dev/full",
+    "both to a full device": "{} > /dev/full 2>&1",
     "a closed stdout": "{} >&-",
     "a closed stderr": "{} 2>&-",
     "both closed": "{} >&- 2>&-",
@@ -35,7 +35,7 @@ SHELLS = {
     "no temporary folder": "TMPDIR=/nothing TEMP=/nothing TMP=/nothing {}",
 }
 
-EVERY = ("to /dev/full", "a closed stdout", "ASCII", "both closed", "a reader that goes")
+EVERY = ("to a full device", "a closed stdout", "ASCII", "both closed", "a reader that goes")
 """Those in which every command is run, for others every fourth."""
 
 
@@ -64,9 +64,9 @@ def test_streams_and_places(shop, name: str, tally, side_by_side, tmp_path) -> N
         )  # fmt: skip
         end = program.Ended(words, done.returncode, done.stdout, done.stderr, 0.0)
         found = program.faults(end)
-        if "closed" in name or name == "both to /dev/full":
+        if "closed" in name or name == "both to a full device":
             found = [fault for fault in found if fault[0] not in ("silent failure", "no sentence")]
-        if name == "to /dev/full" and end.code == 0:
+        if name == "to a full device" and end.code == 0:
             found.append(("lost output", "it says all is well"))
         account.count([(kind, f"{name}: {told}") for kind, told in found])
         shutil.rmtree(here)
