@@ -33,7 +33,7 @@ test-slow: setup
 	$(BIN)/pytest -m slow
 
 # Kills, full disks, flipped bits, crowds, broken files, and nonsense against the whole program, in
-# some twelve minutes; ATTACK_SEED=7 draws others. `make promises` writes the site's table of it.
+# less than twenty minutes; ATTACK_SEED=7 draws others. `make promises` writes the site's table of it.
 test-attack: setup
 	rm -rf build/attack
 	$(BIN)/pytest -m attack -s tests/attack
