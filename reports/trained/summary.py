@@ -93,7 +93,7 @@ def groups(runs: Sequence[StoredRun]) -> list[Group]:
 
 def _flat(run: StoredRun) -> dict[str, Any]:
     asked = dict(run.record)
-    asked["algorithm"] = algorithm_of(run)
+    asked["algorithm"] = _titled(run)
     for kind in ("params", "algorithm_settings", "contact_settings"):
         asked |= {f"{kind}.{name}": value for name, value in asked.pop(kind, {}).items()}
     return asked
@@ -103,6 +103,13 @@ def algorithm_of(run: StoredRun) -> str:
     """Its name; that of the one beside which physical parameters are learned, with psi."""
     beside = run.record["algorithm_settings"].get("of")
     return f"{beside} with psi" if beside else str(run.record["algorithm"])
+
+
+def _titled(run: StoredRun) -> str:
+    """The algorithm's name, and that its estimate is biased where samples' gradients are cut."""
+    own = run.record["algorithm_settings"]
+    cut = own.get("clip", own.get("of.clip"))
+    return f"{algorithm_of(run)}{'' if cut is None else ', gradients cut'}"
 
 
 def _label(asked: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:

@@ -12,12 +12,12 @@ from ocp.learning.experiment import Experiment
 from ocp.learning.pipps.particles import Particles, scatter
 from ocp.learning.protocol import Row, State
 from ocp.learning.unrolls.starts import Starts
-from ocp.learning.unrolls.unrolled import Unrolled
+from ocp.learning.unrolls.unrolled import Clipping
 from ocp.learning.unrolls.unrolling import no_number, trained, with_seen
 
 
 @dataclass(frozen=True, kw_only=True)
-class PIPPS(Unrolled):
+class PIPPS(Clipping):
     """Particles ``x_{t+1} = f(x_t, u_t) + sigma e_t``, and one gradient of their mean return.
 
     Backwards, at each step, the gradient by the mean of x_{t+1} is taken both ways and mixed,
@@ -53,7 +53,8 @@ class PIPPS(Unrolled):
             )
         part = found.part(good)
         gradients, share = total_propagation(part, noise[:, good] / self.sigma)
-        gradient = self.clipped(gradients).mean(axis=0)
+        gradients = self.clipped(gradients)
+        gradient = gradients.mean(axis=0)
         moved = {
             **self.climb(state, gradient),
             **starts.after(experiment, found.states, found.lived, k).arrays(),

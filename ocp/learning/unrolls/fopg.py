@@ -10,7 +10,7 @@ from ocp.errors import choose
 from ocp.learning.experiment import Experiment, at_least
 from ocp.learning.protocol import Row, State
 from ocp.learning.unrolls.critic import Critic
-from ocp.learning.unrolls.unrolled import Unrolled
+from ocp.learning.unrolls.unrolled import Clipping
 from ocp.learning.unrolls.unrolling import (
     finite,
     next_starts,
@@ -30,7 +30,7 @@ SMOOTHINGS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class FOPG(Unrolled):
+class FOPG(Clipping):
     """``theta <- theta + rate g``, g the mean gradient of unrolled returns (abs, eq. 4.2, 4.3).
 
     With ``smoothing="rollout"`` states and gradient are those of the experiment's law; with
@@ -81,11 +81,11 @@ class FOPG(Unrolled):
         )
         good = finite(experiment, state, found, k)
         assert found.gradient is not None
-        gradients = found.gradient[good]
+        gradients = self.clipped(found.gradient[good])
         visited = found if followed is None else followed
         row = {**told(visited, good), **told_gradient(gradients)}
         moved = {
-            **self.climb(state, self.clipped(gradients).mean(axis=0)),
+            **self.climb(state, gradients.mean(axis=0)),
             **next_starts(experiment, state, visited, k),
         }
         changed = remembered(experiment, moved, visited, good)

@@ -21,9 +21,7 @@ class Unrolled:
 
     ``samples`` unrolls of ``unroll`` steps, at most an episode's, from a buffer of states, with
     Gaussian noise of standard deviation ``sigma`` on the actions before tanh; steps of ``rate``
-    by ``optimiser``, one of :func:`~ocp.learning.unrolls.ascent.ascend`'s. With ``clip`` a sample's
-    gradient is cut to ``clip`` times the median length of all, which biases the mean and saves it
-    from the few samples that lose their way.
+    by ``optimiser``, one of :func:`~ocp.learning.unrolls.ascent.ascend`'s.
     """
 
     samples: Annotated[int, "unrolls an iteration"] = 64
@@ -31,10 +29,6 @@ class Unrolled:
     sigma: Annotated[float, "standard deviation of the noise on the actions before tanh"] = 0.1
     rate: Annotated[float, "length of a step of the optimiser"] = 0.01
     optimiser: Annotated[str, f"rule of a step: {', '.join(RULES)}"] = "adam"
-    clip: Annotated[
-        float | None,
-        "most times the median length of all that a sample's gradient may have",
-    ] = 1.0
 
     least: ClassVar[int] = 1
     """Samples that the estimate needs."""
@@ -52,8 +46,6 @@ class Unrolled:
         positive("sigma", self.sigma)
         positive("rate", self.rate)
         choose("optimiser", self.optimiser, RULES)
-        if self.clip is not None:
-            positive("clip", self.clip)
 
     def starts(self) -> int:
         """States in the buffer."""
@@ -73,6 +65,29 @@ class Unrolled:
         """The policy of the state."""
         return trained(state)
 
+    def climb(self, state: State, gradient: np.ndarray) -> State:
+        """The state with a step along ``gradient`` (n_theta,) taken."""
+        return ascend(self.optimiser, state, gradient, self.rate)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clipping(Unrolled):
+    """Settings of one that may cut every sample's gradient to ``clip`` times their median length.
+
+    Cutting biases the mean, whatever the estimate, and saves it from the few samples that lose
+    their way; by default nothing is cut.
+    """
+
+    clip: Annotated[
+        float | None, "a sample's longest gradient in median lengths of all, which biases the mean"
+    ] = None
+
+    def check(self, experiment: Experiment) -> None:
+        """As all, and the length."""
+        super().check(experiment)
+        if self.clip is not None:
+            positive("clip", self.clip)
+
     def clipped(self, gradients: np.ndarray) -> np.ndarray:
         """``gradients`` (n, n_theta), none longer than ``clip`` times their median length."""
         if self.clip is None:
@@ -80,7 +95,3 @@ class Unrolled:
         lengths = np.linalg.norm(gradients, axis=1)
         longest = self.clip * np.median(lengths)
         return gradients * np.minimum(1.0, longest / np.maximum(lengths, 1e-300))[:, None]
-
-    def climb(self, state: State, gradient: np.ndarray) -> State:
-        """The state with a step along ``gradient`` (n_theta,) taken."""
-        return ascend(self.optimiser, state, gradient, self.rate)

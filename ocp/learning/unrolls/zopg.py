@@ -12,7 +12,7 @@ from dynamics.batch import Episodes, Gaussian
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State
-from ocp.learning.unrolls.unrolled import Unrolled
+from ocp.learning.unrolls.unrolled import Clipping
 from ocp.learning.unrolls.unrolling import (
     finite,
     next_starts,
@@ -24,11 +24,11 @@ from ocp.learning.unrolls.unrolling import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class ZOPG(Unrolled):
+class ZOPG(Clipping):
     """``g = mean of (V - b) sum_t D_theta a_t' w_t / sigma²``, the likelihood ratio's gradient.
 
     Every start is unrolled under noise w and -w, ``samples`` unrolls in all; b is the mean return
-    of the others but the pair, so that the estimate is unbiased.
+    of the others but the pair. The estimate is unbiased, unless ``clip`` cuts it.
     """
 
     name: ClassVar[str] = "zopg"
@@ -54,9 +54,9 @@ class ZOPG(Unrolled):
         noise = experiment.noise(self.sigma, k, "actions")
         pair = mirrored(experiment, state, state["starts.x"], steps, noise)
         good = np.logical_and(*(finite(experiment, state, each, k) for each in pair))
-        gradients = likelihood_ratio(pair, good)
+        gradients = self.clipped(likelihood_ratio(pair, good))
         moved = {
-            **self.climb(state, self.clipped(gradients).mean(axis=0)),
+            **self.climb(state, gradients.mean(axis=0)),
             **next_starts(experiment, state, pair[0], k),
         }
         changed = remembered(experiment, moved, pair[0], good)

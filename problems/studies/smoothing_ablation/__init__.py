@@ -11,8 +11,7 @@ study = Study(
     notes=(
         "All curves are returns of whole episodes of 5 s under the exact law, without noise on the"
         " actions; the paper's axis tells neither law nor noise.",
-        "FOPG as ocp train has it for the task, but with the plain mean of gradients of eq. 4.2:"
-        " ocp train cuts every sample's gradient to the median length, which the paper does not.",
+        "FOPG as ocp train has it for the task, with the plain mean of gradients of eq. 4.2.",
     ),
     resumes=True,
     quick={"runs": 2, "iterations": 30, "judged": 5},

@@ -30,7 +30,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     every = max(1, params.iterations // params.judged)
     jobs = {
         f"{name}-{r}": job(TASK, "fopg", law, params.seed * 1000 + r,
-                           iterations=params.iterations, evaluate_every=every, clip=None)
+                           iterations=params.iterations, evaluate_every=every)
         for name, law in LAWS.items() for r in range(params.runs)
     }  # fmt: skip
     found = list(curves(jobs, pieces).values())

@@ -36,6 +36,8 @@ REFUSED = {
     "ball-throw -s evaluate_every=0": "evaluate_every must be",
     "ball-throw -s normalise=perhaps": "must be true or false",
     "ball-throw -a aobg -s samples=1": "a variance needs two",
+    "ball-throw -a aobg -s clip=1": "no setting 'clip' of aobg",
+    "ball-throw -s clip=0": "clip must be",
     "ball-throw -a mbpo": "mbpo learns a policy that observes",
     "ball-throw -s psi=mass": "the task has no parameter 'mass'; there are m,",
     "ball-throw -s psi=m,m": "names one twice",

@@ -19,7 +19,7 @@ from tests.unit.batch.rollout_cases import wall
 
 LAWS = [Barrier(1e-2), Adaptive("quartic"), Adaptive("gaussian", sigma=0.1)]
 UNROLL, SAMPLES = 12, 32
-PLAIN = {"rate": 1.0, "optimiser": "plain", "clip": None}
+PLAIN = {"rate": 1.0, "optimiser": "plain"}
 
 
 def before_the_wall() -> Task:

@@ -20,7 +20,7 @@ from tests.unit.learning.scalar import A, B, scalar
 from tests.unit.learning.scalar import experiment as scalar_experiment
 
 MEAN, SCALE = 0.3, 0.6
-PLAIN = {"rate": 1.0, "optimiser": "plain", "clip": None}
+PLAIN = {"rate": 1.0, "optimiser": "plain"}
 SEEN = {
     "seen.n": np.array(4.0),
     "seen.mean": np.array([MEAN]),
@@ -246,8 +246,27 @@ def test_long_gradients_are_cut_to_the_median_length():
     gradients = np.array([[3.0, 4.0], [0.0, 1.0], [0.0, -20.0]])
     cut = FOPG(clip=2.0).clipped(gradients)
     assert cut == pytest.approx(np.array([[3.0, 4.0], [0.0, 1.0], [0.0, -10.0]]))
-    assert FOPG(clip=None).clipped(gradients) is gradients
+    assert FOPG().clipped(gradients) is gradients
     assert FOPG(clip=1.0).clipped(0 * gradients) == pytest.approx(np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize("algorithm", [FOPG, ZOPG, PIPPS])
+def test_a_step_goes_along_the_plain_mean_unless_samples_are_cut(algorithm):
+    """Of 4 or 64 samples: without clip the step is the mean of what is told, with it another."""
+    e = experiment(algorithm(samples=64, unroll=3, rate=1.0, optimiser="plain"))
+    state = {**e.algorithm.begin(e), **SEEN, "theta": THETA}
+    cut = algorithm(samples=64, unroll=3, rate=1.0, optimiser="plain", clip=1.0)
+    steps, rows = zip(*(one.iterate(e, state, 0) for one in (e.algorithm, cut)), strict=True)
+    plain, shorter = (step["theta"] - THETA for step in steps)
+    for step, row in zip((plain, shorter), rows, strict=True):
+        assert np.linalg.norm(step) == pytest.approx(row["gradient_norm"], rel=1e-12)
+    assert rows[1]["gradient_variance"] < rows[0]["gradient_variance"]
+    assert np.abs(plain - shorter).max() > 1e-3
+
+
+def test_alpha_order_gradients_have_no_clip():
+    with pytest.raises(TypeError, match="clip"):
+        AoBG(clip=1.0)  # pyright: ignore[reportCallIssue]
 
 
 def test_rules_of_ascent():

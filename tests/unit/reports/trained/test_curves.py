@@ -15,7 +15,7 @@ from ocp.store.stored_run import StoredRun
 from reports.trained import figures
 from reports.trained.live import Curve, line, live, picture
 from reports.trained.sparks import plot, sparkline
-from reports.trained.summary import groups, meta, verdict
+from reports.trained.summary import groups, meta, summary_rows, verdict
 
 
 def run(seed: int, returns: list[float], *, told: bool = True, **asked: object) -> StoredRun:
@@ -99,6 +99,16 @@ def test_seeds_of_one_way_are_a_group() -> None:
     assert "return under the exact law 6, from 4 to 8 over 2 seeds, speed 0.6" in told
     laws = groups([runs[0], run(0, [0.0, 1, 2], contact="exact")])
     assert [group.label for group in laws] == ["fopg adaptive", "fopg exact"]
+
+
+def test_who_cuts_gradients_says_so_in_verdict_and_table() -> None:
+    settings = [{"clip": None}, {"clip": 1.0}, {"of": "fopg", "of.clip": None}]
+    settings.append({"of": "fopg", "of.clip": 2.0})
+    found = [groups([run(0, [0.0, 1, 4], algorithm_settings=own)])[0] for own in settings]
+    told = ["fopg", "fopg, gradients cut", "fopg with psi", "fopg with psi, gradients cut"]
+    assert [group.label for group in found] == told
+    assert verdict(found[1]).startswith("fopg, gradients cut: return")
+    assert summary_rows(found)[1][1][0] == "fopg, gradients cut"
 
 
 def test_the_best_policy_is_told_not_the_last() -> None:
