@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo check test test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated verdicts promises
+.PHONY: setup demo check test test-cpus test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated verdicts promises
 
 setup: $(READY)
 
@@ -28,6 +28,11 @@ lint: setup
 
 test: lint
 	$(BIN)/pytest -n auto
+
+# Golden, docs and property tests as on other processors, all that this computer can act;
+# CPU="nehalem haswell" some of them. .ci/run acts one a day for all tests.
+test-cpus: setup
+	$(BIN)/python -m tests.cpus $(CPU)
 
 test-slow: setup
 	$(BIN)/pytest -m slow

@@ -9,11 +9,14 @@ LOCATED = 1e-6
 """Within what share of the parameter's range an event is located."""
 KINDS = {
     "contact": ("contact event", "contact events"),
+    "degenerate": ("degenerate event", "degenerate events"),
     "bound": ("bound event", "bound events"),
     "fold": ("fold", "folds"),
     "switch": ("switch", "switches"),
 }
 """What events are called, one and many."""
+PAIRS = ("contact", "degenerate")
+"""Kinds of events at which pairs change."""
 _LISTED = 3
 
 
@@ -21,7 +24,8 @@ _LISTED = 3
 class Event:
     """What happens on the way at ``value``.
 
-    ``kind`` is "contact" (strict complementarity is lost at a pair), "bound" (at another end),
+    ``kind`` is "contact" (strict complementarity is lost at one pair), "degenerate" (at several at
+    once, which are not listed: rounding says which of them comes first), "bound" (at another end),
     "fold" (the reduced KKT matrix is singular, the path turns) or "switch" (another stationary
     point is cheaper, or this one ends). ``contact`` and ``steps`` say where, ``change`` what.
     """
@@ -45,24 +49,38 @@ class Event:
         return {**vars(self), "steps": list(self.steps)}
 
 
-def joined(events: list[Event], span: float | None) -> list[Event]:
-    """Events in order, those of one contact that happen at once as one.
+def degenerate(value: float, cost: float) -> Event:
+    """The event at which strict complementarity is lost at several pairs at once."""
+    return Event("degenerate", value, cost, "several pairs change at once")
 
+
+def joined(events: list[Event], span: float | None) -> list[Event]:
+    """Events in order; of those that happen at once, pairs as one degenerate event.
+
+    Steps of one bound are joined too.
     At once is within 1e-6 of ``span``, or of the value on a logarithmic scale, without span.
     """
     found: list[Event] = []
     for event in events:
-        same = [
+        at_once = [
             i for i, e in enumerate(found)
-            if (e.kind, e.contact, e.change) == (event.kind, event.contact, event.change)
-            and abs(e.value - event.value) <= LOCATED * (span or abs(e.value))
+            if abs(e.value - event.value) <= LOCATED * (span or abs(e.value))
+            and ({e.kind, event.kind} <= set(PAIRS) or _named(e) == _named(event))
         ]  # fmt: skip
-        if same:
-            steps = tuple(sorted({*found[same[0]].steps, *event.steps}))
-            found[same[0]] = replace(found[same[0]], steps=steps)
-        else:
+        if not at_once:
             found.append(event)
+            continue
+        first = found[at_once[0]]
+        if event.kind not in PAIRS:
+            steps = tuple(sorted({*first.steps, *event.steps}))
+            found[at_once[0]] = replace(first, steps=steps)
+        elif (_named(first), first.steps) != (_named(event), event.steps):
+            found[at_once[0]] = degenerate(first.value, first.cost)
     return found
+
+
+def _named(event: Event) -> tuple[str, str, str]:
+    return event.kind, event.contact, event.change
 
 
 def told(events: list[Event], parameter: str) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp.continuation.events import LOCATED, Event
+from ocp.continuation.events import LOCATED, Event, degenerate
 from ocp.errors import InputError
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
@@ -19,6 +19,7 @@ from ocp.session import Session
 from ocp.stationarity.kkt import Curve, Held, regular
 
 _OFF = 1e-8
+_WEAK = 1e-6
 _CHANGES = 500
 _SHARE = 1 / 16
 _LOCATING = 60
@@ -186,6 +187,8 @@ class Tracker:
     def _event(self, curve: Curve, v: np.ndarray, end: int) -> Event:
         name, step, contact = curve.place(end)
         cost, value = curve.result(v)[1], float(v[-1] * curve.unit)
+        if contact and (curve.margins(v)[curve.own] < _WEAK).any(axis=0).sum() > 1:
+            return degenerate(value, cost)
         if not contact:
             change = "leaves its bound" if curve.held.holds(end) else "meets its bound"
             return Event("bound", value, cost, change, name, (step,))

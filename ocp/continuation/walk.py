@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.systems import KNOB
-from ocp.continuation.events import LOCATED, Event, joined
+from ocp.continuation.events import LOCATED, PAIRS, Event, joined
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose
 from ocp.judgement import judged
@@ -237,7 +237,7 @@ class _Walk:
         self.followed.events += tracker.events
         if jumped or ended:
             self.followed.events.append(Event("switch", value, tried.result.f, "the curve ends"))
-        known = jumped or ended or any(e.kind == "contact" for e in tracker.events)
+        known = jumped or ended or any(e.kind in PAIRS for e in tracker.events)
         tracker.begin(tried)
         if curve is not None and not known:
             self.followed.events += tracker.changed(curve, tried)

@@ -20,7 +20,7 @@ from reports.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPL
 from reports.units import label, symbol
 from reports.view import RunView
 
-_COLOURS = {"contact": GREEN, "fold": PURPLE, "switch": ORANGE}
+_COLOURS = {"contact": GREEN, "degenerate": GREEN, "fold": PURPLE, "switch": ORANGE}
 _PICTURES = 6
 
 

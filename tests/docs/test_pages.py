@@ -87,6 +87,25 @@ def test_commands_are_parted_from_what_they_print() -> None:
         ("3 folds", "4 folds", False),
         ("mu   1e-8  x", "mu    1e-08  x", True),
         ("push-1d", "push-2d", False),
+        (
+            "  lam·gap  iter\n  3.3e-18    74  solved",
+            "  lam·gap  iter\n  0.0e+00    73  solved",
+            True,
+        ),
+        (
+            "  lam·gap  iter\n  0.0e+00   117  solved",
+            "  lam·gap  iter\n  0.0e+00    73  solved",
+            False,
+        ),
+        (
+            "  lam·gap  iter\n  3.3e-08    73  solved",
+            "  lam·gap  iter\n  0.0e+00    73  solved",
+            False,
+        ),
+        ("  pairs  iter\n     74    73  solved", "  pairs  iter\n     73    73  solved", False),
+        ('"iterations": 20,', '"iterations": 18,', True),
+        ('"iterations": 38,', '"iterations": 18,', False),
+        ('"pairs": 20,', '"pairs": 18,', False),
     ],
 )
 def test_output_agrees_in_words_and_nearly_in_numbers(printed: str, shown: str, same: bool) -> None:

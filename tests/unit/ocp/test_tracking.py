@@ -10,6 +10,7 @@ from dynamics.contact import Exact
 from dynamics.systems import Parameter, ParameterTable, lcs
 from ocp import Direct
 from ocp.continuation import Continuation, continue_over
+from ocp.continuation.events import told
 from ocp.problem import Problem, Reference
 from ocp.solve import new_session
 
@@ -61,6 +62,32 @@ def test_contacts_of_a_mass_between_two_walls_are_found_where_they_change() -> N
     for point in path.points:
         u = np.clip(point.value / (1 + R), -1, 1)
         assert point.solution.cost == pytest.approx(R * u**2 + (u - point.value) ** 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("walls", [(1.0, 1.0), (1.0, 1.2)])
+def test_contacts_that_change_at_one_value_are_one_degenerate_event(walls) -> None:
+    """Two masses, each as above with one wall: they touch at theta = wall (1 + r)."""
+    p = ParameterTable([Parameter("theta", 0.0)])
+    one = np.eye(2)
+    system = lcs(
+        "two-walls", A=one, B=one, C=-one, D=-one, E=-one, F=one, d=list(walls), parameters=p
+    )
+    problem = Problem(
+        name="two-walls", system=system, N=1, stage_cost=R * ca.sumsqr(system.u),
+        terminal_cost=ca.sumsqr(system.x - p["theta"]), x0=ca.SX.zeros(2), parameters=p,
+        reference=Reference(1.0, 1.0, 1.0, 1.0),
+    )  # fmt: skip
+    path = follow(problem, 0.2, 3.1, 7)
+    at_once = walls[0] == walls[1]
+    assert [e.kind for e in path.events] == (["degenerate"] if at_once else ["contact"] * 2)
+    wanted = [(1 + R) * wall for wall in dict.fromkeys(walls)]
+    assert [e.value for e in path.events] == pytest.approx(wanted, abs=3e-6)
+    if at_once:
+        assert told(path.events, "theta") == (
+            "1 degenerate event: several pairs change at once (theta = 1.5)"
+        )
+    else:
+        assert [e.contact for e in path.events] == ["contact0", "contact1"]
 
 
 def pressing(c: float, size: float = 1.0) -> Problem:
