@@ -55,22 +55,22 @@ def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
 def plot(solution: Solution) -> Figure:
     """Draw what ``ocp solve --plot`` writes: the strobe above states, inputs and forces."""
     from reports.papers.solution import solution_figure
-    from reports.style import styled
+    from reports.style import literal, styled
 
     with styled():
-        return solution_figure(_view(solution))
+        return literal(solution_figure(_view(solution)))
 
 
 def html(solution: Solution) -> str:
     """Verdict beside a bar in its grade's colour, picture and numbers, in one piece offline."""
     from reports.figures.motion import trajectories
     from reports.strobe import strobe
-    from reports.style import GRADES, styled, to_svg
+    from reports.style import GRADES, literal, styled, to_svg
 
     headline, *findings = solution.verdict.split("\n")
     with styled():
         view = _view(solution)
-        drawn = base64.b64encode(to_svg(strobe(view) or trajectories(view))).decode()
+        drawn = base64.b64encode(to_svg(literal(strobe(view) or trajectories(view)))).decode()
     name = str(solution.record["problem"])
     rows = "".join(
         f'<tr><th style="text-align:left">{escape(key)}</th><td>{escape(value)}</td></tr>'

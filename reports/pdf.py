@@ -26,7 +26,7 @@ from reports.pages import (
     sweep_page,
     training_page,
 )
-from reports.style import styled, to_svg
+from reports.style import literal, styled, to_svg
 from reports.view import RunView
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -49,6 +49,8 @@ def render(runs: Sequence[StoredRun], cones: bool = False, own: ProblemSpec | No
     views = [RunView.of(run, own) for run in runs]
     with styled():
         template, content, figures = _page(views, cones, own)
+        if template != "study.typ":
+            figures = {name: literal(figure) for name, figure in figures.items()}
         drawn = {name: to_svg(figure) for name, figure in figures.items()}
     return _typeset(template, content, drawn)
 

@@ -9,7 +9,10 @@ from typing import Any
 
 import matplotlib as mpl
 from cycler import cycler
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import FixedFormatter, FuncFormatter
 
 # Okabe and Ito's palette: every pair stays apart under the common colour deficiencies.
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
@@ -67,6 +70,23 @@ def styled() -> Iterator[None]:
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
         yield
+
+
+def literal(figure: Figure) -> Figure:
+    """Show the names that a user chose as they are: ``x$a_{$`` is not mathematics.
+
+    Numbers at ticks are matplotlib's own and stay mathematics. Call it before the first draw.
+    """
+    axes = [axis for axis in figure.findobj(Axis) if isinstance(axis, Axis)]
+    numbers = {
+        text for axis in axes for text in axis.findobj(Text)
+        if text is not axis.label
+        and not isinstance(axis.get_major_formatter(), FixedFormatter | FuncFormatter)
+    }  # fmt: skip
+    for text in figure.findobj(Text):
+        if isinstance(text, Text) and text not in numbers:
+            text.set_parse_math(False)
+    return figure
 
 
 def to_svg(figure: Figure) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import queue
 import uuid
 from collections.abc import Generator, Iterator, Sequence
@@ -77,6 +78,17 @@ def _job(function: Function, job: Any, place: int, topic: str) -> Any:
         return None
 
 
+async def _check_answer(address: str) -> None:
+    """Connect once, as a client does; raises as ``distributed.comm.connect`` does."""
+    from distributed.comm import connect
+    from distributed.core import coerce_to_address
+    from distributed.security import Security
+
+    secured = Security().get_connection_args("client")
+    comm = await connect(coerce_to_address(address), timeout=_ANSWER_S, **secured)
+    await comm.close()
+
+
 @contextmanager
 def _connected(address: str) -> Iterator[Any]:
     try:
@@ -87,8 +99,10 @@ def _connected(address: str) -> Iterator[Any]:
             " centralpath[cluster], or use processes with --jobs"
         ) from None
     try:
+        # A Client that fails to connect leaves a thread that its destructor waits for.
+        asyncio.run(_check_answer(address))
         client = Client(address, timeout=_ANSWER_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, NotImplementedError) as error:
         raise InputError(
             f"no Dask scheduler answers at {address!r}: {error}; start one with dask scheduler, and"
             " give its address such as tcp://127.0.0.1:8786"

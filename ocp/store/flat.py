@@ -43,13 +43,13 @@ def write_csv(run: StoredRun, file: Path) -> None:
     """Write the arrays over :data:`ROWS` as one table, units in the head; raises as the store does.
 
     Numbers keep all their digits; where an array has no value, as an input at the last node, the
-    cell is empty.
+    cell is empty. A text that a spreadsheet would run as a formula begins with a quote.
     """
     check_rows(run)
     heads, columns = zip(*_columns(run), strict=True)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(heads)
+    writer.writerow(map(_text, heads))
     writer.writerows(zip(*(map(_cell, column) for column in columns), strict=True))
     atomic.write(file, text.getvalue().encode(), "the data to")
 
@@ -74,7 +74,12 @@ def _unpickled(values: np.ndarray) -> np.ndarray:
 def _cell(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return "" if np.isnan(value) else repr(float(value))
-    return str(value)
+    return _text(value) if isinstance(value, str) else str(value)
+
+
+def _text(value: str) -> str:
+    """A quote before what spreadsheets would run as a formula."""
+    return f"'{value}" if value[:1] in set("=+-@\t\r") else value
 
 
 def _columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:

@@ -41,7 +41,7 @@ def contact_plane(view: RunView) -> Figure:
     gap_unit = view.gap_unit
     axis.set(xscale="log", yscale="log")
     axis.set_xlabel(label("gap", gap_unit))
-    axis.set_ylabel(label("$\\lambda$", signals[0].unit if signals else ""))
+    axis.set_ylabel(label("λ", signals[0].unit if signals else ""))
     _readable(axis)
     missing = int(np.sum((lam <= FLOOR) | (gap <= FLOOR)))
     if missing:
@@ -88,7 +88,7 @@ def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
         ends = ends[-1:]
     for value, style in zip(ends, ("-", ":"), strict=False):
         axis.plot(gaps, value / gaps, style, color=GREY, linewidth=0.9,
-                  label=f"$\\lambda$ gap = {value:.2g}")  # fmt: skip
+                  label=f"λ gap = {value:.2g}")  # fmt: skip
 
 
 def interval_rows(view: RunView) -> tuple[list[Row], int, list[str]]:

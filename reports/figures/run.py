@@ -25,7 +25,7 @@ def homotopy(view: RunView) -> Figure:
     left.plot(number[~kept], cost[~kept], "x", color=REPLAYED, label="stepped back")
     left.set_ylabel("cost")
     curves = [
-        ("complementarity", CYCLE[0], "largest $\\lambda$ gap"),
+        ("complementarity", CYCLE[0], "largest λ gap"),
         ("residual", CYCLE[2], "residual"),
     ]
     knobs = {stage.knob for stage in stages}

@@ -11,7 +11,7 @@ from reports.camera import Camera
 from reports.forces import caption
 from reports.motion.animation import Animation
 from reports.motion.scene import Scene
-from reports.style import GREY, INK
+from reports.style import GREY, INK, literal
 
 DPI = 100
 _WIDTH = 8.0
@@ -44,7 +44,7 @@ class Stage:
         if shown.largest > 0:
             told = caption(shown.largest, shown.unit, shown.rough)
             self.figure.supxlabel(told, x=0.01, ha="left", fontsize=8, color=GREY)
-        self.figure.draw_without_rendering()
+        literal(self.figure).draw_without_rendering()
         # Laid out once: labels that change width from frame to frame must not shake the picture.
         self.figure.set_layout_engine("none")
         self.clock.set_y(title.get_position()[1])

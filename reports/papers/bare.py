@@ -21,7 +21,7 @@ from problems.spec import ProblemSpec
 from reports.figures.studies import DRAWINGS
 from reports.papers.formats import FORMATS
 from reports.papers.solution import solution_figure
-from reports.style import styled
+from reports.style import literal, styled
 from reports.view import RunView
 
 COLUMN, BOTH = 3.5, 7.16
@@ -52,7 +52,7 @@ def bare(
         if run.kind == "figure":
             figure = DRAWINGS[run.meta["problem"]].draw(run.data)
         else:
-            figure = solution_figure(RunView.of(run, own))
+            figure = literal(solution_figure(RunView.of(run, own)))
         return render(figure, ending, panel)
 
 

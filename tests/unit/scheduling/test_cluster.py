@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -88,3 +89,13 @@ def test_where_there_are_no_workers() -> None:
         pytest.raises(InputError, match="has no workers; start some with dask worker"),
     ):
         list(carried_out(squared, [{"x": 1.0}], 1, empty.scheduler_address))
+
+
+@pytest.mark.parametrize(
+    "address", ["localhost", "tcp://[::1", "foo://a:1", "inproc://1", "ucx://a:1", "tls://a:1"]
+)
+def test_an_address_without_a_scheduler_is_refused_and_leaves_no_thread(address: str) -> None:
+    before = set(threading.enumerate())
+    with pytest.raises(InputError, match="no Dask scheduler answers at .*; start one"):
+        list(carried_out(squared, [{"x": 1.0}], 1, address))
+    assert set(threading.enumerate()) <= before
