@@ -80,7 +80,7 @@ def _job(function: Function, job: Any, place: int, topic: str) -> Any:
 
 async def _check_answer(address: str) -> None:
     """Connect once, as a client does; raises as ``distributed.comm.connect`` does."""
-    from distributed.comm import connect
+    from distributed.comm.core import connect
     from distributed.core import coerce_to_address
     from distributed.security import Security
 
