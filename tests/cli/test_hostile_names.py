@@ -1,4 +1,4 @@
-"""Names that matplotlib, typst, HTML or a spreadsheet would read as code reach every page as text."""
+"""Names that matplotlib, typst, HTML or a spreadsheet would run reach every page as text."""
 
 from __future__ import annotations
 

@@ -96,6 +96,6 @@ def test_where_there_are_no_workers() -> None:
 )
 def test_an_address_without_a_scheduler_is_refused_and_leaves_no_thread(address: str) -> None:
     before = set(threading.enumerate())
-    with pytest.raises(InputError, match="no Dask scheduler answers at .*; start one"):
+    with pytest.raises(InputError, match=r"no Dask scheduler answers at .*; start one"):
         list(carried_out(squared, [{"x": 1.0}], 1, address))
     assert set(threading.enumerate()) <= before
