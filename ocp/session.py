@@ -33,7 +33,14 @@ from ocp.routes.landing import embedded, rolled_down
 from ocp.routes.legs import PRIMAL, Homotopy, Leg, Path, Progress, translate
 from ocp.routes.outcome import Outcome, better, lower
 from ocp.routes.own_path import MU_LAST, STAGE_ITERATIONS, from_exact, own_path
-from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES, relaxed
+from ocp.routes.relaxations import (
+    AVERAGED_STRATEGY,
+    DEFAULT_STRATEGY,
+    STRATEGIES,
+    L1Penalty,
+    L1ThenScholtes,
+    relaxed,
+)
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
@@ -154,6 +161,13 @@ class Session:
             return None, Path([0.0], lambda _: Leg(self.step.law.name, 0.0))
         value = self.values[schedule.knob]
         return schedule, own_path(schedule, value, self.start_value, self.factor)
+
+    @property
+    def from_afar(self) -> bool:
+        """Whether a solve follows a smoothing, which feels contact where the guess has none."""
+        if self.complementary:
+            return not isinstance(STRATEGIES[self.strategy], L1Penalty | L1ThenScholtes)
+        return self.homotopy is not False and (self.step.exact or self.schedule() is not None)
 
     @property
     def seconds(self) -> float:

@@ -20,7 +20,7 @@ from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver
 from ocp.programs.status import Status
-from ocp.routes.outcome import Outcome
+from ocp.routes.outcome import GAIN, Outcome
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
@@ -30,6 +30,10 @@ from ocp.warm_start import carried_guess, carry
 Rank = Literal["planned", "exact", "referee"]
 """What orders several answers: their cost under the law, replayed under the exact one, or by the
 referee."""
+WAYS = 4
+"""Ways to try before standing still is called the best, each by a guess of its own."""
+_FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Status.NO_PROGRESS: 2}
+"""Ends that are feasible, and their order."""
 
 
 def solve(
@@ -214,9 +218,12 @@ def solve_session(
     with the best point so far, where Ctrl-C ends it.
     """
     solutions: list[Solution] = []
+    tried = WAYS if starts == 1 else starts
     try:
         with interruptible():
-            for number, guess in enumerate(guesses(session.problem, session.values, starts, seed)):
+            for number, guess in enumerate(guesses(session.problem, session.values, tried, seed)):
+                if number >= starts and not _still_alone(session, solutions):
+                    break
                 first = keeping(session, seed, progress)
                 with nullcontext(progress) if solutions else first as told:
                     outcome = session.solve(progress=told, guess=guess, number=number)
@@ -224,12 +231,25 @@ def solve_session(
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
-        raise Interrupted(best_of(solutions, rank_by)) from stop
-    return solutions[0] if starts == 1 else best_of(solutions, rank_by)
+        raise Interrupted(best_of(session, solutions, rank_by)) from stop
+    return solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
 
 
-def best_of(solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
-    """Return the best certified answer, with the others listed and the work of all counted."""
+def _still_alone(session: Session, solutions: list[Solution]) -> bool:
+    """Whether all that was found is to stand still, and other ways may find better."""
+    return session.from_afar and all(_stands_still(found) for found in solutions)
+
+
+def _stands_still(found: Solution) -> bool:
+    return found.status is Status.NO_PROGRESS and found.certificate.certified
+
+
+def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
+    """Return the best certified answer, with the others listed and the work of all counted.
+
+    To stand still counts as one where it may, see :func:`credited`.
+    """
+    solutions = credited(session, solutions)
     best = min(solutions, key=lambda found: rank(found, rank_by))
     others = [
         {
@@ -250,9 +270,25 @@ def best_of(solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
     return replace(best, others=others, iterations=iterations, **spent)
 
 
+def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
+    """The solutions, of which those that rightly stand still count as solved.
+
+    That is certified, costs no more than any feasible end, and is what was found by several ways
+    that feel contact from afar. ``record["ways"]`` counts those with a certified end.
+    """
+    ended = [one for one in solutions if one.status in _FEASIBLE and one.certificate.certified]
+    least = min((one.cost for one in solutions if one.status in _FEASIBLE), default=np.inf)
+    if len(ended) < 2 or not session.from_afar:
+        return solutions
+    return [
+        replace(one, status=Status.SOLVED, record={**one.record, "ways": len(ended)})
+        if _stands_still(one) and not one.cost > least + GAIN * abs(least) else one
+        for one in solutions
+    ]  # fmt: skip
+
+
 def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
     """Order answers: certified ones first, then the others that are feasible, then by cost."""
-    order = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Status.NO_PROGRESS: 2}
     costs = {"planned": found.cost, "exact": found.audit.exact_cost, "referee": found.referee.cost}
     cost = costs[by]
-    return order.get(found.status, 3), cost if np.isfinite(cost) else np.inf
+    return _FEASIBLE.get(found.status, 3), cost if np.isfinite(cost) else np.inf

@@ -214,7 +214,7 @@ def status_of(
     span: float,
 ) -> Status:  # fmt: skip
     """Turn audit, certificate and, where these find no answer, the solver's word into a status."""
-    result, system = outcome.result, outcome.nlp.problem.system
+    result = outcome.result
     if result.status is Status.INTERRUPTED:
         return result.status
     if not np.isfinite(cost):
@@ -224,7 +224,7 @@ def status_of(
     # A force from afar moves what its exact replay does not: that is smoothing, and no dead end.
     # And where standing still breaks constraints that the plan keeps, the plan is better.
     own = found.state_gap <= _STILL * outcome.nlp.problem.sizes.x.max() and np.isfinite(idle)
-    blind = found.active_steps == 0 and found.task_gradient < _FLAT and system.nlam > 0 and own
+    blind = found.active_steps == 0 and found.task_gradient < _FLAT and own
     wants = certificate.slope > _CONTENT * span
     if blind or (wants and cost >= idle - _IDLE * abs(idle)):
         return Status.NO_PROGRESS

@@ -110,29 +110,26 @@ def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -
 
     ``B_k' nu_{k+1}`` with ``nu_k = dl/dx + A_k' nu_{k+1}`` along the exact replay, over the sum of
     ``|dl/dx|``: zero where no input moves anything that the task is about. That are the states
-    which inputs move through contact alone, where the cost looks at any: an arm that goes back to
-    its rest is no progress with the object.
+    which inputs move through contact alone: an arm that goes back to its rest is no progress with
+    the object. NaN where there are none, or the cost looks at none.
     """
-    if not np.all(np.isfinite(replay.x)):
+    mask = _moved_by_contact_alone(problem)
+    if not (mask.any() and np.all(np.isfinite(replay.x))):
         return float("nan")
-    everything = np.ones(problem.system.nx)
-    with np.errstate(invalid="ignore"):
-        largest, size = _slopes(problem, replay, values, _moved_by_contact_alone(problem))
-        if size == 0:
-            largest, size = _slopes(problem, replay, values, everything)
-    return largest / max(size, 1e-300) if np.isfinite(size) else float("nan")
+    largest, size = _slopes(problem, replay, values, mask)
+    return largest / size if np.isfinite(size) and size > 0 else float("nan")
 
 
 def _moved_by_contact_alone(problem: Problem) -> np.ndarray:
-    """1 for every state that no input reaches while all contacts are open, else 0."""
+    """1 for every state that a contact reaches, and no input while all contacts are open."""
     system = problem.system
     given = [system.x, system.u, system.parameters.vector]
-    free = ca.Function("free", given, [system.reduced.a])
+    free = ca.Function("free", given, [system.reduced.a, system.reduced.B])
     by_x, by_u = (np.array(ca.DM(free.jac_sparsity(0, i), 1)) for i in range(2))
-    reached = by_u.any(axis=1)
+    steered, touched = by_u.any(axis=1), np.array(ca.DM(free.sparsity_out(1), 1)).any(axis=1)
     for _ in range(system.nx):
-        reached = reached | (by_x @ reached > 0)
-    return np.where(reached, 0.0, 1.0)
+        steered, touched = steered | (by_x @ steered > 0), touched | (by_x @ touched > 0)
+    return np.where(touched & ~steered, 1.0, 0.0)
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -19,7 +19,8 @@ class Audit:
     |lam gap - mu|, ``constraint_violation`` of bounds, path and terminal constraints,
     ``penetration`` max(0, -phi) with phi the true signed distance, ``exact_cost`` the cost of the
     replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts (step, contact) pairs in
-    contact; ``task_gradient`` is the largest change of the cost per unit input.
+    contact; ``task_gradient`` is the largest change per unit input of the cost of what contact
+    alone moves, NaN where it moves nothing alone.
 
     With friction, largest over contacts and steps: ``cone_violation`` max(0, |tangential| -
     friction normal) [N s] and ``dissipation_residual`` [J], what friction misses of the most it

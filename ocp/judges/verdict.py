@@ -69,6 +69,8 @@ def findings(found: Solution) -> list[str]:
         lines = [_sentence(f"the contacts never act; {explained}")]
     if found.certificate.reason != UNJUDGED:
         lines.append(_sentence(found.certificate.sentence))
+    if ways := found.record.get("ways"):
+        lines.append(f"Standing still is the best that was found by {ways} ways.")
     gaps = found.problem.system.gaps
     model = "" if gaps is None else f"the model's gaps are {gaps}"
     if forceless:

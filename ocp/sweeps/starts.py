@@ -14,7 +14,7 @@ from ocp.routes.outcome import Outcome
 from ocp.scheduling import Failure, carried_out
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
-from ocp.solve import Rank, best_of, check_starts, rank, solve_session
+from ocp.solve import Rank, best_of, check_starts, credited, rank, solve_session
 from ocp.sweeps.case import Case
 from ocp.sweeps.sharing import kept_session
 
@@ -93,8 +93,10 @@ def solve_starts(
 def _best(session: Session, found: dict[int, Sent], seed: int, rank_by: Rank) -> Solution:
     """The best of all, judged again here, where its graphs are."""
     sent = [found[place] for place in sorted(found)]
-    solutions = [Solution(**one.judged, problem=session.problem) for one in sent]
+    made = [Solution(**one.judged, problem=session.problem) for one in sent]
+    solutions = credited(session, made)
     place = min(range(len(sent)), key=lambda one: rank(solutions[one], rank_by))
     outcome = sent[place].outcome
-    solutions[place] = judged(session, replace(outcome, nlp=session.nlp_of(outcome.nlp)), seed)
-    return best_of(solutions, rank_by)
+    again = judged(session, replace(outcome, nlp=session.nlp_of(outcome.nlp)), seed)
+    solutions[place] = replace(solutions[place], derivative=again.derivative)
+    return best_of(session, solutions, rank_by)

@@ -102,7 +102,7 @@ def planned_return(
         if outcome is None:
             outcome = session.solve(progress=progress, guess=guess, number=number)
         found.append(judged(session, outcome, seed=0))
-    best = best_of(found)
+    best = best_of(session, found)
     replay = (best.data[name].values[0] for name in ("x_replay", "u_replay"))
     return Planned(best, *episode_return(task, *replay))
 
