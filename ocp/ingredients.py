@@ -67,12 +67,13 @@ class Reference:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Characteristic sizes in SI: impulse, gap, states (nx,) and inputs (nu,)."""
+    """Characteristic sizes in SI: impulse, gap, states (nx,) and inputs (nu,); and of the cost."""
 
     impulse: float
     gap: float
     x: np.ndarray
     u: np.ndarray
+    cost: float = 1.0
 
     @property
     def mu(self) -> float:

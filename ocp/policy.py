@@ -23,14 +23,14 @@ class Feedback:
 
     K_t (nu, nx), k_t (nu,). It starts at K = 0 and k = the guessed input (never k = 0, which would
     command the actuator to the origin, into the object). ``penalty`` adds
-    ``penalty * sum_t |K_t|²`` to the cost, without which gains along scenarios that nearly
+    ``penalty * sum_t |K_t|²`` characteristic costs, without which gains along scenarios that nearly
     coincide are redundant; ``bound`` limits each gain's size; ``stationary`` uses one (K, k) for
     all steps.
 
     Raises :class:`~ocp.errors.InputError` for a negative or non-finite penalty or bound.
     """
 
-    penalty: Annotated[float, "times sum |K|², added to the cost"] = 1e-4
+    penalty: Annotated[float, "times sum |K|², in characteristic costs, added to the cost"] = 1e-4
     bound: Annotated[float, "largest size of a gain"] = math.inf
     stationary: Annotated[bool, "one K and k for all steps"] = False
     name: ClassVar[str] = "feedback"

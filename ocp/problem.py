@@ -16,6 +16,7 @@ from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError, shown
 from ocp.expressions import check_symbols, column
 from ocp.ingredients import Constraint, FreeStart, Reference, Scenarios, Sizes
+from ocp.programs.units import band
 from ocp.words.given import Count, Line, Recorded, checked
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Reference", "Scenarios", "Sizes"]
@@ -207,7 +208,46 @@ class Problem:
             for part in (self.system.states, self.system.inputs)
         )
         return Sizes(reference.impulse * units.of("N s"), reference.gap * units.of("m"),
-                     reference.x * states, reference.u * inputs)  # fmt: skip
+                     reference.x * states, reference.u * inputs, units.cost * self._cost_band,
+                     )  # fmt: skip
+
+    @property
+    def weights(self) -> set[str]:
+        """Names of parameters that weigh the cost: it is linear in each, nothing else has them."""
+        s, cost = self.system, ca.vertcat(self.stage_cost, self.terminal_cost)
+        rows = (row for one in (*self.path, *self.terminal)
+                for row in (one.expression, one.lower, one.upper))  # fmt: skip
+        ends = [getattr(self, what) for what in _BY_PARAMETERS]
+        start = [] if self.start is None else [self.start.lower, self.start.upper]
+        elsewhere = [
+            s.residual,
+            s.gap,
+            *(ca.SX(e) for e in (*ends, *start, *rows) if e is not None),
+        ]
+        taken = {one.element_hash() for part in elsewhere for one in ca.symvar(part)}
+        return {
+            name for name in self.parameters.names
+            if self.parameters[name].element_hash() not in taken
+            and [any(ca.which_depends(cost, self.parameters[name], order)) for order in (1, 2)]
+            == [True, False]
+        }  # fmt: skip
+
+    @cached_property
+    def _cost_band(self) -> float:
+        """The :func:`~ocp.programs.units.band` of the cost, in natural units.
+
+        Its span is what it changes by as all states and inputs, standing still at the start, move
+        by their characteristic sizes.
+        """
+        reference, units = self.reference, self.reference.units
+        p = np.array([one.value / units.of(one.unit) for one in self.parameters])
+        x, u = (np.array(v).ravel() for v in self.limits(p)[:2])
+        costs = [
+            np.ravel(self.cost_terms(x + s * reference.x, u + s * reference.u, s * reference.u, p))
+            for s in (0.0, -1.0, 1.0)
+        ]
+        changes = np.abs(np.array(costs[1:], dtype=float) - costs[0]) @ (self.N, 1.0)
+        return band(float(changes.max()) / units.cost)
 
     @cached_property
     def _physics(self) -> ca.Function:

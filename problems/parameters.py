@@ -9,7 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from dynamics.systems import Parameter, ParameterTable
-from ocp.programs.units import Units, fitted
+from ocp.problem import Problem
+from ocp.programs.units import SI, Units, fitted
 
 
 class Parameters(BaseModel):
@@ -106,18 +107,23 @@ def table(params: BaseModel) -> ParameterTable:
     )
 
 
-def natural_units(params: BaseModel) -> Units:
-    """Natural units that follow the parameters from their defaults.
+def natural_units(params: BaseModel, problem: Problem) -> Units:
+    """Natural units that follow the parameters of a problem from their defaults.
 
     What is zero, or has changed its sign, says nothing; nor does a word or a setting. See
     :func:`~ocp.programs.units.fitted`.
     """
     fields = {n: f for n, f in type(params).model_fields.items() if not is_structural(f)}
-    return fitted(
-        (unit_of(field), float(getattr(params, name)) / float(field.default))
+    ratios = {
+        name: float(getattr(params, name)) / float(field.default)
         for name, field in fields.items()
         if isinstance(field.default, (int, float)) and field.default
-    )
+    }
+    if all(ratio == 1 for ratio in ratios.values()):
+        return SI
+    # One weight alone is not told from the unit of the cost.
+    weights = problem.weights if len(problem.weights) > 1 else set()
+    return fitted((unit_of(fields[name]), ratio, name in weights) for name, ratio in ratios.items())
 
 
 def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:

@@ -84,7 +84,7 @@ def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.n
     """``|lam gap|``, ``|lam gap - mu|`` and ``|residual|`` in natural units."""
     units, products, residual = nlp.natural, plan.lam * plan.gap, plan.residual
     off = products - plan.mu
-    if nlp.scale is not None:
+    if "gap" in nlp.variables:
         pair = np.prod([units.x[nlp.variables[name].index] for name in ("lam", "gap")], axis=0)
         products, off = products / pair, off / pair
         residual = residual / units.g[nlp.constraints["dynamics"].index]

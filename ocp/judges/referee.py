@@ -169,7 +169,7 @@ def survival(
     the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`).
     ``physics`` and ``broken`` are those of the replay.
     """
-    excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST)
+    excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST * problem.sizes.cost)
     off = np.abs(heard.replay.x - plan.x)
     shares = off / seen_sizes(problem, plan.x)
     share = float(shares.max())

@@ -132,7 +132,8 @@ def _replay(found: Solution) -> str:
     if not math.isfinite(audit.exact_cost):
         return "replayed under the exact law, the cost is no number"
     infeasible = found.certificate.reason == UNJUDGED
-    if infeasible or found.referee.parting or abs(off) <= max(_NOTABLE * abs(found.cost), _SAME):
+    least = max(_NOTABLE * abs(found.cost), _SAME * found.problem.sizes.cost)
+    if infeasible or found.referee.parting or abs(off) <= least:
         return ""
     if found.record.get("contact") == "exact":
         remedy = "" if found.record.get("policy") == "feedback" else (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from ocp.mpcc.statement import MPCC
 from ocp.programs.layout import Layout
 from ocp.programs.program import Functions, PairName, Program, closure_rows
+from ocp.programs.units import Scale, band
 
 
 class Lifted:
@@ -61,17 +62,21 @@ class Lifted:
         return found
 
 
-def programs_of(mpcc: MPCC, p: np.ndarray) -> Callable[[str], MPCCProgram]:
-    """The programs of a problem at parameters p by their form, each built when first asked for."""
+def programs_of(mpcc: MPCC, p: np.ndarray, start: np.ndarray) -> Callable[[str], MPCCProgram]:
+    """The programs of a problem at parameters p by their form, each built when first asked for.
+
+    The size of the cost is measured at ``start`` (n,).
+    """
     lifted = Lifted(mpcc)
-    return cache(lambda form: MPCCProgram(lifted, form, p))
+    return cache(lambda form: MPCCProgram(lifted, form, p, start))
 
 
 class MPCCProgram(Program):
     """An :class:`~ocp.mpcc.MPCC` in one of the forms of :class:`~ocp.programs.program.Program`."""
 
-    def __init__(self, lifted: Lifted, form: str, p: np.ndarray) -> None:
+    def __init__(self, lifted: Lifted, form: str, p: np.ndarray, start: np.ndarray) -> None:
         self.lifted, self.mpcc, self.form, self.given = lifted, lifted.mpcc, form, p
+        self.start = start
         self.solvers = {}
         self.variables, self.constraints, self.pairs = lifted.variables, Layout(), lifted.pairs
         for name, block in lifted.constraints.blocks.items():
@@ -130,6 +135,20 @@ class MPCCProgram(Program):
     def sizes(self, x: np.ndarray) -> np.ndarray:
         """1, or where a variable is larger its own size there."""
         return np.maximum(1.0, np.abs(x))
+
+    @cached_property
+    def scale(self) -> Scale | None:
+        """None but for the cost's :func:`~ocp.programs.units.band`."""
+        p = self.parameter_vector({"penalty": 0.0, "relaxation": 0.0})
+        f = band(self.span(self.extended(self.start), p))
+        return None if f == 1 else Scale.none(self.n, self.m, f)
+
+    def span(self, x: np.ndarray, p: np.ndarray) -> float:
+        """What the cost changes by as x (n,) moves by characteristic sizes, to second order."""
+        sizes = self.sizes(x)
+        bend = np.abs(self.hessian(x, p, 1.0, np.zeros(self.m)).sparse())
+        spans = np.array([np.abs(self.slopes(x, p)[0]) @ sizes, sizes @ (bend @ sizes)])
+        return float(np.max(spans[np.isfinite(spans)], initial=0.0))
 
     def pair_name(self, index: int) -> PairName:
         """Name of a pair, which has neither scenario nor step."""

@@ -92,10 +92,10 @@ def solve(
     given = sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
     for name in strategies:
         choose("strategy", name, STRATEGIES)
-    programs = programs_of(mpcc, given)
+    inside = np.clip(start, *mpcc.x_bounds)
+    programs = programs_of(mpcc, given, inside)
     values = {"penalty": 0.0, "relaxation": 0.0}
     follower = Homotopy(programs, Solver(solver, dict(options or {})), values)
-    inside = np.clip(start, *mpcc.x_bounds)
     reference = Reference(impulse=1.0, gap=1.0)
     best: MPCCSolution | None = None
     for name in strategies:
@@ -159,14 +159,7 @@ def _judged(
 
 
 def _span(program: MPCCProgram, start: np.ndarray, x: np.ndarray, p: np.ndarray) -> float:
-    """What the cost changes by: on the way from the start, and there by characteristic sizes.
-
-    The latter to second order, for a start at which the cost has no slope.
-    """
+    """What the cost changes by: on the way from the start, and there by characteristic sizes."""
     begin = program.extended(start)
-    sizes = program.sizes(begin)
-    bend = np.abs(program.hessian(begin, p, 1.0, np.zeros(program.m)).sparse())
-    slope = np.abs(program.slopes(begin, p)[0]) @ sizes
     change = abs(program.values(begin, p)[0] - program.values(x, p)[0])
-    spans = np.array([change, slope, sizes @ (bend @ sizes)])
-    return float(np.max(spans[np.isfinite(spans)], initial=0.0))
+    return max(change if np.isfinite(change) else 0.0, program.span(begin, p))

@@ -1,4 +1,4 @@
-"""Units of mass, length and time that fit the numbers of a problem, and what they make of others.
+"""Units of mass, length, time and cost that fit the numbers of a problem.
 
 A problem's characteristic sizes are stated at its default parameters. At others, above all the same
 problem in other units, they are multiples: natural units are fitted to how parameters changed.
@@ -22,6 +22,8 @@ _KNOWN = {
 }  # fmt: skip
 _SMOOTH, _ROUNDS = 1e-3, 60
 _SLIGHT = 0.05
+_KEPT = 0.75
+"""Of a vote for the cost's own unit, so that one weight of two that has changed is no unit."""
 
 
 def dimension(unit: str) -> np.ndarray | None:
@@ -42,11 +44,12 @@ def dimension(unit: str) -> np.ndarray | None:
 
 @dataclass(frozen=True)
 class Units:
-    """Sizes of the natural units of mass [kg], length [m] and time [s]."""
+    """Sizes of the natural units of mass [kg], length [m], time [s] and of the cost."""
 
     kg: float = 1.0
     m: float = 1.0
     s: float = 1.0
+    cost: float = 1.0
 
     def of(self, unit: str) -> float:
         """How many of ``unit`` one natural unit of its kind is; 1 for an unknown one."""
@@ -57,30 +60,43 @@ class Units:
 
     @property
     def plain(self) -> bool:
-        """Whether these are kg, m and s themselves."""
-        return self == Units()
+        """Whether mass, length and time have kg, m and s themselves."""
+        return (self.kg, self.m, self.s) == (1.0, 1.0, 1.0)
 
 
 SI = Units()
 
 
-def fitted(changes: Iterable[tuple[str, float]]) -> Units:
-    """Natural units from (unit, ratio to the default) of parameters.
+def fitted(changes: Iterable[tuple[str, float, bool]]) -> Units:
+    """Natural units from (unit, ratio to the default, whether it weighs the cost) of parameters.
 
-    ``min over c of sum_i |log ratio_i - e_i' c|``, e_i the exponents of the unit, smoothed at 1e-3
-    and solved by reweighted least squares. A change of units is met exactly, whatever was changed
-    beside it by few parameters alone; less than 5 % off is none.
+    ``min over c of sum_i |log ratio_i - e_i' c|``, e_i the exponents of the unit (and that of the
+    cost, 1 for a weight), smoothed at 1e-3 and solved by reweighted least squares, then by least
+    squares over those that it meets. A change of units is met exactly, whatever was changed beside
+    it by few parameters alone; less than 5 % off is none.
     """
-    known = [(dimension(unit), ratio) for unit, ratio in changes]
-    rows = [(e, np.log(ratio)) for e, ratio in known if e is not None and e.any() and ratio > 0]
-    if not rows:
-        return Units()
-    E, y = np.array([e for e, _ in rows]), np.array([ratio for _, ratio in rows])
+    known = [(dimension(unit), weighs, ratio) for unit, ratio, weighs in changes if ratio > 0]
+    rows = [((*e, weighs), np.log(ratio)) for e, weighs, ratio in known if e is not None]
+    votes = np.append(np.ones(len(rows)), _KEPT)
+    E = np.array([*(e for e, _ in rows), (0, 0, 0, 1)], dtype=float)
+    y = np.array([*(ratio for _, ratio in rows), 0.0])
     c = np.linalg.lstsq(E, y, rcond=None)[0]
     for _ in range(_ROUNDS):
-        weight = ((y - E @ c) ** 2 + _SMOOTH**2) ** -0.25
+        weight = np.sqrt(votes) * ((y - E @ c) ** 2 + _SMOOTH**2) ** -0.25
         c = np.linalg.lstsq(weight[:, None] * E, weight * y, rcond=None)[0]
+    off = y - E @ c
+    met = np.abs(off) < _SLIGHT
+    c += np.linalg.lstsq(E[met], off[met], rcond=None)[0]
     return Units() if np.abs(c).max() < _SLIGHT else Units(*np.exp(c).tolist())
+
+
+def band(span: float) -> float:
+    """Power of 2**24 that brings the span of a cost to 2**-6 ... 2**18; 1 for what is no span.
+
+    Solvers' tolerances suit that whole band: within it a problem keeps the numbers it states.
+    """
+    usable = np.isfinite(span) and span > 0
+    return 2.0 ** (24 * np.floor((np.log2(span) + 6) / 24)) if usable else 1.0
 
 
 @dataclass(frozen=True)
@@ -92,9 +108,9 @@ class Scale:
     f: float = 1.0
 
     @classmethod
-    def none(cls, n: int, m: int) -> Scale:
-        """All ones."""
-        return cls(np.ones(n), np.ones(m))
+    def none(cls, n: int, m: int, f: float = 1.0) -> Scale:
+        """Ones, but for the cost."""
+        return cls(np.ones(n), np.ones(m), f)
 
 
 Entries = Callable[[np.ndarray, np.ndarray], "tuple[float, sp.csr_matrix]"]

@@ -90,10 +90,10 @@ class Branches:
         return min(found, key=lambda one: one.f, default=None)
 
     def _settled(self, start: Point, active: np.ndarray, most: int) -> Result | None:
-        best, point = None, start
+        best, point, own = None, start, self.program.natural.f
         for _ in range(_ROUNDS):
             found = self.solve(point, active, most)
-            if not found.ok or (best is not None and found.f > best.f - 1e-9 * (1 + abs(best.f))):
+            if not found.ok or (best is not None and found.f > best.f - 1e-9 * (own + abs(best.f))):
                 break
             best, point = found, found.point
             wanted = self._other_side(found, active)

@@ -45,9 +45,9 @@ MOST_STAGES = 10_000
 class Leg:
     """One stage: the form of the Program, parameter values, bounds on the contact rows, options.
 
-    ``contact`` is in natural units of the program. ``options`` are IPOPT's; another solver runs
-    every stage with its own defaults. A ``partial`` stage may end at its iteration limit: the next
-    one starts from there.
+    ``contact`` is in natural units of the program, a penalty in that of its cost. ``options`` are
+    IPOPT's; another solver runs every stage with its own defaults. A ``partial`` stage may end at
+    its iteration limit: the next one starts from there.
     """
 
     knob: str
@@ -143,6 +143,7 @@ class Homotopy:
     def stage(self, leg: Leg, nlp: Program, start: Point, warm: bool) -> Result:
         """Solve one stage and write its line of the table."""
         values = {**self.values, **leg.parameters}
+        values["penalty"] *= nlp.natural.f
         p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
         if leg.contact is not None and "contact" in nlp.constraints:
             rows = nlp.constraints["contact"].index.ravel()

@@ -166,7 +166,7 @@ def certify(
         kind=("S" if strong else _kind(model, fitted)) if complementary and verdict == "B" else "",
         biactive=int(model.near(_BIACTIVE).sum()),
         lpec_decrease=0.0 if verdict == "B" else descent.decrease,
-        kkt_residual=_kkt_residual(model, fitted),
+        kkt_residual=_kkt_residual(model, fitted, nlp.natural.f),
         tolerance=tolerance,
         slope=slope,
         gain=gain,
@@ -255,9 +255,9 @@ def fit_multipliers(model: LinearModel) -> np.ndarray:
     return np.nan_to_num(y) * model.row_scale
 
 
-def _kkt_residual(model: LinearModel, multipliers: np.ndarray) -> float:
-    """Projected gradient of the Lagrangian in its own units, over IPOPT's s_d."""
-    slope = model.reduced(multipliers)
+def _kkt_residual(model: LinearModel, multipliers: np.ndarray, cost: float) -> float:
+    """Projected gradient of the Lagrangian, over the cost's natural unit and IPOPT's s_d."""
+    slope, multipliers = model.reduced(multipliers) / cost, multipliers / cost
     slope = np.where((model.lower >= 0) & (slope > 0), 0.0, slope)
     slope = np.where((model.upper <= 0) & (slope < 0), 0.0, slope)
     slope[model.held] = 0.0

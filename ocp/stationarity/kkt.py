@@ -68,7 +68,8 @@ class Curve:
         p, bounds = self.given(values[name] / unit)
         gradient, g, jacobian = program.slopes(x, p)
         self.sizes = program.sizes(x)
-        self.scale = max(float(np.abs(gradient * self.sizes).max(initial=0.0)), 1e-12)
+        least = 1e-12 * program.natural.f
+        self.scale = max(float(np.abs(gradient * self.sizes).max(initial=0.0)), least)
         largest = abs(jacobian @ sp.diags(self.sizes)).max(axis=1).toarray().ravel()
         self.rows = 1 / np.maximum(largest, 1e-12)
         self.own = program.pairs if program.form == "none" else np.zeros((2, 0), dtype=int)

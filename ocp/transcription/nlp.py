@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -123,8 +123,9 @@ class NLP(Program):
         import scipy.sparse as sp
 
         units, table = self.problem.reference.units, self.problem.parameters + self.step.p
+        cost = self.problem.sizes.cost
         if units.plain or "gap" not in self.variables:
-            return None
+            return None if cost == 1 else Scale.none(self.n, self.m, cost)
         system = self.problem.system
         x, u = (np.array([units.of(signal.unit) for signal in part])
                 for part in (system.states, system.inputs))  # fmt: skip
@@ -143,7 +144,8 @@ class NLP(Program):
         def entries(z: np.ndarray, p: np.ndarray) -> tuple[float, sp.csr_matrix]:
             return float(self.f_g(z, p)[0]), sp.csr_matrix(self.jacobian(z, p)[1].sparse())
 
-        return measured(first, own, entries, *given)
+        found = measured(first, own, entries, *given)
+        return replace(found, f=found.f * cost)
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
         """By the sizes of both members and, where slip makes that another set, as if all were

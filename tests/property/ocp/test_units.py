@@ -1,44 +1,76 @@
-"""Answers do not depend on the units of mass, length and time in which a problem is stated."""
+"""Answers do not depend on the units of mass, length, time and cost a problem is stated in."""
 
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynamics.contact import Barrier, Exact
+from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
+from ocp.mpcc import MPCC
+from ocp.mpcc import solve as solve_pairs
+from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.programs.units import Units, dimension, fitted
 from ocp.solution import Solution
 from ocp.solve import solve
 from problems import get, spec
-from problems.parameters import is_structural, natural_units, unit_of
+from problems.parameters import is_structural, unit_of
 
-OTHER = (Units(1e3, 1.0, 1.0), Units(1.0, 1e-3, 1.0), Units(1.0, 1.0, 60.0), Units(1e-3, 1e2, 1e-3))
+OTHER = (Units(1e3, 1.0, 1.0), Units(1.0, 1e-3, 1.0), Units(1.0, 1.0, 60.0, 1e-9),
+         Units(1e-3, 1e2, 1e-3, 1e7))  # fmt: skip
 CONSISTENT = ("wall-1d", "push-1d", "push-disc", "ball-bounce", "box-slide", "cart-transport",
               "hopper-1d", "planar-push")  # fmt: skip
 """Problems of which every parameter and every term of the cost has its unit; one cost is a way."""
 
 
+CHEAP = (*CONSISTENT, "cart-walls", "ball-throw")
+NO_WEIGHTS = {("planar-push", "w_end"), ("hopper-1d", "w_v")}
+"""A ratio of weights; and one beside a way, which nothing weighs."""
+
+
 def stated(problem: str, units: Units, **params: float) -> dict[str, float]:
     """Numbers of the parameters, were ``units`` what they are counted in instead of kg, m, s."""
     checked = spec(problem).params(params)
+
+    def unit(name: str, one: str) -> float:
+        weighs = name.startswith("w_") and (problem, name) not in NO_WEIGHTS
+        return units.of(one) * (units.cost if weighs else 1.0)
+
     return {
-        name: getattr(checked, name) * units.of(unit_of(field))
+        name: getattr(checked, name) * unit(name, unit_of(field))
         for name, field in type(checked).model_fields.items()
         if not is_structural(field) or unit_of(field) != "1"
     }
+
+
+def restated(problem: str, units: Units, **params: float) -> Problem:
+    """The problem, counted in ``units``; a cost that no parameter weighs, by its expressions."""
+    made = get(problem, **stated(problem, units, **params))
+    return dearer(made, units.cost) if problem == "hopper-1d" else made
+
+
+def dearer(problem: Problem, by: float) -> Problem:
+    """The problem with all its costs multiplied."""
+    costs = problem.stage_cost, problem.terminal_cost
+    return replace(problem, stage_cost=by * costs[0], terminal_cost=by * costs[1])
+
+
+def cost_unit(problem: str, units: Units) -> float:
+    return units.cost * (units.of("m") if problem == "hopper-1d" else 1.0)
 
 
 @pytest.mark.parametrize("problem", CONSISTENT)
 def test_costs_are_invariant_under_a_change_of_units(problem: str) -> None:
     known = solve(get(problem), Exact())
     for units in OTHER:
-        found = solve(get(problem, **stated(problem, units)), Exact())
-        size = units.of("m") if problem == "hopper-1d" else 1.0
+        found = solve(restated(problem, units), Exact())
+        size = cost_unit(problem, units)
         assert found.status is known.status is Status.SOLVED
         assert found.cost / size == pytest.approx(known.cost, rel=1e-6)
         x, u = (dimensionless(found, units, key) for key in ("x", "u"))
@@ -49,9 +81,9 @@ def test_costs_are_invariant_under_a_change_of_units(problem: str) -> None:
 
 @st.composite
 def other_units(draw: st.DrawFn) -> Units:
-    """Mass, length and time counted in anything from a thousandth to a thousand of SI's units."""
+    """Mass, length and time in a thousandth to a thousand of SI's units, cost in any at all."""
     kg, m, s = (10.0 ** draw(st.floats(-3, 3)) for _ in range(3))
-    return Units(kg, m, s)
+    return Units(kg, m, s, 10.0 ** draw(st.floats(-12, 12)))
 
 
 @functools.cache
@@ -63,8 +95,8 @@ def agrees(problem: str, units: Units, soft: bool, method: str = "direct") -> No
     """The same status, and a cost that differs by its own unit alone; mu is in N s m too."""
     known = in_si(problem, soft, method)
     law = Barrier(mu=1e-3 * units.of("N s m")) if soft else Exact()
-    found = solve(get(problem, **stated(problem, units)), law, method)
-    size = units.of("m") if problem == "hopper-1d" else 1.0
+    found = solve(restated(problem, units), law, method)
+    size = cost_unit(problem, units)
     assert found.status is known.status is Status.SOLVED
     assert found.cost / size == pytest.approx(known.cost, rel=1e-6)
     assert found.referee.survives == known.referee.survives
@@ -108,6 +140,73 @@ def test_carts_between_walls_move_alike_in_any_unit_of_mass(kg: float) -> None:
     agrees("cart-walls", Units(kg), soft=False)
 
 
+LAWS: dict[str, ContactLaw] = {
+    "exact": Exact(), "barrier": Barrier(mu=1e-3), "adaptive": Adaptive(sigma=0.02),
+    "randomized": Randomized(sigma=0.02),
+}  # fmt: skip
+
+
+@functools.cache
+def in_its_own_cost(problem: str, law: str) -> Solution:
+    return solve(get(problem), LAWS[law])
+
+
+def costs_as_much(problem: str, law: str, cost: float) -> None:
+    """What a solver is given are the same numbers, so that its answer is the same to rounding."""
+    known = in_its_own_cost(problem, law)
+    found = solve(restated(problem, Units(cost=cost)), LAWS[law])
+    assert found.status is known.status and found.referee.survives == known.referee.survives
+    assert found.certificate.stationarity == known.certificate.stationarity
+    assert found.cost / cost == pytest.approx(known.cost, rel=1e-6)
+    assert found.audit.exact_cost / cost == pytest.approx(known.audit.exact_cost, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("problem", "law", "cost"),
+    [("push-1d", "exact", 1e-9), ("push-1d", "adaptive", 1e-9), ("box-slide", "exact", 1e-9),
+     ("hopper-1d", "exact", 1e-12), ("wall-1d", "randomized", 1e12)],
+)  # fmt: skip
+def test_a_cost_in_another_unit_is_the_same_cost(problem: str, law: str, cost: float) -> None:
+    costs_as_much(problem, law, cost)
+
+
+@pytest.mark.slow
+@settings(max_examples=80)
+@given(problem=st.sampled_from(CHEAP), law=st.sampled_from(list(LAWS)), exponent=st.floats(-12, 12))
+def test_a_cost_in_any_unit_is_the_same_cost(problem: str, law: str, exponent: float) -> None:
+    costs_as_much(problem, law, 10.0**exponent)
+
+
+@pytest.mark.parametrize("problem", ["push-1d", "ball-bounce"])
+@pytest.mark.parametrize("method", ["direct", "single-shooting"])
+def test_a_power_of_two_of_the_cost_keeps_every_bit(problem: str, method: str) -> None:
+    """No parameter tells of the unit: the size of the cost itself is measured."""
+    known = solve(get(problem), Barrier(mu=1e-3), method)
+    found = solve(dearer(get(problem), 2.0**-48), Barrier(mu=1e-3), method)
+    assert found.cost == 2.0**-48 * known.cost
+    assert np.array_equal(found.data["u"].values, known.data["u"].values)
+    assert found.certificate.kkt_residual == known.certificate.kkt_residual
+    assert found.certificate.stationarity == known.certificate.stationarity == "KKT"
+
+
+def test_gains_are_held_back_alike_in_any_unit_of_cost() -> None:
+    problem = get("push-1d", N=8)
+    known = solve(problem, Exact(), policy="feedback")
+    found = solve(dearer(problem, 2.0**-48), Exact(), policy="feedback")
+    assert np.array_equal(found.data["K"].values, known.data["K"].values)
+
+
+@pytest.mark.parametrize("cost", [1e-12, 1e-9, 1e9])
+def test_a_complementarity_problem_has_a_unit_of_cost_too(cost: float) -> None:
+    """The leader of the documentation's example, whose best x is 2 and costs (1 - 3)²."""
+    x, y, s = (ca.SX.sym(name) for name in "xys")
+    f = cost * ((x - 2) ** 2 + (y - 3) ** 2)
+    problem = MPCC(x=ca.vertcat(x, y, s), f=f, g=y - x + s, G=s, H=1 - y)
+    found = solve_pairs(problem)
+    assert found.success and found.f / cost == pytest.approx(4.0, rel=1e-6)
+    assert found.x == pytest.approx([2, 1, 1], abs=1e-5)
+
+
 def dimensionless(found: Solution, units: Units, key: str) -> np.ndarray:
     """A trajectory as it would read in SI."""
     system = found.problem.system
@@ -145,17 +244,21 @@ def test_a_mu_as_large_as_the_problem_is_told_with_one_that_is_not() -> None:
 def test_units_are_found_from_the_numbers(problem: str) -> None:
     for units in OTHER:
         params = stated(problem, units)
-        found = natural_units(spec(problem).params(params))
+        found = get(problem, **params).reference.units
         for unit in ("N s", "m", "m/s", "N"):
             if problem != "planar-push" or unit == "m":
                 assert found.of(unit) == pytest.approx(units.of(unit), rel=1e-6)
-        assert natural_units(spec(problem).params({})).plain
+        assert get(problem).reference.units == Units()
 
 
 def test_one_parameter_that_leaves_the_others_is_outvoted() -> None:
-    changes = [("m", 50.0), ("m", 2.0), ("m", 2.0), ("m/s", 2.0), ("s", 1.0), ("s", 1.0)]
-    found = fitted(changes)
-    assert found.m == pytest.approx(2.0, rel=1e-2) and found.s == pytest.approx(1.0, abs=1e-2)
+    same = [("m", 1.0, False), ("m", 1.0, False), ("s", 1.0, False)]
+    lengths = [("m", 50.0), ("m", 2.0), ("m", 2.0), ("m/s", 2.0), ("s", 1.0), ("s", 1.0)]
+    found = fitted([(unit, ratio, False) for unit, ratio in lengths])
+    assert found.m == pytest.approx(2.0, rel=1e-9) and found.s == pytest.approx(1.0, abs=1e-9)
+    weights = [("1/m^2", 7e-9, True), ("s^2/m^2", 1e-9, True), ("1", 1e-9, True), *same]
+    assert fitted(weights).cost == pytest.approx(1e-9, rel=1e-9)
+    assert fitted([*weights[:1], ("1", 1.0, True), *same]).cost == 1.0
 
 
 @pytest.mark.parametrize(

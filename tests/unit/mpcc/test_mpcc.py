@@ -28,7 +28,7 @@ def symbols(n: int) -> tuple[ca.SX, list[ca.SX]]:
 
 
 def follower_of(mpcc: MPCC) -> Homotopy:
-    programs = programs_of(mpcc, np.zeros(0))
+    programs = programs_of(mpcc, np.zeros(0), np.zeros(mpcc.x.numel()))
     return Homotopy(programs, Solver("ipopt"), {"penalty": 0.0, "relaxation": 0.0})
 
 
@@ -243,7 +243,8 @@ def test_derivatives_of_every_form_are_those_of_its_functions() -> None:
     """Against CasADi's own of f_g, at a random point and random multipliers."""
     v, (x, y, z) = symbols(3)
     sides = ca.vertcat(x * y, ca.exp(z)), ca.vertcat(y, x + z**2)
-    programs = programs_of(MPCC(v, ca.sin(x) * z + y**4, *sides, g=x * y * z), np.zeros(0))
+    mpcc = MPCC(v, ca.sin(x) * z + y**4, *sides, g=x * y * z)
+    programs = programs_of(mpcc, np.zeros(0), np.zeros(v.numel()))
     rng = np.random.default_rng(0)
     for form in ("none", "product", "fischer-burmeister", "lin-fukushima"):
         nlp = programs(form)
@@ -297,7 +298,8 @@ def test_restoration_leaves_the_least_violation() -> None:
 
 def test_the_elastic_program_differentiates_what_it_states() -> None:
     v, (x, y) = symbols(2)
-    base = programs_of(MPCC(v, x, x, y, g=ca.vertcat(x * y**2, ca.sin(x))), np.zeros(0))("none")
+    mpcc = MPCC(v, x, x, y, g=ca.vertcat(x * y**2, ca.sin(x)))
+    base = programs_of(mpcc, np.zeros(0), np.zeros(v.numel()))("none")
     nlp = Elastic(base)
     rng = np.random.default_rng(1)
     z, lam, p = rng.normal(size=nlp.n), rng.normal(size=nlp.m), np.zeros(2)
