@@ -216,7 +216,7 @@ def periodicity(graph: Graph, variables: Layout, constraints: Layout) -> list[St
 
 
 def gain_penalty(graph: Graph, variables: Layout) -> list[Stage]:
-    """``penalty |K_t|²`` per step; nothing for open loop or a zero penalty."""
+    """``penalty |K_t|²`` characteristic costs per step; nothing for open loop or a zero penalty."""
     if not isinstance(graph.policy, Feedback) or graph.policy.penalty == 0:
         return []
     index = variables["K"].index.reshape(graph.gain_steps, -1)
