@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynamics.learned.conform import misfit
 from dynamics.learned.transitions import KIND as TRANSITIONS
 from dynamics.learned.transitions import Transitions
 
@@ -72,17 +73,20 @@ def read(path: Path) -> xr.Dataset:
                 f"{path} is no netCDF file; ocp collect makes data and ocp learn makes models"
             )
     try:
-        dataset = xr.load_dataset(path, engine="netcdf4")
-    except (OSError, RuntimeError, ValueError) as error:
+        dataset = xr.load_dataset(path, engine="netcdf4", mask_and_scale=False, decode_times=False)
+    except (OSError, RuntimeError, ValueError, TypeError) as error:
         raise ValueError(f"{path} is cut short or damaged; make it again") from error
-    kind = dataset.attrs.get("kind")
+    attributes = {key: _plain(value) for key, value in dataset.attrs.items()}
+    kind = attributes.get("kind")
     if kind not in (TRANSITIONS, *MODELS):
         known = ", ".join((TRANSITIONS, *MODELS))
         raise ValueError(
             f"{path} is a netCDF file of something else: its kind is {kind!r}, expected {known}"
         )
-    if dataset.attrs.get(CHECKSUM) != checksum(dataset):
+    if attributes.get(CHECKSUM) != checksum(dataset):
         raise ValueError(f"{path} does not match its checksum: cut short or changed; make it again")
+    if wrong := misfit(dataset, attributes):
+        raise ValueError(f"{path} is no file of kind {kind} that this program wrote: {wrong}")
     return dataset
 
 
@@ -93,14 +97,15 @@ def checksum(dataset: xr.Dataset) -> str:
         values = np.asarray(dataset.variables[name].values)
         digest.update(json.dumps([name, dataset[name].dims, values.shape], default=str).encode())
         numeric = values.dtype.kind in "biuf"
-        digest.update(values.tobytes() if numeric else json.dumps(values.tolist()).encode())
+        text = "" if numeric else json.dumps(values.tolist(), default=str)
+        digest.update(values.tobytes() if numeric else text.encode())
     told = {key: _plain(value) for key, value in dataset.attrs.items() if key != CHECKSUM}
     digest.update(json.dumps(told, sort_keys=True).encode())
     return digest.hexdigest()
 
 
 def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
 def _class(kind: str) -> Any:

@@ -74,7 +74,9 @@ class LearnedLaw(ContactLaw):
         return {
             name: (float(then[name]), values[name])
             for name in system.parameters.names
-            if name in moving and name in then and float(then[name]) != values[name]
+            if name in moving
+            and isinstance(then.get(name), int | float)
+            and then[name] != values[name]
         }
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -153,6 +153,8 @@ class MlpModel:
         found = {name: np.ascontiguousarray(dataset[name].values, float) for name in names}
         if broken := [name for name, array in found.items() if not np.isfinite(array).all()]:
             raise ValueError(f"model: {', '.join(broken)} of the network are not finite")
+        if odd := _unchained(found, len(origin.z), len(origin.y), len(layers)):
+            raise ValueError(f"model: {odd} of the network does not fit the layer before it")
         return cls(
             tuple(found[f"weight_{layer}"] for layer in layers),
             tuple(found[f"bias_{layer}"] for layer in layers),
@@ -162,6 +164,17 @@ class MlpModel:
             origin,
             int(dataset.attrs["seed"]),
         )
+
+
+def _unchained(found: Mapping[str, np.ndarray], n_in: int, n_out: int, layers: int) -> str:
+    """Name the first matrix or vector whose shape is not that of a chain from z to y."""
+    size = n_in
+    for layer in range(layers):
+        W, b = found[f"weight_{layer}"], found[f"bias_{layer}"]
+        if b.ndim != 1 or W.shape != (b.size, size):
+            return f"weight_{layer}"
+        size = b.size
+    return "" if size == n_out else f"bias_{layers - 1}"
 
 
 def _blocks(n: int) -> Iterator[slice]:
