@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.programs.program import PairName, Program
+from ocp.programs.units import Scale
 
 
 @dataclass
@@ -33,6 +34,7 @@ class SmallMPCC:
         hessian = ca.triu(ca.hessian(lagrangian, self.x)[0])
         self.hessian = ca.Function("h", [*inputs, lam_f, lam_g], [hessian])
         self.pairs = np.asarray(self.pairs, dtype=int).reshape(2, -1)
+        self.natural = Scale.none(self.x.numel(), self.g.numel())
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
         return np.ones(self.x.numel())
