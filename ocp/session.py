@@ -29,7 +29,7 @@ from ocp.routes.complementarity import (
     Route,
     solve_pairs,
 )
-from ocp.routes.landing import embedded, rolled_down
+from ocp.routes.landing import Landing, embedded
 from ocp.routes.legs import PRIMAL, Homotopy, Leg, Path, Progress, translate
 from ocp.routes.outcome import Outcome, better, lower
 from ocp.routes.own_path import MU_LAST, STAGE_ITERATIONS, from_exact, own_path
@@ -51,8 +51,6 @@ _NEAR, _WIDE = 1e-6, 1e-3
 nearby, and from elsewhere."""
 _PARTED = 1e-3
 """Relative rise of the cost from which on a rollout has parted from its plan."""
-_PATIENCE, _PATIENCE_S = 10.0, 20.0
-"""Times what the first way took, and seconds at least, after which a second way is given up."""
 _ROLLED = 8
 """Guesses that are rolled out where a relaxation is hard to follow."""
 
@@ -196,32 +194,34 @@ class Session:
 
         At a kink of the exact law no gradient vanishes, so a gradient method cannot end there. The
         plan is the complementarity problem's own, by direct transcription; with ``homotopy``, or
-        where that plan parts from its rollout, it is the limit of the barrier law's optima.
+        where none is found or it parts from its rollout, it is what the barrier law's path leads
+        to. Of plans that their rollouts keep to, the cheapest is the answer.
         """
+        direct, best = self.judging_nlp(), None
+        landing = Landing(nlp, direct, self.step, Homotopy(
+            lambda _: direct, self.solver, self.values, follower.progress, follower.trace
+        ))  # fmt: skip
         helpers = [self.helper(self.law, Direct())]
         if self.step.branches == 1:
             barrier = self.helper(Barrier(mu=MU_LAST), self.method)
             helpers = [barrier] if self.homotopy else [*helpers, barrier]
-        best: Outcome | None = None
         for helper in helpers:
-            first = helper is helpers[0]
-            patience = max(_PATIENCE_S, _PATIENCE * follower.trace.seconds)
-            with self.solver.within(None if first else patience):
+            if helper.method is self.method:
+                start = helper.first_point(helper.nlp_of("product"), guess)
+                within = Homotopy(helper.nlp_of, self.solver, helper.values, follower.progress,
+                                  follower.trace)  # fmt: skip
+                plan = landing.along(within, helper.path()[1], start)
+            else:
                 plan = self._absorbed(helper, follower, guess)
-            direct = self.judging_nlp()
-            settling = Homotopy(lambda _, nlp=direct: nlp, self.solver, self.values,
-                                follower.progress)  # fmt: skip
             try:
-                landed, settled = rolled_down(
-                    plan.nlp, plan.result.point.x, nlp, direct, settling, self.step
-                )
+                landed, settled = landing.rolled_down(plan.nlp, plan.result.point.x)
             except NotConverged:
                 continue
-            follower.trace.absorb(settling.trace)
-            landed = replace(landed, status=plan.result.status, word=plan.result.word)
-            found = Outcome(landed, nlp, plan.finished, follower.trace, settled)
-            best = better(best, found)
-            if plan.finished and not lower(plan.result, landed, _PARTED):
+            told = settled or plan.result
+            landed = replace(landed, status=told.status, word=told.word)
+            kept = settled is not None and not lower(settled, landed, _PARTED)
+            best = better(best, Outcome(landed, nlp, kept, follower.trace, settled))
+            if plan.finished and kept:
                 break
         assert best is not None
         return best

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from dynamics.systems import KNOB
 from ocp.physics.constraints import told
+from ocp.programs.solver import TIMED_OUT
 
 if TYPE_CHECKING:
     from ocp.solution import Solution
@@ -80,8 +81,9 @@ def findings(found: Solution) -> list[str]:
     model += f"; its data were taken at {differs}" if differs else ""
     said = (model, _referee(found), _replay(found), _broken(found), found.referee.parting)
     lines += [_sentence(line) for line in said if line]
-    if any(stage.status == "Maximum_WallTime_Exceeded" for stage in found.stages):
-        lines.append("A second way of solving took too long beside the first and was given up.")
+    if cut := sum(stage.status in TIMED_OUT for stage in found.stages):
+        runs = f"{cut} of {len(found.stages)} runs of the solver"
+        lines.append(f"The time limit that was set cut {runs}: without one the answer may differ.")
     if not found.record.get("resumed", True):
         lines.append(
             "The solver did not converge from the run it started at; this is a cold solve with"

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -52,26 +50,21 @@ USUAL: dict[str, dict[str, Any]] = {
 }
 """Options of each solver where none are given: silent, no looser than what the audit asks, and not
 on and on where it is lost."""
-_TIME_LIMITS = {"ipopt": "max_wall_time", "sleqp": "max_wall_time", "uno": "time_limit"}
+TIMED_OUT = ("Maximum_CpuTime_Exceeded", "Maximum_WallTime_Exceeded", "time limit")
+"""Words of runs that a limit of time ended; there is none unless the user sets one."""
 _STATUS = {
+    **dict.fromkeys(TIMED_OUT, Status.TIME_LIMIT),
     "Solve_Succeeded": Status.SOLVED,
     "Solved_To_Acceptable_Level": Status.SOLVED,
     "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
-    "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
-    "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
     "Diverging_Iterates": Status.DIVERGED,
     "Invalid_Number_Detected": Status.DIVERGED,
     "iteration limit": Status.ITERATION_LIMIT,
-    "time limit": Status.TIME_LIMIT,
     "infeasible": Status.INFEASIBLE,
     "Converged with infeasible stationary point": Status.INFEASIBLE,
     "Terminated with infeasible small step": Status.INFEASIBLE,
 }
-
-
-GIVEN_UP = "Maximum_WallTime_Exceeded"
-"""The word of a run that was given up, IPOPT's."""
 
 
 @dataclass(frozen=True)
@@ -119,19 +112,7 @@ class Solver:
         if not ca.has_nlpsol(name):
             raise InputError(f"this CasADi has no {name}; use --solver ipopt")
         self.name, self.options = name, check_options(name, options or {})
-        self.deadline: float | None = None
         self.heard: Callable[[Program, Result], None] | None = None
-
-    @contextmanager
-    def within(self, seconds: float | None) -> Iterator[None]:
-        """Give up all runs inside after ``seconds`` in all; None for no limit."""
-        before = self.deadline
-        if seconds is not None:
-            self.deadline = time.perf_counter() + seconds
-        try:
-            yield
-        finally:
-            self.deadline = before
 
     def run(
         self,
@@ -142,14 +123,6 @@ class Solver:
         **overrides: Any,
     ) -> Result:
         """Solve from ``start``, with its multipliers where ``warm_start_init_point`` is set."""
-        if self.deadline is not None:
-            left = self.deadline - time.perf_counter()
-            if left <= 0:
-                return Result.at(nlp, start, p, Status.TIME_LIMIT, GIVEN_UP)
-            if self.name in _TIME_LIMITS:
-                # Powers of two, since every set of options is a solver instance of its own.
-                limit = 2.0 ** math.ceil(math.log2(left))
-                overrides = {**overrides, _TIME_LIMITS[self.name]: limit}
         function = self._instance(nlp, overrides)
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)

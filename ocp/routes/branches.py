@@ -32,11 +32,9 @@ WISH = 1e-6
 """Multiplier of a held member, in natural units, from which on its growth would pay."""
 _FIRST_RADIUS = 0.1
 _REACHES = (1e-3, 1e-2, 1e-1, 1.0)
-_SHARE, _LEAST_S, _MOST_S = 0.3, 1.0, 3.0
-"""Of the processor time a solve took so far, what all programs of its improvement may take, within
-limits: on a machine with other work a solve is to end where it ends on an idle one."""
-_BUSY = 3.0
-"""Times what is left of that, the wall time after which a single program is given up."""
+_EFFORT = 500_000
+"""Binaries times entries of the rows up to which a program over branches is solved: larger ones
+take HiGHS many seconds before its first node, and a smaller trust region has fewer binaries."""
 
 
 class Branches:
@@ -110,17 +108,13 @@ class Branches:
         the radius, one that costs least. The radius grows tenfold until a branch is solved
         (Nurkanovic and Leyffer, arXiv 2501.13835, phase 1). None where none is.
         """
-        until = self._until()
-        for radius in _REACHES:
-            left = until - time.thread_time()
-            if left <= 0 or not self.program.pairs.size:
-                break
-            found = self._proposed(start.x, radius, left)
+        for radius in _REACHES if self.program.pairs.size else ():
+            found = self._proposed(start.x, radius)
             if found is not None:
                 return found
         return None
 
-    def _proposed(self, x: np.ndarray, radius: float, seconds: float) -> Result | None:
+    def _proposed(self, x: np.ndarray, radius: float) -> Result | None:
         pairs = self.program.pairs
         active = self.program.active_sets(x)[-1]
         held = np.where(active, pairs[1], pairs[0])
@@ -128,9 +122,9 @@ class Branches:
         there = np.clip(x, self.limits["lbx"], self.limits["ubx"])
         there[held[~np.all(members < radius, axis=0)]] = 0.0
         model = linear_model(self.program, there, self.p, self.limits, residuals=True)
-        if not model.finite or not model.near(radius).any():
+        if not model.finite or not 0 < model.effort(radius) <= _EFFORT:
             return None
-        step = model.descend(radius, True, _BUSY * seconds, -np.inf)
+        step = model.descend(radius, True, -np.inf)
         if not step.step.any():
             return None
         active[step.near] = step.acts > 0.5
@@ -147,22 +141,20 @@ class Branches:
         arXiv 2501.13835, phase 2).
         """
         best, radius = settled, _FIRST_RADIUS
-        began, until, before = time.perf_counter(), self._until(), self.follower.trace.seconds
+        began, spent = time.perf_counter(), self.follower.trace.seconds
         for _ in range(_EXCHANGES):
-            left = until - time.thread_time()
-            if left <= 0 or radius < RADII[-1] or not self.program.pairs.size:
+            if radius < RADII[-1] or not self.program.pairs.size:
                 break
             model = linear_model(self.program, best.point.x, self.p, self.limits)
             if self._at_rest(model, best, radius):
                 radius /= 10
                 continue
-            found = self._exchanged(model, best, radius, left)
+            found = self._exchanged(model, best, radius)
             if found is not None and lower(found, best):
                 best = found
             else:
                 radius /= 10
-        ran = self.follower.trace.seconds - before
-        self.follower.trace.seconds += time.perf_counter() - began - ran
+        self.follower.trace.seconds = spent + time.perf_counter() - began
         return best
 
     def _at_rest(self, model: LinearModel, best: Result, radius: float) -> bool:
@@ -172,14 +164,12 @@ class Branches:
             return False
         return model.dual_bound(multipliers, radius) <= tolerance_of(model, best.f)
 
-    def _exchanged(
-        self, model: LinearModel, best: Result, radius: float, seconds: float
-    ) -> Result | None:
+    def _exchanged(self, model: LinearModel, best: Result, radius: float) -> Result | None:
         """Solve the branch that a direction of descent leads to; None without one."""
-        if not model.near(radius).any():
+        if not 0 < model.effort(radius) <= _EFFORT:
             return None
         cut = tolerance_of(model, best.f)
-        direction = model.descend(radius, True, _BUSY * seconds, cut, first=True)
+        direction = model.descend(radius, True, cut, first=True)
         if not direction.decrease > cut:
             return None
         active = self.program.active_sets(best.point.x)[-1]
@@ -187,11 +177,6 @@ class Branches:
         there = best.point.x + radius * model.sizes * direction.step
         found = self.solve(Point(there, best.point.lam_x, best.point.lam_g), active)
         return found if found.ok else None
-
-    def _until(self) -> float:
-        now = time.thread_time()
-        spent = now - self.follower.began
-        return now + min(max(_SHARE * spent, _LEAST_S), _MOST_S)
 
     def wishes(self, found: Result, active: np.ndarray) -> np.ndarray:
         """Fall of the cost (m,) by a unit of each pair's held member, in natural units."""

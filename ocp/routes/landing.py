@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynamics.contact import Step
+from ocp.errors import NotConverged
+from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_out
-from ocp.routes.branches import land
-from ocp.routes.legs import Homotopy
+from ocp.routes.branches import Branches, land
+from ocp.routes.complementarity import improved
+from ocp.routes.legs import Homotopy, Path
+from ocp.routes.outcome import Outcome, lower
 from ocp.transcription.nlp import NLP
 
 
@@ -40,30 +44,70 @@ def plan_of(nlp: NLP, x: np.ndarray) -> tuple[np.ndarray | Gains, np.ndarray | N
     return plan, blocks["x0"][:, 0] if "x0" in blocks else None
 
 
-def rolled_down(
-    source: NLP, point: np.ndarray, target: NLP, direct: NLP, follower: Homotopy, step: Step
-) -> tuple[Result, Result | None]:
-    """Roll a plan of ``source`` out under the exact ``step``, settle it, and pack ``target``.
+@dataclass(frozen=True)
+class Landing:
+    """Where plans land: rolled out in ``target``, settled in ``direct`` by a follower of its own.
 
     The limit of smoothed optima is short of the exact one by the square root of the last mu. Hence
     the rolled-out point is put into ``direct``, whose contacts are fixed as they are and whose rest
-    is solved (:func:`~ocp.routes.branches.land`); its inputs, rolled out, are the answer where
-    they cost no more. Then the settled point is returned beside it: the same plan, with contacts
-    that are exactly open or closed, which a rollout's are to the step solver's tolerance.
+    is solved (:func:`~ocp.routes.branches.land`).
     """
-    values = follower.values
 
-    def rolled_out(nlp: NLP, x: np.ndarray) -> tuple[Rollout, Gains | None, Result]:
+    target: NLP
+    direct: NLP
+    step: Step
+    follower: Homotopy
+
+    def rolled_down(self, source: NLP, point: np.ndarray) -> tuple[Result, Result | None]:
+        """Roll a plan of ``source`` out under the exact ``step``, settle it, and pack ``target``.
+
+        The settled point's inputs, rolled out, are the answer where they cost no more. Then it is
+        returned beside them: the same plan, with contacts that are exactly open or closed, which a
+        rollout's are to the step solver's tolerance.
+        """
+        first, there = self._rolled_out(source, point)
+        settled, _, worked = land(
+            self.follower, self.direct, replace(first, point=there), improving=False
+        )
+        if not worked:
+            return first, None
+        second, _ = self._rolled_out(self.direct, settled.point.x)
+        return (second, settled) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
+
+    def along(self, follower: Homotopy, path: Path, start: Point) -> Outcome:
+        """Follow a path, settle its points, and go on to better branches from the cheapest.
+
+        Near a wide stage another branch may be cheaper than near the last one. The path ends where
+        two of its points in turn settle at one cost.
+        """
+        found: list[Result] = []
+
+        def settled_again(source: Program, result: Result) -> bool:
+            assert isinstance(source, NLP)
+            if not result.ok:
+                return False
+            try:
+                settled = self.rolled_down(source, result.point.x)[1]
+            except NotConverged:
+                return False
+            if settled is None:
+                return False
+            found.append(settled)
+            one, other = found[-2:] if len(found) > 1 else (settled, None)
+            return other is not None and not (lower(one, other) or lower(other, one))
+
+        result, program, finished = follower.follow(replace(path, complete=settled_again), start)
+        if not found:
+            return Outcome(result, program, finished, follower.trace)
+        best = improved(Branches(self.follower), min(found, key=lambda one: one.f))
+        return Outcome(best, self.direct, True, follower.trace)
+
+    def _rolled_out(self, nlp: NLP, x: np.ndarray) -> tuple[Result, Point]:
+        values = self.follower.values
         plan, start = plan_of(nlp, x)
         gains = plan if isinstance(plan, Gains) else None
-        rolled = roll_out(target.problem, plan, values, step, start)
-        there, p = Point(embedded(target, rolled, gains)), target.parameter_vector(values)
-        return rolled, gains, Result.at(target, there, p, Status.SOLVED, "rolled out")
-
-    rolled, gains, first = rolled_out(source, point)
-    there = Point(embedded(direct, rolled, gains))
-    settled, _, worked = land(follower, direct, replace(first, point=there), improving=False)
-    if not worked:
-        return first, None
-    second = rolled_out(direct, settled.point.x)[2]
-    return (second, settled) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
+        rolled = roll_out(self.target.problem, plan, values, self.step, start)
+        there = Point(embedded(self.target, rolled, gains))
+        p = self.target.parameter_vector(values)
+        answer = Result.at(self.target, there, p, Status.SOLVED, "rolled out")
+        return answer, Point(embedded(self.direct, rolled, gains))

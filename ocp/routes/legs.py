@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import sys
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -101,13 +100,13 @@ class Homotopy:
 
     A stage that fails is retried at the geometric mean of the last good value and its own, up to
     four times before a value of the path itself succeeds; what cannot be reached is said by
-    ``finished = False``. ``began`` is this thread's processor time [s] then.
+    ``finished = False``.
     """
 
     def __init__(self, nlp_of: Callable[[str], Program], solver: Solver, values: dict[str, float],
-                 progress: Progress | None = None) -> None:  # fmt: skip
+                 progress: Progress | None = None, trace: Trace | None = None) -> None:  # fmt: skip
         self.nlp_of, self.solver, self.values = nlp_of, solver, values
-        self.progress, self.trace, self.began = progress, Trace(), time.thread_time()
+        self.progress, self.trace = progress, trace or Trace()
 
     def follow(
         self, path: Path, start: Point, warm: bool = False, source: Program | None = None

@@ -83,8 +83,8 @@ def restored(follower: Homotopy, x: np.ndarray) -> tuple[np.ndarray, float] | No
     """
     base = follower.nlp_of("none")
     elastic = Elastic(base)
-    inner = Homotopy(lambda form: elastic, follower.solver, follower.values, follower.progress)
-    inner.trace = follower.trace
+    inner = Homotopy(lambda form: elastic, follower.solver, follower.values, follower.progress,
+                     follower.trace)  # fmt: skip
     branches = Branches(inner)
     own = base.bounds(follower.values)
     inside = np.clip(x, own["lbx"], own["ubx"])

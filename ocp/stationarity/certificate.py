@@ -25,9 +25,6 @@ _FLAT = 1e-4
 _NOISE = 1e-9
 WITHIN = 1e-2
 """How far, in characteristic sizes, a direction of descent is followed to tell what it gains."""
-SECONDS, _BUSY = 5.0, 3.0
-"""Processor time that the programs of one certificate may take in all, so that a busy machine says
-what an idle one does; and times what is left of it, the wall time that ends a single program."""
 
 
 _WORDS = {
@@ -123,7 +120,6 @@ def certify(
     bounds: dict[str, np.ndarray],
     multipliers: np.ndarray | None = None,
     cost_span: float = 0.0,
-    seconds: float = SECONDS,
 ) -> Certificate:
     """Judge a feasible point ``x`` of ``nlp`` to first order, and count negative curvature.
 
@@ -154,7 +150,7 @@ def certify(
         return Certificate("undecided", reason="a function or derivative is no number there")
     slope = float(np.abs(model.cost).sum())
     tolerance = tolerance_of(model, f)
-    verdict, strong, descent = _search(model, multipliers, tolerance, seconds)
+    verdict, strong, descent = _search(model, multipliers, tolerance)
     fitted = multipliers if multipliers is not None else fit_multipliers(model)
     hessian, gain = nlp.bend(x, p, fitted, model.sizes), 0.0
     if verdict == "not":
@@ -196,13 +192,13 @@ def tolerance_of(model: LinearModel, f: float) -> float:
 
 
 def _search(
-    model: LinearModel, multipliers: np.ndarray | None, tolerance: float, seconds: float
+    model: LinearModel, multipliers: np.ndarray | None, tolerance: float
 ) -> tuple[Stationarity, bool, Descent]:
     """Look for descent in shrinking regions; ``B`` as soon as there is none in one of them.
 
     The flag tells strong stationarity: not even both members of near pairs may grow.
     """
-    found, until = Descent(0.0), time.thread_time() + seconds
+    found = Descent(0.0)
     for y in _candidates(model, multipliers):
         if model.dual_bound(y, RADII[0]) <= tolerance:
             return "B", True, found
@@ -210,10 +206,7 @@ def _search(
         for branching in (False, True):
             if branching and not model.near(radius).any():
                 break
-            left = until - time.thread_time()
-            if left <= 0:
-                return "undecided", False, Descent(np.nan, trouble="the time limit was reached")
-            found = model.descend(radius, branching, _BUSY * left, tolerance)
+            found = model.descend(radius, branching, tolerance)
             if found.decrease <= tolerance:
                 return "B", not branching, found
     if np.isnan(found.decrease):

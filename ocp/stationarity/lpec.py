@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 _SNAP = 1e-4
 """A slack below this share of a characteristic size counts as none; so does a pair's member."""
+NODES = 500
+"""Of one search over branches at most: no answer depends on how busy the computer is."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,10 @@ class LinearModel:
         """Pairs whose members are both within ``radius`` of zero: these may change sides."""
         return np.all(self.members < radius, axis=0)
 
+    def effort(self, radius: float) -> int:
+        """Work of a search over the near pairs' branches: binaries times entries of the rows."""
+        return int(self.near(radius).sum()) * self.rows.nnz
+
     @property
     def held(self) -> np.ndarray:
         """Position of the smaller member of every pair, (m,)."""
@@ -127,20 +133,18 @@ class LinearModel:
         ends = np.clip([self.row_lower / radius, self.row_upper / radius], -1e12, 1e12)
         return float(gained + (y * ends).max(axis=0).sum())
 
-    def descend(
-        self, radius: float, branching: bool, seconds: float, cut: float, first: bool = False
-    ) -> Descent:
+    def descend(self, radius: float, branching: bool, cut: float, first: bool = False) -> Descent:
         """Find the steepest feasible direction with ``|d_i| <= radius``.
 
         Without ``branching`` the near pairs may both grow (the relaxed problem, a linear program);
         with it one member of each stays zero, by one binary a pair, and the search is for a
         direction that falls by more than ``cut`` per radius, at least half as steep as any; with
         ``first`` it ends at the first one. A ``cut`` of minus infinity asks for any direction; the
-        step is zero where there is none.
+        step is zero where there is none. The search ends after :data:`NODES` nodes.
         """
         near = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
         n = self.cost.size
-        found = _solved(*self._program(radius, near, cut), seconds, 1e9 if first else 0.5)
+        found = _solved(*self._program(radius, near, cut), 1e9 if first else 0.5)
         if found.status == 2 and near.size:
             return Descent(0.0, np.zeros(n))
         if found.x is None:
@@ -209,14 +213,14 @@ def _active(negative_slack: np.ndarray) -> np.ndarray:
 
 def _solved(
     objective: np.ndarray, rows: tuple[Any, ...], box: tuple[Any, ...], whole: np.ndarray,
-    seconds: float, gap: float,
+    gap: float,
 ) -> OptimizeResult:  # fmt: skip
     """Solve by HiGHS; a second time without presolve where it ran into numerical trouble."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 
-    options = {"time_limit": seconds, "mip_rel_gap": gap}
+    options = {"node_limit": NODES, "mip_rel_gap": gap}
     given = {"constraints": LinearConstraint(*rows), "bounds": Bounds(*box), "integrality": whole}
     found = milp(objective, options=options, **given)
-    if found.status == 4:
+    if found.status == 4 and "limit" not in found.message:
         found = milp(objective, options={**options, "presolve": False}, **given)
     return found

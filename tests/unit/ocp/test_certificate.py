@@ -65,7 +65,7 @@ def enumerated(model: LinearModel) -> float:
 def test_the_lpec_finds_a_descent_exactly_where_a_branch_has_one(seed: int, biactive: bool) -> None:
     model = random_model(seed, biactive)
     known, cut = enumerated(model), 1e-6
-    found = model.descend(RADIUS, True, 10.0, cut)
+    found = model.descend(RADIUS, True, cut)
     assert (found.decrease > cut) == (known > cut)
     assert found.decrease <= known + 1e-7
     assert found.decrease >= 0.5 * known - 1e-6, "the gap at which the search may stop"
@@ -79,7 +79,7 @@ def test_the_lpec_finds_a_descent_exactly_where_a_branch_has_one(seed: int, biac
 @given(st.integers(0, 2**31 - 1), st.booleans())
 def test_weak_duality_bounds_the_relaxed_descent(seed: int, biactive: bool) -> None:
     model = random_model(seed, biactive)
-    relaxed = model.descend(RADIUS, False, 10.0, 0.0)
+    relaxed = model.descend(RADIUS, False, 0.0)
     rng = np.random.default_rng(seed)
     y = rng.standard_normal(5)
     y[3:] = np.abs(y[3:])
@@ -172,11 +172,18 @@ def test_negative_curvature_is_told_at_a_saddle() -> None:
     assert (found.stationarity, found.negative_curvature) == ("KKT", 1)
 
 
-def test_no_time_left_is_undecided() -> None:
-    found = judge(free_pair(lambda a, b: a + b), [0.0, 0.0], seconds=0.0)
-    assert found.stationarity == "undecided"
-    assert "time limit" in found.sentence
-    assert not found.certified
+def test_a_search_that_ends_at_its_last_node_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def limited(*_, options: dict[str, float], **__) -> SimpleNamespace:
+        asked.append(options)
+        return SimpleNamespace(status=4, x=None, message="HiGHS Status 16: Solution limit reached")
+
+    monkeypatch.setattr(scipy.optimize, "milp", limited)
+    found = judge(free_pair(lambda a, b: a + b), [0.0, 0.0])
+    assert found.stationarity == "undecided" and not found.certified
+    assert "Solution limit" in found.sentence
+    assert all(set(options) == {"node_limit", "mip_rel_gap"} for options in asked), "none again"
 
 
 def test_a_failing_program_is_undecided_with_its_word(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Contact schedules exchanged for neighbours, other starts, and second ways given up in time."""
+"""Contact schedules exchanged for neighbours, and other starts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from dynamics.contact import Exact
 from ocp.programs.solver import Point, Result
-from ocp.programs.status import Status
 from ocp.routes.branches import Branches
 from ocp.routes.complementarity import Route, by_strategy
 from ocp.routes.legs import Homotopy
@@ -91,12 +90,8 @@ def test_several_starts_take_other_relaxations_and_reach_other_minima() -> None:
     assert found.success and found.cost == pytest.approx(289.151, rel=1e-5)
 
 
-def test_runs_past_a_deadline_are_given_up_and_the_limit_ends_with_its_block() -> None:
-    session = new_session(get("wall-1d"), Exact())
-    with session.solver.within(0.0):
-        late = session.solve()
-    assert late.result.status is Status.TIME_LIMIT and not late.finished
-    assert late.trace.iterations == 0
-    with session.solver.within(0.0), session.solver.within(None):
-        pass
-    assert session.solver.deadline is None and session.solve().finished
+def test_a_users_limit_of_time_is_said_where_it_cut() -> None:
+    free = solve(get("wall-1d"), Exact())
+    cut = solve(get("wall-1d"), Exact(), settings={"max_wall_time": 1e-9})
+    assert "time limit" not in free.verdict
+    assert "The time limit that was set cut" in cut.verdict and not cut.success
