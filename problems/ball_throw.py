@@ -139,6 +139,7 @@ def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactS
         mu_per_kappa=h,
         # The law of the bounce is in the gap, which is therefore no expansion of the distance.
         sharp=Sharp(),
+        refinable=True,
     )
 
 

@@ -167,7 +167,7 @@ def judged_rows(certificate: Certificate, referee: Refereed) -> list[tuple[str, 
             ("largest state gap to it", small(referee.gap), ""),
         ]
     if math.isfinite(referee.refined_cost):
-        rows.append(("the same at h/4", number(referee.refined_cost, 8), "reported, not judged"))
+        rows.append(("the same at h/4", number(referee.refined_cost, 8), referee.word))
     kind = f", {certificate.kind}" if certificate.kind else ""
     what = f"{certificate.biactive} pairs biactive" if certificate.kind else ""
     rows += [

@@ -181,8 +181,10 @@ def refereed(heard: Hearing, plan: Rollout, sizes: Sizes) -> Refereed:
     return Refereed(
         cost=referee.cost,
         gap=float(np.abs(referee.replay.x - plan.x).max()),
-        survives=not heard.reasons,
+        survives=not (heard.reasons or heard.refined_reasons),
+        survives_at_h=not heard.reasons,
         reasons=list(heard.reasons),
+        refined_reasons=list(heard.refined_reasons),
         note=referee.note,
         refined_cost=referee.refined_cost,
         refined_note=referee.refined_note,

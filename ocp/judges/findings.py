@@ -58,19 +58,23 @@ class Refereed:
     """What the sharpest contact makes of a plan, see :mod:`ocp.judges.referee`.
 
     ``cost`` and ``gap``, the largest difference of a state from the plan, are those of its replay;
-    ``survives`` is None without geometry, and ``reasons`` say why it is False, each half a
-    sentence. ``note`` names what the referee has that the model has not. ``refined_cost`` is the
-    cost at h/4, NaN with the reason in ``refined_note``. Of plan and replay: how deep bodies are in
-    one another at the nodes (``penetration``) and on the way between them (``between``), and the
-    largest true distance at which a normal force acts (``force_distance``), all [m]. ``broken`` are
-    the constraints that the replay breaks. ``parting`` tells the first step of the plan that the
-    model does not determine, "" where there is none.
+    ``survives_at_h`` is None without geometry, and ``reasons`` say why it is False, each half a
+    sentence. ``survives`` says that the replay holds at h/4 too where h only discretises, and
+    ``refined_reasons`` why it does not. ``note`` names what the referee has that the model has not.
+    ``refined_cost`` is the cost at h/4, NaN with the reason in ``refined_note``. Of plan and
+    replay: how deep bodies are in one another at the nodes (``penetration``) and on the way between
+    them (``between``), and the largest true distance at which a normal force acts
+    (``force_distance``), all [m]. ``broken`` are the constraints that the replay breaks.
+    ``parting`` tells the first step of the plan that the model does not determine, "" where there
+    is none.
     """
 
     cost: float = math.nan
     gap: float = math.nan
     survives: bool | None = None
+    survives_at_h: bool | None = None
     reasons: list[str] = field(default_factory=list)
+    refined_reasons: list[str] = field(default_factory=list)
     note: str = ""
     refined_cost: float = math.nan
     refined_note: str = ""
@@ -81,3 +85,12 @@ class Refereed:
     replay_between: Worst | None = None
     broken: list[Violation] = field(default_factory=list)
     parting: str = ""
+
+    @property
+    def word(self) -> str:
+        """The referee's word: one of three, or that there is none."""
+        if self.survives_at_h is None:
+            return "no referee"
+        if self.survives:
+            return "survives"
+        return "survives at this step only" if self.survives_at_h else "does not survive"

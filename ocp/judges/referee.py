@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from dynamics.systems import ContactSystem
+from ocp.physics.along import distances
 from ocp.physics.constraints import (
     Broken,
     broken_constraints,
@@ -43,18 +45,23 @@ class Referee:
     """A replay under the sharpest contact of the problem's system, the same h, and what it costs.
 
     ``replay`` is NaN from a step on that was not solved, which ``failed`` then names, and so is
-    ``cost``. ``refined_cost`` is that at h/4, inputs or policy held over four steps and the cost
-    summed over the problem's nodes; where it is NaN ``refined_note`` says why. ``note`` says what
-    the referee has that the model has not; None for a system without geometry, which then referees
-    itself.
+    ``cost``. ``refined`` is the replay at h/4, inputs or policy held over four steps, at the
+    problem's nodes, over which its cost is summed; where it is None, or ended, ``refined_note``
+    says why. ``note`` says what the referee has that the model has not; None for a system without
+    geometry, which then referees itself.
     """
 
     replay: Rollout
     cost: float
     failed: Unsolved | None
     note: str | None
-    refined_cost: float
+    refined: Rollout | None
     refined_note: str
+
+    @property
+    def refined_cost(self) -> float:
+        """Cost at h/4, NaN where there is none."""
+        return math.nan if self.refined is None else self.refined.cost
 
 
 def referee(
@@ -65,37 +72,49 @@ def referee(
     ``values`` are parameter values by name. Never raises for a step without a solution.
     """
     replay, failed = roll_on(problem, inputs, values, problem.referee_step, x0)
-    refined, why = _refined_cost(problem, inputs, values, x0)
+    refined, why = refined_replay(problem, inputs, values, x0)
     return Referee(replay, replay.cost, failed, problem.system.referee_note, refined, why)
 
 
-def _refined_cost(
-    problem: Problem, inputs: np.ndarray | Gains, values: dict[str, float], x0: np.ndarray
-) -> tuple[float, str]:
-    """Cost at h/4, or NaN and the reason."""
-    system, h = problem.system, problem.system.h
+def step_place(system: ContactSystem) -> tuple[str, str, int]:
+    """Why h is no step of a discretisation, "" where it is; else its name, and its place in x.
+
+    The name is empty where h is a state, the place -1 where it is a parameter.
+    """
     if not system.refinable:
-        return math.nan, "the step size is part of the model"
+        return "the step size is part of the model", "", -1
     if any(signal.unit == "N s" for signal in system.inputs):
-        return math.nan, "an input is the impulse of a step, which belongs to its size"
-    chosen, named = _place(h, system.x), _place(h, system.parameters.vector)
+        return "an input is the impulse of a step, which belongs to its size", "", -1
+    chosen, named = _place(system.h, system.x), _place(system.h, system.parameters.vector)
+    if chosen is None and named is None:
+        return "the step size is no parameter of the model that could be turned", "", -1
+    if chosen is not None:
+        return "", "", chosen
+    return "", system.parameters.names[named or 0], -1
+
+
+def refined_replay(
+    problem: Problem, inputs: np.ndarray | Gains, values: dict[str, float], x0: np.ndarray,
+    by: int = REFINEMENT,
+) -> tuple[Rollout | None, str]:  # fmt: skip
+    """Replay at h / ``by`` under the sharpest contact, at the problem's nodes, and why it ended.
+
+    None where h is no step of a discretisation, and the reason.
+    """
+    why, name, place = step_place(problem.system)
+    if why:
+        return None, why
     start, finer = np.array(x0, dtype=float), dict(values)
-    if chosen is not None:
-        start[:, chosen] /= REFINEMENT
-    elif named is not None:
-        finer[system.parameters.names[named]] /= REFINEMENT
+    if name:
+        finer[name] /= by
     else:
-        return math.nan, "the step size is no parameter of the model that could be turned"
-    rolled, failed = roll_on(
-        problem, inputs, finer, problem.referee_step, start, substeps=REFINEMENT
-    )
-    if failed is not None:
-        return math.nan, str(failed)
+        start[:, place] /= by
+    rolled, failed = roll_on(problem, inputs, finer, problem.referee_step, start, substeps=by)
     x = rolled.x.copy()
-    if chosen is not None:
-        x[:, :, chosen] *= REFINEMENT
-    physical = problem.parameters.pack(values)
-    return float(trajectory_costs(problem, x, rolled.u, physical).mean()), ""
+    if not name:
+        x[:, :, place] *= by
+    costs = trajectory_costs(problem, x, rolled.u, problem.parameters.pack(values))
+    return replace(rolled, x=x, costs=costs), "" if failed is None else str(failed)
 
 
 def _place(symbol: ca.SX | float, among: ca.SX) -> int | None:
@@ -109,14 +128,15 @@ def _place(symbol: ca.SX | float, among: ca.SX) -> int | None:
 class Hearing:
     """All that is to be said of a plan's physics, see :func:`hear`.
 
-    ``reasons`` are those why the plan does not survive, see :func:`survival`. ``planned`` and
-    ``replayed`` measure plan and replay; ``broken`` are the constraints that the
-    replay breaks by anything at all, the worst first; ``parting`` the first step of the plan that
-    the model does not determine.
+    ``reasons`` are those why the plan does not survive, see :func:`survival`, ``refined_reasons``
+    those why it does not at h/4, see :func:`survival_refined`. ``planned`` and ``replayed`` measure
+    plan and replay; ``broken`` are the constraints that the replay breaks by anything at all, the
+    worst first; ``parting`` the first step of the plan that the model does not determine.
     """
 
     referee: Referee
     reasons: tuple[str, ...]
+    refined_reasons: tuple[str, ...]
     planned: Physics
     replayed: Physics
     broken: tuple[Broken, ...]
@@ -144,7 +164,8 @@ def hear(
     )
     parting = find_parting(problem, plan.x, plan.u, plan.lam, values)
     reasons = survival(problem, plan, heard, replayed, broken)
-    return Hearing(heard, reasons, planned, replayed, broken, parting)
+    finer = survival_refined(problem, plan, heard, values)
+    return Hearing(heard, reasons, finer, planned, replayed, broken, parting)
 
 
 def seen_gap(problem: Problem, x: np.ndarray) -> float:
@@ -194,4 +215,34 @@ def survival(
                 f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}"
             )
             break
+    return tuple(reasons)
+
+
+def survival_refined(
+    problem: Problem, plan: Rollout, heard: Referee, values: dict[str, float]
+) -> tuple[str, ...]:
+    """Reasons why the replay at h/4 does not hold, each half a sentence; none where h is no step.
+
+    It holds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps
+    constraints and bodies apart to :data:`STATE_SHARE` and :data:`PENETRATION_SHARE`. States are
+    not compared node by node: an impact that comes a fraction of a step sooner changes a velocity
+    by all of it, and the cost by little.
+    """
+    there, physical = heard.refined, problem.parameters.pack(values)
+    if there is None:
+        return ()
+    if heard.refined_note:
+        return (f"it is not replayed: {heard.refined_note}",)
+    if not math.isfinite(there.cost):
+        return ("its cost is no number",)
+    reasons = []
+    if there.cost - plan.cost > COST_SHARE * max(abs(plan.cost), _LEAST_COST):
+        reasons.append(f"it costs {there.cost:.6g}")
+    seen = seen_sizes(problem, plan.x)
+    every = broken_constraints(problem, there.x, there.u, physical, seen)
+    reasons += [f"its {words}" for words in told(noticeable(every, STATE_SHARE))]
+    if problem.signed_distance is not None:
+        deep = -float(np.nanmin(distances(problem, there.x, physical), initial=0.0))
+        if deep > PENETRATION_SHARE * seen_gap(problem, plan.x):
+            reasons.append(f"bodies are {deep:.2g} in one another")
     return tuple(reasons)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ocp.solution import Solution
 
 Grade = Literal["survives", "certified", "failed"]
-"""Certified and surviving; certified alone; neither. Shown green, amber and red."""
+"""Certified and surviving, at h/4 too; certified alone; neither. Shown green, amber and red."""
 _SAME = 1e-5
 _NOTABLE = 0.1
 _BLURRED, _CLEAR = 0.5, 1e-2
@@ -34,9 +34,11 @@ def headline(found: Solution) -> str:
     if not math.isfinite(found.cost):
         return f"{first}."
     parts = [first, _exact(found), _refereed(found)]
-    ending = {True: "survives", False: "does not survive", None: ""}[found.referee.survives]
-    if ending == "survives" and not (found.success or found.status.label in _FEASIBLE):
+    ending, lasting = found.referee.word, found.referee.survives_at_h
+    if lasting is None or (lasting and not (found.success or found.status.label in _FEASIBLE)):
         ending = ""
+    elif lasting and not found.referee.survives:
+        ending += f": at h/4 {found.referee.refined_reasons[0]}"
     return ", ".join(part for part in parts if part) + (f"; {ending}." if ending else ".")
 
 
@@ -104,12 +106,13 @@ def _referee(found: Solution) -> str:
     if heard.survives is None:
         return "no referee: the system has no geometry"
     who = f"referee: {heard.note}"
-    if not heard.survives:
+    if not heard.survives_at_h:
         who += "; the plan does not survive: " + "; ".join(heard.reasons[:3])
         who += _planned(found)
-    if math.isfinite(heard.refined_cost) and abs(heard.refined_cost - heard.cost) > _NOTABLE * abs(
-        heard.cost
-    ):
+    off = abs(heard.refined_cost - heard.cost)
+    if heard.refined_reasons:
+        who += "; at a quarter of the step size " + "; ".join(heard.refined_reasons[:3])
+    elif off > _NOTABLE * abs(heard.cost):
         who += f"; at a quarter of the step size it costs {heard.refined_cost:.6g}"
     return who
 
@@ -161,7 +164,7 @@ def _narrower(found: Solution) -> str:
 
 def _broken(found: Solution) -> str:
     """Constraints that the exact replay breaks, where the referee has not told of its own."""
-    if found.referee.survives is False or not found.audit.replay_broken:
+    if found.referee.survives_at_h is False or not found.audit.replay_broken:
         return ""
     return "replayed under the exact law, its " + ", its ".join(told(found.audit.replay_broken))
 

@@ -107,11 +107,11 @@ def broken_constraints(
     return sorted(found, key=lambda broken: -broken.share)
 
 
-def noticeable(broken: Sequence[Broken]) -> list[Violation]:
-    """Worst entry of every kind that is broken by more than :data:`CONSTRAINT_SHARE`."""
+def noticeable(broken: Sequence[Broken], share: float = CONSTRAINT_SHARE) -> list[Violation]:
+    """Worst entry of every kind that is broken by more than a share of its size."""
     worst: dict[str, Violation] = {}
     for one in broken:
-        if one.share > CONSTRAINT_SHARE:
+        if one.share > share:
             worst.setdefault(one.violation.name, one.violation)
     return list(worst.values())
 

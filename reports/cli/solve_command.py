@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 NOT_CONVERGED = 3
 RANKS: dict[str, Rank] = {"planned": "planned", "exact": "exact", "referee": "referee"}
-REQUIREMENTS = {"survives": "the referee's replay stays with the plan"}
+REQUIREMENTS = {"survives": "the referee's replay stays with the plan, at h/4 too"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,6 +215,7 @@ def document(solution: Solution, path: Path) -> dict[str, Any]:
         "referee_cost": solution.referee.cost,
         "referee_gap": solution.referee.gap,
         "survives": solution.referee.survives,
+        "survives_at_h": solution.referee.survives_at_h,
         "refined_cost": solution.referee.refined_cost,
         "referee": asdict(solution.referee),
         "grade": solution.grade,

@@ -29,8 +29,7 @@ def rows(views: list[RunView]) -> list[list[str]]:
     found = [row for row in asked if len(set(row[1:])) > 1]
     runs = [view.run for view in views]
     found.append(["status", *(run.status.label for run in runs)])
-    survives = {True: "yes", False: "no", None: "no referee"}
-    found.append(["survives", *(survives[run.referee.survives] for run in runs)])
+    found.append(["referee", *(run.referee.word for run in runs)])
     found.append(["cost", *(number(run.meta["cost"], 7) for run in runs)])
     found.append(["exact cost", *(number(run.audit.exact_cost, 7) for run in runs)])
     found.append(["referee cost", *(number(run.referee.cost, 7) for run in runs)])

@@ -72,8 +72,10 @@ def verdict(found: dict[str, Any]) -> str:
     """Say in words what certificate and referee found."""
     if not found["success"]:
         return str(found["status"])
-    said = {True: "survives", False: "does not survive", None: "no referee"}
-    return f"solved, {said[found['survives']]}"
+    words = {(True, True): "survives", (False, True): "survives at this step only",
+             (None, None): "no referee"}  # fmt: skip
+    told = words.get((found["survives"], found["survives_at_h"]), "does not survive")
+    return f"solved, {told}"
 
 
 def digits(value: float | None) -> str | None:

@@ -317,8 +317,10 @@ def dearer_is_told(name: str, law: ContactLaw) -> None:
     twice = found.cost + abs(found.cost)
     if referee.survives is not None and not referee.cost <= twice:
         assert first.endswith("; does not survive.")
-    if referee.survives is False:
+    if referee.survives_at_h is False:
         assert "does not survive" in found.verdict and found.grade != "survives"
+    if referee.survives is False:
+        assert found.grade != "survives" and referee.word in first
     assert ("; survives." in first) <= (referee.survives is True)
     assert (found.grade == "survives") == (found.success and referee.survives is True)
     assert found.success == (first.startswith("Solved"))

@@ -66,11 +66,10 @@ class Planned:
             if self.certified
             else f"not certified ({found.status.value})"
         )
-        survives = {True: "survives", False: "does not survive", None: "was not heard"}
         return (
             f"best plan found: return {self.returned:.6g}, {standing}; replayed under the exact law"
             f" {self.replayed:.6g} over {self.lived} of {steps} steps; before the referee, with"
-            f" {-found.referee.cost:.6g}, it {survives[found.referee.survives]}"
+            f" {-found.referee.cost:.6g}: {found.referee.word}"
         )
 
 

@@ -1,0 +1,97 @@
+"""Whether a plan survives at a quarter of its step too: three words, and what they rest on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynamics.contact import Exact
+from ocp import Solution, solve
+from ocp.judges.referee import COST_SHARE, hear, survival_refined
+from ocp.judges.verdict import findings, grade, headline
+from ocp.rollout import Rollout, roll_out
+from problems import get
+
+
+def at_a_quarter(found: Solution) -> float:
+    """Cost of the plan's inputs held over four steps of h/4, over the plan's own nodes.
+
+    The step is the problem's own at h/4, taken here one by one; cart-walls steps a linear model.
+    """
+    problem, values = found.problem, found.values
+    fine = get(problem.name, N=4 * problem.N)
+    u = found.data["u"].values
+    rolled = roll_out(
+        fine, np.repeat(u, 4, axis=1), values | {"h": values["h"] / 4},
+        fine.referee_step, found.data["x"].values[:, 0],
+    )  # fmt: skip
+    p, x, du = problem.parameters.pack(values), rolled.x[0, ::4], 0 * u[0, 0]
+    stages = sum(
+        float(problem.cost_terms(x[k], u[0, k], du, p)[0]) for k in range(problem.N)
+    )  # fmt: skip
+    return stages + float(problem.cost_terms(x[-1], u[0, -1], du, p)[1])
+
+
+def test_a_plan_that_only_its_step_holds_up_is_amber() -> None:
+    """cart-walls: the pole is caught by walls whose force at h = 0.04 is not that at 0.01."""
+    found = solve(get("cart-walls"), Exact())
+    finer = at_a_quarter(found)
+    assert finer > 10 * found.cost and found.referee.refined_cost == pytest.approx(finer, rel=1e-6)
+    assert (found.referee.survives, found.referee.survives_at_h) == (False, True)
+    assert found.referee.word == "survives at this step only"
+    assert headline(found).endswith(f"; survives at this step only: at h/4 it costs {finer:.6g}.")
+    assert found.success and found.grade == "certified"
+
+
+@pytest.mark.parametrize("name", ["ball-bounce", "box-slide"])
+def test_a_plan_that_holds_at_a_quarter_survives(name: str) -> None:
+    found = solve(get(name), Exact())
+    finer = at_a_quarter(found)
+    assert abs(finer - found.cost) <= COST_SHARE * abs(found.cost)
+    assert found.referee.refined_cost == pytest.approx(finer, rel=1e-9)
+    assert (found.referee.word, found.grade) == ("survives", "survives")
+    assert headline(found).endswith("; survives.")
+
+
+@pytest.mark.parametrize("name", ["push-1d", "wall-1d"])
+def test_a_step_that_is_part_of_the_model_is_judged_alone(name: str) -> None:
+    found = solve(get(name), Exact())
+    assert np.isnan(found.referee.refined_cost) and found.referee.refined_note
+    assert (found.referee.survives, found.referee.survives_at_h) == (True, True)
+
+
+def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
+    """The replay at h/4 moved across its cost, a bound, the floor, or made no number."""
+    found = solve(get("ball-bounce"), Exact())
+    problem, values, data = found.problem, found.values, found.data
+    x, u, lam, gap = (data[name].values for name in ("x", "u", "lam", "gap"))
+    plan = Rollout(x, u, lam, gap, np.array([found.cost]))
+    heard = hear(problem, problem.exact_step, plan, values)
+    assert heard.refined_reasons == () and heard.referee.refined is not None
+    own = heard.referee.refined
+
+    def reasons(cost: float = found.cost, note: str = "", low: float = 0.0, at: int = 4) -> str:
+        moved = own.x.copy()
+        moved[0, at, 1] -= low
+        there = replace(own, x=moved, costs=np.array([cost]))
+        seen = replace(heard.referee, refined=there, refined_note=note)
+        return "; ".join(survival_refined(problem, plan, seen, values))
+
+    assert reasons() == reasons((1 + 0.99 * COST_SHARE) * found.cost) == ""
+    dear = (1 + 1.01 * COST_SHARE) * found.cost
+    assert reasons(dear) == f"it costs {dear:.6g}"
+    assert reasons(np.nan) == "its cost is no number"
+    assert reasons(note="step 3") == "it is not replayed: step 3"
+    assert "in one another" in reasons(low=own.x[0, 4, 1] + 0.2)
+
+
+def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
+    found = solve(get("box-slide"), Exact())
+    of = replace(found.referee, survives=False, survives_at_h=False, reasons=["it falls"],
+                 refined_reasons=["it costs 9"])  # fmt: skip
+    bad = replace(found, referee=of)
+    assert headline(bad).endswith("; does not survive.") and grade(bad) == "certified"
+    told = " ".join(findings(bad))
+    assert "does not survive: it falls" in told and "quarter of the step size it costs 9" in told
