@@ -72,9 +72,7 @@ class Refereed:
     cost: float = math.nan
     gap: float = math.nan
     survives: bool | None = None
-    survives_at_h: bool | None = None
     reasons: list[str] = field(default_factory=list)
-    refined_reasons: list[str] = field(default_factory=list)
     note: str = ""
     refined_cost: float = math.nan
     refined_note: str = ""
@@ -85,12 +83,12 @@ class Refereed:
     replay_between: Worst | None = None
     broken: list[Violation] = field(default_factory=list)
     parting: str = ""
+    survives_at_h: bool | None = None
+    refined_reasons: list[str] = field(default_factory=list)
 
     @property
     def word(self) -> str:
         """The referee's word: one of three, or that there is none."""
-        if self.survives_at_h is None:
-            return "no referee"
-        if self.survives:
-            return "survives"
-        return "survives at this step only" if self.survives_at_h else "does not survive"
+        if self.survives_at_h and not self.survives:
+            return "survives at this step only"
+        return {True: "survives", False: "does not survive", None: "no referee"}[self.survives]

@@ -34,11 +34,12 @@ def headline(found: Solution) -> str:
     if not math.isfinite(found.cost):
         return f"{first}."
     parts = [first, _exact(found), _refereed(found)]
-    ending, lasting = found.referee.word, found.referee.survives_at_h
-    if lasting is None or (lasting and not (found.success or found.status.label in _FEASIBLE)):
+    heard, ending = found.referee, found.referee.word
+    feasible = found.success or found.status.label in _FEASIBLE
+    if heard.survives is None or (ending.startswith("survives") and not feasible):
         ending = ""
-    elif lasting and not found.referee.survives:
-        ending += f": at h/4 {found.referee.refined_reasons[0]}"
+    elif ending != "does not survive":
+        ending = ": at h/4 ".join([ending, *heard.refined_reasons[:1]])
     return ", ".join(part for part in parts if part) + (f"; {ending}." if ending else ".")
 
 
@@ -106,7 +107,7 @@ def _referee(found: Solution) -> str:
     if heard.survives is None:
         return "no referee: the system has no geometry"
     who = f"referee: {heard.note}"
-    if not heard.survives_at_h:
+    if heard.word == "does not survive":
         who += "; the plan does not survive: " + "; ".join(heard.reasons[:3])
         who += _planned(found)
     off = abs(heard.refined_cost - heard.cost)
@@ -164,7 +165,7 @@ def _narrower(found: Solution) -> str:
 
 def _broken(found: Solution) -> str:
     """Constraints that the exact replay breaks, where the referee has not told of its own."""
-    if found.referee.survives_at_h is False or not found.audit.replay_broken:
+    if found.referee.word == "does not survive" or not found.audit.replay_broken:
         return ""
     return "replayed under the exact law, its " + ", its ".join(told(found.audit.replay_broken))
 
