@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from os import PathLike, fspath
 from typing import Any, Protocol
 
@@ -66,6 +67,20 @@ def asked(
             " parameters to problems.get, or name the problem here"
         )
     return found, for_law
+
+
+def builder(problem: Named) -> Callable[[Problem, dict[str, Any]], Problem]:
+    """What makes a problem anew at other values by name, of the problem that was made of it."""
+
+    def build(made: Problem, turned: dict[str, Any]) -> Problem:
+        if not isinstance(problem, Problem):
+            own = {name: turned.get(name, v) for name, v in made.settings.items()}
+            known = zip(made.parameters.names, made.parameters.values.tolist(), strict=True)
+            return _source(problem).problem({**dict(known), **own, **turned})
+        own = {name: v for name, v in turned.items() if name in made.settings}
+        return replace(made, N=turned["N"], settings={**made.settings, **own})
+
+    return build
 
 
 def told_apart(

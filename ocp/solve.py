@@ -10,12 +10,12 @@ from typing import Any, Literal
 import numpy as np
 
 from dynamics.contact import ContactLaw
-from ocp.asking import Named, asked, check_spelling
+from ocp.asking import Named, asked, builder, check_spelling
 from ocp.choices import closing_law, method_of, policy_of, split_policy_settings
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
 from ocp.guesses import guesses
-from ocp.judgement import judged, keeping
+from ocp.judgement import halved, judged, keeping, refined
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver
@@ -49,6 +49,7 @@ def solve(
     start: Solution | None = None,
     rank_by: Rank = "planned",
     *,
+    refine: bool = False,
     method: Method | str | None = None,
     params: Mapping[str, Any] | None = None,
     contact_settings: Mapping[str, Any] | None = None,
@@ -76,6 +77,10 @@ def solve(
     starts at (:func:`~ocp.warm_start.carry`). Where it does not converge from there, the usual
     path is followed with those trajectories as the guess.
 
+    ``refine`` plans again at half the step, from the last plan, until its cost and that of its
+    replay at half the step agree (:func:`~ocp.judgement.refined`); of a problem object N is
+    doubled and all else kept, of a named one it is as with parameters ``N`` and ``h``.
+
     Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
     """
     check_starts(starts)
@@ -83,11 +88,37 @@ def solve(
         problem, contact, transcription, policy, solver, settings,
         method=method, params=params, contact_settings=contact_settings, **keywords,
     )  # fmt: skip
-    if start is None:
-        return solve_session(session, starts, seed, progress, rank_by)
-    if starts != 1:
+    if start is not None and starts != 1:
         raise InputError("a start and several starts exclude each other; leave starts at 1")
-    return solve_from(session, start, seed, progress)
+    if refine:
+        halved(session.problem, session.values, 1)
+    if start is None:
+        found = solve_session(session, starts, seed, progress, rank_by)
+    else:
+        found = solve_from(session, start, seed, progress)
+    return refine_from(session, found, builder(problem), seed, progress) if refine else found
+
+
+def refine_from(
+    session: Session,
+    found: Solution,
+    build: Callable[[Problem, dict[str, Any]], Problem],
+    seed: int = 0,
+    progress: Callable[[StageRecord], None] | None = None,
+) -> Solution:
+    """Refine a session's solution, see :func:`~ocp.judgement.refined`.
+
+    ``build`` makes the problem anew, of that one, at other values by name.
+    """
+
+    def again(turned: dict[str, Any], start: Solution) -> Solution:
+        compiled = StageCompiler() if session.compiled else None
+        finer = replace(session, problem=build(session.problem, turned), compiled=compiled)
+        known = {**session.values, **turned}
+        finer.values |= {name: v for name, v in known.items() if name in finer.values}
+        return solve_from(finer, start, seed, progress)
+
+    return refined(found, again)
 
 
 def check_starts(starts: int) -> None:

@@ -2,5 +2,6 @@
 
 from ocp.judgement.interruption import keeping
 from ocp.judgement.judging import idle_cost, judged, record
+from ocp.judgement.refinement import halved, refined
 
-__all__ = ["idle_cost", "judged", "keeping", "record"]
+__all__ = ["halved", "idle_cost", "judged", "keeping", "record", "refined"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from dynamics.systems import KNOB
 from ocp.physics.constraints import told
@@ -84,6 +84,8 @@ def findings(found: Solution) -> list[str]:
     model += f"; its data were taken at {differs}" if differs else ""
     said = (model, _referee(found), _replay(found), _broken(found), found.referee.parting)
     lines += [_sentence(line) for line in said if line]
+    if steps := found.record.get("refined"):
+        lines.append(_refined(steps["levels"], steps["stopped"]))
     if cut := sum(stage.status in TIMED_OUT for stage in found.stages):
         runs = f"{cut} of {len(found.stages)} runs of the solver"
         lines.append(f"The time limit that was set cut {runs}: without one the answer may differ.")
@@ -111,11 +113,21 @@ def _referee(found: Solution) -> str:
         who += "; the plan does not survive: " + "; ".join(heard.reasons[:3])
         who += _planned(found)
     off = abs(heard.refined_cost - heard.cost)
-    if heard.refined_reasons:
+    if heard.refined_reasons and heard.survives_at_h:
         who += "; at a quarter of the step size " + "; ".join(heard.refined_reasons[:3])
     elif off > _NOTABLE * abs(heard.cost):
         who += f"; at a quarter of the step size it costs {heard.refined_cost:.6g}"
     return who
+
+
+def _refined(levels: list[dict[str, Any]], stopped: str) -> str:
+    """Where refining the step ended, and why where that was no agreement."""
+    last = levels[-1]
+    end = f"they do not agree, and {stopped}" if stopped else "they agree"
+    return (
+        f"Refined to h = {last['h']:.6g}: planned {last['cost']:.6g}, replayed at half the step"
+        f" {last['replayed']:.6g}; {end}."
+    )
 
 
 def _planned(found: Solution) -> str:

@@ -39,6 +39,9 @@ class SolveOptions(SolverOptions):
     require: str | None = option(
         None, "--require", metavar="survives", help="Exit 3 unless the plan survives."
     )
+    refine: bool = option(
+        False, "--refine", help="Plan again at h/2, h/4, ... until the step no longer shows."
+    )
     plot: Path | None = option(
         None, "--plot", metavar="FILE", help="Draw the solution into a .pdf, .svg or .png file."
     )
@@ -47,6 +50,7 @@ class SolveOptions(SolverOptions):
 def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     """Build the session, and read the solution to start at."""
     from ocp.errors import InputError, choose
+    from ocp.judgement import halved
     from ocp.sweeps.sweep import check_side_by_side
     from reports.cli.places import check_place, check_places
     from reports.cli.request import Request
@@ -65,6 +69,8 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         format_of(options.plot)
         check_place(options.plot, "figure")
     asked = Request.read(options)
+    if options.refine:
+        halved(asked.session.problem, asked.session.values, 1)
     check_side_by_side(asked.session, min(options.jobs, options.starts))
     check_places(options.out, options.pdf)
     start = None if options.start is None else _start(asked, options)
@@ -132,9 +138,10 @@ def _plot(run: Path, file: Path, own: ProblemSpec) -> None:
 def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> Solution:
     """Solve; after Ctrl-C the best point is the answer, between several starts the best of them."""
     from ocp import store
+    from ocp.asking import builder
     from ocp.programs.status import Status
     from ocp.solution import Interrupted
-    from ocp.solve import solve_from
+    from ocp.solve import refine_from, solve_from
     from ocp.sweeps.starts import solve_starts
     from reports import console
     from reports.cli.shell import interrupt
@@ -148,12 +155,15 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
 
         try:
             if start is not None:
-                return solve_from(asked.session, start, options.seed, told)
-            rank = RANKS[options.rank]
-            case = case_of(options)
-            return solve_starts(
-                asked.session, case, options.starts, options.seed, told, rank, options.jobs
-            )
+                found = solve_from(asked.session, start, options.seed, told)
+            else:
+                found = solve_starts(
+                    asked.session, case_of(options), options.starts, options.seed, told,
+                    RANKS[options.rank], options.jobs,
+                )  # fmt: skip
+            if not options.refine:
+                return found
+            return refine_from(asked.session, found, builder(asked.spec), options.seed, told)
         except Interrupted as stop:
             if stop.solution.status is Status.INTERRUPTED:
                 interrupt.answered()
@@ -217,6 +227,7 @@ def document(solution: Solution, path: Path) -> dict[str, Any]:
         "survives": solution.referee.survives,
         "survives_at_h": solution.referee.survives_at_h,
         "refined_cost": solution.referee.refined_cost,
+        "refined": record.get("refined"),
         "referee": asdict(solution.referee),
         "grade": solution.grade,
         "stages": [asdict(stage) for stage in solution.stages],

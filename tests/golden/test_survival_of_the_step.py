@@ -90,7 +90,7 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
 def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
     found = solve(get("box-slide"), Exact())
     of = replace(found.referee, survives=False, survives_at_h=False, reasons=["it falls"],
-                 refined_reasons=["it costs 9"])  # fmt: skip
+                 refined_reasons=["it costs 9"], refined_cost=9.0)  # fmt: skip
     bad = replace(found, referee=of)
     assert headline(bad).endswith("; does not survive.") and grade(bad) == "certified"
     told = " ".join(findings(bad))

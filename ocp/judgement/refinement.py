@@ -1,0 +1,82 @@
+"""Whether the step size shows in an answer: plan again at half of it until it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from ocp.errors import InputError
+from ocp.judges.referee import refined_replay, step_place
+from ocp.problem import Problem
+from ocp.programs.status import Status
+from ocp.solution import Solution
+
+AGREED = 0.05
+"""Share of a plan's cost to which that of its replay at half the step agrees with it."""
+HALVINGS = 4
+"""Of the step, at most: at h/16 a solve has sixteen times the variables."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """A plan at step size ``h`` [s], and what it costs replayed by the referee at h/2.
+
+    ``why`` tells what ended that replay, "" where nothing did.
+    """
+
+    h: float
+    N: int
+    status: str
+    cost: float
+    replayed: float
+    why: str
+
+    @classmethod
+    def of(cls, found: Solution) -> Level:
+        """Replay the inputs, or the policy, of a solution at half its step."""
+        inputs = found.data["u"].values if found.gains is None else found.gains
+        x0 = found.data["x"].values[:, 0]
+        replay, why = refined_replay(found.problem, inputs, found.values, x0, by=2)
+        h, cost = float(found.data["time"][1]), float("nan") if replay is None else replay.cost
+        return cls(h, found.problem.N, found.status.label, found.cost, cost, why)
+
+    @property
+    def agreed(self) -> bool:
+        """Whether plan and replay cost the same to :data:`AGREED`."""
+        return abs(self.replayed - self.cost) <= AGREED * abs(self.cost)
+
+
+def halved(problem: Problem, values: dict[str, float], by: int) -> dict[str, Any]:
+    """Horizon and step size, by name, of the same duration in ``by`` times as many steps.
+
+    Raises :class:`~ocp.errors.InputError` where h is no step of a discretisation.
+    """
+    why, name, _ = step_place(problem.system)
+    if why:
+        raise InputError(f"refine halves the step of {problem.name}, but {why}; leave it out")
+    return {"N": by * problem.N} | ({name: values[name] / by} if name else {})
+
+
+def refined(first: Solution, again: Callable[[dict[str, Any], Solution], Solution]) -> Solution:
+    """Plan at h/2, h/4, ... from the last plan, until plan and replay at half the step agree.
+
+    ``again`` solves at other values by name (:func:`halved`), from a solution. The last plan that
+    is solved is returned; ``record["refined"]`` has every :class:`Level`, and in ``stopped`` where
+    and why they came to no agreement. Raises as :func:`halved` does.
+    """
+    found, levels, stopped, iterations = first, [Level.of(first)], "", first.iterations
+    turned = [halved(first.problem, first.values, 2**k) for k in range(1, HALVINGS + 1)]
+    while not levels[-1].agreed:
+        if levels[-1].status != Status.SOLVED.label:
+            stopped = f"the plan at h = {levels[-1].h:.6g} is {levels[-1].status}"
+        elif len(levels) > HALVINGS:
+            stopped = f"h was halved {HALVINGS} times"
+        if stopped:
+            break
+        finer = again(turned[len(levels) - 1], found)
+        levels.append(Level.of(finer))
+        iterations += finer.iterations
+        found = finer if finer.success else found
+    told = {"levels": [asdict(level) for level in levels], "stopped": stopped}
+    return replace(found, iterations=iterations, record={**found.record, "refined": told})

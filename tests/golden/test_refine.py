@@ -1,0 +1,87 @@
+"""Plans made again at half the step, until the step no longer shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynamics.contact import Exact
+from ocp import InputError, Solution, Status, solve
+from ocp.judgement import refined
+from ocp.judgement.refinement import AGREED, HALVINGS, Level
+from ocp.rollout import roll_out
+from problems import get
+
+COARSE = {"h": 0.2, "N": 10}
+"""ball-bounce at four times its step: nothing of the bounce is seen at it."""
+
+
+def replayed_at_half(found: Solution) -> float:
+    """Cost of a plan's inputs, each held over two steps of h/2, by its own step at N = 2N."""
+    problem, values, u = found.problem, found.values, found.data["u"].values
+    fine = get(problem.name, N=2 * problem.N)
+    at = values | {"h": values["h"] / 2}
+    rolled = roll_out(fine, np.repeat(u, 2, axis=1), at, x0=found.data["x"].values[:, 0])
+    p, x = problem.parameters.pack(values), rolled.x[0, ::2]
+    stages = (problem.cost_terms(x[k], u[0, k], 0, p)[0] for k in range(problem.N))
+    return sum(map(float, stages)) + float(problem.cost_terms(x[-1], u[0, -1], 0, p)[1])
+
+
+def test_a_plan_is_refined_until_its_replay_at_half_the_step_agrees() -> None:
+    found = solve("ball-bounce", "exact", refine=True, **COARSE)
+    levels = found.record["refined"]["levels"]
+    assert len(levels) > 1 and not found.record["refined"]["stopped"]
+    assert [one["N"] for one in levels] == [10 * 2**k for k in range(len(levels))]
+    assert [one["h"] for one in levels] == pytest.approx([0.2 / 2**k for k in range(len(levels))])
+    off = [abs(one["replayed"] - one["cost"]) / abs(one["cost"]) for one in levels]
+    assert min(off[:-1]) > AGREED >= off[-1]
+    last = levels[-1]
+    assert found.success and (found.cost, found.problem.N) == (last["cost"], last["N"])
+    assert last["replayed"] == pytest.approx(replayed_at_half(found), rel=1e-9)
+    assert found.record["params"]["h"] == pytest.approx(last["h"])
+    cold = solve("ball-bounce", "exact", h=last["h"], N=last["N"])
+    assert found.cost <= cold.cost * (1 + 1e-3), "as good as a solve that begins there"
+    assert f"Refined to h = {last['h']:.6g}: planned {found.cost:.6g}" in found.verdict
+
+
+def test_a_problem_object_is_refined_as_it_stands() -> None:
+    problem = get("ball-bounce", **COARSE)
+    lighter = replace(problem, stage_cost=0.5 * problem.stage_cost)
+    found = solve(lighter, Exact(), refine=True)
+    first, last = (found.record["refined"]["levels"][k] for k in (0, -1))
+    assert first["cost"] == pytest.approx(solve(lighter, Exact()).cost)
+    fine = get("ball-bounce", h=last["h"], N=last["N"])
+    again = solve(replace(fine, stage_cost=0.5 * fine.stage_cost), Exact())
+    assert found.cost <= again.cost * (1 + 1e-3)
+
+
+@pytest.mark.parametrize("name", ["push-1d", "wall-1d"])
+def test_a_step_that_is_part_of_the_model_is_not_refined(name: str) -> None:
+    with pytest.raises(InputError, match=r"halves the step of .*; leave it out"):
+        solve(name, "exact", refine=True)
+
+
+def test_refining_ends_and_says_why() -> None:
+    """A plan that is not solved, and one that never agrees; the last solved one is returned."""
+    coarse = solve("ball-bounce", "exact", **COARSE)
+    assert not Level.of(coarse).agreed
+
+    def never(turned: dict[str, Any], start: Solution) -> Solution:
+        return replace(coarse, iterations=1)
+
+    def lost(turned: dict[str, Any], start: Solution) -> Solution:
+        return replace(coarse, status=Status.INFEASIBLE, cost=-1.0)
+
+    found = refined(coarse, lost)
+    assert found.success and found.cost == coarse.cost
+    assert found.record["refined"]["stopped"].endswith("is infeasible")
+    assert "they do not agree, and the plan at h = 0.2 is infeasible" in found.verdict
+    unsolved = refined(replace(coarse, status=Status.NOT_OPTIMAL), never)
+    assert len(unsolved.record["refined"]["levels"]) == 1 and not unsolved.success
+    stubborn = refined(coarse, never)
+    assert len(stubborn.record["refined"]["levels"]) == HALVINGS + 1
+    assert stubborn.record["refined"]["stopped"] == f"h was halved {HALVINGS} times"
+    assert stubborn.iterations == coarse.iterations + HALVINGS
