@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ocp.programs.silence import unheard
+
 if TYPE_CHECKING:
     import scipy.sparse as sp
     from scipy.optimize import OptimizeResult
@@ -220,7 +222,8 @@ def _solved(
 
     options = {"node_limit": NODES, "mip_rel_gap": gap}
     given = {"constraints": LinearConstraint(*rows), "bounds": Bounds(*box), "integrality": whole}
-    found = milp(objective, options=options, **given)
-    if found.status == 4 and "limit" not in found.message:
-        found = milp(objective, options={**options, "presolve": False}, **given)
+    with unheard():
+        found = milp(objective, options=options, **given)
+        if found.status == 4 and "limit" not in found.message:
+            found = milp(objective, options={**options, "presolve": False}, **given)
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -192,6 +193,24 @@ def test_a_failing_program_is_undecided_with_its_word(monkeypatch: pytest.Monkey
     found = judge(free_pair(lambda a, b: a + b), [0.0, 0.0])
     assert found.stationarity == "undecided"
     assert "Solve error" in found.sentence
+
+
+def test_what_a_program_prints_past_its_switches_reaches_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As HiGHS does, by printf, where a solution of its search does not fit its own rows."""
+    real, case = scipy.optimize.milp, free_pair(lambda a, b: a + b)
+    known = judge(case, [0.0, 0.0])
+
+    def loud(*given, **named):
+        os.write(1, b"transformNewIntegerFeasibleSolution")
+        return real(*given, **named)
+
+    monkeypatch.setattr(scipy.optimize, "milp", loud)
+    print("before")
+    assert judge(case, [0.0, 0.0]).stationarity == known.stationarity
+    print("after")
+    assert capfd.readouterr() == ("before\nafter\n", "")
 
 
 def test_no_number_is_undecided() -> None:
