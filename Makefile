@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo check test test-cpus test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated verdicts promises
+.PHONY: setup demo check test test-cpus test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated numbers verdicts promises
 
 setup: $(READY)
 
@@ -80,6 +80,12 @@ docs: setup
 # Pages of docs/generated, from specs, help texts and the JSON in docs/generated/data.
 generated: setup
 	$(BIN)/python -m reports.site
+
+# Measures a random 20 of the site's numbers again, SEED=7 others, COUNT=5 fewer; it fails where one
+# differs. Seconds are exempt, and what `console` blocks print is compared by make test.
+NUMBERS := $(if $(SEED),--seed $(SEED)) $(if $(filter command line,$(origin COUNT)),--count $(COUNT))
+numbers: setup
+	$(BIN)/python -m tests.benchmarks.numbers $(NUMBERS)
 
 # Solves every named problem under every law for the gallery; PROBLEMS="hopper push-1d" some of them.
 verdicts: setup
