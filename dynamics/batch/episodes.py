@@ -103,8 +103,9 @@ class EpisodeFunction(Rolling):
         """Return of each sample, with its gradient by theta, score and states where asked.
 
         Shapes as for `RolloutFunction`. The score, `sum_t a_t D_theta law(x_t)' w_t / sigma^2`,
-        counts the steps before the end. With `along`, episodes of the same samples whose states
-        were kept, every step starts at *their* state, and the gradient is chained along them:
+        counts the steps before the end, and the noise that has a way to the return. With `along`,
+        episodes of the same samples whose states were kept, every step starts at *their* state, and
+        the gradient is chained along them:
         where those went by the exact law and this function's step is smoothed, only the gradient
         is smoothed (algorithm 2 of adaptive barrier smoothing). `pull` (n, nx) is the gradient by
         the last state of what else is gained there, of a critic's value say, with its discount, and

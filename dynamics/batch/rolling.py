@@ -65,6 +65,12 @@ class Rolling:
         other._engine = self._engine.over(horizon)
         return other
 
+    @property
+    def acting(self) -> tuple[np.ndarray, np.ndarray]:
+        """Which noise w_t (horizon, nu) and theta, in its shape, have a way to the cost."""
+        noise = self.tapes.ways.over(self.horizon)[0]
+        return noise, self.policy.acting(noise)
+
     def _makers(self) -> dict[str, Any]:
         def chunks(make: Any) -> RolloutEngine:
             return ChunkEngine(self.tapes, self.horizon, self.policy.per_step, self.threads, make)
@@ -171,8 +177,9 @@ class Rolling:
         gaussian = noise if isinstance(noise, Gaussian) else None
         if score and gaussian is None:
             raise ValueError("a score needs Gaussian noise; give noise=Gaussian(sigma, seed)")
+        precision = None
         if gaussian is not None:
-            gaussian.scales(tapes.nu)
+            precision = self.acting[0] / gaussian.scales(tapes.nu) ** 2
         elif noise is not None:
             w = self._noise_rows(noise)
         rows = {"x0": start, "theta": thetas, "p": parameters}
@@ -188,6 +195,7 @@ class Rolling:
             gaussian=gaussian,
             along=along,
             pull=pull,
+            precision=precision,
             gradient=gradient,
             score=score,
             baseline=baseline,

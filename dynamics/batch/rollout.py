@@ -97,7 +97,8 @@ class RolloutFunction(Rolling):
         and are then shared; None for p takes the step's own values. `noise` is `Gaussian`, an array
         (n, horizon, nu), or None. `n_samples` is needed only where no array tells it. The score,
         sum_t D_theta law(x_t, theta_t)' w_t / sigma^2, is the gradient by theta of the
-        log-density of the noise. `out` is an earlier answer whose arrays are written over.
+        log-density of the noise, of that which has a way to the cost (see
+        `dynamics.batch.graphs.acting`). `out` is an earlier answer whose arrays are written over.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning, Gaussian, Moments
+from dynamics.batch.graphs.acting import depends
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 
@@ -93,7 +94,8 @@ class SampledObjective(ABC):
         """Costs and scores of n samples.
 
         The score is the gradient by theta of the log-density of the noise,
-        ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (pathologies, def. II.1).
+        ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (pathologies, def. II.1), of the noise that has a
+        way to the cost: what does not act has no gradient, and its score would be variance alone.
         """
 
     @abstractmethod
@@ -152,6 +154,7 @@ class StaticObjective(SampledObjective):
             )
         self.name, self.decision, self.theta, self.n_noise = name, decision, given, len(decision)
         self.parameters, self._closed_form = parameters.defaults, closed_form
+        self._acts = depends(cost, theta)[0]
         arguments = [theta, parameters.vector]
         both = [ca.densify(cost), ca.densify(ca.gradient(cost, theta))]
         self._cost = BatchFunction(ca.Function("cost", arguments, both[:1]), **engine)
@@ -162,9 +165,9 @@ class StaticObjective(SampledObjective):
         return quietly(self._cost, self.theta + noise, self.values)[:, 0]
 
     def scored(self, noise: Gaussian, n: int) -> Samples:
-        """Costs, and w / sigma^2."""
+        """Costs, and w / sigma^2 of the components that the cost depends on."""
         w = noise.draw(n, 1, self.n_noise)[:, 0]
-        return Samples(self.costs(w), w / noise.scales(self.n_noise) ** 2)
+        return Samples(self.costs(w), self._acts * w / noise.scales(self.n_noise) ** 2)
 
     def differentiated(self, noise: Gaussian, n: int) -> Samples:
         """Costs, and gradients at theta + w."""

@@ -88,7 +88,8 @@ class RolloutObjective(SampledObjective):
         e = noise.draw(n, 1, d)[:, 0]
         theta = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
         found = self._rolled(n, noise.first, theta=theta, gradient=False)
-        return Samples(found.cost, e / noise.scales(d) ** 2)
+        acts = self._forward.acting[1].ravel()
+        return Samples(found.cost, acts * e / noise.scales(d) ** 2)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
         """Moments computed inside the kernel that rolls out and draws the noise."""

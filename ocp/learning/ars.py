@@ -20,7 +20,8 @@ class ARS:
     ``theta <- theta + rate / (top sigma_R) sum_i (r_i+ - r_i-) delta_i`` over the ``top`` of
     ``directions`` delta_i ~ N(0, 1) by max(r_i+, r_i-), with returns r_i± of whole episodes at
     ``theta ± spread delta_i`` from the same start, and sigma_R their standard deviation over the 2
-    top used. An episode that is not finite counts as the worst finite one.
+    top used. Parameters without a way to the return stay as they are. An episode that is not finite
+    counts as the worst finite one.
     """
 
     name: ClassVar[str] = "ars"
@@ -55,7 +56,8 @@ class ARS:
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """One step along the best directions."""
         theta, n = state["theta"], self.directions
-        delta = experiment.rng(k, "directions").standard_normal((n, theta.size))
+        acts = experiment.rollouts(experiment.task.horizon).function.acting[1]
+        delta = acts * experiment.rng(k, "directions").standard_normal((n, theta.size))
         starts = experiment.first_states(n, experiment.rng(k, "starts"))
         found = roll(
             experiment,

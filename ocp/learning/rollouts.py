@@ -39,24 +39,14 @@ class TaskRollouts:
     ) -> None:
         self.task, self.law, self.policy, self.horizon = task, law, policy, horizon
         step = law.close(replace(task.system, parameters=task.parameters))
-        final = task.finals
-        if self._is_part:
-            arguments = [task.system.x, task.parameters.vector]
-            final = ca.Function("final", arguments, [ca.SX(0)])
-        episode = Episode(task.rewards, final, task.ends)
-        self.function = EpisodeFunction(step, episode, horizon, policy, **engine)
+        self.function = EpisodeFunction(step, gained(task, horizon), horizon, policy, **engine)
         self.parameters = self.function.parameters
-
-    @property
-    def _is_part(self) -> bool:
-        """Whether an unroll ends before an episode does, and so without what is gained there."""
-        return self.horizon != self.task.horizon and not ca.SX(self.task.final).is_zero()
 
     def over(self, horizon: int) -> TaskRollouts | None:
         """The same over another horizon, built and compiled once; None where that cannot be."""
         other = copy(self)
         other.horizon = horizon
-        if other._is_part != self._is_part:
+        if _is_part(self.task, horizon) != _is_part(self.task, self.horizon):
             return None
         other.function = self.function.over(horizon)
         return other
@@ -107,3 +97,16 @@ class TaskRollouts:
         if own.ndim == 1:
             return np.concatenate([own, rest])
         return np.hstack([own, np.broadcast_to(rest, (len(own), len(rest)))])
+
+
+def gained(task: Task, horizon: int) -> Episode:
+    """What counts over ``horizon`` steps: the end of an episode only where they are a whole one."""
+    final = task.finals
+    if _is_part(task, horizon):
+        final = ca.Function("final", [task.system.x, task.parameters.vector], [ca.SX(0)])
+    return Episode(task.rewards, final, task.ends)
+
+
+def _is_part(task: Task, horizon: int) -> bool:
+    """Whether an unroll ends before an episode does, and so without what is gained there."""
+    return horizon != task.horizon and not ca.SX(task.final).is_zero()

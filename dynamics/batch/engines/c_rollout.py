@@ -144,7 +144,8 @@ static void scores(const job *q, const memory *a, i64 n, i64 live) {
     for (int j = 0; j < LIVE; j += A) {
       const V *w = a->w + t * a->w_step + j, *x = a->x + t * NX * U + j;
       V *s = DENSE ? action_bar + j : a->score + t * to + j;
-      for (int k = 0; k < NU * A; k++) weighed[k] = w[k / A * U + k % A] * q->precision[k / A];
+      for (int k = 0; k < NU * A; k++)
+        weighed[k] = w[k / A * U + k % A] * q->precision[t * NU + k / A];
       const V *in[] = {x, a->theta + t * theta_step + (ts > 1) * j, weighed};
       V *out[] = {part};
       score(in, out, ts);

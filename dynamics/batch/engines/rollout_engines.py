@@ -26,10 +26,11 @@ class Call:
     """One evaluation of n rollouts; arrays have n rows, or one row shared by all.
 
     `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is given noise,
-    `gaussian` noise to be drawn, both None for none. `baseline` is subtracted from the cost before
-    it multiplies the score, in moments. `along` (n, (horizon + 1) * nx), where given, is where
-    every step starts; `pull` (n, nx) is added to the derivative of the cost by what is carried at
-    the end.
+    `gaussian` noise to be drawn, both None for none. `precision` (horizon, nu) is what the score
+    has of each noise, 0 where it does not act; `baseline` is subtracted from the cost before it
+    multiplies the score, in moments. `along` (n, (horizon + 1) * nx), where given, is where every
+    step starts; `pull` (n, nx) is added to the derivative of the cost by what is carried at the
+    end.
     """
 
     n: int
@@ -42,6 +43,7 @@ class Call:
     gaussian: Gaussian | None = None
     along: Array | None = None
     pull: Array | None = None
+    precision: Array | None = None
     gradient: bool = True
     score: bool = False
     baseline: float = 0.0
@@ -189,8 +191,7 @@ class CompiledRolloutEngine:
             noise, key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(self._nu)
         arrays = {
             **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w, "along": q.along},
-            **{"pull": q.pull},
-            **{"sigma": sigma, "precision": 1.0 / sigma**2, **results},
+            **{"pull": q.pull, "sigma": sigma, "precision": q.precision, **results},
         }
         job = Job(
             horizon=q.horizon,
@@ -304,10 +305,9 @@ class ChunkEngine:
             gradient = scratch.array("gradient", *shape)
             pull = None if q.pull is None else q.pull.T
             rollout.backward(x, lam, theta, p, w, gradient, pull)
-        if q.score and q.gaussian is not None:
+        if q.score and q.precision is not None:
             score = scratch.array("score", *shape)
-            precision = 1.0 / q.gaussian.scales(tapes.nu) ** 2
-            rollout.scores(x, theta, p, w * precision[:, None], score)
+            rollout.scores(x, theta, p, w * q.precision[..., None], score)
         return cost, gradient.reshape(-1, m), score.reshape(-1, m), x
 
     def _noise(self, q: Call) -> Array:

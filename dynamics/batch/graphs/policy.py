@@ -11,6 +11,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from dynamics.batch.graphs.acting import depends
+from dynamics.batch.graphs.objective import expanded
 from dynamics.systems import ParameterTable
 from dynamics.systems.parameters import entries
 
@@ -49,6 +51,12 @@ class RolloutPolicy:
         """Parameters of a whole rollout."""
         return self.n_theta * (horizon if self.per_step else 1)
 
+    def acting(self, noise: np.ndarray) -> np.ndarray:
+        """Which of theta, in its shape, move an action whose noise acts, `noise` (horizon, n_a)."""
+        x, theta = (ca.SX.sym("a", self.law.numel_in(k)) for k in range(2))
+        found = noise @ depends(expanded(self.law)(x, theta), theta)
+        return found if self.per_step else found.any(axis=0)
+
     def shape(self, horizon: int) -> tuple[int, ...]:
         """Shape of theta for one sample."""
         return (horizon, self.n_theta) if self.per_step else (self.n_theta,)
@@ -78,6 +86,14 @@ class DensePolicy(RolloutPolicy):
     def n_theta(self) -> int:
         """Weights and offsets of all layers."""
         return sum((before + 1) * after for before, after in pairwise(self.sizes))
+
+    def acting(self, noise: np.ndarray) -> np.ndarray:
+        """All weights (n_theta,) but the last layer's of actions whose noise never acts."""
+        found = np.full(self.n_theta, noise.any())
+        weights, offsets = self.layers(found)[-1]
+        weights[:] = noise.any(axis=0)[:, None]
+        offsets[:] = noise.any(axis=0)
+        return found
 
     @cached_property
     def parameters(self) -> ParameterTable:

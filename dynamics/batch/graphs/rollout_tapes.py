@@ -18,7 +18,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import casadi as ca
+import numpy as np
 
+from dynamics.batch.graphs.acting import Ways, stand_ins, ways
 from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.carrying import carried
 from dynamics.batch.graphs.hoisting import hoisted
@@ -43,7 +45,7 @@ def build_tapes(step: Step, objective: Objective, policy: RolloutPolicy) -> Roll
     """
     objective.check(step)
     _check(step, policy)
-    return _Closed(step, objective, policy).tapes()
+    return Closed(step, objective, policy).tapes()
 
 
 def parameters_of(step: Step, objective: Objective, policy: RolloutPolicy) -> ParameterTable:
@@ -65,7 +67,7 @@ def _check(step: Step, policy: RolloutPolicy) -> None:
         fits("observation", policy.observe, (nx, np), "(x, p)", policy.sizes[0])
 
 
-class _Closed:
+class Closed:
     """One step closed by a policy, in fresh symbols."""
 
     def __init__(self, step: Step, objective: Objective, policy: RolloutPolicy) -> None:
@@ -82,8 +84,10 @@ class _Closed:
         self.arguments = [self.x, self.theta, self.w, self.p]
 
     def tapes(self) -> RolloutTapes:
+        """The graphs, with the values that they share taken out of them."""
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
-        score = self.objective.counted(ca.jtimes(law, self.theta, self.w, True))
+        found = self.ways()
+        score = self.objective.counted(ca.jtimes(law, self.theta, self._acting(found), True))
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
         around = self._around()
         with_p = {
@@ -115,12 +119,35 @@ class _Closed:
             forward=around or rest["forward"],
             adjoint=rest["adjoint"],
             score=_function("score", [self.x, self.theta, self.w], [score]),
+            ways=found,
             terminal=rest["terminal"],
             terminal_adjoint=rest["terminal_adjoint"],
             derived=derived,
             layers=layers,
             weight=None if over is None else self.step.system.nx + over,
         )
+
+    def ways(self) -> Ways:
+        """The ways of the step, closed by contact and policy."""
+        step, policy = self.step, self.policy
+        if isinstance(step, LearnedStep):
+            asked = _mixed(step.queries)
+            unknown, rows = step.inner, ca.repmat(asked, step.inner.numel(), 1)
+        else:
+            unknown, rows = step.lam, step.landed(step.slack) + ca.SX.sym("by_mu") * step.mu
+        given = self._closed(ca.vertcat(self.x_next, self.stage_cost), rows)
+        outputs = ca.substitute(given[0], unknown, stand_ins(unknown, given[1]))
+        if isinstance(policy, DensePolicy):
+            seen = _mixed(of_first(policy.observe, step.system.x, p=step.p.vector))
+            outputs = ca.substitute(outputs, self.theta, ca.repmat(seen, self.theta.numel(), 1))
+        return ways(outputs, self.terminal_cost, self.x, self.w)
+
+    def _acting(self, found: Ways) -> ca.SX:
+        """The noise, zero where a gate is shut."""
+        noise = ca.vertsplit(self.w)
+        for j, s in np.argwhere(found.gates).tolist():
+            noise[j] = ca.if_else(self.x[s] != 0, noise[j], 0)
+        return ca.vertcat(*noise)
 
     def _observing(self) -> dict[str, tuple[ca.Function, int]]:
         """Graphs of normalised observations, where the policy has any."""
@@ -291,6 +318,11 @@ def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
 
 def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     return ca.sqrt(z * z + 4 * F * mu)
+
+
+def _mixed(expressions: ca.SX) -> ca.SX:
+    """Something that depends on all that any of the entries does."""
+    return ca.dot(ca.SX.sym("weight", expressions.numel()), expressions)
 
 
 def _function(name: str, arguments: list[ca.SX], results: list[ca.SX]) -> ca.Function:

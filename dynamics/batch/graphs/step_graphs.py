@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import casadi as ca
 
+from dynamics.batch.graphs.acting import Ways
 from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
 
@@ -38,7 +39,8 @@ class RolloutTapes:
     - `forward: (x, theta, w, p) -> (x_next, lam, cost)`, or an `InnerLoop` where there is no
       closed form for lam
     - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
-    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w
+    - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w, of what of w acts in
+      state x; `ways` says which noise acts at all
     - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
 
     A sample whose entry `weight` of x is zero has come to its end: nothing of it changes any more.
@@ -58,6 +60,7 @@ class RolloutTapes:
     forward: ca.Function | InnerLoop | Asked
     adjoint: ca.Function
     score: ca.Function
+    ways: Ways
     terminal: ca.Function
     terminal_adjoint: ca.Function
     derived: ca.Function

@@ -9,7 +9,7 @@ import numpy as np
 
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
-from ocp.learning.pipps.particles import Particles, scatter
+from ocp.learning.pipps.particles import Particles, reaching, scatter
 from ocp.learning.protocol import Row, State
 from ocp.learning.unrolls.starts import Starts
 from ocp.learning.unrolls.unrolled import Clipping
@@ -52,7 +52,8 @@ class PIPPS(Clipping):
                 " stayed finite; lower the learning rate, sigma or the unroll length"
             )
         part = found.part(good)
-        gradients, share = total_propagation(part, noise[:, good] / self.sigma)
+        score = reaching(experiment, steps)[:, None] * noise[:, good] / self.sigma
+        gradients, share = total_propagation(part, score)
         gradients = self.clipped(gradients)
         gradient = gradients.mean(axis=0)
         moved = {
@@ -74,7 +75,8 @@ class PIPPS(Clipping):
 def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Gradients (n, n_theta) of the return, and the share k (H,) of the likelihood ratio.
 
-    ``score`` (H, n, nx) is that of the mean of x_{t+1}, ``e_t / sigma``. With G_{t+1} the return
+    ``score`` (H, n, nx) is that of the mean of x_{t+1}, ``e_t / sigma``, of entries that have a way
+    to the return. With G_{t+1} the return
     from x_{t+1} on and g its gradient by x_{t+1}, the gradient of ``r_t + G_{t+1}`` by the mean of
     x_{t+1} is ``R = dr_t/dx_{t+1} + g`` or ``L = (r_t + G_{t+1} - b) score``, b the mean of the
     other particles that are alive.

@@ -9,9 +9,11 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning, RolloutPolicy, StepFunction
+from dynamics.batch.graphs.rollout_tapes import Closed
 from ocp.learning.experiment import Experiment
 from ocp.learning.network import pulled_back
 from ocp.learning.protocol import Trained
+from ocp.learning.rollouts import gained
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,7 @@ class _Model:
     def __init__(self, experiment: Experiment) -> None:
         task = experiment.task
         step = experiment.law.close(replace(task.system, parameters=task.parameters))
+        self.closed, self.reach = step, dict[int, np.ndarray]()
         self.experiment, self.p = experiment, experiment.physics
         self.whole = step.p.pack(experiment.named(self.p))
         self.take = StepFunction(step, threads=experiment.threads)
@@ -154,6 +157,15 @@ class _Model:
         """What is gained at the end, (n,), and its slope (n, nx)."""
         value, slope = self.gain(x, self.p)
         return value[:, 0], slope
+
+
+def reaching(experiment: Experiment, steps: int) -> np.ndarray:
+    """Which entries of each x_{t+1} have a way to the return of ``steps`` steps, (steps, nx)."""
+    known = experiment.once(_Model)
+    if steps not in known.reach:
+        closed = Closed(known.closed, gained(experiment.task, steps), experiment.policy)
+        known.reach[steps] = closed.ways().over(steps)[1][:, : experiment.task.system.nx]
+    return known.reach[steps]
 
 
 def with_jacobians(fn: ca.Function, count: int) -> BatchFunction:
