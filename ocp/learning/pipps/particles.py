@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning, RolloutPolicy, StepFunction
+from dynamics.batch.graphs.acting import depends
 from dynamics.batch.graphs.rollout_tapes import Closed
 from ocp.learning.experiment import Experiment
 from ocp.learning.network import pulled_back
@@ -160,11 +161,16 @@ class _Model:
 
 
 def reaching(experiment: Experiment, steps: int) -> np.ndarray:
-    """Which entries of each x_{t+1} have a way to the return of ``steps`` steps, (steps, nx)."""
-    known = experiment.once(_Model)
+    """Which entries of each x_{t+1} have a way to the return of ``steps`` steps, (steps, nx).
+
+    By the reward of the step that ends there as well: what a particle is moved by is in it.
+    """
+    known, task = experiment.once(_Model), experiment.task
     if steps not in known.reach:
-        closed = Closed(known.closed, gained(experiment.task, steps), experiment.policy)
-        known.reach[steps] = closed.ways().over(steps)[1][:, : experiment.task.system.nx]
+        closed = Closed(known.closed, gained(task, steps), experiment.policy)
+        later, arguments = closed.ways().over(steps)[1], task.rewards.sx_in()
+        at_once = depends(task.rewards(*arguments), arguments[2])
+        known.reach[steps] = later[:, : task.system.nx] | at_once
     return known.reach[steps]
 
 
