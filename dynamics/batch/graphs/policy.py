@@ -55,7 +55,7 @@ class RolloutPolicy:
         """Which of theta, in its shape, move an action whose noise acts, `noise` (horizon, n_a)."""
         x, theta = (ca.SX.sym("a", self.law.numel_in(k)) for k in range(2))
         found = noise @ depends(expanded(self.law)(x, theta), theta)
-        return found if self.per_step else found.any(axis=0)
+        return found if self.per_step else np.any(found, axis=0, keepdims=True)[0]
 
     def shape(self, horizon: int) -> tuple[int, ...]:
         """Shape of theta for one sample."""
@@ -91,8 +91,8 @@ class DensePolicy(RolloutPolicy):
         """All weights (n_theta,) but the last layer's of actions whose noise never acts."""
         found = np.full(self.n_theta, noise.any())
         weights, offsets = self.layers(found)[-1]
-        weights[:] = noise.any(axis=0)[:, None]
         offsets[:] = noise.any(axis=0)
+        weights[:] = offsets[:, None]
         return found
 
     @cached_property

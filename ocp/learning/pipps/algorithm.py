@@ -77,8 +77,8 @@ def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarr
 
     ``score`` (H, n, nx) is that of the mean of x_{t+1}, ``e_t / sigma``, of entries that have a way
     to the return. With G_{t+1} the return from x_{t+1} on and g its gradient by x_{t+1}, the
-    gradient of ``r_t + G_{t+1}`` by the mean of x_{t+1} is ``R = dr_t/dx_{t+1} + g`` or ``L = (r_t +
-    G_{t+1} - b) score``, b the mean of the other particles that are alive.
+    gradient of ``r_t + G_{t+1}`` by the mean of x_{t+1} is ``R = dr_t/dx_{t+1} + g`` or
+    ``L = (r_t + G_{t+1} - b) score``, b the mean of the other particles that are alive.
     """
     after, togo = particles.final_by_x, particles.final
     total, shares = 0.0, np.zeros(len(particles.alive))

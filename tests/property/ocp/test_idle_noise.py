@@ -117,7 +117,7 @@ def test_alpha_weighs_the_variances_of_what_acts() -> None:
 def test_no_algorithms_variance_grows_with_idle_inputs(make, hidden) -> None:
     """Over 10 batches of 128 samples, at the same policy of the input that acts.
 
-    Total propagation mixes by variances: its likelihood ratio's share falls where idle noise counts.
+    Total propagation mixes by variances: the likelihood ratio's share falls if idle noise counts.
     """
     found = []
     for idle in (0, MANY):
