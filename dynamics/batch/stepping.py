@@ -74,11 +74,10 @@ class StepFunction:
     def slopes(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:
         """The steps, and their derivatives by x (n, nx, nx) and u (n, nx, nu) at the solution."""
         given, n = self._rows(x, u, p)
-        steps, (nx, nu) = self._stepped(given, n), (self.tapes.nx, self.tapes.nu)
-        by_x, by_u = np.empty((n, nx, nx)), np.empty((n, nx, nu))
-        for i, bar in enumerate(np.eye(nx)):
-            by_x[:, i], by_u[:, i] = self._adjoint(*given, steps.lam, bar)
-        return steps, by_x, by_u
+        steps, nx = self._stepped(given, n), self.tapes.nx
+        rows = [np.repeat(a, nx, axis=0) if len(a) > 1 else a for a in (*given, steps.lam)]
+        by_x, by_u = self._adjoint(*rows, np.tile(np.eye(nx), (n, 1)))
+        return steps, by_x.reshape(n, nx, nx), by_u.reshape(n, nx, -1)
 
     @cached_property
     def _adjoint(self) -> BatchFunction:

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,17 @@ EXACT = Exact()
 """The law that every policy is judged under."""
 
 
+class Budget(NamedTuple):
+    """Simulated ``steps`` to learn from, and ``judgements`` at even distances along them."""
+
+    steps: int
+    judgements: int
+
+    def passed(self, spent: float) -> int:
+        """How many of the distances between judgements ``spent`` steps have covered."""
+        return int(spent * self.judgements // self.steps)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Experiment:
     """Maximise ``E sum_t discount^t reward_t`` over the parameters of a policy.
@@ -41,8 +52,10 @@ class Experiment:
 
     The algorithm learns through ``law``, at the task's parameters ``psi`` (all of them, in the
     order of the task's table; by default its own); evaluations are under the exact law, of
-    ``episodes`` episodes before every ``evaluate_every``-th iteration and at the end. ``params``
-    is what the task was built of, for the record. Results do not depend on ``threads``.
+    ``episodes`` episodes before every ``evaluate_every``-th iteration and at the end. With a
+    ``budget`` learning ends with the iteration that has spent its steps, however many iterations
+    that takes, and is judged at its distances. ``params`` is what the task was built of, for the
+    record. Results do not depend on ``threads``.
 
     Raises :class:`~ocp.errors.InputError` for sizes below 1, a discount outside (0, 1] and
     the like.
@@ -62,6 +75,7 @@ class Experiment:
     iterations: int = 100
     evaluate_every: Annotated[int, "iterations between judgements under the exact law"] = 10
     episodes: Annotated[int, "of each judgement"] = 16
+    budget: Budget | None = None
     psi: np.ndarray | None = None
     start: Trained | None = None
     params: Mapping[str, Any] = field(default_factory=dict)
@@ -72,6 +86,8 @@ class Experiment:
             at_least(1, name, getattr(self, name))
         for width in self.hidden or ():
             at_least(1, "a hidden layer", width)
+        for name, value in self.budget._asdict().items() if self.budget else ():
+            at_least(1, f"the budget's {name}", value)
         at_least(0, "seed", self.seed)
         if not 0 < self.discount <= 1:
             raise InputError(
@@ -133,6 +149,23 @@ class Experiment:
     @cached_property
     def _made(self) -> dict[Any, Any]:
         return {}
+
+    def simulated(self, steps: float) -> None:
+        """Count ``steps`` of any contact law that were simulated to learn from.
+
+        Whatever simulates for an algorithm calls it; judgements do not count.
+        """
+        self._counted.append(float(steps))
+
+    def counted(self) -> float:
+        """Sum what :meth:`simulated` was told since the last call."""
+        total = sum(self._counted)
+        self._counted.clear()
+        return total
+
+    @cached_property
+    def _counted(self) -> list[float]:
+        return []
 
     @property
     def physics(self) -> np.ndarray:
@@ -218,6 +251,7 @@ class Experiment:
             "seed": self.seed,
             "evaluate_every": self.evaluate_every,
             "episodes": self.episodes,
+            "budget": self.budget,
             "psi": self.physics,
             "start": None if self.start is None else self.start.digest,
         }

@@ -47,14 +47,16 @@ class Explorer:
     """Episodes of ``task`` under ``law`` at ``values`` of its parameters, by name.
 
     Episodes that ended, were not solved, or are as long as the task's begin again by
-    :meth:`Task.reset`. Results do not depend on threads.
+    :meth:`Task.reset`. ``count`` is told how many steps were simulated. Results do not depend on
+    threads.
     """
 
     def __init__(
         self, task: Task, law: ContactLaw | None = None,
-        values: Mapping[str, float] | None = None, **engine: Any,
+        values: Mapping[str, float] | None = None, count: Callable[[int], None] | None = None,
+        **engine: Any,
     ) -> None:  # fmt: skip
-        self.task = task
+        self.task, self._count = task, count
         step = (law or Exact()).close(task.system)
         self.p = task.parameters.pack(values)
         self._step_p = step.p.pack(task.parameters.unpack(self.p))
@@ -84,6 +86,8 @@ class Explorer:
     def step(self, x: np.ndarray, u: np.ndarray) -> Seen:
         """Go one step from states (n, nx) under inputs (n, nu)."""
         steps = self._step(x, u, self._step_p)
+        if self._count is not None:
+            self._count(len(x))
         solved = np.asarray(np.isfinite(steps.x_next).all(axis=1))
         x_next = np.where(solved[:, None], steps.x_next, x)
         return Seen(

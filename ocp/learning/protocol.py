@@ -16,9 +16,9 @@ State = dict[str, np.ndarray]
 """All that an algorithm must remember from one iteration to the next, as a checkpoint stores it."""
 
 Row = dict[str, float]
-"""What is told of one iteration, by name. All tell ``return_mean`` (of the samples drawn) and
-``env_steps`` (simulated steps of this iteration); those with gradients ``gradient_norm`` and
-``gradient_variance`` (trace of the covariance of one sample's gradient)."""
+"""What is told of one iteration, by name. All tell ``return_mean`` (of the samples drawn), those
+with gradients ``gradient_norm`` and ``gradient_variance`` (trace of the covariance of one sample's
+gradient); the loop adds ``env_steps``, the simulated steps that it counted."""
 
 
 class Trained(NamedTuple):

@@ -1,4 +1,4 @@
-"""The loop that every algorithm runs in: iterate, judge under the exact law, keep, go on."""
+"""The loop that every algorithm runs in: iterate, count steps, judge under the exact law, keep."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,11 @@ class _Progress:
     best: State = field(default_factory=dict)
     spent: float = 0.0
 
+    @property
+    def steps(self) -> float:
+        """Simulated steps of all rows."""
+        return sum(row.get("env_steps", 0.0) for row in self.rows)
+
 
 def train(
     experiment: Experiment, checkpoint: Checkpoint | None = None, report: Report | None = None
@@ -42,9 +48,10 @@ def train(
     """Run the experiment, from where ``checkpoint`` stopped, and return curves and policy.
 
     Row k of the curves, over ``iteration`` 0..iterations, tells of the policy after k iterations:
-    ``evaluation_*`` under the exact law where it was judged, ``env_steps`` simulated and ``wall_s``
-    [s] spent to get there, and what iteration k itself told (return of the samples, gradient), NaN
-    in the last row. ``theta``, ``mean`` and ``scale`` are of the policy that was judged best,
+    ``evaluation_*`` under the exact law where it was judged, ``env_steps`` simulated (all that
+    :meth:`Experiment.simulated` was told of, but no judgement) and ``wall_s`` [s] spent to get
+    there, and what iteration k itself told (return of the samples, gradient), NaN in the last row.
+    ``theta``, ``mean`` and ``scale`` are of the policy that was judged best,
     ``theta_last`` of the last one; ``psi`` are the parameters of the model in the end.
 
     All but times is the same to the last bit whether or not the run was stopped on its way, and
@@ -54,16 +61,21 @@ def train(
     algorithm raises.
     """
     progress = _resumed(experiment, checkpoint) or _begun(experiment)
-    algorithm = experiment.algorithm
-    for k in range(len(progress.rows), experiment.iterations + 1):
+    algorithm, budget, steps, marks = experiment.algorithm, experiment.budget, progress.steps, -1
+    if budget and progress.rows:
+        marks = budget.passed(steps - progress.rows[-1]["env_steps"])
+    for k in count(len(progress.rows)):
         started = time.monotonic()
-        last = k == experiment.iterations
-        judged: Row = {}
-        if last or k % experiment.evaluate_every == 0:
-            judged = _judge(experiment, progress, k)
+        last, due = k == experiment.iterations, k % experiment.evaluate_every == 0
+        if budget:
+            last, before, marks = steps >= budget.steps, marks, budget.passed(steps)
+            due = marks > before
+        judged = _judge(experiment, progress, k) if last or due else {}
         told: Row = {}
         if not last:
             progress.state, told = algorithm.iterate(experiment, progress.state, k)
+            told["env_steps"] = experiment.counted()
+            steps += told["env_steps"]
         row = {"wall_s": progress.spent, **judged, **told}
         progress.spent += time.monotonic() - started
         progress.rows.append(row)
@@ -71,6 +83,8 @@ def train(
             report(k, row)
         if checkpoint is not None and not last and checkpoint.due():
             checkpoint.save_state(KEY, **_arrays(experiment, progress))
+        if last:
+            break
     return _result(experiment, progress)
 
 
@@ -80,6 +94,7 @@ def kept(arrays: dict[str, np.ndarray]) -> tuple[int, dict[str, Any]]:
 
 
 def _begun(experiment: Experiment) -> _Progress:
+    experiment.counted()
     return _Progress(experiment.algorithm.begin(experiment))
 
 
@@ -124,7 +139,7 @@ def _resumed(experiment: Experiment, checkpoint: Checkpoint | None) -> _Progress
         {name: float(values[i]) for name, values in curves.items() if not np.isnan(values[i])}
         for i in range(len(curves["wall_s"]))
     ]
-    if len(rows) > experiment.iterations:
+    if experiment.budget is None and len(rows) > experiment.iterations:
         raise InputError(
             f"the run to go on with has {len(rows)} iterations already, more than the"
             f" {experiment.iterations} asked for; ask for more"

@@ -81,18 +81,20 @@ class PsiLearning:
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Transitions, then psi, then the policy."""
-        state, steps = self._walked(experiment, state, k)
+        state = self._walked(experiment, state, k)
+        walked = experiment.counted()
         state, loss = self._searched(experiment, state)
         changed, row = self.algorithm.iterate(experiment, state, k)
-        told = {"psi_loss": loss, "env_steps": float(steps), "model_steps": row["env_steps"]}
+        told = {"psi_loss": loss, "model_steps": experiment.counted()}
+        experiment.simulated(walked)
         return {**state, **changed}, {**row, **told}
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
         """The algorithm's."""
         return self.algorithm.policy(experiment, state)
 
-    def _walked(self, experiment: Experiment, state: State, k: int) -> tuple[State, int]:
-        """The state after more transitions of the policy, and how many steps those took."""
+    def _walked(self, experiment: Experiment, state: State, k: int) -> State:
+        """The state after more transitions of the policy."""
         explorer, rng = experiment.once(_explorer), experiment.rng(k, "psi transitions")
         policy = self.algorithm.policy(experiment, state)
         task = experiment.task
@@ -104,7 +106,7 @@ class PsiLearning:
             seen = seen.with_newest(Buffer.solved(step.x, step.u, step.x_next), self.capacity)
             x, age = explorer.onwards(step, age, rng)
         rows = {_SEEN + name: getattr(seen, name) for name in COLUMNS}
-        return {**state, **rows, _OWN + "x": x, _OWN + "age": age}, self.steps * len(x)
+        return {**state, **rows, _OWN + "x": x, _OWN + "age": age}
 
     def _searched(self, experiment: Experiment, state: State) -> tuple[State, float]:
         """The state after the search went on, and the loss a transition at its psi."""
@@ -140,7 +142,7 @@ class PsiLearning:
 
 
 def _explorer(experiment: Experiment) -> Explorer:
-    return Explorer(experiment.task, threads=experiment.threads)
+    return Explorer(experiment.task, count=experiment.simulated, threads=experiment.threads)
 
 
 def _under(prefix: str, arrays: State) -> State:

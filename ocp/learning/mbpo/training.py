@@ -60,7 +60,7 @@ class Room:
 
     def __init__(self, settings: MBPO, experiment: Experiment) -> None:
         self.own, self.experiment, task = settings, experiment, experiment.task
-        self.explorer = Explorer(task, threads=experiment.threads)
+        self.explorer = Explorer(task, count=experiment.simulated, threads=experiment.threads)
         self.n_o, self.nu = len(task.observations), task.system.nu
         own = settings
         assert experiment.hidden is not None
@@ -124,11 +124,9 @@ class Room:
         agent, told = self._improved(agent, scales, seen, model, k)
         mean = np.array(np.mean(finished)) if finished else state["return_mean"]
         row = {
-            "return_mean": float(mean), "env_steps": float(own.walkers * own.steps),
-            "model_error": float(errors[elites].mean()), "branch": float(length), **told,
+            "return_mean": float(mean), "model_error": float(errors[elites].mean()),
+            "branch": float(length), **told,
         }  # fmt: skip
-        if k == 0:
-            row["env_steps"] += own.explored
         return {
             **state, **arrays("learner", learner), **arrays("agent", agent),
             **_kept("seen", seen), **_kept("model", model), "branched": sizes,

@@ -63,7 +63,6 @@ class PIPPS(Clipping):
         changed = with_seen(experiment, moved, part.seen[part.alive])
         row = {
             "return_mean": float(part.rewards.sum(axis=0).mean()),
-            "env_steps": float(found.alive.sum()),
             "nonfinite": float((~good).sum()),
             "gradient_norm": float(np.linalg.norm(gradient)),
             "gradient_variance": float(gradients.var(axis=0, ddof=1).sum()),

@@ -77,17 +77,22 @@ def scatter(
     x, alive = x0, np.ones(len(x0), dtype=bool)
     good, states, weight = alive.copy(), [x0], 1.0
     for each in noise:
-        row = model.step(trained, x, each)
-        x_next = row.pop("x_next")
+        if not alive.any():
+            rows.append({name: np.zeros_like(values) for name, values in rows[-1].items()})
+            states.append(x)
+            continue
+        row = model.step(trained, x[alive], each[alive])
+        x_next = _spread(alive, row.pop("x_next"))
         finite = np.isfinite(x_next).all(axis=1)
-        good &= finite | ~alive
+        good &= finite
         of_reward = {name: weight * row[name] for name in _OF_REWARD}
-        kept = {name: _where(alive, values) for name, values in {**row, **of_reward}.items()}
+        kept = {name: _spread(alive, values) for name, values in {**row, **of_reward}.items()}
         rows.append({**kept, "alive": alive})
         x = np.where((alive & finite)[:, None], x_next, x)
         alive = alive & finite & ~model.ended(x)
         states.append(x)
         weight *= experiment.discount
+    experiment.simulated(sum(row["alive"].sum() for row in rows))
     gain, by_x = np.zeros(len(x)), np.zeros_like(x)
     if len(noise) == experiment.task.horizon:
         gain, by_x = model.final(x)
@@ -105,9 +110,11 @@ def scatter(
 _OF_REWARD = ("rewards", "r_by_x", "r_by_u", "r_by_next")
 
 
-def _where(alive: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """``values`` (n, ...), 0 where not alive, finite or not."""
-    return np.where(alive.reshape(-1, *[1] * (values.ndim - 1)), values, 0.0)
+def _spread(alive: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """``values`` (k, ...) of the k that are ``alive`` (n,), 0 for the others."""
+    found = np.zeros((len(alive), *values.shape[1:]))
+    found[alive] = values
+    return found
 
 
 class _Model:

@@ -76,7 +76,6 @@ class AoBG(Unrolled):
             weight**2 * float(each.var(axis=0, ddof=1).sum())
             for weight, each in zip((alpha, 1 - alpha), gradients, strict=True)
         )
-        row["env_steps"] += float(zeroth.lived.sum())
         return changed, row
 
 

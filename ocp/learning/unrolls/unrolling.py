@@ -51,7 +51,7 @@ def roll(
     Samples that are not finite, where a contact found no solution or a motion overflowed, are left
     to :func:`finite`.
     """
-    return experiment.rollouts(horizon, law)(
+    found = experiment.rollouts(horizon, law)(
         x0,
         state["theta"] if theta is None else theta,
         Normaliser.of(state),
@@ -65,6 +65,8 @@ def roll(
         along=along,
         pull=pull,
     )
+    experiment.simulated(found.lived.sum())
+    return found
 
 
 def finite(experiment: Experiment, state: State, episodes: Episodes, k: int) -> np.ndarray:
@@ -136,7 +138,6 @@ def told(episodes: Episodes, good: np.ndarray) -> Row:
     """What every algorithm tells of its samples."""
     return {
         "return_mean": float(episodes.value[good].mean()),
-        "env_steps": float(episodes.lived.sum()),
         "nonfinite": float((~good).sum()),
     }
 

@@ -61,7 +61,6 @@ class ZOPG(Clipping):
         }
         changed = remembered(experiment, moved, pair[0], good)
         row = {**told(pair[0], good), **told_gradient(gradients)}
-        row["env_steps"] += float(pair[1].lived.sum())
         return changed, row
 
 

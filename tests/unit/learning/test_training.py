@@ -12,11 +12,12 @@ import pytest
 import xarray as xr
 from scipy.optimize import minimize
 
+from dynamics.batch import EpisodeFunction, StepFunction
 from dynamics.contact import Barrier
 from ocp.errors import InputError, NotConverged
 from ocp.learning.ars import ARS
 from ocp.learning.evaluation import SEED, evaluate
-from ocp.learning.experiment import EXACT
+from ocp.learning.experiment import EXACT, Budget
 from ocp.learning.normaliser import LEAST_SCALE, Normaliser
 from ocp.learning.pipps import PIPPS
 from ocp.learning.protocol import Trained
@@ -53,10 +54,14 @@ def given_to(name: str) -> dict[str, float]:
     return {"iterations": 6, "evaluate_every": 2, "discount": discount}
 
 
-def run(name: str, root: Path | None = None, kill_at: int = -1, **given) -> xr.Dataset:
-    """Train, under a checkpoint in ``root``; the process is killed after iteration ``kill_at``."""
+def run(
+    name: str, root: Path | None = None, kill_at: int = -1, stop_at: int = -1, **given
+) -> xr.Dataset:
+    """Train, under a checkpoint in ``root``; killed or interrupted in the iteration named."""
 
     def report(k, _):
+        if k == stop_at + 1 > 0:
+            raise KeyboardInterrupt
         if k == kill_at:
             os.kill(os.getpid(), signal.SIGKILL)
 
@@ -130,6 +135,49 @@ def test_curves_tell_the_policy_before_each_iteration():
     assert np.isnan(found["return_mean"].values[-1])
     best = int(found["best_iteration"])
     assert found["evaluation_return"].values[best] == np.nanmax(found["evaluation_return"].values)
+
+
+@pytest.mark.parametrize("name", list(SMALL))
+def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
+    """Both batches, mirrored noise, what gradients are taken along; judgements are not counted."""
+    engines = []
+    rolled, stepped = EpisodeFunction.__call__, StepFunction._stepped
+
+    def episodes(self, *given, **asked):
+        found = rolled(self, *given, **asked)
+        engines.append(found.lived.sum())
+        return found
+
+    def steps(self, given, n):
+        engines.append(n)
+        return stepped(self, given, n)
+
+    asked = experiment(SMALL[name], **given_to(name), task=scalar(**TASK))
+    state, told = asked.algorithm.begin(asked), []
+    with monkeypatch.context() as patched:
+        patched.setattr(EpisodeFunction, "__call__", episodes)
+        patched.setattr(StepFunction, "_stepped", steps)
+        for k in range(6):
+            state, _ = asked.algorithm.iterate(asked, state, k)
+            told.append(asked.counted())
+            assert told[-1] == sum(engines) > 0
+            engines.clear()
+    assert run(name)["env_steps"].values.tolist() == [0, *np.cumsum(told)]
+
+
+@pytest.mark.parametrize("name", list(SMALL))
+def test_a_budget_ends_learning_and_sets_its_judgements(name, tmp_path):
+    """At the first iteration past each of five even distances, whatever an iteration takes."""
+    found = run(name, budget=Budget(200, 5))
+    steps, judged = found["env_steps"].values, np.isfinite(found["evaluation_return"].values)
+    assert steps[-2] < 200 <= steps[-1]
+    first = [int(np.argmax(steps >= mark)) for mark in (0, 40, 80, 120, 160, 200)]
+    assert np.flatnonzero(judged).tolist() == first
+    with pytest.raises(KeyboardInterrupt):
+        run(name, tmp_path, budget=Budget(200, 5), stop_at=first[2] - 1)
+    assert_same(run(name, tmp_path, budget=Budget(200, 5)), found)
+    with pytest.raises(InputError, match="the budget's steps must be a whole number"):
+        run(name, budget=Budget(0, 5))
 
 
 def test_other_settings_cannot_go_on(tmp_path):
