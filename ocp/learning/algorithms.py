@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from ocp.learning.ars import ARS
 from ocp.learning.mbpo import MBPO
-from ocp.learning.pipps import PIPPS
 from ocp.learning.protocol import Algorithm
+from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.unrolls.aobg import AoBG
 from ocp.learning.unrolls.fopg import FOPG
 from ocp.learning.unrolls.zopg import ZOPG
 
 ALGORITHMS: dict[str, type[Algorithm]] = {
-    algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, PIPPS, MBPO)
+    algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, TotalPropagation, MBPO)
 }

@@ -176,7 +176,9 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
         among("ball-throw", "ball-throw", "hopper", "wall-1d").map(lambda task: [task]),
         {
             **STORE, **LAW, "-p": setting(h=("0.02",), horizon=("5",), m=("2",), spheres=("foot",)),
-            "-a": among("fopg", "ars", "zopg,ars", "aobg", "pipps", "fopg,fopg", "mbpo"),
+            "-a": among(
+                "fopg", "ars", "zopg,ars", "aobg", "total-propagation", "fopg,fopg", "mbpo"
+            ),
             "-s": setting(
                 hidden=("affine", "open-loop", "4", "4,x"), samples=("2", "4"), unroll=("3",),
                 rate=("0.1",), sigma=("0.1",), discount=("0.9", "1.1"), episodes=("2",),

@@ -91,7 +91,9 @@ def test_a_setting_is_found_by_its_name(ocp) -> None:
         ("feedback", ["penalty"])
     ]
     several = ocp("settings", "sigma", "--json").json["settings"]
-    assert {"adaptive", "randomized", "fopg", "pipps"} <= {group["name"] for group in several}
+    assert {"adaptive", "randomized", "fopg", "total-propagation"} <= {
+        group["name"] for group in several
+    }
 
 
 @pytest.mark.parametrize(

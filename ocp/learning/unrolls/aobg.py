@@ -27,9 +27,9 @@ from ocp.learning.unrolls.zopg import likelihood_ratio
 class AoBG(Unrolled):
     """``g = alpha g1 + (1 - alpha) g0``, alpha the weight of the *first* order (:func:`mixing`).
 
-    g1 and g0 are of two independent batches of ``samples``. ``gamma`` bounds the bias; None is a
-    tenth of |g0| above what the zeroth order is off by itself, so that the bound can be met.
-    ``delta`` is the probability of failure.
+    g1 and g0 are of two independent batches of ``samples``. ``gamma`` bounds |g - E g0| and fails
+    with probability ``delta``; where ``samples`` are too few to tell that of g0 itself, alpha is 0.
+    It is the user's to choose, in units of return over those of theta: no value fits all tasks.
 
     Source: Suh, Simchowitz, Zhang and Tedrake (ICML 2022), algorithm 1.
     """
@@ -38,15 +38,14 @@ class AoBG(Unrolled):
     summary: ClassVar[str] = "alpha-order batched gradient, first and zeroth order mixed"
     contact: ClassVar[str] = "exact"
 
-    gamma: Annotated[float | None, "bound on the bias; a tenth of |g0| if not given"] = None
+    gamma: Annotated[float, "bound on the gradient's error [return / unit of theta]"] = 1.0
     delta: Annotated[float, "probability that the test fails"] = 0.05
     least: ClassVar[int] = 2
 
     def check(self, experiment: Experiment) -> None:
         """As all, the bound and its probability."""
         super().check(experiment)
-        if self.gamma is not None:
-            positive("gamma", self.gamma)
+        positive("gamma", self.gamma)
         if not 0 < self.delta < 1:
             raise InputError(f"delta is a probability between 0 and 1, got {self.delta:g}")
 
@@ -80,7 +79,7 @@ class AoBG(Unrolled):
 
 
 def mixing(
-    first: np.ndarray, zeroth: np.ndarray, gamma: float | None, delta: float
+    first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float
 ) -> tuple[float, float]:
     """Weight alpha of ``first`` (n, d) against ``zeroth`` (m, d), samples, and B = |g1 - g0|.
 
@@ -96,9 +95,8 @@ def mixing(
     largest = float(np.linalg.norm(zeroth - g0, axis=1).max())
     level = log((d + 1) / delta)
     eps = sqrt(2 * v0 * level / m) + 2 * largest * level / (3 * m)
-    allowed = eps + 0.1 * float(np.linalg.norm(g0)) if gamma is None else gamma
     bias, total = float(np.linalg.norm(g1 - g0)), v0 / m + v1 / n
     best = v0 / m / total if total > 0 else 1.0
-    if eps > allowed:
+    if eps > gamma:
         return 0.0, bias
-    return (best if best * bias <= allowed - eps else (allowed - eps) / bias), bias
+    return (best if best * bias <= gamma - eps else (gamma - eps) / bias), bias

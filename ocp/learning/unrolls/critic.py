@@ -12,8 +12,8 @@ from ocp.learning.adam import adam_step
 from ocp.learning.experiment import Experiment
 from ocp.learning.network import first_weights, pulled_back, rebased
 from ocp.learning.normaliser import Normaliser
-from ocp.learning.pipps.particles import with_jacobians
 from ocp.learning.protocol import Row, State
+from ocp.learning.total_propagation.particles import with_jacobians
 from ocp.learning.unrolls.unrolling import trained
 
 

@@ -63,9 +63,7 @@ def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) ->
 def at(grid: np.ndarray, along: np.ndarray, values: np.ndarray) -> np.ndarray:
     """``values`` over ``along``, where they are told, at the points of ``grid`` (n,).
 
-    A judgement holds until the next one; before the first there is none.
+    Linear from one judgement to the next; before the first and after the last there is none.
     """
     told = np.isfinite(values) & np.isfinite(along)
-    before = np.searchsorted(along[told], grid, side="right") - 1
-    held = values[told][np.maximum(before, 0)]
-    return np.where(before >= 0, held, np.nan)
+    return np.interp(grid, along[told], values[told], left=np.nan, right=np.nan)

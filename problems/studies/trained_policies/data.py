@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
+from ocp.learning.experiment import Budget
 from problems.studies.shared.trainings import Curves, at, curves, job
 from problems.studies.study import Pieces, StudyParams, quantity_of, setting
 from problems.studies.trained_policies import plans
@@ -24,11 +25,10 @@ EPISODES = 16
 
 @dataclass(frozen=True)
 class Method:
-    """An algorithm, the law that it learns through, and its share of the simulated steps."""
+    """An algorithm, the law that it learns through, and the layers of its policy."""
 
     algorithm: str
     law: ContactLaw
-    share: float = 1.0
     hidden: tuple[int, ...] = ()
     shown: bool = False
     """Whether it begins at a policy fitted to plans."""
@@ -36,14 +36,16 @@ class Method:
 
 _SHARP, _ABS = Barrier(mu=1e-10), Adaptive("quartic")
 NETWORK, SHOWN = "FOPG-ABS, network", "the same, from plans"
+MODEL_BASED = "MBPO"
+"""Whose updates a step cost too much to spend the budget; it has iterations instead."""
 METHODS = {
     "FOPG-ABS": Method("fopg", _ABS),
     "FOPG": Method("fopg", _SHARP),
     "ZOPG": Method("zopg", _SHARP),
     "ARS": Method("ars", _SHARP),
-    "PIPPS": Method("pipps", _SHARP, share=0.1),
+    "Total propagation": Method("total-propagation", _SHARP),
     "AoBG": Method("aobg", _SHARP),
-    "MBPO": Method("mbpo", _SHARP, share=0.01, hidden=plans.HIDDEN),
+    MODEL_BASED: Method("mbpo", _SHARP, hidden=plans.HIDDEN),
     NETWORK: Method("fopg", _ABS, hidden=plans.HIDDEN),
     SHOWN: Method("fopg", _ABS, hidden=plans.HIDDEN, shown=True),
 }
@@ -53,7 +55,8 @@ class Params(StudyParams):
     """Parameters of A4; the paper states none but the number of seeds."""
 
     runs: int = setting(5, "1", "seeds of each algorithm and task", least=2)
-    kilosteps: int = setting(500, "1", "thousand simulated steps of each run", least=1)
+    kilosteps: int = setting(200, "1", "thousand simulated steps of each run", least=1)
+    model_based: int = setting(16, "1", "iterations of MBPO instead", least=2)
     judged: int = setting(20, "1", "judgements along a run", least=2)
     plans: int = setting(4, "1", "starts that episodes are planned from", least=1)
 
@@ -66,12 +69,14 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         for task in TASKS for name in METHODS for r in range(params.runs)
     }  # fmt: skip
     found = curves(jobs, pieces)
-    steps = np.geomspace(1e3, 1e3 * params.kilosteps, POINTS)
-    wall = np.geomspace(0.1, max(float(np.nanmax(f["wall_s"])) for f in found.values()), POINTS)
+    own = {key: f for key, f in found.items() if jobs[key].algorithm.name == "mbpo"}
+    steps = np.linspace(0, 1e3 * params.kilosteps, POINTS)
+    few = np.linspace(0, max(float(f["env_steps"][-1]) for f in own.values()), POINTS)
+    wall = np.linspace(0, max(float(np.nanmax(f["wall_s"])) for f in found.values()), POINTS)
 
-    def table(of: str) -> np.ndarray:
-        rows = [_held(f, of, steps if of == "env_steps" else wall) for f in found.values()]
-        return np.reshape(rows, (len(TASKS), len(METHODS), params.runs, POINTS))
+    def table(along: str, grid: np.ndarray, of: Mapping[str, Curves] = found) -> np.ndarray:
+        rows = [at(grid, f[along], f["evaluation_return"]) for f in of.values()]
+        return np.reshape(rows, (len(TASKS), -1, params.runs, POINTS))
 
     def best(of: str) -> np.ndarray:
         rows = [f[of][np.nanargmax(f["evaluation_return"])] for f in found.values()]
@@ -80,8 +85,14 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     every, one = ("task", "algorithm", "run"), ("task", "algorithm", "run")
     return xr.Dataset(
         {
-            "by_steps": quantity_of((*every, "steps"), table("env_steps"), "1", "exact return"),
-            "by_time": quantity_of((*every, "wall"), table("wall_s"), "1", "exact return"),
+            "by_steps": quantity_of(
+                (*every, "steps"), table("env_steps", steps), "1", "exact return"
+            ),
+            "model_based": quantity_of(
+                ("task", "run", "few"), table("env_steps", few, own)[:, 0], "1", "exact return"
+            ),
+            "by_time": quantity_of((*every, "wall"), table("wall_s", wall), "1", "exact return"),
+            "spent": quantity_of(one, [f["env_steps"][-1] for f in found.values()], "1", "steps"),
             "best": quantity_of(one, best("evaluation_return"), "1", "best exact return"),
             "speed": quantity_of(one, best("evaluation_speed"), "m/s", "mean speed of the best"),
             "length": quantity_of(one, best("evaluation_length"), "1", "steps that it lives"),
@@ -91,6 +102,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
             "task": list(TASKS),
             "algorithm": list(METHODS),
             "steps": quantity_of("steps", steps, "1", "simulated steps"),
+            "few": quantity_of("few", few, "1", "simulated steps of MBPO"),
             "wall": quantity_of("wall", wall, "s", "wall time"),
             "guess": ["held inputs", "best policy"],
         },
@@ -135,27 +147,13 @@ def _against_plans(
     }  # fmt: skip
 
 
-def _held(found: Curves, along: str, grid: np.ndarray) -> np.ndarray:
-    return at(grid, found[along], found["evaluation_return"])
-
-
 def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves]) -> TrainingJob:
-    """A training of so many iterations as the simulated steps allow, were no episode to end."""
+    """A training that spends the budget, or MBPO's iterations."""
     seed = params.seed * 1000 + run
     start = plans.fitted(task, shown, seed) if method.shown else None
-    hidden = method.hidden
-    first = job(task, method.algorithm, method.law, seed, hidden=hidden)
-    iterations = max(2, round(1e3 * params.kilosteps * method.share / _steps(first)))
-    every = max(1, iterations // params.judged)
-    return job(task, method.algorithm, method.law, seed, hidden=hidden, iterations=iterations,
-               evaluate_every=every, episodes=EPISODES, start=start)  # fmt: skip
-
-
-def _steps(asked: TrainingJob) -> float:
-    """Simulated steps of an iteration at most."""
-    known, horizon = asked.algorithm.settings(), asked.experiment().task.horizon
-    if "directions" in known:
-        return 2 * known["directions"] * horizon
-    if "walkers" in known:
-        return known["walkers"] * known["steps"]
-    return known["samples"] * min(known["unroll"], horizon)
+    asked: dict[str, Any] = {"budget": Budget(1000 * params.kilosteps, params.judged)}
+    if method.algorithm == "mbpo":
+        every = max(1, params.model_based // params.judged)
+        asked = {"iterations": params.model_based, "evaluate_every": every}
+    return job(task, method.algorithm, method.law, seed, hidden=method.hidden, episodes=EPISODES,
+               start=start, **asked)  # fmt: skip

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from problems.studies.trained_policies.data import METHODS, MODEL_BASED
 from reports.style import CYCLE, WIDTH
 
 caption = (
     "Returns of whole episodes under the exact law: median over seeds, and the range of the middle "
-    "half, over simulated steps and over wall time. Below, every seed's policy over the steps of a "
-    "plan from the same starts, as a share of what the best plan's inputs return."
+    "half, over the simulated steps that all spend, over MBPO's own and over wall time. Below, "
+    "every seed's policy over the steps of a plan from the same starts, as a share of what the "
+    "best plan's inputs return."
 )
 
 
@@ -20,24 +24,25 @@ def draw(data: xr.Dataset) -> Figure:
     """Curves over steps and over time, a row a task; then shares of the best plan."""
     figure = Figure(figsize=(WIDTH, 7.2))
     tasks = list(map(str, data["task"].values))
-    rows = figure.subplots(len(tasks) + 1, 2, squeeze=False, height_ratios=[2] * len(tasks) + [1.6])
-    for row, task in zip(rows, tasks, strict=False):
-        one = data.sel(task=task)
-        curves(row[0], one["by_steps"], "algorithm", "steps", named=task == tasks[0])
-        curves(row[1], one["by_time"], "algorithm", "wall", named=False)
-        row[1].sharey(row[0])
-        row[1].tick_params(labelleft=False)
+    parts: Any = figure.subfigures(2, 1, height_ratios=[2 * len(tasks), 1.6])
+    above, below = parts
+    rows = above.subplots(len(tasks), 3, squeeze=False, sharey="row", width_ratios=[2, 0.9, 1.3])
+    for row, task in zip(rows, tasks, strict=True):
+        one, first = data.sel(task=task), task == tasks[0]
+        curves(row[0], one["by_steps"].drop_sel(algorithm=MODEL_BASED), "steps", named=first)
+        alone = one["model_based"].expand_dims(algorithm=[MODEL_BASED])
+        curves(row[1], alone, "few", named=first)
+        curves(row[2], one["by_time"], "wall", named=False)
         row[0].set_ylabel("exact return")
         row[0].set_title(task)
         row[0].set_xlabel("simulated steps")
-        row[1].set_xlabel("wall time [s]")
-    for axes, task in zip(rows[-1], tasks, strict=True):
+        row[1].set_xlabel("steps of MBPO")
+        row[2].set_xlabel("wall time [s]")
+    for axes, task in zip(below.subplots(1, len(tasks), sharey=True), tasks, strict=True):
         shares(axes, data.sel(task=task))
         axes.set_title(task)
-    rows[-1][0].set_xlabel("share of the best plan's return")
-    rows[-1][1].set_xlabel("share of the best plan's return")
-    rows[-1][1].tick_params(labelleft=False)
-    figure.legend(loc="outside upper center", ncols=4)
+        axes.set_xlabel("share of the best plan's return")
+    above.legend(loc="outside upper center", ncols=4)
     return figure
 
 
@@ -53,13 +58,14 @@ def shares(axes: Axes, one: xr.Dataset) -> None:
     axes.invert_yaxis()
 
 
-def curves(axes: Axes, data: xr.DataArray, each: str, along: str, named: bool = True) -> None:
-    """Median and middle half over runs of ``data`` (each, run, along), on a logarithmic axis."""
-    for k, name in enumerate(map(str, data[each].values)):
-        values = data.sel({each: name}).transpose("run", along).values
-        begun = np.isfinite(values).all(axis=0)
-        low, middle, high = np.quantile(values[:, begun], [0.25, 0.5, 0.75], axis=0)
+def curves(axes: Axes, data: xr.DataArray, along: str, named: bool) -> None:
+    """Median and middle half over runs of ``data`` (algorithm, run, along), where all have been."""
+    for name in map(str, data["algorithm"].values):
+        values = data.sel(algorithm=name).transpose("run", along).values
+        been = np.isfinite(values).all(axis=0)
+        low, middle, high = np.quantile(values[:, been], [0.25, 0.5, 0.75], axis=0)
+        k = list(METHODS).index(name)
         style, color = "-" if k < len(CYCLE) else "--", CYCLE[k % len(CYCLE)]
-        at = data[along].values[begun]
-        axes.semilogx(at, middle, style, color=color, label=name if named else None)
+        at = data[along].values[been]
+        axes.plot(at, middle, style, color=color, label=name if named else None)
         axes.fill_between(at, low, high, color=color, alpha=0.12, linewidth=0)

@@ -13,7 +13,7 @@ from ocp.gradients import RolloutObjective, StaticObjective, estimate_gradient
 from ocp.gradients.estimators import SAMPLED
 from ocp.learning.ars import ARS
 from ocp.learning.experiment import Experiment
-from ocp.learning.pipps import PIPPS
+from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.unrolls.aobg import AoBG
 from ocp.learning.unrolls.fopg import FOPG
 from ocp.learning.unrolls.unrolling import roll
@@ -112,7 +112,7 @@ def test_alpha_weighs_the_variances_of_what_acts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "hidden"), [(ZOPG, None), (ZOPG, (4,)), (AoBG, None), (FOPG, ()), (PIPPS, (4,))]
+    ("make", "hidden"), [(ZOPG, None), (ZOPG, (4,)), (AoBG, None), (FOPG, ()), (TotalPropagation, (4,))]
 )
 def test_no_algorithms_variance_grows_with_idle_inputs(make, hidden) -> None:
     """Over 10 batches of 128 samples, at the same policy of the input that acts.
@@ -128,7 +128,7 @@ def test_no_algorithms_variance_grows_with_idle_inputs(make, hidden) -> None:
         )  # fmt: skip
         state = algorithm.begin(e)
         state["theta"] = _same_policy(e, hidden)
-        name = "likelihood_ratio_share" if make is PIPPS else "gradient_variance"
+        name = "likelihood_ratio_share" if make is TotalPropagation else "gradient_variance"
         told = [algorithm.iterate(e, state, k)[1][name] for k in range(10)]
         found.append((float(np.mean(told)), float(np.std(told, ddof=1) / np.sqrt(10))))
     assert alike(*found), found

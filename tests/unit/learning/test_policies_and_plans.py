@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,12 +13,21 @@ from ocp.learning.evaluation import evaluate_from
 from ocp.learning.experiment import EXACT
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Trained
-from problems.studies.shared.trainings import side_by_side
+from problems.studies.shared.trainings import at, side_by_side
 from problems.studies.study import Pieces
 from problems.studies.trained_policies.claims import claims
-from problems.studies.trained_policies.data import METHODS, TASKS
+from problems.studies.trained_policies.data import (
+    METHODS,
+    MODEL_BASED,
+    SHOWN,
+    TASKS,
+    Params,
+    _job,
+)
 from problems.studies.trained_policies.plans import STEPS, Policy, starts
 from problems.tasks import registry
+
+REST = ("Total propagation", "AoBG")
 
 
 def test_a_policy_is_measured_over_the_first_steps_of_its_episode():
@@ -64,25 +75,64 @@ def test_a_piece_that_was_kept_is_not_made_again():
     assert pieces.made == ["two"]
 
 
+def test_every_algorithm_has_the_same_budget_but_the_one_that_stands_beside():
+    shown = {"states": np.zeros((2, 14)), "inputs": np.zeros((2, 3))}
+    params = Params(kilosteps=7, judged=3, model_based=4)
+    for name, method in METHODS.items():
+        asked = _job("hopper", replace(method, shown=False), params, 1, [shown])
+        if name == MODEL_BASED:
+            assert asked.options["iterations"] == 4 and asked.experiment().budget is None
+        else:
+            assert asked.experiment().budget == (7000, 3)
+
+
+def test_between_judgements_lines_are_straight_and_beyond_them_there_is_nothing():
+    values = np.array([1.0, np.nan, 5.0, np.nan])
+    found = at(np.linspace(0, 60, 7), np.array([10.0, 20.0, 50.0, 70.0]), values)
+    np.testing.assert_array_equal(found, [np.nan, 1, 2, 3, 4, 5, np.nan])
+
+
+@pytest.mark.parametrize("first", [1.0, -1.0])
+def test_the_mean_is_over_equal_steps_of_those_that_spend_the_same(first: float):
+    """ABS is above early or late, by as much: neither pays on a linear axis; MBPO is no rival."""
+    data = curves_of(3, points=101)
+    steps = np.linspace(-1, 1, 101)
+    data["by_steps"].loc[{"algorithm": "FOPG-ABS"}] = 5 - first * steps
+    data["by_steps"].loc[{"algorithm": MODEL_BASED}] = np.nan
+    data["best"].loc[{"algorithm": MODEL_BASED}] = 1e9
+    data["best"].loc[{"algorithm": "FOPG-ABS"}] = 2.0
+    for others, fastest in ((4.9, True), (5.1, False)):
+        data["by_steps"].loc[{"algorithm": ["FOPG", "ZOPG", "ARS", *REST]}] = others
+        held = {claim.claim: claim.holds for claim in claims(data)}
+        assert held["On hopper FOPG with ABS learns the fastest"] == fastest
+        assert held["On hopper FOPG with ABS ends the highest"]
+
+
 @pytest.mark.parametrize(("reached", "gain"), [(5.0, 1.0), (11.0, -1.0)])
 def test_verdicts_on_plans_follow_the_data(reached: float, gain: float):
-    runs, points, names = 3, 4, list(METHODS)
-    rising = np.arange(points) * np.ones((len(TASKS), len(names), runs, points))
-    rising[:, names.index("the same, from plans")] += gain
-    of = ("task", "algorithm", "run")
-    one = np.ones((len(TASKS), len(names), runs))
-    planned = (("task", "guess", "start"), np.full((len(TASKS), 2, 2), 10.0))
-    data = xr.Dataset(
-        {
-            "by_steps": ((*of, "steps"), rising),
-            **dict.fromkeys(("best", "speed", "length"), (of, one)),
-            "planned": planned,
-            "replayed": planned,
-            "certified": planned,
-            "reached": ((*of, "start"), np.full((*one.shape, 2), reached)),
-        },
-        {"task": list(TASKS), "algorithm": names, "steps": np.arange(points)},
-    )
+    data = curves_of(3, points=4)
+    data["by_steps"].loc[{"algorithm": SHOWN}] += gain
+    data["reached"][:] = reached
     found = [claim for claim in claims(data) if "plan" in claim.claim]
     assert [claim.holds for claim in found] == [gain > 0, reached <= 10.0] * len(TASKS)
     assert f"FOPG-ABS {reached / 10:.0%}" in found[1].measured
+
+
+def curves_of(runs: int, points: int) -> xr.Dataset:
+    """A study's data: all curves rise alike, and plans return 10."""
+    names = list(METHODS)
+    rising = np.arange(points) * np.ones((len(TASKS), len(names), runs, points))
+    of = ("task", "algorithm", "run")
+    one = np.ones((len(TASKS), len(names), runs))
+    planned = (("task", "guess", "start"), np.full((len(TASKS), 2, 2), 10.0))
+    return xr.Dataset(
+        {
+            "by_steps": ((*of, "steps"), rising),
+            **{name: (of, one.copy()) for name in ("best", "speed", "length")},
+            "planned": planned,
+            "replayed": planned,
+            "certified": planned,
+            "reached": ((*of, "start"), np.ones((*one.shape, 2))),
+        },
+        {"task": list(TASKS), "algorithm": names, "steps": np.arange(points)},
+    )

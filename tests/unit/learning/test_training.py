@@ -19,8 +19,8 @@ from ocp.learning.ars import ARS
 from ocp.learning.evaluation import SEED, evaluate
 from ocp.learning.experiment import EXACT, Budget
 from ocp.learning.normaliser import LEAST_SCALE, Normaliser
-from ocp.learning.pipps import PIPPS
 from ocp.learning.protocol import Trained
+from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.training import train
 from ocp.learning.unrolls.aobg import AoBG
 from ocp.learning.unrolls.fopg import FOPG
@@ -36,7 +36,7 @@ SMALL = {
     "zopg": ZOPG(samples=6, unroll=3),
     "ars": ARS(directions=3, top=2),
     "aobg": AoBG(samples=4, unroll=3),
-    "pipps": PIPPS(samples=4, unroll=3),
+    "total-propagation": TotalPropagation(samples=4, unroll=3),
 }
 TASK = {"horizon": 7, "done": 1.2}
 
@@ -77,7 +77,7 @@ def assert_same(one: xr.Dataset, other: xr.Dataset) -> None:
         np.testing.assert_array_equal(one[name].values, other[name].values, err_msg=str(name))
 
 
-@pytest.mark.parametrize("name", ["fopg", "critic", "ars", "pipps"])
+@pytest.mark.parametrize("name", ["fopg", "critic", "ars", "total-propagation"])
 def test_a_killed_training_goes_on_to_the_same_end(name, tmp_path):
     """Killed with signal 9 in iteration 3, taken up by another process."""
     context = multiprocessing.get_context("spawn")
@@ -254,7 +254,7 @@ def test_the_buffer_carries_episodes_on():
         (AoBG(samples=1), "samples is 1, but a variance needs two; give at least 2"),
         (AoBG(delta=1.0), "delta is a probability between 0 and 1, got 1"),
         (AoBG(gamma=-1.0), "gamma must be positive and finite, got -1.0"),
-        (PIPPS(samples=1), "samples is 1, but a variance needs two; give at least 2"),
+        (TotalPropagation(samples=1), "samples is 1, but a variance needs two; give at least 2"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(algorithm, words):
@@ -281,7 +281,7 @@ def test_experiments_that_cannot_be_are_refused(given, words):
         experiment(FOPG(), **given)
 
 
-@pytest.mark.parametrize("name", ["fopg", "ars", "zopg", "aobg", "pipps"])
+@pytest.mark.parametrize("name", ["fopg", "ars", "zopg", "aobg", "total-propagation"])
 def test_a_reward_that_is_no_number_is_named(name):
     """Without inputs x is 0.5, 0.45, ...: it should have stayed below 0.4."""
     e = experiment(SMALL[name], task=scalar(horizon=3, broken=0.4, width=0.0), initial=0.0)

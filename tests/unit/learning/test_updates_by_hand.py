@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ocp.learning.ars import ARS, search_direction
-from ocp.learning.pipps import PIPPS
+from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.unrolls.aobg import AoBG, mixing
 from ocp.learning.unrolls.ascent import ascend
 from ocp.learning.unrolls.fopg import FOPG
@@ -169,17 +169,23 @@ def test_the_bias_bound_pulls_alpha_back():
     assert mixing(none, zeroth, 1e6, 0.05) == (pytest.approx(1.0), 2.0)
     assert mixing(none, zeroth, eps + 0.5, 0.05)[0] == pytest.approx(0.25)
     assert mixing(none, zeroth, 0.9 * eps, 0.05)[0] == 0.0
-    assert mixing(none, zeroth, None, 0.05)[0] == pytest.approx(0.1 * 2 / 2)
     equal = zeroth + np.array([[0.5], [-0.5], [0.0], [0.0]])
     v1, v0 = equal.var(ddof=1), zeroth.var(ddof=1)
     assert mixing(equal, zeroth, 1e6, 0.05)[0] == pytest.approx(v0 / (v0 + v1))
+
+
+def test_nothing_but_a_number_of_the_user_s_lets_a_step_s_first_order_in():
+    """Of the Heaviside's two slopes one is always 0: by default too few samples reject it."""
+    w = 0.1 * np.random.default_rng(0).standard_normal(64)
+    zeroth = ((w > 0) - 0.5) * w / 0.01
+    assert mixing(np.zeros((64, 1)), zeroth[:, None], AoBG().gamma, AoBG().delta)[0] == 0
 
 
 @pytest.mark.parametrize("done", [None, 0.4])
 def test_total_propagation_by_hand(done):
     """Two steps of five particles, backwards, every term written out; an end on the way too."""
     sigma, n, discount = 0.1, 5, 0.9
-    algorithm = PIPPS(samples=n, unroll=2, sigma=sigma, **PLAIN)
+    algorithm = TotalPropagation(samples=n, unroll=2, sigma=sigma, **PLAIN)
     e = experiment(algorithm, task=scalar(horizon=5, done=done), discount=discount)
     state = {**algorithm.begin(e), **SEEN, "theta": THETA}
     noise = e.rng(4, "states").standard_normal((2, n, 1))[..., 0]
@@ -219,7 +225,7 @@ def test_total_propagation_by_hand(done):
 
 def test_total_propagation_is_first_order_where_the_likelihood_ratio_is_noise():
     """With hardly any noise on the states its share vanishes, and complex steps agree."""
-    algorithm = PIPPS(samples=4, unroll=3, sigma=1e-9, **PLAIN)
+    algorithm = TotalPropagation(samples=4, unroll=3, sigma=1e-9, **PLAIN)
     e = experiment(algorithm, task=scalar(horizon=9))
     state = {**algorithm.begin(e), **SEEN, "theta": THETA}
     after, row = algorithm.iterate(e, state, 0)
@@ -233,7 +239,7 @@ def test_total_propagation_through_layers(hidden):
     """Without noise to speak of it is the engine's own gradient, for any policy."""
     changes = []
     for algorithm in (
-        PIPPS(samples=4, unroll=3, sigma=1e-9, **PLAIN),
+        TotalPropagation(samples=4, unroll=3, sigma=1e-9, **PLAIN),
         FOPG(samples=4, unroll=3, sigma=1e-9, **PLAIN),
     ):
         e = experiment(algorithm, task=scalar(horizon=3), hidden=hidden, initial=1.0)
@@ -250,7 +256,7 @@ def test_long_gradients_are_cut_to_the_median_length():
     assert FOPG(clip=1.0).clipped(0 * gradients) == pytest.approx(np.zeros((3, 2)))
 
 
-@pytest.mark.parametrize("algorithm", [FOPG, ZOPG, PIPPS])
+@pytest.mark.parametrize("algorithm", [FOPG, ZOPG, TotalPropagation])
 def test_a_step_goes_along_the_plain_mean_unless_samples_are_cut(algorithm):
     """Of 4 or 64 samples: without clip the step is the mean of what is told, with it another."""
     e = experiment(algorithm(samples=64, unroll=3, rate=1.0, optimiser="plain"))

@@ -1,4 +1,4 @@
-"""PIPPS: total propagation of likelihood-ratio and reparametrised gradients, mixed at each step."""
+"""Total propagation of likelihood-ratio and reparametrised gradients, mixed at each step."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
-from ocp.learning.pipps.particles import Particles, reaching, scatter
 from ocp.learning.protocol import Row, State
+from ocp.learning.total_propagation.particles import Particles, reaching, scatter
 from ocp.learning.unrolls.starts import Starts
 from ocp.learning.unrolls.unrolled import Clipping
 from ocp.learning.unrolls.unrolling import no_number, trained, with_seen
 
 
 @dataclass(frozen=True, kw_only=True)
-class PIPPS(Clipping):
+class TotalPropagation(Clipping):
     """Particles ``x_{t+1} = f(x_t, u_t) + sigma e_t``, and one gradient of their mean return.
 
     Backwards, at each step, the gradient by the mean of x_{t+1} is taken both ways and mixed,
@@ -25,11 +25,12 @@ class PIPPS(Clipping):
     each gives for the policy's parameters (:func:`total_propagation`). ``sigma`` [units of the
     state] is the same for all entries; the policy has no noise of its own.
 
-    Source: Parmas, Rasmussen, Peters and Doya (ICML 2018), algorithm 1.
+    Source: Parmas, Rasmussen, Peters and Doya (ICML 2018), algorithm 1. Their PIPPS is this with a
+    learned Gaussian process for f and importance weights over the batch in L, neither of them here.
     """
 
-    name: ClassVar[str] = "pipps"
-    summary: ClassVar[str] = "total propagation: both estimates mixed at every step backwards"
+    name: ClassVar[str] = "total-propagation"
+    summary: ClassVar[str] = "both orders mixed at every step backwards, along noisy states"
     contact: ClassVar[str] = "exact"
 
     sigma: Annotated[float, "deviation of the particles' noise [units of the state]"] = 1e-2
