@@ -112,7 +112,8 @@ def test_alpha_weighs_the_variances_of_what_acts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "hidden"), [(ZOPG, None), (ZOPG, (4,)), (AoBG, None), (FOPG, ()), (TotalPropagation, (4,))]
+    ("make", "hidden"),
+    [(ZOPG, None), (ZOPG, (4,)), (AoBG, None), (FOPG, ()), (TotalPropagation, (4,))],
 )
 def test_no_algorithms_variance_grows_with_idle_inputs(make, hidden) -> None:
     """Over 10 batches of 128 samples, at the same policy of the input that acts.
