@@ -29,6 +29,8 @@ _NEAR = 1e-2
 # Violations of products, relative, and of gaps, which one more iteration squares: where F is
 # singular, or belongs to a curved gap, the linear model promises a better point for ever.
 _CLOSE, _MET = 1e-7, 1e-9
+# A pair with a smaller lam / s is inactive at the path's end, where both are 1e-6 if neither is.
+_WEAK = 1e-2
 # Of a curved gap: the scale is at least so much of it.
 _LEAST = 1e-6
 TRUE_GAP, ARRIVED, LOST = 2.0, 3.0, 4.0
@@ -45,7 +47,8 @@ class Path:
     c, and what curved rows need.
 
     ``pattern`` is that of F (n, n). Where F is a P-matrix, ``unique``, the multipliers are unique;
-    then the exact law is the solution on the path's active set, complementary to rounding.
+    then the exact law is the solution on the path's active set, complementary to rounding. Where
+    it is none the active pairs stay at the path's end, and the lam of inactive ones is zero.
     """
 
     def __init__(
@@ -175,6 +178,9 @@ class Path:
         if self.exact and self.unique:
             new_lam, new_s = _on_active_set(lam, s, known["z"], F.matrix())
             goal, gap = ca.SX(0), gap + F.across(new_lam - lam)
+        elif self.exact:
+            new_lam, new_s, opened = _without_inactive(lam, s, F)
+            gap = gap + opened
         error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(gap - new_s) / (1 + s))
         # Diverged: not a number, which would pass for small in a comparison.
         error = ca.if_else(error < ca.inf, error, ca.inf)
@@ -193,6 +199,19 @@ def _on_active_set(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.
     off = ca.mmax(ca.fabs(active * (z + F @ on_set)))
     valid = ca.logic_and(ca.mmin(ca.vertcat(on_set, slack)) >= -1e-9, off <= 1e-9)
     return ca.if_else(valid, ca.fmax(0, on_set), lam), ca.if_else(valid, ca.fmax(0, slack), s)
+
+
+def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """lam and s once inactive lam are zero, to the bit, and how far the gap opens by that.
+
+    The active ones follow along ``lam ds + s dlam = 0``, which stands where forces are open too.
+    """
+    active = lam > _WEAK * s
+    step, opened = F.factored(active * lam / s)((active - 1) * lam)
+    new_lam, new_s = ca.if_else(active, lam + step, 0), s + opened
+    valid = ca.mmin(ca.vertcat(new_lam, new_s)) >= -1e-9
+    keep = [ca.if_else(valid, ca.fmax(0, new), old) for new, old in ((new_lam, lam), (new_s, s))]
+    return keep[0], keep[1], ca.if_else(valid, opened, 0)
 
 
 def scaling(

@@ -12,6 +12,8 @@ from dynamics.contact.closure import Branch, Closure
 from dynamics.systems import ContactSystem, ParameterTable, Signal
 from dynamics.systems.elimination import solve_without_pivoting
 
+_LEAST_SLACK = 1e-60
+
 
 @dataclass(frozen=True, eq=False)
 class Step(ABC):
@@ -230,7 +232,7 @@ class Step(ABC):
         """Return R(inner, x, u, p), (n, 1), zero at the solved contact: ``lam slack - mu``.
 
         Where forces may be open (redundant contacts, friction) the exact law is the path's end,
-        whose derivative exists.
+        whose derivative exists; inactive lam are zero there, and so are their derivatives.
         """
         return self.lam * self.slack - (self.mu if mu is None else mu)
 
@@ -248,7 +250,9 @@ class Step(ABC):
     def relation_jacobian(self) -> ca.SX:
         """Derivative of the relation by ``inner``; no elimination in it needs pivoting."""
         by_inner = ca.jacobian(self.slack, self.inner)
-        diagonal = ca.diag(self.slack) @ ca.jacobian(self.lam, self.inner)
+        # The way slid of an open contact has no slack at all; its row is then this times dlam.
+        slack = ca.fmax(self.slack, _LEAST_SLACK) if self.exact else self.slack
+        diagonal = ca.diag(slack) @ ca.jacobian(self.lam, self.inner)
         return ca.vertcat(
             ca.jacobian(self.motion, self.inner), diagonal + ca.diag(self.lam) @ by_inner
         )

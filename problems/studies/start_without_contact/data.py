@@ -19,7 +19,12 @@ from problems.registry import get
 from problems.studies.shared.learned_laws import transitions
 from problems.studies.start_without_contact.dynamics import DYNAMICS, dynamics
 from problems.studies.start_without_contact.learning import EVERY, by_ipopt, descend
-from problems.studies.start_without_contact.open_loop import PROBLEMS, labelled, planned
+from problems.studies.start_without_contact.open_loop import (
+    PROBLEMS,
+    labelled,
+    object_cost,
+    planned,
+)
 from problems.studies.study import CODE, Pieces, StudyParams, quantity_of, setting
 
 SWEPT = ("g_sigma", "h_sigma")
@@ -85,11 +90,12 @@ def _amounts(params: Params) -> list[int]:
 
 
 def _learned(params: Params, pieces: Pieces, sources: dict[str, _Source]) -> dict[str, Any]:
-    """Adam's costs over iterations and seeds, last states, and IPOPT's gains."""
+    """Adam's costs over iterations and seeds, the object's in the end, and IPOPT's gains."""
     records, nodes = params.steps // EVERY + 1, 21
     shape = len(PROBLEMS), len(DYNAMICS)
     learned = np.full((*shape, params.seeds, records, 2), np.nan)
     states = np.full((*shape, nodes, 7), np.nan)
+    of_object = np.full((*shape, params.seeds), np.nan)
     gains, work = np.full((*shape, 2), np.nan), np.zeros(shape, dtype=int)
     for row, (name, source) in enumerate(sources.items()):
         for column, kind in enumerate(DYNAMICS):
@@ -98,6 +104,7 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _Source]) -> dic
                 at = params.seed + (seed if kind != "f" else 0)
                 found = _descent(pieces, source, kind, params.width, params.data, at)
                 learned[row, column, seed] = np.stack([found["model"], found["exact"]], axis=1)
+                of_object[row, column, seed] = object_cost(name, found["states"])
                 if seed == 0:
                     states[row, column, :, : source.problem.system.nx] = found["states"]
             found = pieces.get(f"ipopt-{name}-{kind}", _ipopt(source, kind))
@@ -105,6 +112,7 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _Source]) -> dic
     both = ("problem", "dynamics")
     return {
         "learned": quantity_of((*both, "seed", "step", "end"), learned, "1", "cost, eq. 14"),
+        "object": quantity_of((*both, "seed"), of_object, "1", "object's cost, exact replay"),
         "states": quantity_of((*both, "node", "entry"), states, "m, rad", "exact replay"),
         "gains": quantity_of((*both, "end"), gains, "1", "cost of IPOPT's gains"),
         "work": quantity_of(both, work, "1", "iterations of IPOPT"),
