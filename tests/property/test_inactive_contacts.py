@@ -1,0 +1,133 @@
+"""Under the exact law what does not touch contributes nothing to a derivative, to the last bit."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import problems
+from dynamics.batch import StepFunction
+from dynamics.contact import Exact, Step
+from ocp import Feedback
+from ocp.gradients.rollout_objective import RolloutObjective
+from tests.unit.batch.backends import BACKENDS
+
+FORWARD = {
+    "push-1d": {"qa": 0.0},
+    "hopper-1d": {"zb": 1.0, "zf": 1.0},
+    "hopper": {"torso_z": 1.0},
+    "half-cheetah": {"torso_z": 1.0},
+}
+"""What is added to the state that a problem starts from, so that nothing touches after a step."""
+FOLLOWED = {"push-1d": ["qa"], "push-disc": ["ax", "ay"], "planar-push": ["ax", "ay"],
+            "planar-hand": ["l1", "l2", "r1", "r2"]}  # fmt: skip
+"""States that a problem's inputs command; the others' inputs are zero."""
+MACHINES = {"hopper", "half-cheetah"}
+LONG = {*MACHINES, "planar-hand"}
+"""Too long for a compiler in the default tests, which try them by the other engines."""
+ENGINES = [
+    pytest.param(name, backend, marks=[pytest.mark.slow] * (backend == "c" and name in LONG))
+    for name in problems.names()
+    for backend in BACKENDS
+]
+
+
+@cache
+def closed(name: str) -> Step:
+    return Exact().close(problems.get(name).system)
+
+
+def apart(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """A state from which a step meets no contact, and its input."""
+    problem = problems.get(name)
+    states = [signal.name for signal in problem.system.states]
+    x = problem.initial_states(problem.parameters.values)[0].copy()
+    for entry, shift in FORWARD.get(name, {}).items():
+        x[states.index(entry)] += shift
+    u = [x[states.index(entry)] for entry in FOLLOWED.get(name, [])]
+    return x, np.array(u or [0.0] * problem.system.nu)
+
+
+@pytest.mark.parametrize("name", problems.names())
+def test_impulses_that_do_not_act_have_no_derivative(name):
+    """By the state, the input and every parameter, though the way slid of a machine is open."""
+    step, (x, u) = closed(name), apart(name)
+    arguments = [ca.MX.sym("x", len(x)), ca.MX.sym("u", len(u)), ca.MX.sym("p", len(step.p))]
+    after, lam = step.map(*arguments)
+    every = ca.vertcat(*arguments)
+    results = [lam, ca.jacobian(lam, every), ca.jacobian(after, every)]
+    slopes = ca.Function("slopes", arguments, results)
+    found, by_all, moved = (np.array(part) for part in slopes(x, u, step.p.values))
+    pushing = [i for i, pair in enumerate(step.system.pairs) if name not in MACHINES
+               or pair.kind != "slip"]  # fmt: skip
+    assert np.all(found[pushing] == 0.0)
+    assert np.all(by_all == 0.0) and np.all(np.isfinite(moved))
+
+
+@pytest.mark.parametrize(("name", "backend"), ENGINES)
+def test_a_step_without_contact_has_the_derivative_of_free_motion(name, backend):
+    """To the bit where that is zero; the machines' own mass matrices are eliminated twice."""
+    step, (x, u) = closed(name), apart(name)
+    system = step.system
+    free = ca.substitute(system.landing, system.lam, ca.SX.zeros(system.nlam))
+    arguments = [system.x, system.u]
+    results = [ca.jacobian(free, w) for w in arguments]
+    slopes = ca.Function("free", [*arguments, system.parameters.vector], results)
+    expected = slopes(x, u, step.p.values)
+    _, *found = StepFunction(step, backend, threads=1).slopes(x, u)
+    for one, other in zip(found, expected, strict=True):
+        one, other = one[0], np.array(other)
+        assert np.allclose(one, other, rtol=0, atol=1e-12 * (1 + np.abs(other).max()))
+        if name not in MACHINES:
+            assert np.all(one[other == 0.0] == 0.0)
+
+
+@pytest.mark.parametrize(("name", "backend"), [e for e in ENGINES if "planar" in e.values[0]])
+def test_the_object_has_no_gradient_from_a_start_without_contact(name, backend):
+    """Nothing that the actuators do in a plan of two steps from rest reaches the object."""
+    problem = problems.get(name, N=2, w_a=0.0, w_du=0.0)
+    objective = RolloutObjective(problem, Exact(), Feedback(), backend=backend, threads=1)
+    cost, gradient = objective.slope(objective.theta)
+    assert cost > 1
+    assert np.all(gradient == 0.0)
+
+
+@pytest.mark.parametrize("name", ["planar-push", "planar-hand"])
+def test_at_contact_the_derivative_is_that_of_the_active_set(name):
+    """Motion and the active gaps, linearised and solved without a path.
+
+    Active pairs stand at the path's end, so that their rows have ``gap / lam`` on the diagonal,
+    which moves the solution by no more than ``|inverse| |solution| max(gap / lam)``.
+    """
+    step = closed(name)
+    system, p = step.system, step.p.values
+    unknown, given = ca.vertcat(system.x_next, system.lam), ca.vertcat(system.x, system.u)
+    relation = ca.vertcat(system.residual, system.gap)
+    symbols = [system.x, system.u, system.x_next, system.lam, system.parameters.vector]
+    results = [system.gap, ca.jacobian(relation, unknown), ca.jacobian(relation, given)]
+    linear = ca.Function("linear", symbols, results)
+    rng, n = np.random.default_rng(3), 80
+    x = apart(name)[0] + 0.05 * rng.normal(size=(n, system.nx))
+    u = x[:, -system.nu :] + 0.2 * rng.normal(size=(n, system.nu))
+    steps, by_x, by_u = StepFunction(step, "numpy", threads=1).slopes(x, u)
+    tried = 0
+    for k, (after, lam) in enumerate(zip(steps.x_next, steps.lam, strict=True)):
+        gap, by_unknown, by_given = (np.array(v) for v in linear(x[k], u[k], after, lam, p))
+        active = lam > gap[:, 0]
+        if not active.any():
+            continue
+        kept = np.concatenate([np.full(system.nx, True), active])
+        inverse = np.linalg.inv(by_unknown[kept][:, kept])
+        expected = -inverse @ by_given[kept]
+        weak = np.linalg.norm(inverse, 2) * np.max(np.abs(gap[active, 0]) / lam[active])
+        if weak * np.linalg.norm(expected, 2) > 1e-9:
+            continue
+        found = np.concatenate([by_x[k], by_u[k]], axis=1)
+        assert np.allclose(found, expected[: system.nx], rtol=0, atol=1e-9)
+        assert np.all(lam[~active] == 0.0)
+        tried += 1
+    print(tried)
+    assert tried > 5
