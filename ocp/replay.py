@@ -10,6 +10,7 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from ocp.judges.audit import signed_distances
 from ocp.physics.constraints import Violation, broken_constraints, noticeable, seen_sizes, told
+from ocp.physics.least_slip import least_slip
 from ocp.physics.measures import Worst, between
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, roll_out
@@ -90,8 +91,9 @@ def _labelled(problem: Problem, plan: xr.Dataset, rolled: Rollout, law: ContactL
     import xarray as xr
 
     system = problem.system
-    contacts = law.close(system).contacts
-    entries = {"state": system.states, "control": system.inputs, "contact": contacts}
+    step = law.close(system)
+    lam, gap = least_slip(step, rolled.lam, rolled.gap)
+    entries = {"state": system.states, "control": system.inputs, "contact": step.contacts}
     units = {key: [signal.unit for signal in found] for key, found in entries.items()}
     one = {
         key: {"units": found[0] if len(set(found)) == 1 else f"see {key}_unit"}
@@ -105,8 +107,8 @@ def _labelled(problem: Problem, plan: xr.Dataset, rolled: Rollout, law: ContactL
     data = {
         "x": (("scenario", "node", "state"), rolled.x, one["state"]),
         "u": ((*along, "control"), rolled.u, one["control"]),
-        "lam": ((*along, "contact"), rolled.lam, one["contact"]),
-        "gap": ((*along, "contact"), rolled.gap, {"units": system.gap_unit}),
+        "lam": ((*along, "contact"), lam, one["contact"]),
+        "gap": ((*along, "contact"), gap, {"units": system.gap_unit}),
         "cost": ("scenario", rolled.costs, {"units": "1"}),
         **{f"{key}_unit": (key, found, {"units": "1"}) for key, found in units.items()},
     }

@@ -9,6 +9,7 @@ import numpy as np
 from dynamics.systems import Signal
 from ocp.judges.audit import signed_distances
 from ocp.physics.contact_book import ContactBook, contact_book
+from ocp.physics.least_slip import least_slip
 from ocp.rollout import Rollout
 from ocp.routes.outcome import Outcome
 from ocp.transcription.nlp import NLP
@@ -46,15 +47,17 @@ def label(
     }
     gap_unit = {"units": system.gap_unit}
     mu_unit = {"units": f"{system.contacts[0].unit if system.contacts else 1} {system.gap_unit}"}
+    lam, gap = least_slip(nlp.step, plan.lam, plan.gap)
+    lam_replay, gap_replay = least_slip(problem.exact_step, replay.lam, replay.gap)
     # Collected and built at once: each variable that is set in a Dataset aligns all the others.
     data: Variables = {
         "x": (nodes, plan.x, of["state"]),
         "u": ((*along, "control"), plan.u, of["control"]),
-        "lam": ((*along, "contact"), plan.lam, of["contact"]),
-        "gap": ((*along, "contact"), plan.gap, gap_unit),
+        "lam": ((*along, "contact"), lam, of["contact"]),
+        "gap": ((*along, "contact"), gap, gap_unit),
         "mu": ((*along, "contact"), plan.mu, mu_unit),
-        "lam_replay": ((*along, "contact_exact"), replay.lam, of["contact_exact"]),
-        "gap_replay": ((*along, "contact_exact"), replay.gap, gap_unit),
+        "lam_replay": ((*along, "contact_exact"), lam_replay, of["contact_exact"]),
+        "gap_replay": ((*along, "contact_exact"), gap_replay, gap_unit),
     }
     for name, rolled in (("replay", replay), ("referee", refereed)):
         data[f"x_{name}"] = (nodes, rolled.x, of["state"])

@@ -11,6 +11,7 @@ from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Trained
+from ocp.physics.least_slip import least_slip
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,7 +44,10 @@ def _episode(experiment: Experiment, policy: Trained) -> dict[str, Any]:
     x, u = seen.states[0, : length + 1], seen.inputs[0, :length]
     step = EXACT.close(task.system)
     p = step.p.pack(dict(zip(task.parameters.names, task.parameters.values, strict=True)))
-    lam = np.array([np.array(step.solve(*at, p)[1]).ravel() for at in zip(x, u, strict=False)])
+    solved = [[np.array(value).ravel() for value in step.solve(*at, p)[1:3]]
+              for at in zip(x, u, strict=False)]  # fmt: skip
+    pairs = np.array(solved).reshape(length, 2, step.n)
+    lam, _ = least_slip(step, pairs[:, 0], pairs[:, 1])
     of = {"state": task.system.states, "control": task.system.inputs,
           "contact": task.system.contacts}  # fmt: skip
     names = {key: (key, [signal.name for signal in signals]) for key, signals in of.items()}
