@@ -25,7 +25,8 @@ def thrown(cone: str) -> Problem:
     )  # fmt: skip
     return Problem(
         "thrown", system, N=N, stage_cost=ca.sumsqr(system.u),
-        terminal_cost=0.01 * system.x[0] ** 2, parameters=ParameterTable(), x0=ca.SX([0.0, 0.8, -2.0, 0.0]),
+        terminal_cost=0.01 * system.x[0] ** 2, parameters=ParameterTable(),
+        x0=ca.SX([0.0, 0.8, -2.0, 0.0]),
         u_lower=-0.01, u_upper=0.01, reference=Reference(impulse=1.0, gap=0.2),
     )  # fmt: skip
 
