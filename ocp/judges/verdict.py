@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from ocp.solution import Solution
 
 Grade = Literal["survives", "certified", "failed"]
-"""Certified and surviving, at h/4 too; certified alone; neither. Shown green, amber and red."""
+"""Certified and surviving, at h/4 too; certified alone, or between jumps of cost or constraints
+alone; neither. Shown green, amber and red."""
 _SAME = 1e-5
 _NOTABLE = 0.1
 _BLURRED, _CLEAR = 0.5, 1e-2
@@ -73,6 +74,11 @@ def findings(found: Solution) -> list[str]:
         lines = [_sentence(f"the contacts never act; {explained}")]
     if found.certificate.reason != UNJUDGED:
         lines.append(_sentence(found.certificate.sentence))
+        if jumps := found.problem.jumps:
+            lines.append(
+                f"Derivatives do not see jumps ({', '.join(jumps)}): the certificate holds only"
+                " between them."
+            )
     if ways := found.record.get("ways"):
         lines.append(f"Standing still is the best that was found by {ways} ways.")
     gaps = found.problem.system.gaps
@@ -186,7 +192,7 @@ def grade(found: Solution) -> Grade:
     """What the verdict is coloured by."""
     if not found.success:
         return "failed"
-    return "survives" if found.referee.survives else "certified"
+    return "survives" if found.referee.survives and not found.problem.jumps else "certified"
 
 
 def _sentence(text: str) -> str:
