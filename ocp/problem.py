@@ -16,7 +16,6 @@ from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError, shown
 from ocp.expressions import check_symbols, column
 from ocp.ingredients import Constraint, FreeStart, Reference, Scenarios, Sizes
-from ocp.jumps import jumps
 from ocp.programs.units import band
 from ocp.words.given import Count, Line, Recorded, checked
 
@@ -199,21 +198,6 @@ class Problem:
         """``(x, u, du, p)``, with a symbol for du where the cost has none."""
         du = ca.SX.sym("du", self.system.nu) if self.du is None else self.du
         return [self.system.x, self.system.u, du, self.parameters.vector]
-
-    @cached_property
-    def jumps(self) -> list[str]:
-        """Operations at which costs or constraints jump, ``floor in stage_cost`` and the like."""
-        x, u, du, p = self._symbols
-        moving, sizes = ca.vertcat(x, u, du), self.sizes
-        of = {"stage_cost": self.stage_cost, "terminal_cost": self.terminal_cost}
-        of |= {one.name: one.expression for one in (*self.path, *self.terminal)}
-        found = {
-            f"{jump} in {name}": None
-            for name, expression in of.items()
-            for entry in ca.substitute(expression, p, self.parameters.values).nz
-            for jump in jumps(entry, moving, np.concatenate([sizes.x, sizes.u, sizes.u]))
-        }
-        return list(found)
 
     @cached_property
     def sizes(self) -> Sizes:

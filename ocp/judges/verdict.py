@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, Literal
 
 from dynamics.systems import KNOB
+from ocp.judges.jumps import jumps_of
 from ocp.physics.constraints import told
 from ocp.programs.solver import TIMED_OUT
 
@@ -74,7 +75,7 @@ def findings(found: Solution) -> list[str]:
         lines = [_sentence(f"the contacts never act; {explained}")]
     if found.certificate.reason != UNJUDGED:
         lines.append(_sentence(found.certificate.sentence))
-        if jumps := found.problem.jumps:
+        if jumps := jumps_of(found.problem):
             lines.append(
                 f"Derivatives do not see jumps ({', '.join(jumps)}): the certificate holds only"
                 " between them."
@@ -192,7 +193,7 @@ def grade(found: Solution) -> Grade:
     """What the verdict is coloured by."""
     if not found.success:
         return "failed"
-    return "survives" if found.referee.survives and not found.problem.jumps else "certified"
+    return "survives" if found.referee.survives and not jumps_of(found.problem) else "certified"
 
 
 def _sentence(text: str) -> str:

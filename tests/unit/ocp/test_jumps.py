@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ocp import solve
-from ocp.jumps import jumps
+from ocp.judges.jumps import jumps, jumps_of
 from ocp.problem import Constraint
 from problems import get, names
 
@@ -41,7 +41,7 @@ def test_what_is_continuous_does_not_jump(kind):
 
 @pytest.mark.parametrize("name", names())
 def test_no_named_problem_jumps(name):
-    assert get(name).jumps == []
+    assert jumps_of(get(name)) == ()
 
 
 def test_the_verdict_of_a_cost_that_jumps_is_amber():
@@ -59,6 +59,6 @@ def test_the_verdict_of_a_cost_that_jumps_is_amber():
 def test_constraints_count_and_parameters_do_not():
     plain = get("push-1d", N=3)
     limited = replace(plain, path=[Constraint("stairs", ca.ceil(plain.system.x[0]), -5, 5)])
-    assert limited.jumps == ["ceil in stairs"]
+    assert jumps_of(limited) == ("ceil in stairs",)
     rounded = plain.stage_cost + ca.floor(plain.parameters.vector[0])
-    assert replace(plain, stage_cost=rounded).jumps == []
+    assert jumps_of(replace(plain, stage_cost=rounded)) == ()

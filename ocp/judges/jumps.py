@@ -1,11 +1,14 @@
-"""Where an expression jumps: operations whose value does, and derivatives do not see it."""
+"""Where costs and constraints jump: operations whose value does, and derivatives do not see it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
+
+from ocp.problem import Problem
 
 _COMPARED = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 _STEPS = {
@@ -15,6 +18,23 @@ _STEPS = {
 _LINES, _HALVINGS = 64, 60
 _SEEN, _ROUNDING = 1e-9, 1e-12
 """What counts as a jump, of the values beside it, and of those at the ends of the line."""
+
+
+@lru_cache(maxsize=16)
+def jumps_of(problem: Problem) -> tuple[str, ...]:
+    """Operations at which costs or constraints jump, ``floor in stage_cost`` and the like."""
+    system, sizes = problem.system, problem.sizes
+    du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
+    of = {"stage_cost": problem.stage_cost, "terminal_cost": problem.terminal_cost}
+    of |= {one.name: one.expression for one in (*problem.path, *problem.terminal)}
+    moving, p = ca.vertcat(system.x, system.u, du), problem.parameters
+    found = {
+        f"{jump} in {name}": None
+        for name, expression in of.items()
+        for entry in ca.substitute(expression, p.vector, p.values).nz
+        for jump in jumps(entry, moving, np.concatenate([sizes.x, sizes.u, sizes.u]))
+    }
+    return tuple(found)
 
 
 def jumps(expression: ca.SX, moving: ca.SX, sizes: np.ndarray) -> list[str]:
