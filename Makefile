@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo check test test-cpus test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated numbers verdicts promises
+.PHONY: setup demo check test test-cpus test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -90,6 +90,11 @@ numbers: setup
 # Solves every named problem under every law for the gallery; PROBLEMS="hopper push-1d" some of them.
 verdicts: setup
 	$(BIN)/python -m reports.site.verdicts $(PROBLEMS)
+	$(BIN)/python -m reports.site
+
+# Refines the step of every named problem whose h only discretises; PROBLEMS="hopper" some of them.
+refined: setup
+	$(BIN)/python -m reports.site.refined $(PROBLEMS)
 	$(BIN)/python -m reports.site
 
 # Makes every figure of the papers and stores their claims and pictures for the site.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from problems import describe, names, spec
@@ -18,8 +18,8 @@ PICTURES = DOCS / "pictures"
 
 def pages() -> dict[str, str]:
     """The page of each problem, and one that shows them all."""
-    verdicts = read("verdicts") if (DATA / "verdicts.json").exists() else None
-    written = {f"gallery/{name}.md": page(spec(name), verdicts) for name in names()}
+    shown = [read(kind) for kind in ("verdicts", "refined") if (DATA / f"{kind}.json").exists()]
+    written = {f"gallery/{name}.md": page(spec(name), shown) for name in names()}
     return {"gallery/index.md": index(), **written}
 
 
@@ -43,8 +43,8 @@ def _still(name: str) -> str:
     return f"../../pictures/problems/{name}.png" if file.exists() else ""
 
 
-def page(found: ProblemSpec, verdicts: Mapping[str, Any] | None) -> str:
-    """One problem from its spec, and what solving it under the laws gave."""
+def page(found: ProblemSpec, shown: Sequence[Mapping[str, Any]]) -> str:
+    """One problem from its spec, and its rows of measured tables."""
     solve = f"```sh\nocp solve {found.name} --contact exact\n```\n"
     parts = [f"# {found.name}\n", f"{found.title}.\n", *_pictures(found), solve]
     if found.equations:
@@ -53,8 +53,7 @@ def page(found: ProblemSpec, verdicts: Mapping[str, Any] | None) -> str:
     parts.append(f"## Parameters\n\n{_parameters(found)}")
     if found.golden:
         parts.append(f"## Best known values\n\n{_golden(found)}")
-    if verdicts is not None and any(row[0] == found.name for row in verdicts["rows"]):
-        parts.append(_verdicts(found.name, verdicts))
+    parts += [_measured(found.name, one) for one in shown if _rows(found.name, one)]
     if found.citation is not None:
         source = full_citation(found.citation.key)
         parts.append(f"## Source\n\n{found.citation.text} ({source}).\n")
@@ -99,7 +98,10 @@ def _golden(found: ProblemSpec) -> str:
     return table(columns, rows) + ("\n" + "".join(said) if said else "")
 
 
-def _verdicts(name: str, verdicts: Mapping[str, Any]) -> str:
-    rows = [row[1:] for row in verdicts["rows"] if row[0] == name]
-    head = "## Verdicts under every law\n\n"
-    return f"{head}{table(verdicts['columns'][1:], rows)}\n{provenance(verdicts)}"
+def _rows(name: str, measured: Mapping[str, Any]) -> list[list[Any]]:
+    return [row[1:] for row in measured["rows"] if row[0] == name]
+
+
+def _measured(name: str, measured: Mapping[str, Any]) -> str:
+    shown = table(measured["columns"][1:], _rows(name, measured))
+    return f"## {measured['title']}\n\n{shown}\n{provenance(measured)}"

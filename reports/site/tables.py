@@ -12,7 +12,7 @@ from typing import Any
 from reports.site.markdown import provenance, table
 from reports.site.measured import DATA, DOCS, GENERATED, read
 
-APART = {"verdicts"}
+APART = {"verdicts", "refined"}
 """Tables that are shown a problem at a time."""
 
 

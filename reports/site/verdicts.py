@@ -14,6 +14,7 @@ import subprocess
 import sys
 from argparse import ArgumentParser
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -83,20 +84,17 @@ def digits(value: float | None) -> str | None:
     return None if value is None else f"{value:.6g}"
 
 
-def told(words: Sequence[str]) -> dict[str, Any] | str:
+def told(words: Sequence[str], limit: int = LIMIT_S) -> dict[str, Any] | str:
     """Return the JSON document that ``ocp`` prints, or why there is none: refused, or too long."""
     command = [sys.executable, "-m", "ocp", *words, "--json", "--quiet"]
-    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=_limited)
+    limited = partial(resource.setrlimit, resource.RLIMIT_CPU, (limit, limit))
+    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limited)
     try:
         return json.loads(done.stdout)
     except json.JSONDecodeError:
         refused = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
         said = refused[0].removeprefix("error: ").partition("; ")[0] if refused else ""
-        return re.sub(r"^\S*\.nc: ", "", said) or f"over {LIMIT_S} s"
-
-
-def _limited() -> None:
-    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT_S, LIMIT_S))
+        return re.sub(r"^\S*\.nc: ", "", said) or f"over {limit} s"
 
 
 def draw(name: str, run: Path) -> None:

@@ -46,6 +46,24 @@ def test_survival_can_be_required(ocp) -> None:
     assert (done.json["survives"], done.json["grade"]) == (True, "survives")
 
 
+def test_a_plan_that_survives_at_its_step_only_is_not_what_is_required(ocp) -> None:
+    done = ocp("solve", "cart-walls", *EXACT, *QUIET, "--require", "survives")
+    found = done.json
+    assert done.code == 3 and found["success"]
+    assert (found["survives"], found["survives_at_h"]) == (False, True)
+    assert f"at h/4 it costs {found['refined_cost']:.6g}." in found["verdict"]
+
+
+def test_refine_tells_every_step_and_refuses_what_has_none(ocp) -> None:
+    coarse = ("-p", "h=0.2", "-p", "N=10")
+    found = ocp("solve", "ball-bounce", *EXACT, *coarse, "--refine", *QUIET).json
+    levels = found["refined"]["levels"]
+    assert len(levels) > 1 and levels[-1]["cost"] == found["cost"]
+    assert found["params"]["N"] == levels[-1]["N"] == 10 * 2 ** (len(levels) - 1)
+    refused = ocp("solve", "push-1d", "--refine")
+    assert refused.code == 2 and "the step size is part of the model" in refused.err
+
+
 def test_what_is_not_certified_is_not_done(ocp) -> None:
     shooting = ("--method", "single-shooting", "-s", "homotopy=false")
     done = ocp("solve", "push-disc", *EXACT, *shooting, *QUIET)
