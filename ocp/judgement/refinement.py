@@ -6,45 +6,61 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from ocp.errors import InputError
 from ocp.judges.referee import refined_replay, step_place
 from ocp.problem import Problem
 from ocp.programs.status import Status
+from ocp.rollout import Gains, roll_on
 from ocp.solution import Solution
 
 AGREED = 0.05
 """Share of a plan's cost to which that of its replay at half the step agrees with it."""
 HALVINGS = 4
 """Of the step, at most: at h/16 a solve has sixteen times the variables."""
+_SMALL = 1e-7
 
 
 @dataclass(frozen=True)
 class Level:
-    """A plan at step size ``h`` [s], and what it costs replayed by the referee at h/2.
-
-    ``why`` tells what ended that replay, "" where nothing did.
-    """
+    """A plan at step size ``h`` [s], and what it costs replayed by the referee at h/2."""
 
     h: float
     N: int
     status: str
     cost: float
     replayed: float
-    why: str
 
     @classmethod
     def of(cls, found: Solution) -> Level:
         """Replay the inputs, or the policy, of a solution at half its step."""
-        inputs = found.data["u"].values if found.gains is None else found.gains
-        x0 = found.data["x"].values[:, 0]
-        replay, why = refined_replay(found.problem, inputs, found.values, x0, by=2)
-        h, cost = float(found.data["time"][1]), float("nan") if replay is None else replay.cost
-        return cls(h, found.problem.N, found.status.label, found.cost, cost, why)
+        x0, h = found.data["x"].values[:, 0], float(found.data["time"][1])
+        replay, _ = refined_replay(found.problem, _inputs(found), found.values, x0, by=2)
+        cost = float("nan") if replay is None else replay.cost
+        return cls(h, found.problem.N, found.status.label, found.cost, cost)
 
     @property
     def agreed(self) -> bool:
         """Whether plan and replay cost the same to :data:`AGREED`."""
         return abs(self.replayed - self.cost) <= AGREED * abs(self.cost)
+
+
+def _inputs(found: Solution) -> np.ndarray | Gains:
+    return found.data["u"].values if found.gains is None else found.gains
+
+
+def growth(found: Solution) -> float:
+    """How many times larger a small change of the start gets along a plan, at the most.
+
+    By differences of replays, a state at a time, in characteristic sizes.
+    """
+    sizes, x0 = found.problem.sizes.x, found.data["x"].values[0, 0]
+    starts = x0 + _SMALL * np.vstack([0 * sizes, np.diag(sizes)])
+    inputs, problem = _inputs(found), found.problem
+    inputs = inputs if isinstance(inputs, Gains) else inputs[:1]
+    x = roll_on(problem, inputs, found.values, problem.referee_step, starts)[0].x
+    return float(np.nanmax(np.abs(x[1:] - x[0]) / sizes) / _SMALL)
 
 
 def halved(problem: Problem, values: dict[str, float], by: int) -> dict[str, Any]:
@@ -71,7 +87,10 @@ def refined(first: Solution, again: Callable[[dict[str, Any], Solution], Solutio
         if levels[-1].status != Status.SOLVED.label:
             stopped = f"the plan at h = {levels[-1].h:.6g} is {levels[-1].status}"
         elif len(levels) > HALVINGS:
-            stopped = f"h was halved {HALVINGS} times"
+            stopped = (
+                f"h was halved {HALVINGS} times; a small change of the start gets"
+                f" {growth(found):.2g} times larger along the plan, and so does the step's error"
+            )
         if stopped:
             break
         finer = again(turned[len(levels) - 1], found)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from dynamics.contact import Exact
-from ocp import InputError, Solution, Status, solve
+from dynamics.systems import lcs
+from ocp import InputError, Problem, Reference, Solution, Status, solve
 from ocp.judgement import refined
-from ocp.judgement.refinement import AGREED, HALVINGS, Level
+from ocp.judgement.refinement import AGREED, HALVINGS, Level, growth
 from ocp.rollout import roll_out
 from problems import get
 
@@ -83,5 +85,19 @@ def test_refining_ends_and_says_why() -> None:
     assert len(unsolved.record["refined"]["levels"]) == 1 and not unsolved.success
     stubborn = refined(coarse, never)
     assert len(stubborn.record["refined"]["levels"]) == HALVINGS + 1
-    assert stubborn.record["refined"]["stopped"] == f"h was halved {HALVINGS} times"
+    assert stubborn.record["refined"]["stopped"].startswith(f"h was halved {HALVINGS} times; ")
     assert stubborn.iterations == coarse.iterations + HALVINGS
+
+
+def test_growth_is_that_of_a_linear_system() -> None:
+    """A cart that falls off its balance, its wall far away: the largest entry of powers of A."""
+    A = np.array([[1.1, 0.1], [0.2, 1.0]])
+    system = lcs("fall", A=A, B=[[0.0], [0.1]], C=[[0.0], [0.0]], D=[[0.0, 0.0]], E=[[0.0]],
+                 F=[[1.0]], d=[1.0])  # fmt: skip
+    problem = Problem(
+        "fall", system, 20, stage_cost=ca.sumsqr(system.u), terminal_cost=ca.sumsqr(system.x),
+        x0=ca.DM([0.1, 0.0]), parameters=system.parameters, reference=Reference(x=0.5),
+    )  # fmt: skip
+    found = solve(problem, Exact())
+    powers = [np.linalg.matrix_power(A, k) for k in range(21)]
+    assert growth(found) == pytest.approx(np.abs(powers).max(), rel=1e-5)
