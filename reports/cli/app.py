@@ -34,7 +34,7 @@ from reports.cli.learning import (
 )
 from reports.cli.named import laws_command, methods_command, settings_command
 from reports.cli.options import register
-from reports.cli.shell import document, interrupt, streams
+from reports.cli.shell import document, interrupt, logs, streams
 from reports.cli.shell.program import Program, tell_version
 from reports.cli.stored import rm_command, save_as_command
 from reports.cli.sweeping import sweep_command
@@ -93,8 +93,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     streams.prepare()
+    quiet = "-q" in given or "--quiet" in given
     try:
-        with interrupt.watched():
+        with logs.libraries_silenced(quiet), interrupt.watched():
             command = typer.main.get_command(app)
             code = command.main(args=given, prog_name="ocp", standalone_mode=False)
             interrupt.check()

@@ -58,7 +58,7 @@ class Options:
     @property
     def argv(self) -> list[str]:
         """The command line, for a run's record."""
-        return ["ocp", *sys.argv[1:]]
+        return ["ocp", *map(_text, sys.argv[1:])]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -312,9 +312,20 @@ class Strict(TyperCommand):
         return super().parse_args(ctx, args)
 
 
+def _text(word: str) -> str:
+    """The word as UTF-8 has it: bytes beyond an ASCII locale reach Python as lone surrogates.
+
+    Raises ``UnicodeError`` where they are no UTF-8.
+    """
+    return word.encode("utf-8", "surrogateescape").decode("utf-8")
+
+
 def _is_text(word: str) -> bool:
-    # What the system could not decode stands in the word as lone surrogates.
-    return not any("\ud800" <= character <= "\udfff" for character in word)
+    try:
+        _text(word)
+    except UnicodeError:
+        return False
+    return True
 
 
 def _label(parameter: Any) -> str:

@@ -2,10 +2,40 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
+
+
+@contextmanager
+def libraries_silenced(quiet: bool) -> Iterator[None]:
+    """Print warnings of our own packages as one line each, none where ``quiet``.
+
+    What libraries warn of or log, as matplotlib of a home that it cannot write to, says nothing
+    that a user could act on; ``python -W error`` still finds it.
+    """
+    import logging
+    import warnings
+
+    nowhere = logging.NullHandler()
+    # A root without a handler has every library's warnings printed.
+    logging.getLogger().addHandler(nowhere)
+    told = set[str]()
+
+    def show(message: Warning | str, category: type[Warning], *_: object) -> None:
+        if category.__module__.partition(".")[0] in PACKAGES and str(message) not in told:
+            told.add(str(message))
+            if not quiet:
+                print(f"warning: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        try:
+            yield
+        finally:
+            logging.getLogger().removeHandler(nowhere)
 
 
 @contextmanager
