@@ -82,13 +82,13 @@ def build(params: Params) -> Problem:
     goal = ca.vertcat(*(p[f"goal_{key}"] for key in ("x", "z", "vx", "vz")))
     off = system.x[:4] - goal
     thrown = p["w_speed"] * speed**2
+    # Inputs after the throw have no effect; ten times its weight keeps them determined.
+    idle = 10 * p["w_speed"] * (speed**2 + (p["speed_max"] * theta) ** 2)
     return Problem(
         name=name,
         system=system,
         N=params.N,
-        # Inputs after the throw have no effect; a cost of their own, without units, keeps them
-        # determined.
-        stage_cost=hand * thrown + (1 - hand) * (theta**2 + (speed / p["speed_max"]) ** 2),
+        stage_cost=hand * thrown + (1 - hand) * idle,
         terminal_cost=p["w_end"] * ca.sumsqr(off[:2]) + p["w_v"] * ca.sumsqr(off[2:]),
         x0=ca.vertcat(p["x0"], p["z0"], 0, 0, 1, 2 * p["g"] * p["z0"]),
         parameters=p,

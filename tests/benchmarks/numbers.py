@@ -128,7 +128,7 @@ def document(command: str) -> Any:
     """What the commands between ``&&`` print last with ``--json``, run in one fresh folder."""
     with TemporaryDirectory() as folder:
         *before, last = command.split(" && ")
-        program = f'"{sys.executable}" -m reports.cli.start'
+        program = f'"{sys.executable}" -m ocp'
         lines = [line.replace("ocp ", f"{program} ", 1) + " --quiet" for line in [*before, last]]
         lines[-1] += " --json"
         done = subprocess.run(
