@@ -22,15 +22,17 @@ def claims(data: xr.Dataset) -> list[Claim]:
     fixed = [law for law in laws if law not in _ADAPTIVE]
     slower = difference(areas[_WIDE], areas[_SHARP])
     lower = difference(ends[_SHARP], ends[_WIDE])
-    variance = {law: float(np.nanmedian(data["variance"].sel(law=law))) for law in laws}
-    falling = [variance[law] < variance[_SHARP] for law in laws[1:]]
+    variance = {law: np.nanmedian(data["variance"].sel(law=law), axis=1) for law in laws}
+    sharp = np.log10(variance[_SHARP])
+    falling = [difference(sharp, np.log10(variance[law])) for law in laws[1:]]
     return [
         Claim("mu = 1e-10 learns slowly", _PLACE,
               "mean return over iterations below that of mu = 1e-2, 95 % over seeds",
               str(slower), slower.better),
-        Claim("for its gradient has the higher variance", _PLACE, "above every other law's",
-              f"{over(laws[1:], falling)}: {variance[_SHARP]:.3g}, then"
-              f" {', '.join(f'{variance[law]:.3g}' for law in laws[1:])}", all(falling)),
+        Claim("for its gradient has the higher variance", _PLACE,
+              "decades of a run's median above every other law's, 95 % over seeds",
+              f"{over(laws[1:], [each.better for each in falling])}:"
+              f" {', '.join(map(str, falling))}", all(each.better for each in falling)),
         Claim("mu = 1e-2 ends lower", _PLACE, "best return below that of mu = 1e-10, 95 %",
               str(lower), lower.better),
         *(claim for law in _ADAPTIVE for claim in _on_top(law, fixed, ends, areas)),

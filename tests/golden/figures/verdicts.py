@@ -240,7 +240,7 @@ VERDICTS: dict[str, dict[str, bool]] = {
     },
     "A5": {
         "mu = 1e-10 learns slowly": False,
-        "for its gradient has the higher variance": True,
+        "for its gradient has the higher variance": False,
         "mu = 1e-2 ends lower": False,
         "The adaptive law ends the highest": False,
         "The adaptive law learns the fastest": False,
