@@ -262,8 +262,8 @@ VERDICTS: dict[str, dict[str, bool]] = {
         "Where the exact slope steps, BS tends to half of the step": True,
     },
     "A7": {
-        "Barrier smoothing ends at a higher return than ZOPG": True,
-        "Barrier smoothing converges faster than ZOPG": True,
+        "Barrier smoothing ends at a higher return than ZOPG": False,
+        "Barrier smoothing converges faster than ZOPG": False,
         "Barrier smoothing ends at a higher return than FOPG": False,
         "Barrier smoothing converges faster than FOPG": False,
         "Adaptive smoothing (quartic) does better than the best fixed one": False,
