@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.judges.referee import refined_replay, step_place
+from ocp.judges.referee import LEAST_COST, refined_replay, step_place
 from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.rollout import Gains, roll_on
@@ -24,26 +24,26 @@ _SMALL = 1e-7
 
 @dataclass(frozen=True)
 class Level:
-    """A plan at step size ``h`` [s], and what it costs replayed by the referee at h/2."""
+    """A plan at step size ``h`` [s], what it costs replayed by the referee at h/2, and whether
+    both are the same to :data:`AGREED`.
+    """
 
     h: float
     N: int
     status: str
     cost: float
     replayed: float
+    agreed: bool
 
     @classmethod
     def of(cls, found: Solution) -> Level:
         """Replay the inputs, or the policy, of a solution at half its step."""
         x0, h = found.data["x"].values[:, 0], float(found.data["time"][1])
         replay, _ = refined_replay(found.problem, _inputs(found), found.values, x0, by=2)
-        cost = float("nan") if replay is None else replay.cost
-        return cls(h, found.problem.N, found.status.label, found.cost, cost)
-
-    @property
-    def agreed(self) -> bool:
-        """Whether plan and replay cost the same to :data:`AGREED`."""
-        return abs(self.replayed - self.cost) <= AGREED * abs(self.cost)
+        replayed = float("nan") if replay is None else replay.cost
+        share = AGREED * max(abs(found.cost), LEAST_COST * found.problem.sizes.cost)
+        agreed = abs(replayed - found.cost) <= share
+        return cls(h, found.problem.N, found.status.label, found.cost, replayed, agreed)
 
 
 def _inputs(found: Solution) -> np.ndarray | Gains:

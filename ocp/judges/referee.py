@@ -37,7 +37,7 @@ PENETRATION_SHARE = 0.1
 At the nodes true gaps leave none but rounding. In between the straight way cuts corners: by a
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
-_LEAST_COST, _LEAST_GAP = 1e-9, 1e-4
+LEAST_COST, _LEAST_GAP = 1e-9, 1e-4
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def survival(
     the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`).
     ``physics`` and ``broken`` are those of the replay.
     """
-    excess = (heard.cost - plan.cost) / max(abs(plan.cost), _LEAST_COST * problem.sizes.cost)
+    excess = (heard.cost - plan.cost) / max(abs(plan.cost), LEAST_COST * problem.sizes.cost)
     off = np.abs(heard.replay.x - plan.x)
     shares = off / seen_sizes(problem, plan.x)
     share = float(shares.max())
@@ -235,8 +235,8 @@ def survival_refined(
         return (f"it is not replayed: {heard.refined_note}",)
     if not math.isfinite(there.cost):
         return ("its cost is no number",)
-    reasons = []
-    if there.cost - plan.cost > COST_SHARE * max(abs(plan.cost), _LEAST_COST):
+    reasons, least = [], LEAST_COST * problem.sizes.cost
+    if there.cost - plan.cost > COST_SHARE * max(abs(plan.cost), least):
         reasons.append(f"it costs {there.cost:.6g}")
     seen = seen_sizes(problem, plan.x)
     every = broken_constraints(problem, there.x, there.u, physical, seen)
