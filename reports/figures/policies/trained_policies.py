@@ -55,7 +55,7 @@ def shares(axes: Axes, one: xr.Dataset) -> None:
         axes.plot(np.median(of), k, "|", color=CYCLE[k % len(CYCLE)], ms=9)
     axes.axvline(1.0, color="0.6", linewidth=0.8)
     axes.set_yticks(range(len(found)), [str(name) for name in one["algorithm"].values])
-    axes.invert_yaxis()
+    axes.set_ylim(len(found) - 0.5, -0.5)
 
 
 def curves(axes: Axes, data: xr.DataArray, along: str, named: bool) -> None:
