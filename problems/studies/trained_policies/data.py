@@ -82,7 +82,8 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         rows = [f[of][np.nanargmax(f["evaluation_return"])] for f in found.values()]
         return np.reshape(rows, (len(TASKS), len(METHODS), params.runs))
 
-    every, one = ("task", "algorithm", "run"), ("task", "algorithm", "run")
+    every = one = ("task", "algorithm", "run")
+    spent = np.reshape([f["env_steps"][-1] for f in found.values()], (len(TASKS), -1, params.runs))
     return xr.Dataset(
         {
             "by_steps": quantity_of(
@@ -92,7 +93,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
                 ("task", "run", "few"), table("env_steps", few, own)[:, 0], "1", "exact return"
             ),
             "by_time": quantity_of((*every, "wall"), table("wall_s", wall), "1", "exact return"),
-            "spent": quantity_of(one, [f["env_steps"][-1] for f in found.values()], "1", "steps"),
+            "spent": quantity_of(one, spent, "1", "steps simulated to learn from"),
             "best": quantity_of(one, best("evaluation_return"), "1", "best exact return"),
             "speed": quantity_of(one, best("evaluation_speed"), "m/s", "mean speed of the best"),
             "length": quantity_of(one, best("evaluation_length"), "1", "steps that it lives"),

@@ -15,6 +15,7 @@ from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Trained
 from problems.studies.shared.trainings import at, side_by_side
 from problems.studies.study import Pieces
+from problems.studies.trained_policies import data
 from problems.studies.trained_policies.claims import claims
 from problems.studies.trained_policies.data import (
     METHODS,
@@ -26,6 +27,7 @@ from problems.studies.trained_policies.data import (
 )
 from problems.studies.trained_policies.plans import STEPS, Policy, starts
 from problems.tasks import registry
+from problems.tasks.training import TrainingJob
 
 REST = ("Total propagation", "AoBG")
 
@@ -86,6 +88,34 @@ def test_every_algorithm_has_the_same_budget_but_the_one_that_stands_beside():
             assert asked.experiment().budget == (7000, 3)
 
 
+def test_curves_end_where_steps_were_spent(monkeypatch: pytest.MonkeyPatch):
+    """Returns of a hundredth of the steps: what is drawn is that line, up to what was reached."""
+
+    def made(jobs: dict[str, TrainingJob], _: Pieces) -> dict[str, dict[str, np.ndarray]]:
+        reached = {key: 60.0 if job.algorithm.name == "mbpo" else 1200.0
+                   for key, job in jobs.items()}  # fmt: skip
+        along = {key: np.array([0.0, end / 3, end]) for key, end in reached.items()}
+        names = ("env_steps", "wall_s", "evaluation_speed", "evaluation_length")
+        return {key: {**dict.fromkeys(names, steps), "evaluation_return": steps / 100}
+                for key, steps in along.items()}  # fmt: skip
+
+    monkeypatch.setattr(data, "curves", made)
+    monkeypatch.setattr(data, "_against_plans", lambda *_: {})
+    monkeypatch.setattr(data.plans, "plans", lambda *_: {task: [] for task in TASKS})
+    monkeypatch.setattr(data.plans, "fitted", lambda *_: None)
+    found = data.run(Params(kilosteps=1, runs=2), Pieces())
+    alone = found.sel(algorithm=MODEL_BASED)
+    rest = found.drop_sel(algorithm=MODEL_BASED)
+    assert (rest["spent"] == 1200).all() and (alone["spent"] == 60).all()
+    line = found["steps"] / 100
+    np.testing.assert_allclose(rest["by_steps"] - line, 0 * rest["by_steps"], atol=1e-12)
+    assert np.isnan(alone["by_steps"].sel(steps=slice(61, None))).all()
+    own = found["model_based"]
+    np.testing.assert_allclose(own - found["few"] / 100, 0 * own, atol=1e-12)
+    assert found["few"][-1] == 60 and found["steps"][-1] == 1000
+    assert np.allclose(np.diff(found["steps"], 2), 0), "linear"
+
+
 def test_between_judgements_lines_are_straight_and_beyond_them_there_is_nothing():
     values = np.array([1.0, np.nan, 5.0, np.nan])
     found = at(np.linspace(0, 60, 7), np.array([10.0, 20.0, 50.0, 70.0]), values)
@@ -95,25 +125,25 @@ def test_between_judgements_lines_are_straight_and_beyond_them_there_is_nothing(
 @pytest.mark.parametrize("first", [1.0, -1.0])
 def test_the_mean_is_over_equal_steps_of_those_that_spend_the_same(first: float):
     """ABS is above early or late, by as much: neither pays on a linear axis; MBPO is no rival."""
-    data = curves_of(3, points=101)
+    made = curves_of(3, points=101)
     steps = np.linspace(-1, 1, 101)
-    data["by_steps"].loc[{"algorithm": "FOPG-ABS"}] = 5 - first * steps
-    data["by_steps"].loc[{"algorithm": MODEL_BASED}] = np.nan
-    data["best"].loc[{"algorithm": MODEL_BASED}] = 1e9
-    data["best"].loc[{"algorithm": "FOPG-ABS"}] = 2.0
+    made["by_steps"].loc[{"algorithm": "FOPG-ABS"}] = 5 - first * steps
+    made["by_steps"].loc[{"algorithm": MODEL_BASED}] = np.nan
+    made["best"].loc[{"algorithm": MODEL_BASED}] = 1e9
+    made["best"].loc[{"algorithm": "FOPG-ABS"}] = 2.0
     for others, fastest in ((4.9, True), (5.1, False)):
-        data["by_steps"].loc[{"algorithm": ["FOPG", "ZOPG", "ARS", *REST]}] = others
-        held = {claim.claim: claim.holds for claim in claims(data)}
+        made["by_steps"].loc[{"algorithm": ["FOPG", "ZOPG", "ARS", *REST]}] = others
+        held = {claim.claim: claim.holds for claim in claims(made)}
         assert held["On hopper FOPG with ABS learns the fastest"] == fastest
         assert held["On hopper FOPG with ABS ends the highest"]
 
 
 @pytest.mark.parametrize(("reached", "gain"), [(5.0, 1.0), (11.0, -1.0)])
 def test_verdicts_on_plans_follow_the_data(reached: float, gain: float):
-    data = curves_of(3, points=4)
-    data["by_steps"].loc[{"algorithm": SHOWN}] += gain
-    data["reached"][:] = reached
-    found = [claim for claim in claims(data) if "plan" in claim.claim]
+    made = curves_of(3, points=4)
+    made["by_steps"].loc[{"algorithm": SHOWN}] += gain
+    made["reached"][:] = reached
+    found = [claim for claim in claims(made) if "plan" in claim.claim]
     assert [claim.holds for claim in found] == [gain > 0, reached <= 10.0] * len(TASKS)
     assert f"FOPG-ABS {reached / 10:.0%}" in found[1].measured
 
