@@ -178,12 +178,11 @@ class Path:
         if self.exact and self.unique:
             new_lam, new_s = _on_active_set(lam, s, known["z"], F.matrix())
             goal, gap = ca.SX(0), gap + F.across(new_lam - lam)
-        elif self.exact:
-            new_lam, new_s, opened = _without_inactive(lam, s, F)
-            gap = gap + opened
         error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(gap - new_s) / (1 + s))
         # Diverged: not a number, which would pass for small in a comparison.
         error = ca.if_else(error < ca.inf, error, ca.inf)
+        if self.exact and not self.unique:
+            new_lam, new_s = _without_inactive(lam, s, F)
         outputs = [ca.densify(value) for value in (c * D * new_lam, new_s * c / D, error)]
         return ca.Function("ending", [pair, self.data], outputs)
 
@@ -201,8 +200,8 @@ def _on_active_set(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.
     return ca.if_else(valid, ca.fmax(0, on_set), lam), ca.if_else(valid, ca.fmax(0, slack), s)
 
 
-def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """lam and s once inactive lam are zero, to the bit, and how far the gap opens by that.
+def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX]:
+    """lam and s at the path's end once inactive lam are zero, to the bit.
 
     The active ones follow along ``lam ds + s dlam = 0``, which stands where forces are open too.
     """
@@ -210,8 +209,7 @@ def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX
     step, opened = F.factored(active * lam / s)((active - 1) * lam)
     new_lam, new_s = ca.if_else(active, lam + step, 0), s + opened
     valid = ca.mmin(ca.vertcat(new_lam, new_s)) >= -1e-9
-    keep = [ca.if_else(valid, ca.fmax(0, new), old) for new, old in ((new_lam, lam), (new_s, s))]
-    return keep[0], keep[1], ca.if_else(valid, opened, 0)
+    return ca.if_else(valid, ca.fmax(0, new_lam), lam), ca.if_else(valid, ca.fmax(0, new_s), s)
 
 
 def scaling(
