@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from dynamics.systems import KNOB
 from ocp.judges.jumps import jumps_of
+from ocp.judges.referee import PENETRATION_SHARE, seen_gap
 from ocp.physics.constraints import told
 from ocp.programs.solver import TIMED_OUT
 
@@ -17,7 +18,7 @@ Grade = Literal["survives", "certified", "failed"]
 """Certified and surviving, at h/4 too; certified alone, or between jumps of cost or constraints
 alone; neither. Shown green, amber and red."""
 _SAME = 1e-5
-_NOTABLE = 0.1
+_NOTABLE, _SEEN = 0.1, 1e-2
 _BLURRED, _CLEAR = 0.5, 1e-2
 """Shares of the characteristic mu from which on nothing is seen clearly, and at which most is."""
 _FEASIBLE = ("not-optimal", "undecided")
@@ -124,7 +125,18 @@ def _referee(found: Solution) -> str:
         who += "; at a quarter of the step size " + "; ".join(heard.refined_reasons[:3])
     elif off > _NOTABLE * abs(heard.cost):
         who += f"; at a quarter of the step size it costs {heard.refined_cost:.6g}"
-    return who
+    return who + (_cut(found) if heard.survives_at_h else "")
+
+
+def _cut(found: Solution) -> str:
+    """How deep the replay cuts into a body between nodes, where the tolerance allows it."""
+    cut, gap = found.referee.replay_between, seen_gap(found.problem, found.data["x"].values)
+    if cut is None or cut.amount <= _SEEN * gap:
+        return ""
+    return (
+        f"; straight motion between nodes cuts {cut.amount:.2g} m into {cut.contact} in step"
+        f" {cut.step}, within the tolerance of {PENETRATION_SHARE * gap:.2g} m"
+    )
 
 
 def _refined(levels: list[dict[str, Any]], stopped: str) -> str:

@@ -95,3 +95,14 @@ def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
     assert headline(bad).endswith("; does not survive.") and grade(bad) == "certified"
     told = " ".join(findings(bad))
     assert "does not survive: it falls" in told and "quarter of the step size it costs 9" in told
+
+
+def test_a_cut_between_nodes_is_told_with_its_tolerance() -> None:
+    """A plan that survives says how far its straight motion enters a body, and what is allowed."""
+    found = solve(get("planar-push", friction=0.0, gap=True), Exact())
+    cut = found.referee.replay_between
+    assert found.referee.survives and cut is not None and cut.amount > 1e-3
+    said = f"cuts {cut.amount:.2g} m into {cut.contact} in step {cut.step}, within the tolerance"
+    assert said in found.verdict
+    tolerance = float(found.verdict.partition("within the tolerance of ")[2].split()[0])
+    assert cut.amount < tolerance <= 0.1 * found.problem.sizes.gap
