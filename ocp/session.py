@@ -260,7 +260,7 @@ class Session:
         if self.strategy != DEFAULT_STRATEGY:
             return asked
         if self.nlp_of("product").pairs.shape[1] > FEW:
-            return replace(asked, second=SECOND)
+            return replace(asked, second=SECOND, feasible=partial(self._feasible, guess=guess))
         _, *moved = guesses(self.problem, self.values, 1 + len(OTHERS), 0, guess)
         starts = [partial(self.first_point, guess=one) for one in moved]
         return replace(

@@ -46,7 +46,7 @@ def solve_pairs(follower: Homotopy, route: Route) -> End:
     for strategy, start in () if smooth else route.others:
         again = by_strategy(follower, replace(route, start=start), strategy)
         landed += [again[0]] if again[2] else []
-    if route.feasible is not None and not smooth:
+    if route.feasible is not None and not smooth and (route.others or not landed):
         tried = (branches.settle(point) for point in route.feasible(branches.program))
         landed += [found for found in tried if found is not None]
     if not landed and route.second is not None:
@@ -59,10 +59,8 @@ def solve_pairs(follower: Homotopy, route: Route) -> End:
 
 
 def improved(branches: Branches, settled: Result) -> Result:
-    """Exchange branches to first order, and of a small problem whole schedules, in turn."""
+    """Exchange branches to first order, and schedules for neighbouring ones, in turn."""
     best = branches.improve(settled)
-    if branches.program.pairs.shape[1] > FEW:
-        return best
     for _ in range(_TURNS):
         found = rescheduled(branches, best)
         if not lower(found, best):
@@ -107,7 +105,7 @@ SECOND = ScholtesAdaptive()
 SECOND_FEW = CentralPath(below=False)
 """Where small problems land nowhere: on the central path from the first stage on."""
 FEW = 128
-"""Pairs up to which schedules are exchanged; a larger problem takes its time as it is."""
+"""Pairs up to which several ways are followed where the first was hard to follow."""
 _TURNS = 3
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)
 """From where all contacts are felt from afar."""

@@ -15,8 +15,12 @@ _ITERATIONS = 40
 """Of one neighbour at most: those worth having are near, others often infeasible."""
 _SHORT = 2
 """Steps of a contact that may be left out at once."""
-_ALL = 800
-"""Iterations after which a search ends."""
+_ALL, _WORK = 800, 540_000
+"""Iterations after which a search ends, and iterations times pairs, for a large problem."""
+_NEAREST = 1e-3
+"""Characteristic sizes below which a member counts as being as near as that."""
+_VAIN = 20
+"""Neighbours in a row, from the most promising on, after which none is likely to cost less."""
 
 
 @dataclass(frozen=True)
@@ -34,30 +38,55 @@ def rescheduled(branches: Branches, best: Result) -> Result:
 
     On a grid of time every instant of a contact is a minimum of its own: the pairs of the steps
     beside it are far from (0, 0), so that no descent to first order leads there, however long the
-    steps of a trust region. Hence runs of active pairs are moved by a step and solved again; what
-    helped once is tried once more first.
+    steps of a trust region. Hence single pairs change sides, and runs of active pairs are moved by
+    a step, and the branch is solved again: first what helped the last time, then what the
+    multipliers promise most of (:func:`promises`).
     """
     program, trace = branches.program, branches.follower.trace
-    until = trace.iterations + _ALL
+    until = trace.iterations + min(_ALL, _WORK // max(program.pairs.shape[1], 1))
     active = program.active_sets(best.point.x)[-1]
     tried, last = {active.tobytes()}, None
     while True:
-        wish = branches.wishes(best, active)
-        for move in ([last] if last else []) + list(moves(active, program.chains)):
+        fall, way = promises(branches, best, active)
+        neighbours = []
+        for move in [*moves(active, program.chains), *np.flatnonzero(fall > 0)]:
             changed = moved(active, program.chains, move)
-            if changed is None or changed.tobytes() in tried:
+            if changed is None or not fall[other := changed != active].any():
                 continue
-            if not wish[changed != active].max(initial=0.0) > WISH:
+            again = isinstance(move, Move) and move == last
+            neighbours.append((again, fall[other].sum() / way[other].sum(), move, changed))
+        neighbours.sort(key=lambda one: one[:2], reverse=True)
+        vain = 0
+        for _, _, move, changed in neighbours:
+            if changed.tobytes() in tried:
                 continue
-            if trace.iterations > until:
+            if trace.iterations > until or vain == _VAIN:
                 return best
             tried.add(changed.tobytes())
             found = branches.solve(best.point, changed, _ITERATIONS, knob=NEIGHBOUR)
             if found.ok and lower(found, best):
                 best, active, last = found, changed, move
                 break
+            vain += 1
         else:
             return best
+
+
+def promises(
+    branches: Branches, found: Result, active: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What each pair's change of sides promises (m,), and how far it is (m,).
+
+    The first is the fall of the cost, to first order, as the member that is held grows by its
+    characteristic size, zero where that would not pay; the second the other member, which then
+    falls to zero, in characteristic sizes. Where that is near, the multiplier still holds.
+    """
+    program, x = branches.program, found.point.x
+    (first, second), sizes = program.pairs, program.sizes(x)
+    held, free = np.where(active, (second, first), (first, second))
+    wish = branches.wishes(found, active)
+    fall = np.where(wish > WISH, wish * (sizes / program.natural.x)[held], 0.0)
+    return fall, np.maximum(x[free] / sizes[free], _NEAREST)
 
 
 def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[Move]:
@@ -70,8 +99,12 @@ def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[Move]:
                 yield Move(chain, run, end - begin, 0)
 
 
-def moved(active: np.ndarray, chains: np.ndarray, move: Move) -> np.ndarray | None:
-    """The active set after a move; None where its run is not there."""
+def moved(active: np.ndarray, chains: np.ndarray, move: Move | int) -> np.ndarray | None:
+    """The active set after a move, or after a pair's change of sides; None without the run."""
+    if not isinstance(move, Move):
+        changed = active.copy()
+        changed[move] ^= True
+        return changed
     pairs = chains[move.chain]
     there = runs(active[pairs])
     if move.run >= len(there):

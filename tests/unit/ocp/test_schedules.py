@@ -15,7 +15,7 @@ from ocp.routes.branches import Branches
 from ocp.routes.complementarity import Route, by_strategy
 from ocp.routes.legs import Homotopy
 from ocp.routes.relaxations import CentralPath
-from ocp.routes.schedules import Move, moved, moves, rescheduled, runs
+from ocp.routes.schedules import Move, moved, moves, promises, rescheduled, runs
 from ocp.solve import new_session, solve
 from problems import get
 from tests.benchmarks.ocp.random_draws import drawn
@@ -83,6 +83,31 @@ def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
     alone = by_strategy(follower, route, route.strategy)[0].f
     found = solve(get(instance.problem, **instance.params), Exact())
     assert found.success and found.cost < 0.9 * alone
+
+
+def test_exchange_knows_no_size_and_begins_where_multipliers_promise_most() -> None:
+    """Of planar-hand's 160 pairs `r2+` at step 7 once was the one whose change pays."""
+    session = new_session(get("planar-hand"), Exact())
+    branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
+    assert branches.program.pairs.shape[1] > 128
+    route = Route(CentralPath(), session.problem.reference, session.first_point)
+    landed = by_strategy(branches.follower, route, route.strategy)[0]
+    best = branches.improve(landed)
+    found = rescheduled(branches, best)
+    assert found.ok and found.f < 12.2712 < 12.2918 < best.f
+    active = branches.program.active_sets(best.point.x)[-1]
+    fall, way = promises(branches, best, active)
+    steepest = np.argsort(-fall / way)
+    paid = next(rank for rank, pair in enumerate(steepest) if _flipped(branches, best, pair))
+    assert paid < 5 < np.count_nonzero(fall)
+
+
+def _flipped(branches: Branches, best: Result, pair: int) -> bool:
+    """Whether the branch with one pair on its other side costs less."""
+    active = moved(branches.program.active_sets(best.point.x)[-1], branches.program.chains, pair)
+    assert active is not None
+    found = branches.solve(best.point, active)
+    return found.ok and found.f < best.f * (1 - 1e-5)
 
 
 def test_several_starts_take_other_relaxations_and_reach_other_minima() -> None:
