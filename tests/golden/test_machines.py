@@ -12,7 +12,7 @@ import problems
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, Solution, Status, solve
 from ocp.judgement import judged
-from ocp.routes.branches import Branches
+from ocp.routes import complementarity
 from ocp.transcription.nlp import NLP
 from problems.machines.hopper import hopper
 from problems.machines.simulation import simulate, simulation
@@ -140,7 +140,7 @@ def test_a_gait_settled_on_its_first_branch_is_not_optimal(monkeypatch: pytest.M
     """Seven pairs are biactive, and the certificate names those whose change pays."""
     guesses = NLP.active_sets
     monkeypatch.setattr(NLP, "active_sets", lambda nlp, x: guesses(nlp, x)[:1])
-    monkeypatch.setattr(Branches, "improve", lambda _, settled: settled)
+    monkeypatch.setattr(complementarity, "improved", lambda _, settled: settled)
     session = session_of("half-cheetah")
     found = judged(session, session.solve(), 0)
     check_gait(found, 1.0)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ast
 import itertools
+import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -124,3 +127,17 @@ def test_a_clock_that_jumps_by_hours_changes_no_bit(monkeypatch: pytest.MonkeyPa
     for name in ("perf_counter", "thread_time", "process_time", "monotonic"):
         monkeypatch.setattr(time, name, lambda: float(next(ticks)))
     assert answer("planar-push", friction=0.25) == calm
+
+
+@pytest.mark.slow
+def test_a_loaded_computer_gives_half_cheetah_the_same_bits() -> None:
+    """Alone, and beside as many busy processes as there are cores and two more."""
+    alone = answer("half-cheetah")
+    command = [sys.executable, "-c", "while True: pass"]
+    load = [subprocess.Popen(command) for _ in range((os.cpu_count() or 1) + 2)]
+    try:
+        assert answer("half-cheetah") == alone
+    finally:
+        for one in load:
+            one.kill()
+            one.wait()
