@@ -65,22 +65,30 @@ def test_a_warm_start_ends_where_a_cold_one_does(name: str, law: ContactLaw) -> 
 
 
 def test_hardly_a_step_is_lost_under_random_full_inputs() -> None:
-    """Of a path alone one in twenty is, in the first step already."""
+    """Of a path alone one in twenty is, in the first step already.
+
+    The hopper tumbles faster and faster, to rates without any meaning, where which start leads to a
+    solution hangs on the last bits. Over ten draws none was lost of 100,112 steps from states of at
+    most 1000 (m/s and rad/s), and 14 of all 122,814: with 95 % at most 2.3 are expected of a draw,
+    of which Poisson's distribution gives more than 12 once in a million.
+    """
     step, x0 = machine("hopper", Barrier(mu=1e-3))
     s = step.system
     x0 = np.tile(x0, (16, 1))
     inputs = np.random.default_rng(0).uniform(-1, 1, (len(x0), 12, s.nu))
     states = rolled(step, x0, inputs, threads=1)
     free = ca.Function("free", [s.x, s.u, step.p.vector], [s.reduced.a])
-    solved = lost = 0
+    solved, sane, lost = 0, 0, []
     for x, u in zip(states, inputs, strict=True):
         ended = np.flatnonzero(~np.isfinite(x).all(axis=1))
         last = ended[0] - 1 if len(ended) else 12
         solved += last
-        if last < 12:
-            lost += np.isfinite(np.array(free(x[last], u[last], step.p.values))).all()
-    assert solved > 10_000
-    assert lost <= 1e-4 * solved
+        sane += np.count_nonzero(np.abs(x[:last]).max(axis=1) < 100)
+        if last < 12 and np.isfinite(np.array(free(x[last], u[last], step.p.values))).all():
+            lost.append(float(np.abs(x[last]).max()))
+    assert solved > 10_000 and sane > 7_000
+    assert len(lost) <= 12
+    assert not [size for size in lost if size < 100]
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
