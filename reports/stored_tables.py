@@ -62,13 +62,17 @@ def run_table(run: StoredRun) -> Table:
 
 def claim_table(claims: Sequence[Claim]) -> Table:
     """A study's claims: what the paper says, what was measured, whether it holds."""
+    from problems.studies.study import verdict
+
     table = Table(box=None, pad_edge=False, padding=(0, 1, 1, 0))
     for name, share in (("claim", 6), ("source", 4), ("expected", 4), ("measured", 5)):
         table.add_column(name, ratio=share, overflow="fold")
     table.add_column("holds", no_wrap=True)
+    marks = {"holds": "yes", "does not hold": "NO"}
     for claim in claims:
+        held = verdict(claim.holds, claim.margin)
         cells = (claim.claim, claim.source, claim.expected, claim.measured)
-        table.add_row(*map(Text, cells), "yes" if claim.holds else "NO")
+        table.add_row(*map(Text, cells), marks.get(held, held))
     return table
 
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from ocp.store.checkpoint import Checkpoint
 
+WITHIN_NOISE = "within noise"
+_NOISE = 3.0
 PAPER, CODE, CHOICE = "paper", "authors' code", "our choice"
 """Where a study's value comes from: the paper's text, its authors' public code, or nowhere."""
 
@@ -71,7 +73,8 @@ class Claim:
     """One sentence of a paper beside what was measured.
 
     ``source`` is the paper and the place in it; ``expected`` and ``measured`` are short texts with
-    units, ``holds`` whether the sentence is true as it stands.
+    units, ``holds`` whether the sentence is true as it stands. Where a statistic of samples decides
+    that, ``margin`` is how far it lies from its threshold, in its standard errors; None elsewhere.
     """
 
     claim: str
@@ -79,6 +82,7 @@ class Claim:
     expected: str
     measured: str
     holds: bool
+    margin: float | None = None
 
 
 @dataclass(frozen=True)
@@ -144,6 +148,12 @@ def quantity_of(
     return dims, np.asarray(values), {"units": unit, "long_name": meaning}
 
 
+def share_margin(held: ArrayLike, least: float) -> float:
+    """How far the share of ``held`` lies above ``least``, in binomial standard errors at that."""
+    marks = np.asarray(held, dtype=float)
+    return float((marks.sum() - least * marks.size) / np.sqrt(least * (1 - least) * marks.size))
+
+
 def largest(values: ArrayLike) -> float:
     """Return the largest of ``values``; NaN, under which no claim holds, where there are none."""
     return float(np.max(values)) if np.size(values) else float("nan")
@@ -170,9 +180,29 @@ def over(settings: Sequence[object], held: ArrayLike) -> str:
     return f"for {good}, not for {bad}" if good else f"for none of {bad}"
 
 
+def verdict(holds: bool, margin: float | None = None) -> str:
+    """Say whether a claim holds, or that its statistic is within 3 standard errors of deciding.
+
+    Other seeds, or another processor's rounding, may turn what is within noise.
+    """
+    if margin is not None and abs(margin) < _NOISE:
+        return WITHIN_NOISE
+    return "holds" if holds else "does not hold"
+
+
+def counted(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
+    """Say how many claims hold, of how many, and how many are within noise.
+
+    They may be rows, as a run's record keeps them.
+    """
+    rows = [claim if isinstance(claim, Mapping) else vars(claim) for claim in claims]
+    told = [verdict(row["holds"], row.get("margin")) for row in rows]
+    noise = told.count(WITHIN_NOISE)
+    return f"{told.count('holds')} of {len(told)}" + f" ({noise} within noise)" * bool(noise)
+
+
 def did_hold(claims: Sequence[Claim]) -> str:
     """Say in one sentence how many claims hold."""
     if not claims:
         raise InputError("a study without claims checks nothing; give it at least one")
-    good = sum(claim.holds for claim in claims)
-    return f"{good} of {len(claims)} claims hold."
+    return f"{counted(claims)} claims hold."

@@ -28,7 +28,11 @@ COLUMNS = ("claim", "source", "expected", "measured", "holds")
 
 def stored(figure: Mapping[str, Any]) -> dict[str, Any]:
     """What the site keeps of a figure: its claims, and where they come from."""
-    claims = [{name: claim[name] for name in COLUMNS} for claim in figure["claims"]]
+    kept = (*COLUMNS, "margin")
+    claims = [
+        {name: claim[name] for name in kept if claim.get(name) is not None}
+        for claim in figure["claims"]
+    ]
     command = f"ocp figure {figure['id']}"
     return {"id": figure["id"], **measured.origin(command), "claims": claims}
 

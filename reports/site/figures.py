@@ -10,6 +10,7 @@ from typing import Any
 
 from problems import studies
 from problems.studies import Study
+from problems.studies.study import counted, verdict
 from reports.bibliography import full_citation
 from reports.figures.studies import DRAWINGS
 from reports.site.markdown import escaped, provenance, sentence, table
@@ -40,17 +41,15 @@ def pages() -> dict[str, str]:
 
 def good(figure: Mapping[str, Any]) -> str:
     """How many claims of a figure hold, of how many."""
-    held = sum(claim["holds"] for claim in figure["claims"])
-    return f"{held} of {len(figure['claims'])}"
+    return counted(figure["claims"])
 
 
 def index(found: Mapping[str, Mapping[str, Any]]) -> str:
     """List the figures, paper by paper, with how many of their claims hold."""
     every = [claim for figure in found.values() for claim in figure["claims"]]
-    held = sum(claim["holds"] for claim in every)
     parts = [
         "# Figures\n",
-        f"Of {len(every)} claims {held} hold; those that do not are in the list on purpose.\n",
+        f"{counted(every)} claims hold; those that do not are in the list on purpose.\n",
         "A figure of the papers is one command, which computes its data, draws it, and checks"
         " what the paper says about it: `ocp figure P3` writes a PDF beside its data.\n",
     ]
@@ -83,12 +82,13 @@ def claims(figure: Mapping[str, Any]) -> str:
     return table(
         COLUMNS,
         (
-            [*(escaped(claim[name]) for name in COLUMNS[:-1]), mark(claim["holds"])]
+            [*(escaped(claim[name]) for name in COLUMNS[:-1]), mark(claim)]
             for claim in figure["claims"]
         ),
     )
 
 
-def mark(holds: bool) -> str:
-    """Yes, or a no that catches the eye."""
-    return "yes" if holds else "**no**"
+def mark(claim: Mapping[str, Any]) -> str:
+    """Yes, a no that catches the eye, or that it is within noise."""
+    told = verdict(claim["holds"], claim.get("margin"))
+    return {"holds": "yes", "does not hold": "**no**"}.get(told, told)

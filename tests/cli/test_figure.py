@@ -22,7 +22,7 @@ def test_files_run_and_claims_of_one_figure(ocp: Ocp, tmp_path: Path) -> None:
     assert answer["id"] == "P6"
     assert answer["files"] == ["here/P6.pdf", "here/P6.nc"]
     for claim in answer["claims"]:
-        assert set(claim) == {"claim", "source", "expected", "measured", "holds"}
+        assert set(claim) == {"claim", "source", "expected", "measured", "holds", "margin"}
     assert (tmp_path / "here/P6.pdf").read_bytes().startswith(b"%PDF")
     data = xr.load_dataset(tmp_path / "here/P6.nc")
     assert data["x_barrier"].attrs["units"] == "m"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim, largest, listed, over
+from problems.studies.study import Claim, largest, listed, over, share_margin
 
 _PLACE = "Adaptive barrier smoothing, sec. 7, model learning"
 _NEAR = 0.05
@@ -96,7 +96,7 @@ def _noise(data: xr.Dataset) -> list[Claim]:
         Claim("Intervals of noisy transitions hold the truth", "our check",
               f"{_COVERED:.0%} of those of 95 % or more",
               f"{int(held.sum())} of {held.size}; off by {off.max():.2g} at most",
-              bool(held.mean() >= _COVERED)),
+              bool(held.mean() >= _COVERED), share_margin(held, _COVERED)),
     ]  # fmt: skip
 
 
@@ -113,5 +113,5 @@ def _drag(data: xr.Dataset) -> list[Claim]:
         Claim("There the intervals hold the truth", "our check",
               f"{_COVERED:.0%} of those of 95 % or more",
               f"{int(held.sum())} of {held.size}; off by {listed(off, '.2g')}",
-              bool(held.mean() >= _COVERED)),
+              bool(held.mean() >= _COVERED), share_margin(held, _COVERED)),
     ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,12 @@ class Difference:
         """Whether zero lies below the interval."""
         return self.low > 0
 
+    @property
+    def margin(self) -> float:
+        """The mean in standard errors, of which a normal interval of 95 % holds 3.92."""
+        width = self.high - self.low
+        return self.mean / (width / 3.92) if width > 0 else float(np.copysign(np.inf, self.mean))
+
     def __str__(self) -> str:
         return f"{self.mean:+.3g} ({self.low:+.3g} to {self.high:+.3g})"
 
@@ -39,6 +46,11 @@ def difference(one: np.ndarray, other: np.ndarray, paired: bool = True) -> Diffe
     drawn = one[chosen].mean(axis=1) - other[others].mean(axis=1)
     low, high = np.quantile(drawn, [0.025, 0.975])
     return Difference(float(one.mean() - other.mean()), float(low), float(high))
+
+
+def least(gains: Iterable[Difference]) -> float:
+    """The margin of the sentence that all of ``gains`` are gains."""
+    return min(gain.margin for gain in gains)
 
 
 def area(curve: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.shared.compared_runs import area, difference
+from problems.studies.shared.compared_runs import area, difference, least
 from problems.studies.study import Claim, over
 
 _PLACE = "ABS, sec. 7.4"
@@ -28,13 +28,14 @@ def claims(data: xr.Dataset) -> list[Claim]:
     return [
         Claim("mu = 1e-10 learns slowly", _PLACE,
               "mean return over iterations below that of mu = 1e-2, 95 % over seeds",
-              str(slower), slower.better),
+              str(slower), slower.better, slower.margin),
         Claim("for its gradient has the higher variance", _PLACE,
               "decades of a run's median above every other law's, 95 % over seeds",
               f"{over(laws[1:], [each.better for each in falling])}:"
-              f" {', '.join(map(str, falling))}", all(each.better for each in falling)),
+              f" {', '.join(map(str, falling))}", all(each.better for each in falling),
+              least(falling)),
         Claim("mu = 1e-2 ends lower", _PLACE, "best return below that of mu = 1e-10, 95 %",
-              str(lower), lower.better),
+              str(lower), lower.better, lower.margin),
         *(claim for law in _ADAPTIVE for claim in _on_top(law, fixed, ends, areas)),
     ]  # fmt: skip
 
@@ -54,6 +55,7 @@ def _on_top(
         better = [gain.better for gain in gains]
         found.append(
             Claim(f"{name} {words}", place, f"{expected} above that of every fixed mu, 95 %",
-                  f"{over(fixed, better)}: {', '.join(map(str, gains))}", all(better))
+                  f"{over(fixed, better)}: {', '.join(map(str, gains))}", all(better),
+                  least(gains))
         )  # fmt: skip
     return found

@@ -14,7 +14,7 @@ import xarray as xr
 import problems.studies
 from problems import studies
 from problems.studies.start_without_contact import claims as n2
-from problems.studies.study import Claim, largest, over
+from problems.studies.study import WITHIN_NOISE, Claim, largest, over, verdict
 from tests.golden.figures.verdicts import SLOW, SMALL, VERDICTS
 
 FILES = sorted(Path(problems.studies.__path__[0]).rglob("*.py"))
@@ -50,12 +50,23 @@ def marked(identifier: str) -> object:
 
 
 def verdicts(identifier: str, **changed: float) -> dict[str, bool]:
+    """Verdicts of a study's claims that are not within noise."""
     study = studies.get(identifier)
     found = study.claims(study.data({**SMALL[identifier], **changed}))
     assert all(isinstance(claim.holds, bool | np.bool_) for claim in found)
     assert all(claim.source and claim.expected and claim.measured for claim in found)
-    assert len({claim.claim for claim in found}) == len(found)
-    return {claim.claim: bool(claim.holds) for claim in found}
+    assert [claim.claim for claim in found] == list(VERDICTS[identifier])
+    return {
+        claim.claim: bool(claim.holds)
+        for claim in found
+        if verdict(claim.holds, claim.margin) != WITHIN_NOISE
+    }
+
+
+def assert_same(found: dict[str, bool], identifier: str) -> None:
+    """No verdict beyond noise is another than the listed one, and most are beyond it."""
+    assert found == {claim: VERDICTS[identifier][claim] for claim in found}
+    assert len(found) >= len(VERDICTS[identifier]) / 2
 
 
 def by_name(claims: list[Claim]) -> dict[str, Claim]:
@@ -68,24 +79,24 @@ def test_every_study_is_listed() -> None:
 
 @pytest.mark.parametrize("identifier", [marked(name) for name in SMALL])
 def test_which_claims_hold(identifier: str) -> None:
-    assert verdicts(identifier) == VERDICTS[identifier]
+    assert_same(verdicts(identifier), identifier)
 
 
 @pytest.mark.parametrize(("identifier", "changed"), VARIED)
 def test_seeds_and_settings_flip_no_verdict(identifier: str, changed: dict[str, float]) -> None:
-    assert verdicts(identifier, **changed) == VERDICTS[identifier]
+    assert_same(verdicts(identifier, **changed), identifier)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_seeds_flip_no_verdict_on_the_theory(seed: int) -> None:
-    assert verdicts("T1", seed=seed) == VERDICTS["T1"]
+    assert_same(verdicts("T1", seed=seed), "T1")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("identifier", ["N0", "N1"])
 def test_seeds_flip_no_verdict_on_noised_data(identifier: str) -> None:
-    assert verdicts(identifier, seed=1) == VERDICTS[identifier]
+    assert_same(verdicts(identifier, seed=1), identifier)
 
 
 def calls_of_claim() -> list[tuple[str, dict[str, ast.expr]]]:
@@ -126,7 +137,7 @@ def test_no_verdict_and_no_measured_number_is_typed() -> None:
     calls = calls_of_claim()
     assert len(calls) > 80
     for place, fields in calls:
-        assert set(fields) == set(Claim.__dataclass_fields__), place
+        assert set(fields) | {"margin"} == set(Claim.__dataclass_fields__), place
         assert computed(fields["holds"]), f"{place}: the verdict is typed in"
         assert computed(fields["measured"]), f"{place}: what was measured is typed in"
         assert not re.search("[0-9]", written(fields["measured"])), f"{place}: a typed number"
