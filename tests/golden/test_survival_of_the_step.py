@@ -99,7 +99,7 @@ def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
 
 def test_a_cut_between_nodes_is_told_with_its_tolerance() -> None:
     """A plan that survives says how far its straight motion enters a body, and what is allowed."""
-    found = solve(get("planar-push", friction=0.0, gap=True), Exact())
+    found = solve(get("planar-push", friction=0.0, gap="true"), Exact())
     cut = found.referee.replay_between
     assert found.referee.survives and cut is not None and cut.amount > 1e-3
     said = f"cuts {cut.amount:.2g} m into {cut.contact} in step {cut.step}, within the tolerance"
