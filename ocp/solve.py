@@ -253,7 +253,7 @@ def solve_session(
     try:
         with interruptible():
             for number, guess in enumerate(guesses(session.problem, session.values, tried, seed)):
-                if number >= starts and not _still_alone(session, solutions):
+                if number >= starts and not (session.from_afar and _stands_still(solutions[-1])):
                     break
                 first = keeping(session, seed, progress)
                 with nullcontext(progress) if solutions else first as told:
@@ -264,11 +264,6 @@ def solve_session(
             raise
         raise Interrupted(best_of(session, solutions, rank_by)) from stop
     return solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
-
-
-def _still_alone(session: Session, solutions: list[Solution]) -> bool:
-    """Whether all that was found is to stand still, and other ways may find better."""
-    return session.from_afar and all(_stands_still(found) for found in solutions)
 
 
 def _stands_still(found: Solution) -> bool:

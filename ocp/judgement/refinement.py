@@ -83,15 +83,15 @@ def refined(first: Solution, again: Callable[[dict[str, Any], Solution], Solutio
     """
     found, levels, stopped, iterations = first, [Level.of(first)], "", first.iterations
     turned = [halved(first.problem, first.values, 2**k) for k in range(1, HALVINGS + 1)]
-    while not levels[-1].agreed:
+    while True:
         if levels[-1].status != Status.SOLVED.label:
             stopped = f"the plan at h = {levels[-1].h:.6g} is {levels[-1].status}"
-        elif len(levels) > HALVINGS:
+        elif not levels[-1].agreed and len(levels) > HALVINGS:
             stopped = (
                 f"h was halved {HALVINGS} times; a small change of the start gets"
                 f" {growth(found):.2g} times larger along the plan, and so does the step's error"
             )
-        if stopped:
+        if stopped or levels[-1].agreed:
             break
         finer = again(turned[len(levels) - 1], found)
         levels.append(Level.of(finer))

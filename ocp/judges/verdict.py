@@ -142,7 +142,7 @@ def _cut(found: Solution) -> str:
 def _refined(levels: list[dict[str, Any]], stopped: str) -> str:
     """Where refining the step ended, and why where that was no agreement."""
     last = levels[-1]
-    end = f"they do not agree, and {stopped}" if stopped else "they agree"
+    end = stopped or "they agree"
     return (
         f"Refined to h = {last['h']:.6g}: planned {last['cost']:.6g}, replayed at half the step"
         f" {last['replayed']:.6g}; {end}."

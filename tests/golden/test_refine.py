@@ -75,12 +75,12 @@ def test_refining_ends_and_says_why() -> None:
         return replace(coarse, iterations=1)
 
     def lost(turned: dict[str, Any], start: Solution) -> Solution:
-        return replace(coarse, status=Status.INFEASIBLE, cost=-1.0)
+        return replace(coarse, status=Status.INFEASIBLE, cost=Level.of(coarse).replayed)
 
     found = refined(coarse, lost)
     assert found.success and found.cost == coarse.cost
     assert found.record["refined"]["stopped"].endswith("is infeasible")
-    assert "they do not agree, and the plan at h = 0.2 is infeasible" in found.verdict
+    assert "; the plan at h = 0.2 is infeasible." in found.verdict
     unsolved = refined(replace(coarse, status=Status.NOT_OPTIMAL), never)
     assert len(unsolved.record["refined"]["levels"]) == 1 and not unsolved.success
     stubborn = refined(coarse, never)
