@@ -214,7 +214,7 @@ class Session:
             else:
                 plan = self._absorbed(helper, follower, guess)
             try:
-                landed, settled = landing.rolled_down(plan.nlp, plan.result.point.x)
+                landed, settled = landing.rolled_down(plan.nlp, plan.result)
             except NotConverged:
                 continue
             told = settled or plan.result

@@ -58,14 +58,18 @@ class Landing:
     step: Step
     follower: Homotopy
 
-    def rolled_down(self, source: NLP, point: np.ndarray) -> tuple[Result, Result | None]:
+    def rolled_down(self, source: NLP, plan: Result) -> tuple[Result, Result | None]:
         """Roll a plan of ``source`` out under the exact ``step``, settle it, and pack ``target``.
+
+        One that was solved in ``direct`` is settled as it is.
 
         The settled point's inputs, rolled out, are the answer where they cost no more. Then it is
         returned beside them: the same plan, with contacts that are exactly open or closed, which a
         rollout's are to the step solver's tolerance.
         """
-        first, there = self._rolled_out(source, point)
+        first, there = self._rolled_out(source, plan.point.x)
+        if source is self.direct and plan.ok:
+            return first, plan
         settled, _, worked = land(
             self.follower, self.direct, replace(first, point=there), improving=False
         )
@@ -87,7 +91,7 @@ class Landing:
             if not result.ok:
                 return False
             try:
-                settled = self.rolled_down(source, result.point.x)[1]
+                settled = self.rolled_down(source, result)[1]
             except NotConverged:
                 return False
             if settled is None:
