@@ -66,11 +66,13 @@ bench-mpcc: setup
 	$(BIN)/python -m tests.benchmarks.mpcc.bench $(DIR) $(CHECK)
 
 # Solves instances of ten problems with drawn parameters by the default route and by all our other
-# ways, which it compares; COUNT=5 draws five a problem, PROBLEMS="push-1d" of some of them.
-# Answers of the other ways are kept in runs/bench-random.json and read again.
+# ways, which it compares; COUNT=5 draws five a problem, PROBLEMS="push-1d" of some of them,
+# and SEED=7 other instances. Answers of the other ways are kept in runs/bench-random.json and read
+# again.
 COUNT ?= 30
+SEED ?= 0
 bench-random: setup
-	$(BIN)/python -m tests.benchmarks.ocp.random_instances --count $(COUNT) $(PROBLEMS)
+	$(BIN)/python -m tests.benchmarks.ocp.random_instances --count $(COUNT) --seed $(SEED) $(PROBLEMS)
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup

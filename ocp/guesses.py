@@ -1,14 +1,10 @@
-"""Guessed trajectories: the problem's own, perturbed ones, and what they do when rolled out."""
+"""Guessed trajectories: the problem's own, and perturbed ones."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from dynamics.contact import Step
 from ocp.problem import Problem
-from ocp.rollout import Rollout, roll_on
 
 _SPREAD = 0.3
 Guessed = tuple[np.ndarray, np.ndarray]
@@ -31,13 +27,3 @@ def guesses(
         shaken[0] = X[0]
         found.append((shaken, U + _SPREAD * sizes.u * noise.standard_normal(U.shape)))
     return found
-
-
-def rolled_guesses(
-    problem: Problem, step: Step, values: dict[str, float], count: int, first: Guessed | None
-) -> Iterator[Rollout]:
-    """Inputs of guesses, seed 0, rolled out under a step; those that it solves."""
-    for X, U in guesses(problem, values, count, 0, first):
-        rolled, unsolved = roll_on(problem, U[None], values, step, X[None, 0])
-        if unsolved is None and np.all(np.isfinite(rolled.x)):
-            yield rolled

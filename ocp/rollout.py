@@ -135,10 +135,12 @@ def roll_on(
     x[:, 0] = start
     lost: list[Unsolved] = []
     for s in range(S):
+        open_loop = None if isinstance(inputs, Gains) else _ahead(step, x[s, 0], u[s], p, substeps)
         for k in range(N):
             if isinstance(inputs, Gains):
                 u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
-            after, lam_k, gap_k, error = _ahead(step, x[s, k], u[s, k], p, substeps)
+            found = open_loop or _ahead(step, x[s, k], u[s, k : k + 1], p, substeps)
+            after, lam_k, gap_k, error = (part[k if open_loop else 0] for part in found)
             if not np.all(error <= STEP_TOLERANCE):
                 worst = int(np.argmax(error))
                 lost.append(Unsolved(k, step.contacts[worst].name, s, float(error[worst])))
@@ -164,17 +166,18 @@ def step_values(
 def _ahead(
     step: Step, x: np.ndarray, u: np.ndarray, p: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """State after ``count`` steps, lam and gap of the last, and the largest error of any.
+    """Roll on by inputs u (K, nu), each held for ``count`` steps.
 
-    The error is infinite where a step came to no number: a single contact, solved in closed form,
-    has no error of its own that would tell.
+    Returns, by input, the state after its steps (K, nx), lam and gap of the last (K, n), and the
+    largest error of any (K, n). That is infinite where a step came to no number: a single contact,
+    solved in closed form, has no error of its own that would tell.
     """
-    lam, gap, largest = np.empty(step.n), np.empty(step.n), np.zeros(step.n)
-    for _ in range(count):
-        x, lam, gap, error = (np.array(value).ravel() for value in step.solve(x, u, p))
-        right = np.isfinite(error) & np.isfinite(x).all()
-        largest = np.maximum(largest, np.where(right, error, np.inf))
-    return x, lam, gap, largest
+    K = len(u)
+    found = step.solve.mapaccum(K * count)(x, np.repeat(u, count, axis=0).T, p)
+    after, lam, gap, error = (np.array(v).T.reshape(K, count, v.shape[0]) for v in found)
+    right = np.isfinite(error) & np.isfinite(after).all(axis=2, keepdims=True)
+    largest = np.where(right, error, np.inf).max(axis=1, initial=0.0)
+    return after[:, -1], lam[:, -1], gap[:, -1], largest
 
 
 def trajectory_costs(

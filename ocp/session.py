@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -15,13 +14,14 @@ from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.law import Schedule
 from ocp.effort import solve_memory, solve_seconds
 from ocp.errors import NotConverged, choose
-from ocp.guesses import Guessed, guesses, rolled_guesses
+from ocp.guesses import Guessed, guesses
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Point, Solver
 from ocp.routes.branches import land
 from ocp.routes.complementarity import (
     FEW,
+    FEW_ITERATIONS,
     OTHERS,
     RELAXATIONS,
     SECOND,
@@ -29,7 +29,7 @@ from ocp.routes.complementarity import (
     Route,
     solve_pairs,
 )
-from ocp.routes.landing import Landing, embedded
+from ocp.routes.landing import Landing
 from ocp.routes.legs import PRIMAL, Homotopy, Leg, Path, Progress, translate
 from ocp.routes.outcome import Outcome, better, lower
 from ocp.routes.own_path import MU_LAST, STAGE_ITERATIONS, from_exact, own_path
@@ -41,6 +41,7 @@ from ocp.routes.relaxations import (
     L1ThenScholtes,
     relaxed,
 )
+from ocp.routes.rolls import Rolls
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
@@ -51,8 +52,6 @@ _NEAR, _WIDE = 1e-6, 1e-3
 nearby, and from elsewhere."""
 _PARTED = 1e-3
 """Relative rise of the cost from which on a rollout has parted from its plan."""
-_ROLLED = 8
-"""Guesses that are rolled out where a relaxation is hard to follow."""
 
 
 @dataclass
@@ -259,24 +258,20 @@ class Session:
         asked = Route(strategy, self.problem.reference, partial(self.first_point, guess=guess))
         if self.strategy != DEFAULT_STRATEGY:
             return asked
+        own, *moved = guesses(self.problem, self.values, 1 + len(OTHERS), 0, guess)
+        rolls = Rolls(self.problem, self.step, self.values, own)
+        rolls = None if isinstance(self.policy, Feedback) else rolls
         if self.nlp_of("product").pairs.shape[1] > FEW:
-            return replace(asked, second=SECOND, feasible=partial(self._feasible, guess=guess))
-        _, *moved = guesses(self.problem, self.values, 1 + len(OTHERS), 0, guess)
+            return replace(asked, second=SECOND, rolls=rolls)
         starts = [partial(self.first_point, guess=one) for one in moved]
+        strategy = RELAXATIONS[-number % len(RELAXATIONS)]
         return replace(
             asked,
-            strategy=RELAXATIONS[-number % len(RELAXATIONS)],
+            strategy=replace(strategy, most=FEW_ITERATIONS),
             second=SECOND_FEW,
             others=list(zip(OTHERS, starts, strict=True)),
-            feasible=partial(self._feasible, guess=guess),
+            rolls=rolls,
         )
-
-    def _feasible(self, nlp: NLP, guess: Guessed | None) -> Iterator[Point]:
-        """Cloud on branches that cost little: guesses, rolled out."""
-        if isinstance(self.policy, Feedback):
-            return
-        rolled = rolled_guesses(self.problem, self.step, self.values, _ROLLED, guess)
-        yield from (Point(embedded(nlp, one, None)) for one in rolled)
 
     def resume(self, start: Point, progress: Progress | None = None) -> Outcome:
         """Solve at the present values from a point of the product NLP that came from elsewhere.

@@ -23,9 +23,9 @@ from ocp.problem import Problem, Sizes
 from ocp.programs.solver import Point
 from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
-from ocp.routes.landing import embedded
 from ocp.routes.legs import translate
 from ocp.routes.outcome import Outcome
+from ocp.routes.rolls import embedded
 from ocp.session import Session
 from ocp.solution import Solution
 from ocp.stationarity.certificate import Certificate, certify

@@ -45,6 +45,11 @@ class Branches:
         self.program = follower.nlp_of("none")
         self.p = self.program.parameter_vector({**follower.values, "penalty": 0.0})
         self.limits = self.program.bounds(follower.values)
+        self.settled: dict[bytes, Result] = {}
+
+    def schedule(self, x: np.ndarray) -> np.ndarray:
+        """Pairs (m,) whose second member is held at zero on the branch on which x lies."""
+        return self.program.active_sets(x)[-1]
 
     def solve(
         self, start: Point, active: np.ndarray, most: int = LONGEST, mu_init: float = 1e-6,
@@ -67,7 +72,7 @@ class Branches:
         self.follower.record(knob, float(active.sum()), self.program, found, self.p, bounds)
         return found
 
-    def settle(self, start: Point) -> Result | None:
+    def settle(self, start: Point, most: int = LONGEST) -> Result | None:
         """Solve the branch on which a point lies, and go on to neighbours while these cost less.
 
         A pair near (0, 0) is put where it is larger in characteristic sizes; if its multiplier then
@@ -77,22 +82,23 @@ class Branches:
         The last guess is tried first. Once one has an answer the others are given up after twice
         the iterations of its longest branch: one without a feasible point near never ends.
         """
-        found, most = [], LONGEST
+        found = []
         for active in reversed(self.program.active_sets(start.x)):
             before = len(self.follower.trace.records)
             one = self._settled(start, active, most)
             if one is not None:
                 found.insert(0, one)
-                took = max(r.iterations for r in self.follower.trace.records[before:])
+                took = max((r.iterations for r in self.follower.trace.records[before:]), default=0)
                 most = min(most, patient(took))
         return min(found, key=lambda one: one.f, default=None)
 
     def _settled(self, start: Point, active: np.ndarray, most: int) -> Result | None:
         best, point, own = None, start, self.program.natural.f
         for _ in range(_ROUNDS):
-            found = self.solve(point, active, most)
+            found = self.settled.get(active.tobytes()) or self.solve(point, active, most)
             if not found.ok or (best is not None and found.f > best.f - 1e-9 * (own + abs(best.f))):
                 break
+            self.settled[active.tobytes()] = found
             best, point = found, found.point
             wanted = self._other_side(found, active)
             if not wanted.any():

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from ocp.problem import Reference
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches, land
-from ocp.routes.legs import Homotopy, Path
+from ocp.routes.far import elsewhere
+from ocp.routes.legs import STEP_BACKS, Homotopy, Path
 from ocp.routes.outcome import lower
 from ocp.routes.relaxations import CentralPath, ScholtesAdaptive, Strategy
+from ocp.routes.rolls import Rolls
 from ocp.routes.schedules import rescheduled
 
 End = tuple[Result, Program, bool]
@@ -23,10 +27,10 @@ End = tuple[Result, Program, bool]
 class Route:
     """Which strategy relaxes the pairs, from sizes ``reference``, and where it starts.
 
-    ``second`` is the strategy for where it lands nowhere. Where its path was hard to follow, the
-    cheapest of several answers counts: ``others`` are then followed, each from a start of its own,
-    and ``feasible`` gives points of the program in the form "none" that lie on branches, such as
-    rolled-out inputs, which are settled there.
+    ``second`` is the strategy for where it lands nowhere. ``rolls`` roll inputs out, and what they
+    do is settled (:mod:`~ocp.routes.far`): a few after a path that was easy to follow, else many,
+    and where none of them is better ``others`` are followed, each from a start of its own. The
+    cheapest of all answers counts.
     """
 
     strategy: Strategy
@@ -34,7 +38,7 @@ class Route:
     start: Callable[[Any], Point]
     second: Strategy | None = None
     others: Sequence[tuple[Strategy, Callable[[Any], Point]]] = ()
-    feasible: Callable[[Program], Iterable[Point]] | None = None
+    rolls: Rolls | None = None
 
 
 def solve_pairs(follower: Homotopy, route: Route) -> End:
@@ -43,12 +47,19 @@ def solve_pairs(follower: Homotopy, route: Route) -> End:
     smooth = first[2] and all(record.accepted for record in follower.trace.records)
     branches = Branches(follower)
     landed = [first[0]] if first[2] else []
-    for strategy, start in () if smooth else route.others:
+    enough = smooth
+    if route.rolls is not None and route.others:
+        count, below = (_SMOOTH, first[0].f) if smooth else (_ROUGH, np.inf)
+        points = route.rolls.around(branches.program, [one.point for one in landed], count)
+        found = elsewhere(branches, points, below)
+        enough = smooth or any(lower(one, first[0]) or not landed for one in found)
+        landed += found
+    for strategy, start in () if enough else route.others:
         again = by_strategy(follower, replace(route, start=start), strategy)
         landed += [again[0]] if again[2] else []
-    if route.feasible is not None and not smooth and (route.others or not landed):
-        tried = (branches.settle(point) for point in route.feasible(branches.program))
-        landed += [found for found in tried if found is not None]
+    if route.rolls is not None and not enough and (route.others or not landed):
+        tried = (branches.settle(one) for one in route.rolls.shaken(branches.program, _SHAKEN))
+        landed += [one for one in tried if one is not None]
     if not landed and route.second is not None:
         again = by_strategy(follower, route, route.second)
         landed = [again[0]] if again[2] else []
@@ -75,9 +86,9 @@ def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
     """Follow one strategy and land on a branch, which is not improved."""
     if isinstance(strategy, CentralPath):
         strategy = strategy.over(follower.nlp_of("none").chains.shape[-1])
-    paths = strategy.paths(route.reference)
+    paths, step_backs = strategy.paths(route.reference), STEP_BACKS if route.rolls is None else 0
     source = follower.nlp_of(paths[0].form)
-    result, source = along(follower, paths, route.start(source), source)
+    result, source = along(follower, paths, route.start(source), source, step_backs=step_backs)
     landed = land(follower, source, result, improving=False)
     if not landed[2] and result.ok and isinstance(strategy, CentralPath):
         further = strategy.further(route.reference)
@@ -87,12 +98,17 @@ def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
 
 
 def along(
-    follower: Homotopy, paths: list[Path], point: Point, source: Program, warm: bool = False
+    follower: Homotopy,
+    paths: list[Path],
+    point: Point,
+    source: Program,
+    warm: bool = False,
+    step_backs: int = STEP_BACKS,
 ) -> tuple[Result, Program]:
     """Follow paths one after the other, as far as they go, from a point of ``source``."""
     result: Result | None = None
     for path in paths:
-        result, source, finished = follower.follow(path, point, warm, source)
+        result, source, finished = follower.follow(path, point, warm, source, step_backs)
         if not finished:
             break
         point, warm = result.point, True
@@ -104,9 +120,15 @@ SECOND = ScholtesAdaptive()
 """Slower than the default, but it keeps to the constraints where many pairs pull off the path."""
 SECOND_FEW = CentralPath(below=False)
 """Where small problems land nowhere: on the central path from the first stage on."""
+FEW_ITERATIONS = 128
+"""Of a stage of a small problem, after which it is rather landed from where it is."""
 FEW = 128
 """Pairs up to which several ways are followed where the first was hard to follow."""
 _TURNS = 3
+_SMOOTH, _ROUGH = 6, 48
+"""Plans rolled out around each known one, after a path that was easy to follow or was not."""
+_SHAKEN = 8
+"""Guesses that are rolled out where that led to nothing better."""
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)
 """From where all contacts are felt from afar."""
 OTHERS = (WIDE, CentralPath(), CentralPath(), ScholtesAdaptive())

@@ -11,30 +11,13 @@ from ocp.errors import NotConverged
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
-from ocp.rollout import Gains, Rollout, roll_out
+from ocp.rollout import Gains, roll_out
 from ocp.routes.branches import Branches, land
 from ocp.routes.complementarity import improved
 from ocp.routes.legs import Homotopy, Path
 from ocp.routes.outcome import Outcome, lower
+from ocp.routes.rolls import embedded
 from ocp.transcription.nlp import NLP
-
-
-def embedded(nlp: NLP, plan: Rollout, gains: Gains | None) -> np.ndarray:
-    """Write trajectories x (S, N+1, nx), u, lam, gap (S, N, .) into an NLP's variables."""
-    blocks = {
-        "x0": plan.x[:, :1],
-        "x": plan.x[:, 1:],
-        "u": plan.u,
-        "lam": np.maximum(plan.lam, 0.0),
-        "gap": np.maximum(plan.gap, 0.0),
-    }
-    if gains is not None:
-        blocks |= {"K": gains.K, "k": gains.k}
-    # One row where all scenarios share it.
-    return nlp.variables.pack({
-        name: blocks[name][: block.shape[0]]
-        for name, block in nlp.variables.blocks.items() if name in blocks
-    })  # fmt: skip
 
 
 def plan_of(nlp: NLP, x: np.ndarray) -> tuple[np.ndarray | Gains, np.ndarray | None]:

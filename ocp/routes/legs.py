@@ -35,7 +35,7 @@ PRIMAL = {
     "bound_mult_init_method": "mu-based",
 }
 """For a warm start without multipliers: IPOPT estimates them, and leaves the variables in place."""
-_STEP_BACKS = 4
+STEP_BACKS = 4
 MOST_STAGES = 10_000
 """Of one path; ten times as fine as any that was ever of use."""
 
@@ -109,7 +109,12 @@ class Homotopy:
         self.progress, self.trace = progress, trace or Trace()
 
     def follow(
-        self, path: Path, start: Point, warm: bool = False, source: Program | None = None
+        self,
+        path: Path,
+        start: Point,
+        warm: bool = False,
+        source: Program | None = None,
+        step_backs: int = STEP_BACKS,
     ) -> tuple[Result, Program, bool]:
         """Follow one path: the last result, its program, and whether the end was reached.
 
@@ -130,7 +135,7 @@ class Homotopy:
                 if path.complete is not None and path.complete(nlp, result):
                     break
                 continue
-            if good is None or tries >= _STEP_BACKS or value == 0:
+            if good is None or tries >= step_backs or value == 0:
                 if path.strict or best is None:
                     return result, nlp, False
                 break

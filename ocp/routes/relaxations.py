@@ -72,6 +72,7 @@ class CentralPath:
     wide: float = 1.0
     below: bool = True
     steps: int = 0
+    most: int = _SHORT
 
     def over(self, steps: int) -> CentralPath:
         """The same for a horizon of so many steps; none where there is no time."""
@@ -89,7 +90,7 @@ class CentralPath:
         return [Path(values, lambda t: self._leg(t, False))]
 
     def _leg(self, t: float, first: bool) -> Leg:
-        options = {**_inexact(t), "max_iter": _SHORT, **(_FLAT if self.steps > _SIXTY else {})}
+        options = {**_inexact(t), "max_iter": self.most, **(_FLAT if self.steps > _SIXTY else {})}
         if not (first and self.below):
             return Leg("t", t, contact=(t, t), options=options)
         options["mu_target"] *= _SIXTY / max(self.steps, _SIXTY)
@@ -108,7 +109,7 @@ class ScholtesAdaptive(CentralPath):
 
     def _leg(self, t: float, first: bool) -> Leg:
         barrier = "monotone" if first else "adaptive"
-        return relaxed(t, {**_inexact(t), "mu_strategy": barrier, "max_iter": _SHORT})
+        return relaxed(t, {**_inexact(t), "mu_strategy": barrier, "max_iter": self.most})
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,11 @@ class Move:
     begins: int
     ends: int
 
+    @property
+    def twice(self) -> Move:
+        """As far again."""
+        return replace(self, begins=2 * self.begins, ends=2 * self.ends)
+
 
 def rescheduled(branches: Branches, best: Result) -> Result:
     """Exchange a schedule for a neighbour that costs less, until none does.
@@ -39,7 +44,7 @@ def rescheduled(branches: Branches, best: Result) -> Result:
     On a grid of time every instant of a contact is a minimum of its own: the pairs of the steps
     beside it are far from (0, 0), so that no descent to first order leads there, however long the
     steps of a trust region. Hence single pairs change sides, and runs of active pairs are moved by
-    a step, and the branch is solved again: first what helped the last time, then what the
+    a step, and the branch is solved again: first twice what helped the last time, then what the
     multipliers promise most of (:func:`promises`).
     """
     program, trace = branches.program, branches.follower.trace
@@ -49,12 +54,12 @@ def rescheduled(branches: Branches, best: Result) -> Result:
     while True:
         fall, way = promises(branches, best, active)
         neighbours = []
-        for move in [*moves(active, program.chains), *np.flatnonzero(fall > 0)]:
+        further = [last] if last else []
+        for move in [*further, *moves(active, program.chains), *np.flatnonzero(fall > 0)]:
             changed = moved(active, program.chains, move)
             if changed is None or not fall[other := changed != active].any():
                 continue
-            again = isinstance(move, Move) and move == last
-            neighbours.append((again, fall[other].sum() / way[other].sum(), move, changed))
+            neighbours.append((move is last, fall[other].sum() / way[other].sum(), move, changed))
         neighbours.sort(key=lambda one: one[:2], reverse=True)
         vain = 0
         for _, _, move, changed in neighbours:
@@ -65,7 +70,8 @@ def rescheduled(branches: Branches, best: Result) -> Result:
             tried.add(changed.tobytes())
             found = branches.solve(best.point, changed, _ITERATIONS, knob=NEIGHBOUR)
             if found.ok and lower(found, best):
-                best, active, last = found, changed, move
+                best, active = found, changed
+                last = move.twice if isinstance(move, Move) else None
                 break
             vain += 1
         else:

@@ -16,9 +16,9 @@ from ocp.problem import Guess, Reference
 from ocp.programs.solver import Point
 from ocp.rollout import roll_on
 from ocp.routes.branches import Branches
-from ocp.routes.landing import embedded
 from ocp.routes.legs import Homotopy, Progress
 from ocp.routes.outcome import Outcome
+from ocp.routes.rolls import embedded
 from ocp.session import Session
 from ocp.solution import Solution
 from ocp.solve import best_of, new_session

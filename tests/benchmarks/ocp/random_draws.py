@@ -18,7 +18,7 @@ PROBLEMS = (
     "wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "ball-throw",
     "cart-transport", "hopper-1d", "planar-push",
 )  # fmt: skip
-_FACTOR = 2.0
+_FACTOR = 3.0
 _SHIFT, _FROM_ZERO = 0.3, 0.1
 """Shares of its own size, or units where it is zero, by which a place is moved at most."""
 
@@ -64,7 +64,7 @@ def drawn(problem: str, count: int, seed: int) -> Iterator[Instance]:
 
 
 def _value(field: FieldInfo, rng: np.random.Generator) -> float:
-    """Log-uniform within a factor of two for what is positive, else moved by a share of itself."""
+    """Log-uniform within a factor of three where positive, else moved by a share of itself."""
     default = float(field.default)
     positive = any(
         getattr(limit, "gt", getattr(limit, "ge", None)) == 0 for limit in field.metadata

@@ -257,6 +257,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("problems", nargs="*", metavar="PROBLEM", choices=[*PROBLEMS, []])
     parser.add_argument("--count", type=int, default=30, help="instances a problem")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the instances")
     parser.add_argument("--fresh", action="store_true", help="forget what other ways found")
     given = parser.parse_args()
     store: dict[str, dict] = {}
@@ -266,7 +267,7 @@ def main() -> int:
     every: dict[str, list[dict[str, Answer]]] = {}
     for name in given.problems or PROBLEMS:
         every[name] = []
-        for instance in drawn(name, given.count, SEED):
+        for instance in drawn(name, given.count, given.seed):
             answers = measured(instance, store.setdefault(instance.key, {}), now)
             every[name].append(answers)
             _keep(store)
@@ -279,7 +280,7 @@ def main() -> int:
         write_table(
             "random-instances",
             title="Instances with drawn parameters",
-            command=f"make bench-random COUNT={given.count}",
+            command=f"make bench-random COUNT={given.count} SEED={given.seed}",
             columns=COLUMNS,
             rows=rows,
         )

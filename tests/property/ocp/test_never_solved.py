@@ -13,9 +13,9 @@ from ocp import Direct, MultipleShooting, OpenLoop, Problem, SingleShooting, Sta
 from ocp.judgement import judged
 from ocp.programs.solver import Point, Result
 from ocp.rollout import Rollout, roll_out
-from ocp.routes.landing import embedded
 from ocp.routes.legs import Trace
 from ocp.routes.outcome import Outcome
+from ocp.routes.rolls import embedded
 from ocp.session import Session
 from problems import get
 
