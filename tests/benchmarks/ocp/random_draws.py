@@ -18,7 +18,7 @@ PROBLEMS = (
     "wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "ball-throw",
     "cart-transport", "hopper-1d", "planar-push",
 )  # fmt: skip
-_FACTOR = 3.0
+FACTOR = 3.0
 _SHIFT, _FROM_ZERO = 0.3, 0.1
 """Shares of its own size, or units where it is zero, by which a place is moved at most."""
 
@@ -44,7 +44,7 @@ class Instance:
         return f"ocp solve {self.problem} {given}"
 
 
-def drawn(problem: str, count: int, seed: int) -> Iterator[Instance]:
+def drawn(problem: str, count: int, seed: int, factor: float = FACTOR) -> Iterator[Instance]:
     """Draw ``count`` instances; what the problem's validation refuses is drawn again."""
     fields = {
         name: field
@@ -54,7 +54,7 @@ def drawn(problem: str, count: int, seed: int) -> Iterator[Instance]:
     for index in range(count):
         rng = np.random.default_rng([seed, PROBLEMS.index(problem), index])
         while True:
-            params = {name: _value(field, rng) for name, field in fields.items()}
+            params = {name: _value(field, rng, factor) for name, field in fields.items()}
             try:
                 spec(problem).problem(params)
             except InputError:
@@ -63,12 +63,12 @@ def drawn(problem: str, count: int, seed: int) -> Iterator[Instance]:
             break
 
 
-def _value(field: FieldInfo, rng: np.random.Generator) -> float:
-    """Log-uniform within a factor of three where positive, else moved by a share of itself."""
+def _value(field: FieldInfo, rng: np.random.Generator, factor: float) -> float:
+    """Log-uniform within a factor where positive, else moved by a share of itself."""
     default = float(field.default)
     positive = any(
         getattr(limit, "gt", getattr(limit, "ge", None)) == 0 for limit in field.metadata
     )
     if positive and default > 0:
-        return default * _FACTOR ** rng.uniform(-1, 1)
+        return default * factor ** rng.uniform(-1, 1)
     return default + rng.uniform(-1, 1) * (_SHIFT * abs(default) or _FROM_ZERO)

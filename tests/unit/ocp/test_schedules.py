@@ -76,7 +76,7 @@ def test_any_schedule_with_a_contact_is_led_to_the_best_of_all(name: str) -> Non
 
 
 def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
-    *_, instance = drawn("cart-transport", 6, 0)
+    *_, instance = drawn("cart-transport", 6, 0, factor=2.0)
     session = new_session(get(instance.problem, **instance.params), Exact())
     follower = Homotopy(session.nlp_of, session.solver, session.values)
     route = Route(CentralPath(), session.problem.reference, session.first_point)
