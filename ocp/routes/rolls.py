@@ -10,9 +10,9 @@ import numpy as np
 from dynamics.contact import Step
 from ocp.guesses import Guessed, guesses
 from ocp.problem import Problem
+from ocp.programs.program import Program
 from ocp.programs.solver import Point
 from ocp.rollout import Gains, Rollout, roll_on
-from ocp.transcription.nlp import NLP
 
 _SIZES = 0.03, 3.0
 """Of the noise, in characteristic units."""
@@ -27,12 +27,12 @@ class Rolls:
     values: dict[str, float]
     guess: Guessed
 
-    def point(self, program: NLP, u: np.ndarray) -> Point | None:
+    def point(self, program: Program, u: np.ndarray) -> Point | None:
         """Where inputs (N, nu) lead; None where a step is not solved."""
         rolled = self._rolled(u)
         return rolled and Point(embedded(program, rolled, None))
 
-    def around(self, program: NLP, found: Sequence[Point], count: int) -> list[Point]:
+    def around(self, program: Program, found: Sequence[Point], count: int) -> list[Point]:
         """Plans around the guess and what was ``found``, the cheapest first, one a schedule.
 
         ``count`` around each: itself, and others by a constant and two cosines of up to one period
@@ -43,11 +43,11 @@ class Rolls:
         sizes, N = self.problem.sizes, self.problem.N
         physical = self.problem.parameters.pack(self.values)
         lower, upper = (np.array(v).ravel() for v in self.problem.limits(physical)[2:4])
-        rng, least = np.random.default_rng(0), np.log(_SIZES)
+        rng, (least, most) = np.random.default_rng(0), np.log(_SIZES)
         waves = np.cos(np.pi * np.outer(np.arange(3), (np.arange(N) + 0.5) / N))
         best: dict[bytes, Rollout] = {}
         for u in (self.guess[1], *(program.variables.unpack(one.x)["u"][0] for one in found)):
-            size = np.exp(rng.uniform(*least, (count, 1, 1)))
+            size = np.exp(rng.uniform(least, most, (count, 1, 1)))
             size[0] = 0.0
             noise = size * (rng.standard_normal((count, sizes.u.size, 3)) @ waves)
             for moved in np.clip(u + sizes.u * noise.transpose(0, 2, 1), lower, upper):
@@ -58,7 +58,7 @@ class Rolls:
         cheapest = sorted(best.values(), key=lambda one: one.cost)
         return [Point(embedded(program, one, None)) for one in cheapest]
 
-    def shaken(self, program: NLP, count: int) -> list[Point]:
+    def shaken(self, program: Program, count: int) -> list[Point]:
         """Where guessed inputs lead, the own and perturbed ones, ``count`` in all."""
         plans = guesses(self.problem, self.values, count, 0, self.guess)
         there = (self.point(program, u) for _, u in plans)
@@ -70,8 +70,8 @@ class Rolls:
         return rolled if unsolved is None else None
 
 
-def embedded(nlp: NLP, plan: Rollout, gains: Gains | None) -> np.ndarray:
-    """Write trajectories x (S, N+1, nx), u, lam, gap (S, N, .) into an NLP's variables."""
+def embedded(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray:
+    """Write trajectories x (S, N+1, nx), u, lam, gap (S, N, .) into an Program's variables."""
     blocks = {
         "x0": plan.x[:, :1],
         "x": plan.x[:, 1:],
