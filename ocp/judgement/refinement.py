@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.judges.referee import LEAST_COST, refined_replay, step_place
+from ocp.judges.referee import LEAST_COST, place_of, refined_replay, step_place
 from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.rollout import Gains, roll_on
@@ -66,12 +67,21 @@ def growth(found: Solution) -> float:
 def halved(problem: Problem, values: dict[str, float], by: int) -> dict[str, Any]:
     """Horizon and step size, by name, of the same duration in ``by`` times as many steps.
 
+    Of a step size that is a state it is those parameters which bound it that are divided.
     Raises :class:`~ocp.errors.InputError` where h is no step of a discretisation.
     """
-    why, name, _ = step_place(problem.system)
+    why, name, place = step_place(problem.system)
     if why:
         raise InputError(f"refine halves the step of {problem.name}, but {why}; leave it out")
-    return {"N": by * problem.N} | ({name: values[name] / by} if name else {})
+    if name:
+        return {"N": by * problem.N, name: values[name] / by}
+    ends = [ca.SX(problem.x_lower), ca.SX(problem.x_upper)]
+    if problem.start is not None:
+        ends += [ca.SX(problem.start.lower), ca.SX(problem.start.upper)]
+    table = problem.parameters
+    found = (place_of(end[place], table.vector) for end in ends if end.numel() > 1)
+    names = dict.fromkeys(table.names[i] for i in found if i is not None)
+    return {"N": by * problem.N} | {name: values[name] / by for name in names}
 
 
 def refined(first: Solution, again: Callable[[dict[str, Any], Solution], Solution]) -> Solution:

@@ -85,7 +85,7 @@ def step_place(system: ContactSystem) -> tuple[str, str, int]:
         return "the step size is part of the model", "", -1
     if any(signal.unit == "N s" for signal in system.inputs):
         return "an input is the impulse of a step, which belongs to its size", "", -1
-    chosen, named = _place(system.h, system.x), _place(system.h, system.parameters.vector)
+    chosen, named = place_of(system.h, system.x), place_of(system.h, system.parameters.vector)
     if chosen is None and named is None:
         return "the step size is no parameter of the model that could be turned", "", -1
     if chosen is not None:
@@ -117,7 +117,7 @@ def refined_replay(
     return replace(rolled, x=x, costs=costs), "" if failed is None else str(failed)
 
 
-def _place(symbol: ca.SX | float, among: ca.SX) -> int | None:
+def place_of(symbol: ca.SX | float, among: ca.SX) -> int | None:
     """Position of a symbol in a column of symbols, None where it is none of them."""
     one = ca.SX(symbol)
     places = [i for i in range(among.numel()) if ca.is_equal(one, among[i])]

@@ -12,7 +12,7 @@ import pytest
 from dynamics.contact import Exact
 from dynamics.systems import lcs
 from ocp import InputError, Problem, Reference, Solution, Status, solve
-from ocp.judgement import refined
+from ocp.judgement import halved, refined
 from ocp.judgement.refinement import AGREED, HALVINGS, Level, growth
 from ocp.rollout import roll_out
 from problems import get
@@ -87,6 +87,14 @@ def test_refining_ends_and_says_why() -> None:
     assert len(stubborn.record["refined"]["levels"]) == HALVINGS + 1
     assert stubborn.record["refined"]["stopped"].startswith(f"h was halved {HALVINGS} times; ")
     assert stubborn.iterations == coarse.iterations + HALVINGS
+
+
+def test_a_step_size_that_is_chosen_is_halved_by_its_bounds() -> None:
+    """Else its lower bound would keep it, and more steps would only last longer."""
+    problem = get("half-cheetah")
+    values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
+    low, high = values["h_min"], values["h_max"]
+    assert halved(problem, values, 4) == {"N": 4 * problem.N, "h_min": low / 4, "h_max": high / 4}
 
 
 def test_growth_is_that_of_a_linear_system() -> None:
