@@ -193,8 +193,8 @@ class Session:
 
         At a kink of the exact law no gradient vanishes, so a gradient method cannot end there. The
         plan is the complementarity problem's own, by direct transcription; with ``homotopy``, or
-        where none is found or it parts from its rollout, it is what the barrier law's path leads
-        to. Of plans that their rollouts keep to, the cheapest is the answer.
+        where its relaxation was hard to follow or it parts from its rollout, the barrier law's path
+        leads to one. Of plans that their rollouts keep to, the cheapest is the answer.
         """
         direct, best = self.judging_nlp(), None
         landing = Landing(nlp, direct, self.step, Homotopy(
@@ -220,7 +220,8 @@ class Session:
             landed = replace(landed, status=told.status, word=told.word)
             kept = settled is not None and not lower(settled, landed, _PARTED)
             best = better(best, Outcome(landed, nlp, kept, follower.trace, settled))
-            if plan.finished and kept:
+            hard = any(line.knob == "t" and not line.accepted for line in follower.trace.records)
+            if plan.finished and kept and not hard:
                 break
         assert best is not None
         return best

@@ -32,7 +32,7 @@ WISH = 1e-6
 """Multiplier of a held member, in natural units, from which on its growth would pay."""
 _FIRST_RADIUS = 0.1
 _REACHES = (1e-3, 1e-2, 1e-1, 1.0)
-_EFFORT = 500_000
+_EFFORT = 750_000
 """Binaries times entries of the rows up to which a program over branches is solved: larger ones
 take HiGHS many seconds before its first node, and a smaller trust region has fewer binaries."""
 
