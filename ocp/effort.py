@@ -1,7 +1,7 @@
-"""What a task would take of memory and time, told before it is begun; all constants are here.
+"""Memory that a task needs, refused where there is less, and a notice of more than a minute.
 
-They were measured on two cores of 2.1 GHz (AVX-512), float64, IPOPT with MUMPS, and are meant to
-tell a minute from an hour and a hundred megabytes from a hundred gigabytes.
+Bytes were measured in float64, IPOPT with MUMPS; they tell a hundred megabytes from a hundred
+gigabytes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 
 YEAR = 365.25 * 86400.0
-"""Seconds; nothing is begun that would take longer."""
+"""Seconds; no estimate begins that would take longer by the time of its first samples."""
 LONG = 60.0
 """Seconds from which on a person is told beforehand."""
 _LINEAR, _SQUARE = 5e3, 90.0
@@ -25,19 +25,14 @@ _LINEAR, _SQUARE = 5e3, 90.0
 (wall-1d), 46 kB for 8 (push-disc, over steps and over scenarios alike), 1.0 MB for 81
 (half-cheetah) by direct transcription; by 178 kB for 18 (push-disc with feedback, 20 to 120
 scenarios). Single shooting takes more."""
-_LINEAR_S, _SQUARE_S = 2e-6, 1e-7
-"""Seconds of a stage and iteration, ``2e-6 v + 1e-7 v²``: with :data:`_ITERATIONS` of them 5 s for
-push-disc at N = 1000 (3 s measured), 4 s for half-cheetah (6), 16 and 33 s for push-disc with
-feedback over 60 and 120 scenarios (24 and 36), 3 s for 256 nodes of push-1d (3)."""
+_BYTE_S = 5e-10
+"""Seconds of an iteration for each byte of the solve, to tell a minute from an hour."""
 _ITERATIONS, _A_STAGE = 200, 2
 """Of a solve, and at least of each stage of its path."""
 FOLLOWED = 0.1
 """Of a solve's time, that a point takes to which a curve is followed."""
 _POINT = 1e5
 """Bytes that are kept of a solved point beside its trajectories, labels above all."""
-_PRODUCTS = 2e10
-"""Weights times rows a second in training a network: 4 layers of 128 on 100,000 rows take 46 s for
-200 passes."""
 _ARRAYS = 4
 """Copies of what is sampled that are held at once."""
 _STUDY = 2e6
@@ -103,9 +98,8 @@ def solve_seconds(
     problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None, path: int = 1
 ) -> float:
     """Seconds that a solve takes, about; ``path`` stages have at least two iterations each."""
-    v = stage_size(problem, policy)
     iterations = max(_ITERATIONS, _A_STAGE * path)
-    return iterations * stages(problem, law) * (_LINEAR_S * v + _SQUARE_S * v**2)
+    return iterations * _BYTE_S * solve_memory(problem, policy, law)
 
 
 def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
@@ -125,11 +119,6 @@ def sampling_memory(decision: float, samples: float) -> float:
 def study_memory(growth: float) -> float:
     """Bytes of a figure whose counts are ``growth`` times the default ones, multiplied."""
     return _STUDY * growth
-
-
-def training_seconds(products: float) -> float:
-    """Seconds of training networks with so many products of weights with rows, both passes."""
-    return products / _PRODUCTS
 
 
 def check_memory(what: str, needed: float) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ class Option:
     high: float = math.inf
     open_low: bool = False
     open_high: bool = False
-    words: tuple[str, ...] = ()
+    words: Sequence[str] = ()
     default: str = ""
     meaning: str = ""
 
@@ -88,7 +88,9 @@ def documented(solver: str) -> dict[str, Option]:
 
     IPOPT documents its own; of Uno the names are known, of fatrop and SLEQP nothing.
     """
-    return {"ipopt": _ipopt, "uno": _uno}.get(solver, dict)()
+    if solver == "uno":
+        return {name: Option(kind) for name, kind in _UNO.items()}
+    return _ipopt() if solver == "ipopt" else {}
 
 
 def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -134,67 +136,11 @@ def _option(solver: str, name: str) -> Option:
     return own[name] if name in own else _probed(solver, name)
 
 
-def _uno() -> dict[str, Option]:
-    return {key: Option(kind) for key, kind in _UNO.items()}
-
-
 @cache
 def _ipopt() -> dict[str, Option]:
-    """IPOPT's options as it documents them itself."""
-    import html
-    import tempfile
-
-    x = ca.MX.sym("x")
-    with tempfile.TemporaryDirectory(prefix="centralpath-") as folder:
-        file = Path(folder) / "options"
-        said = {
-            "print_level": 0, "sb": "yes", "output_file": str(file), "file_print_level": 5,
-            "print_options_documentation": "yes", "print_options_mode": "doxygen",
-            "print_advanced_options": "yes",
-        }  # fmt: skip
-        ca.nlpsol("options", "ipopt", {"x": x, "f": x**2}, {"print_time": False, "ipopt": said})()
-        text = html.unescape(file.read_text(encoding="utf-8"))
-    found = re.findall(
-        r"<strong>(\w+)</strong>:? ?(.*?)<blockquote>\n(.*?)</blockquote>", text, re.S
-    )
-    return {
-        name: replace(
-            _described(name, about),
-            default=_default(about),
-            meaning=" ".join(title.removeprefix("(<em>advanced</em>): ").split()),
-        )
-        for name, title, about in found
-    }
-
-
-def _default(about: str) -> str:
-    """The default value as IPOPT states it: a number, or a word in quotes."""
-    stated = re.search(
-        r"default value(?: for this \w+ option)? is (\"[^\"]*\"|.*?)\.?\s*$", about, re.M
-    )
-    if stated is None:
-        return ""
-    return _as_number(stated[1].strip('"'))
-
-
-def _as_number(text: str) -> str:
-    return re.sub(r"10<sup>(.*?)</sup>", r"1e\1", text).replace("·1e", "e").replace("+", "")
-
-
-def _described(name: str, about: str) -> Option:
-    kind = re.search(r"this (real|integer|string) option", about)
-    assert kind is not None, name
-    if kind[1] == "string":
-        words = tuple(re.findall(r"^ - ([^:\n]+)", about, re.M))
-        return Option("string", words=() if "*" in words else words)
-    stated = re.search(r"range for this \w+ option is (.*?) and its default", about, re.S)
-    assert stated is not None, name
-    plain = re.sub(r"10<sup>(.*?)</sup>", r"1e\1", stated[1]).replace("≤", "<=")
-    parts = re.match(r"(?:(\S+) (<=?) )?([a-z]\w*)(?: (<=?) (\S+))?$", plain)
-    if parts is None:
-        return Option(kind[1])
-    low, least, _, most, high = parts.groups()
-    return Option(kind[1], float(low or "-inf"), float(high or "inf"), least == "<", most == "<")
+    """IPOPT's options as it documents them itself (``print_options_documentation``, 3.14)."""
+    text = Path(__file__).with_name("ipopt_options.json").read_text(encoding="utf-8")
+    return {name: Option(**stated) for name, stated in json.loads(text).items()}
 
 
 @cache

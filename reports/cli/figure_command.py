@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from problems.studies import Study
 
 
-USUAL_S = 60.0
-"""Seconds that a figure takes at its default counts, about; it grows with each of them."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class FigureOptions(StoreOptions):
     """Which figures, and their parameters."""
@@ -96,18 +92,14 @@ def _names_run(name: str) -> bool:
 def _asked(
     name: str, asked: dict[str, Any], options: FigureOptions
 ) -> tuple[Study, dict[str, Any]]:
-    from ocp.effort import check_memory, check_time, study_memory
+    from ocp.effort import check_memory, study_memory
     from problems import studies
 
     study = studies.get(name)
     params = study.params({**(study.quick if options.quick else {}), **asked}).model_dump()
     counts = {n: f.default for n, f in study.Params.model_fields.items() if f.annotation is int}
     growth = math.prod(max(1.0, params[n] / usual) for n, usual in counts.items() if usual)
-    what = f"{study.id} with {', '.join(options.params or ())}"
-    check_memory(what, study_memory(growth))
-    check_time(what, USUAL_S * growth)
-    if growth > 1:
-        options.output.foretell(what, USUAL_S * growth)
+    check_memory(f"{study.id} with {', '.join(options.params or ())}", study_memory(growth))
     return study, params
 
 

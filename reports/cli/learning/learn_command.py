@@ -91,16 +91,12 @@ def check(options: LearnOptions) -> Asked:
 
 def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -> Recipe:
     from dynamics.learned.training import Recipe
-    from ocp.effort import check_memory, check_time, training_seconds
+    from ocp.effort import check_memory
     from ocp.errors import InputError
 
     layers = pairwise((data.z.shape[1], *hidden, data.x.shape[1]))
     weights = sum(before * after for before, after in layers)
     check_memory(f"--hidden: a network of {weights:.3g} weights", _COPIES * 4.0 * weights)
-    what = f"{options.epochs} epochs over {len(data)} rows"
-    seconds = training_seconds(float(weights) * len(data) * options.epochs)
-    check_time(what, seconds)
-    options.output.foretell(f"training for {what}, at most,", seconds)
     try:
         return Recipe(hidden, options.epochs, held_out=HELD_OUT)
     except ValueError as error:

@@ -82,11 +82,9 @@ def check(options: TrainOptions) -> Asked:
     jobs, workers = _jobs(options, spec, task)
     check_places(options.out, options.pdf)
     built = [job.experiment(task) for job in jobs]
-    seconds = 0.0
     for one in built[:: options.seeds]:
         one.algorithm.check(one)
-        seconds += check_training(one, workers, options.seeds)
-    options.output.foretell(f"{len(built)} trainings", seconds)
+        check_training(one, workers)
     pairs, store = zip(jobs, built, strict=True), options.out.resolve()
     checkpoints = [job.checkpoint(one, store) for job, one in pairs]
     return Asked(jobs, checkpoints, built, workers)
