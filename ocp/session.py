@@ -14,7 +14,7 @@ from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.law import Schedule
 from ocp.effort import solve_memory, solve_seconds
 from ocp.errors import NotConverged, choose
-from ocp.guesses import Guessed, guesses
+from ocp.guesses import Guessed
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Point, Solver
@@ -22,10 +22,10 @@ from ocp.routes.branches import land
 from ocp.routes.complementarity import (
     FEW,
     FEW_ITERATIONS,
-    OTHERS,
     RELAXATIONS,
     SECOND,
     SECOND_FEW,
+    WIDE,
     Route,
     solve_pairs,
 )
@@ -259,18 +259,17 @@ class Session:
         asked = Route(strategy, self.problem.reference, partial(self.first_point, guess=guess))
         if self.strategy != DEFAULT_STRATEGY:
             return asked
-        own, *moved = guesses(self.problem, self.values, 1 + len(OTHERS), 0, guess)
+        own = guess or self.problem.initial_guess(self.problem.parameters.pack(self.values))
         rolls = Rolls(self.problem, self.step, self.values, own)
         rolls = None if isinstance(self.policy, Feedback) else rolls
         if self.nlp_of("product").pairs.shape[1] > FEW:
             return replace(asked, second=SECOND, rolls=rolls)
-        starts = [partial(self.first_point, guess=one) for one in moved]
         strategy = RELAXATIONS[-number % len(RELAXATIONS)]
         return replace(
             asked,
             strategy=replace(strategy, most=FEW_ITERATIONS),
             second=SECOND_FEW,
-            others=list(zip(OTHERS, starts, strict=True)),
+            beside=WIDE,
             rolls=rolls,
         )
 

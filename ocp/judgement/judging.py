@@ -68,6 +68,8 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         certificate = certify(
             asked, point.x, asked.parameter_vector(given), asked.bounds(given), point.lam_g, span
         )
+        if certificate.stationarity == "not":
+            certificate = replace(certificate, reason=outcome.trace.refused)
         derivative = partial(sensitivity, asked, point, given)
         idle = idle_cost(session, rolled)
     heard = hear(session.problem, session.step, rolled, values, plan.gains)

@@ -157,7 +157,7 @@ class Branches:
                 continue
             found = self._exchanged(model, best, radius)
             if found is not None and lower(found, best):
-                best = found
+                best, self.follower.trace.refused = found, ""
             else:
                 radius /= 10
         self.follower.trace.seconds = spent + time.perf_counter() - began
@@ -182,6 +182,11 @@ class Branches:
         active[direction.near] = direction.acts > 0.5
         there = best.point.x + radius * model.sizes * direction.step
         found = self.solve(Point(there, best.point.lam_x, best.point.lam_g), active)
+        how = f"{found.word} after {found.iterations} iterations"
+        self.follower.trace.refused = (
+            f"the branch with these contacts costs {found.f:.6g}" if found.ok
+            else f"the solver did not converge on the branch with these contacts ({how})"
+        )  # fmt: skip
         return found if found.ok else None
 
     def wishes(self, found: Result, active: np.ndarray) -> np.ndarray:

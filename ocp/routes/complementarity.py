@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,15 +29,15 @@ class Route:
 
     ``second`` is the strategy for where it lands nowhere. ``rolls`` roll inputs out, and what they
     do is settled (:mod:`~ocp.routes.far`): a few after a path that was easy to follow, else many,
-    and where none of them is better ``others`` are followed, each from a start of its own. The
-    cheapest of all answers counts.
+    and where none of them is better ``beside`` is followed from the same start. The cheapest of all
+    answers counts.
     """
 
     strategy: Strategy
     reference: Reference
     start: Callable[[Any], Point]
     second: Strategy | None = None
-    others: Sequence[tuple[Strategy, Callable[[Any], Point]]] = ()
+    beside: Strategy | None = None
     rolls: Rolls | None = None
 
 
@@ -48,16 +48,16 @@ def solve_pairs(follower: Homotopy, route: Route) -> End:
     branches = Branches(follower)
     landed = [first[0]] if first[2] else []
     enough = smooth
-    if route.rolls is not None and route.others:
+    if route.rolls is not None and route.beside:
         count, below = (_SMOOTH, first[0].f) if smooth else (_ROUGH, np.inf)
         points = route.rolls.around(branches.program, [one.point for one in landed], count)
         found = elsewhere(branches, points, below)
         enough = smooth or any(lower(one, first[0]) or not landed for one in found)
         landed += found
-    for strategy, start in () if enough else route.others:
-        again = by_strategy(follower, replace(route, start=start), strategy)
+    if route.beside is not None and not enough:
+        again = by_strategy(follower, route, route.beside)
         landed += [again[0]] if again[2] else []
-    if route.rolls is not None and not enough and (route.others or not landed):
+    if route.rolls is not None and not enough and (route.beside or not landed):
         tried = (branches.settle(one) for one in route.rolls.shaken(branches.program, _SHAKEN))
         landed += [one for one in tried if one is not None]
     if not landed and route.second is not None:
@@ -131,8 +131,6 @@ _SHAKEN = 8
 """Guesses that are rolled out where that led to nothing better."""
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)
 """From where all contacts are felt from afar."""
-OTHERS = (WIDE, CentralPath(), CentralPath(), ScholtesAdaptive())
-"""Followed from as many perturbed guesses where the path of a small problem was hard to follow."""
 RELAXATIONS = (
     CentralPath(),
     WIDE,

@@ -79,13 +79,17 @@ class Path:
 
 @dataclass
 class Trace:
-    """What following paths has left behind: the last good point and the table."""
+    """What following paths has left behind: the last good point and the table.
+
+    ``refused`` says why the last exchange of contacts that promised descent was not made.
+    """
 
     records: list[StageRecord] = field(default_factory=list)
     points: list[tuple[str, np.ndarray]] = field(default_factory=list)
     iterations: int = 0
     seconds: float = 0.0
     evaluation_s: float = 0.0
+    refused: str = ""
 
     def absorb(self, other: Trace) -> None:
         """Append another trace's table and add up its work."""
@@ -93,6 +97,7 @@ class Trace:
         self.iterations += other.iterations
         self.seconds += other.seconds
         self.evaluation_s += other.evaluation_s
+        self.refused = other.refused
 
 
 class Homotopy:

@@ -63,8 +63,9 @@ class Certificate:
 
     ``stationarity``: "B" where no first-order move, with any change of contact, lowers the cost;
     "KKT" the same where nothing is complementary; "not"; "undecided" where the programs found no
-    answer, and ``reason`` says why. ``kind`` names the strongest of S, M, C, W whose signs the
-    multipliers at biactive pairs have (Scheel and Scholtes 2000), "" where there is no pair.
+    answer. ``reason`` says why, and why moves that pay were not made. ``kind`` names the strongest
+    of S, M, C, W whose signs the multipliers at biactive pairs have (Scheel and Scholtes 2000), ""
+    where there is no pair.
 
     ``biactive`` counts pairs with both members below 1e-6 of their characteristic size;
     ``lpec_decrease`` is what the cost falls per unit of trust region, to first order, along the
@@ -109,7 +110,7 @@ class Certificate:
         more = f" (and {len(self.moves) - 3} more)" if len(self.moves) > 3 else ""
         return (
             f"not stationary: {how}{more} would lower the cost by about {self.gain:.2g}"
-            " within a hundredth of the characteristic sizes"
+            f" within a hundredth of the characteristic sizes{self.reason and '; '}{self.reason}"
         )
 
 

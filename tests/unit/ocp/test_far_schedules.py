@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from dynamics.contact import Exact
+from ocp.judgement import judged
+from ocp.programs.solver import Point, Result
+from ocp.programs.status import Status
+from ocp.routes.branches import Branches
 from ocp.routes.far import _apart
-from ocp.solve import solve
+from ocp.routes.legs import Homotopy
+from ocp.routes.outcome import Outcome
+from ocp.solve import new_session, solve
+from problems import get
 from problems.ball_throw import Params, roll
 
 THROW = {
@@ -44,8 +55,8 @@ def test_the_bounce_is_found_at_whichever_step_is_best() -> None:
     found = solve("ball-throw", "exact", params=THROW)
     least = min(
         throws_cost(params, theta, speed)
-        for theta in np.linspace(-1.5, 1.5, 61)
-        for speed in np.linspace(0.1, 1.0, 46) * params.speed_max
+        for theta in np.linspace(-1.5, 1.5, 41)
+        for speed in np.linspace(0.1, 1.0, 28) * params.speed_max
     )
     assert found.success and found.cost <= least
     assert found.cost == pytest.approx(2.11242, rel=1e-4)
@@ -58,3 +69,36 @@ def test_schedules_lie_apart_by_the_steps_that_contacts_move(by: int) -> None:
     one, other = (np.isin(steps, [at, at + 1]) for at in (3, 3 + by))
     assert _apart(one, other, chains) == _apart(other, one, chains) == pytest.approx(2 * by / 20)
     assert _apart(one, one, chains) == 0
+
+
+@pytest.mark.parametrize("solved", [False, True])
+def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(
+    solved: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every branch of a short push: those that are not stationary are left, or told with a reason.
+
+    With ``solved`` false no branch that is proposed converges.
+    """
+    session = new_session(get("push-1d", N=4), Exact())
+    branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
+    start, own, told = Point(session.first_point(branches.program).x), Branches.solve, 0
+    ended = [
+        branches.solve(start, np.array(bits)) for bits in itertools.product([False, True], repeat=4)
+    ]
+
+    def failing(self: Branches, *given, **named) -> Result:
+        found = own(self, *given, **named)
+        return replace(found, status=Status.ITERATION_LIMIT, word="Lost")
+
+    if not solved:
+        monkeypatch.setattr(Branches, "solve", failing)
+    for settled in (one for one in ended if one.ok):
+        best = branches.improve(settled)
+        outcome = Outcome(best, branches.program, True, branches.follower.trace)
+        certificate = judged(session, outcome, 0).certificate
+        if certificate.stationarity == "not":
+            told += 1
+            assert "did not converge on the branch with these contacts (Lost" in (
+                certificate.sentence
+            )
+    assert told == 0 if solved else told > 0
