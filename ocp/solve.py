@@ -196,7 +196,8 @@ def new_session(
         needed = solve_memory(made, made_policy, law)
     except ValueError as error:
         raise InputError(str(error)) from error
-    check_memory(f"{made.name} with N = {made.N}{_several(made)}", needed)
+    several = f" and {made.scenarios.n} scenarios" if made.scenarios.n > 1 else ""
+    check_memory(f"{made.name} with N = {made.N}{several}", needed)
     session = Session(
         made,
         law,
@@ -211,10 +212,6 @@ def new_session(
     )
     _check_use(session, set(own))
     return session
-
-
-def _several(problem: Problem) -> str:
-    return f" and {problem.scenarios.n} scenarios" if problem.scenarios.n > 1 else ""
 
 
 def _check_use(session: Session, given: set[str]) -> None:

@@ -134,9 +134,10 @@ class ProblemSpec(Spec):
         params = self.params(values or {})
         problem = self.build(params)
         if not isinstance(problem, Problem):
+            kind = "nothing" if problem is None else f"a {type(problem).__name__}"
             raise InputError(
-                f"{self.path or self.name}: build(params) returned"
-                f" {_kind(problem)}, expected an ocp.problem.Problem"
+                f"{self.path or self.name}: build(params) returned {kind}, expected an"
+                " ocp.problem.Problem"
             )
         problem.check_physics()
         guess = problem.guess
@@ -228,7 +229,3 @@ def defined(kind: type[S], module: ModuleType, **more: Any) -> S:
     found = {name: getattr(module, name) for name in names if hasattr(module, name)}
     text = re.sub(r"\n +", " ", found.get("equations", "").strip())
     return kind(**{**found, **more, "equations": tuple(text.splitlines())})
-
-
-def _kind(value: object) -> str:
-    return "nothing" if value is None else f"a {type(value).__name__}"

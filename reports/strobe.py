@@ -57,7 +57,8 @@ def strobe_rows(
         return [], ""
     forces = [found for _, view in shown if (found := _forces_drawn(view)) is not None]
     largest = max((found.largest for found in forces), default=0.0)
-    columns = _columns(len(shown))
+    count = len(shown)
+    columns = {1: 1, 2: 2, 4: 2}.get(count, 4 if count in (7, 8) or count > 9 else 3)
     figures, used = list[Figure](), list[Axes]()
     for start in range(0, len(shown), columns):
         figure = Figure(figsize=(WIDTH, _SMALL))
@@ -85,10 +86,6 @@ def _one_view(axes: Sequence[Axes]) -> float:
     for axis in axes:
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return float((high - low)[1] / (high - low)[0])
-
-
-def _columns(count: int) -> int:
-    return {1: 1, 2: 2, 4: 2}.get(count, 4 if count in (7, 8) or count > 9 else 3)
 
 
 def draw_strobe(

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Protocol, runtime_checkable
 
 import casadi as ca
 
-from dynamics.contact.casadi_map import CasadiMap
+from dynamics.contact.casadi_map import CasadiMap, LearnedMap
 from dynamics.contact.closure import Branch, Closure
 from dynamics.contact.law import ContactLaw
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.step import Step
 from dynamics.learned.files import read_model
-from dynamics.learned.model import StepModel
+from dynamics.learned.origin import Origin
 from dynamics.systems import KNOB, ContactSystem, Parameter, ParameterTable
+
+
+@runtime_checkable
+class StepModel(LearnedMap, Protocol):
+    """A map from state and input to the next state that knows whose data it has learned from."""
+
+    kind: ClassVar[str]
+
+    @property
+    def origin(self) -> Origin:
+        """What its numbers are called, and which data it saw."""
+        ...
+
 
 _Model = Annotated[str | Path | StepModel | None, "file of a model, made by ocp learn; required"]
 

@@ -68,7 +68,7 @@ class MlpModel:
             a = self.z_scales.normalised(z[rows])
             for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
                 a = _elu(a @ W.T + b)[0]
-            y[rows] = self._physical(a)
+            y[rows] = self.y_scales.physical(a @ self.weights[-1].T + self.biases[-1])
         return y
 
     @QUIETLY
@@ -115,9 +115,6 @@ class MlpModel:
             a, slope, _ = _elu(s)
             layers.append((a @ W.T + b, _product(J * slope[:, None, :], W)))
         return layers
-
-    def _physical(self, a: np.ndarray) -> np.ndarray:
-        return self.y_scales.physical(a @ self.weights[-1].T + self.biases[-1])
 
     def dataset(self) -> xr.Dataset:
         """All of it as arrays and attributes (:meth:`of` reads it back)."""

@@ -145,9 +145,10 @@ class Solver:
         point, cost, g = scaled.answer(float(answer["f"]), **values)
         if not np.all(np.isfinite(values["x"])):
             status = Status.DIVERGED
+        # Wall time in f, g and their derivatives, as CasADi measured it around each call.
+        evaluation_s = sum(float(v) for key, v in stats.items() if key.startswith("t_wall_nlp_"))
         result = Result(
-            point, cost, g, status, word, int(stats.get("iter_count", 0)), seconds,
-            _evaluation_s(stats),
+            point, cost, g, status, word, int(stats.get("iter_count", 0)), seconds, evaluation_s,
         )  # fmt: skip
         _LOG.debug(
             "%s on %s: %s after %d it in %.4f s, %.4f s of it in functions; options %s", self.name,
@@ -206,11 +207,6 @@ class Solver:
             line = next((s for s in str(error).splitlines() if "ption" in s), str(error).strip())
             reason = line.rpartition(".cpp:")[2].partition(": ")[2].strip() or line.strip()
             raise InputError(f"{self.name} refused its options: {reason}") from error
-
-
-def _evaluation_s(stats: dict[str, Any]) -> float:
-    """Wall time in f, g and their derivatives, as CasADi measured it around each call."""
-    return sum(float(v) for key, v in stats.items() if key.startswith("t_wall_nlp_"))
 
 
 def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:

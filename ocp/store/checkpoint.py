@@ -44,7 +44,9 @@ class Checkpoint:
     ) -> None:
         asked = _hashed(plain(request))
         self._asked = f".unfinished-{asked}-"
-        self._name = f"{self._asked}{source[:12] or 'own'}-{_program()}"
+        # What does it: our own source, versions of what it stands on, the compiler and the CPU.
+        program = _hashed({"source": program_digest(), "compiler": identity(), **versions()})
+        self._name = f"{self._asked}{source[:12] or 'own'}-{program}"
         self._shelf = None if root is None else root / problem
         self._place: Path | None = None
         self._lock: int | None = None
@@ -233,11 +235,6 @@ def _arrays(file: Path) -> dict[str, np.ndarray] | None:
             return dict(found)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
-
-
-def _program() -> str:
-    """What does it: our own source, versions of what it stands on, the compiler and the CPU."""
-    return _hashed({"source": program_digest(), "compiler": identity(), **versions()})
 
 
 def _hashed(value: Any) -> str:

@@ -88,15 +88,12 @@ def _columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
     shape = tuple(data.sizes[name] for name in rows)
     for place, name in enumerate(rows):
         labels = data[name].values if name in data.coords else np.arange(shape[place])
-        within = np.broadcast_to(np.expand_dims(labels, _others(place, len(rows))), shape)
+        others = [axis for axis in range(len(rows)) if axis != place]
+        within = np.broadcast_to(np.expand_dims(labels, others), shape)
         yield name, list(within.ravel())
     for name in map(str, [*data.coords, *data.data_vars]):
         if name not in rows and not name.startswith(("lam_g_", "lam_x_", "time_interval")):
             yield from _of_array(data, name, rows, shape)
-
-
-def _others(place: int, count: int) -> tuple[int, ...]:
-    return tuple(axis for axis in range(count) if axis != place)
 
 
 def _of_array(

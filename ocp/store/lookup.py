@@ -52,7 +52,8 @@ def _back(text: str, runs: Sequence[RunEntry], store: Path) -> Path:
 def _named(text: str, runs: Sequence[RunEntry], store: Path) -> Path:
     named = {f"{entry.path.parent.name}/{entry.path.name}": entry for entry in runs}
     matches = [entry for name, entry in named.items() if text in name]
-    if matches and len({_content(entry) for entry in matches}) == 1:
+    contents = {str(one.path) if one.meta is None else one.meta["hash"] for one in matches}
+    if len(contents) == 1:
         return matches[-1].path
     if matches:
         some = ", ".join(entry.path.name for entry in matches[:3])
@@ -60,10 +61,6 @@ def _named(text: str, runs: Sequence[RunEntry], store: Path) -> Path:
     raise InputError(
         f"there is no run {text!r}{did_you_mean(text, named)}; ocp runs lists what {store} holds"
     )
-
-
-def _content(entry: RunEntry) -> str:
-    return str(entry.path) if entry.meta is None else entry.meta["hash"]
 
 
 def check_removable(path: Path) -> None:

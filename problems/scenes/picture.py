@@ -12,7 +12,7 @@ import numpy as np
 
 from problems.drawing import ContactFrame, Disc, Segment, Shape
 from problems.scenes.scene import Scene
-from problems.scenes.things import Body, Goal, Obstacle, Thing
+from problems.scenes.things import Body, Obstacle, Thing
 from problems.solids import solid
 
 Draw = Callable[[Any, np.ndarray], list[Shape]]
@@ -69,14 +69,11 @@ def _shapes(scene: Scene, poses: list[Place]) -> list[Shape]:
     moving = [(thing, at) for thing, at in placed if not isinstance(thing, Obstacle)]
     found = [solid(thing.shape, *at, "environment") for thing, at in still]
     for goal in scene.goals:
-        found += _marked(there[goal.body], _goal_pose(goal), "goal")
+        pose = float(goal.at[0]), float(goal.at[1]), -float(goal.angle)
+        found += _marked(there[goal.body], pose, "goal")
     for thing, at in moving:
         found += _marked(thing, at, "object" if isinstance(thing, Body) else "actuator")
     return found
-
-
-def _goal_pose(goal: Goal) -> Place:
-    return float(goal.at[0]), float(goal.at[1]), -float(goal.angle)
 
 
 def _marked(thing: Thing, at: Place, role: str) -> list[Shape]:

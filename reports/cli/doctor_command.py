@@ -27,8 +27,8 @@ class DoctorOptions(Options):
 
 
 def check(options: DoctorOptions) -> dict[str, Any]:
-    """Find where the four packages lie."""
-    roots = package_roots()
+    """Find the directory that each of the four packages was imported from."""
+    roots = {name: str(Path(import_module(name).__file__ or "").parents[1]) for name in PACKAGES}
     return {"root": common_root(roots), "roots": roots}
 
 
@@ -51,11 +51,6 @@ def _clear(output: Output) -> int:
     count = compiler.clear()
     output.say(f"{count} compiled object{'' if count == 1 else 's'} removed from the kernel cache")
     return count
-
-
-def package_roots() -> dict[str, str]:
-    """Return the directory that each of the four packages was imported from."""
-    return {name: str(Path(import_module(name).__file__ or "").parents[1]) for name in PACKAGES}
 
 
 def common_root(roots: dict[str, str]) -> str:

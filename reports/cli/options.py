@@ -229,7 +229,9 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
                   default=Parameter.empty if default is MISSING else default)
         for key, (annotation, default) in parameters.items()
     ])  # fmt: skip
-    app.command(name, cls=_shaped(command))(called)
+    # Its help ends as the command says.
+    told = {"told": command, "hints": get_type_hints(command.options)}
+    app.command(name, cls=type("Told", (Strict,), told))(called)
 
 
 def _at_home(value: Any) -> Any:
@@ -241,11 +243,6 @@ def _at_home(value: Any) -> Any:
     from ocp.words.tilde import expanded
 
     return type(value)(expanded(value))
-
-
-def _shaped(command: Command[Any]) -> type[Strict]:
-    """The class of a command whose help ends as ``command`` says."""
-    return type("Told", (Strict,), {"told": command, "hints": get_type_hints(command.options)})
 
 
 def _annotation(hint: Any, field: Field[Any]) -> Any:

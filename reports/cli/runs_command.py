@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,14 +12,13 @@ from reports.cli.declared import argument, option
 from reports.cli.options import RUN, Command, StoreOptions
 
 if TYPE_CHECKING:
-    from datetime import datetime
-
     from ocp.store.stored_run import StoredRun
 
     Asked = tuple[StoredRun | None, datetime | None]
 
 FILTERS = ("problem", "kind", "contact", "method", "algorithm", "status")
 """What a listing may be narrowed to, as its objects name it."""
+_SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,13 +54,31 @@ class RunsOptions(StoreOptions):
 def check(options: RunsOptions) -> Asked:
     """Read the run that was asked for, None for all; and since when."""
     from ocp.errors import InputError
-    from reports.cli.stored.since import moment
 
     narrowed = sorted(options.given & {*FILTERS, "tags", "since", "last"})
     if options.run is not None and narrowed:
         raise InputError(f"one run is shown whole; drop --{narrowed[0].replace('tags', 'tag')}")
     since = None if options.since is None else moment(options.since)
     return (None if options.run is None else stored(options.run, options.out)), since
+
+
+def moment(text: str) -> datetime:
+    """Read ``2h`` (ago), or a date or time in ISO form, which is UTC where it says no zone.
+
+    Raises :class:`~ocp.errors.InputError` for anything else.
+    """
+    from ocp.errors import InputError
+
+    if match := re.fullmatch(r"(\d{1,6})([smhdw])", text, re.ASCII):
+        return datetime.now(UTC) - timedelta(seconds=int(match[1]) * _SECONDS[match[2]])
+    try:
+        found = datetime.fromisoformat(text)
+    except ValueError:
+        raise InputError(
+            f"--since must be a date such as 2026-01-31, or a time ago such as 30m, 2h, 7d, got"
+            f" {text!r}"
+        ) from None
+    return found if found.tzinfo else found.replace(tzinfo=UTC)
 
 
 def run(options: RunsOptions, asked: Asked) -> int:
@@ -103,8 +122,6 @@ def _print(
 
 
 def _asked_for(options: RunsOptions, since: datetime | None, entry: dict[str, Any]) -> bool:
-    from datetime import datetime
-
     for key in FILTERS:
         wanted = getattr(options, key)
         known = (entry[key], entry["grade"]) if key == "status" else (entry[key],)

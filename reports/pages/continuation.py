@@ -27,6 +27,8 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
         ]
         for point in points
     ]  # fmt: skip
+    # Of a path that was followed to its end: whether every plan on it survives.
+    grade = "survives" if all(point["survives"] for point in points) else "certified"
     content = {
         **said,
         "verdict": said["verdict"].replace(over, symbol(over)),
@@ -34,7 +36,7 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
         "settings": [row for row in said["settings"] if row[0] != over],
         "parameters": [row for row in said["parameters"] if row[0] != over],
         "over": continuation.parameter_label(view),
-        "grade": curve_grade(points) if meta["success"] else "failed",
+        "grade": grade if meta["success"] else "failed",
         "survived": f"{sum(p.get('survives') is True for p in points)} of {len(points)}",
         "points": rows,
         "events": [list(row) for row in event_rows(meta["events"])],
@@ -51,11 +53,6 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
 
 
 _SURVIVES = {True: "yes", False: "no", None: "–"}
-
-
-def curve_grade(points: list[dict[str, Any]]) -> str:
-    """Colour of a path that was followed to its end: whether every plan on it survives."""
-    return "survives" if all(point["survives"] for point in points) else "certified"
 
 
 def _below(points: list[dict[str, Any]]) -> str:

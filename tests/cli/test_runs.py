@@ -14,7 +14,7 @@ import pytest
 from ocp import store
 from ocp.store.lookup import find
 from reports.cli.app import main
-from reports.cli.stored.since import moment
+from reports.cli.runs_command import moment
 
 
 @pytest.fixture(scope="module")

@@ -63,11 +63,6 @@ def norms(matrices: np.ndarray) -> np.ndarray:
     return np.linalg.norm(matrices, 2, axis=(1, 2))
 
 
-def frobenius(matrices: np.ndarray) -> np.ndarray:
-    """Frobenius norms of (k, n, n)."""
-    return np.sqrt(np.sum(matrices**2, axis=(1, 2)))
-
-
 def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> np.ndarray:
     """Bound of abs, thm. 4.5 with l(mu) *equal* to its lower bound; C = D = I, A = B = E = 0.
 
@@ -75,7 +70,7 @@ def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> 
     ``e = reach²/(2 |F|²)`` with ``reach`` (k,) the largest |z| of the domain, on which the bound is
     one of the slope; printed with sign +1, derived correctly it is -1.
     """
-    n, size = F.shape[1], frobenius(F)
+    n, size = F.shape[1], np.linalg.norm(F, axis=(1, 2))
     e = reach**2 / (2 * size**2)
     inverse, rest = 1 / mu, 2 / (e * mu * size)
     root = np.sqrt(inverse**2 + rest)

@@ -71,7 +71,7 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
         Claim(f"{name}: so it is over widths of noise and amounts of data", "our check",
               "at every one", f"{int(before.sum())} of {before.size}", bool(before.all())),
         Claim(f"{name}: noised data are ahead of clean data", place,
-              "g_sigma and h_sigma end lower than h", f"{listed_words(noised)} of {told}",
+              "g_sigma and h_sigma end lower than h", f"{', '.join(noised) or 'none'} of {told}",
               bool(len(noised) == 2)),
         Claim(f"{name}: h hardly moves on its own model" if name == PROBLEMS[0]
               else f"{name}: h makes some progress on its own model", place,
@@ -85,11 +85,6 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
               f"{_PROGRESS:.0%} of the cost are saved at every width, with all data",
               over(list(widths), moves), bool(moves.all())),
     ]  # fmt: skip
-
-
-def listed_words(words: list[str]) -> str:
-    """Words with commas, or none."""
-    return ", ".join(words) or "none"
 
 
 def open_loop(name: str, data: xr.Dataset) -> list[Claim]:

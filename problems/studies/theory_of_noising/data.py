@@ -33,11 +33,7 @@ def run(params: Params) -> xr.Dataset:
         **neighbours.uniform_cloud(params.n_samples, seed),
         **neighbours.along_the_task(params.n_samples, seed),
     }
-    return xr.Dataset(found, _coordinates())
-
-
-def _coordinates() -> dict:
-    return {
+    coordinates = {
         "command": quantity_of("command", lemmas.COMMANDS, "1", "slope of the step in contact"),
         "width": quantity_of("width", lemmas.WIDTHS, "m", "sigma"),
         "place": quantity_of("place", lemmas.PLACES, "1", "of the kink between two data"),
@@ -59,3 +55,4 @@ def _coordinates() -> dict:
         "problem": ("problem", list(neighbours.PROBLEMS)),
         "drawn": ("drawn", list(neighbours.DRAWN)),
     }
+    return xr.Dataset(found, coordinates)

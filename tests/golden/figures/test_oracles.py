@@ -30,8 +30,7 @@ from problems.studies.shared.noise import (
 from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.shared.scalar_contact import scalar_contact
 from problems.studies.stiff_pushing.data import Params as PushParams
-from problems.studies.stiff_pushing.data import limit
-from problems.studies.stiff_pushing.pushing import pushing_system
+from problems.studies.stiff_pushing.data import limit, pushing_system
 from problems.studies.wall_corner.thrown_ball import ThrownBall, Wall
 
 
