@@ -8,8 +8,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from reports.cli.declared import option
-from reports.cli.options import Command, RunOptions, SourceOptions
+from reports.cli.options import Command, RunOptions, SourceOptions, option
 from reports.cli.output import Output
 
 if TYPE_CHECKING:

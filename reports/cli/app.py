@@ -25,6 +25,7 @@ from reports.cli import (
     runs_command,
     show_command,
     solve_command,
+    sweep_command,
 )
 from reports.cli.learning import (
     collect_command,
@@ -37,7 +38,6 @@ from reports.cli.options import register
 from reports.cli.shell import document, interrupt, logs, streams
 from reports.cli.shell.program import Program, tell_version
 from reports.cli.stored import rm_command, save_as_command
-from reports.cli.sweeping import sweep_command
 
 app = typer.Typer(
     cls=Program,

@@ -6,8 +6,7 @@ import sys
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import option
-from reports.cli.options import Command, SolverOptions
+from reports.cli.options import Command, SolverOptions, option
 
 if TYPE_CHECKING:
     from ocp.continuation import Continuation

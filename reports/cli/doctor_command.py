@@ -9,8 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from reports.cli.declared import option
-from reports.cli.options import Command, Options
+from reports.cli.options import Command, Options, option
 from reports.cli.output import Output
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")

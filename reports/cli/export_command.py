@@ -8,8 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from reports.cli.declared import argument, option
-from reports.cli.options import Command, SourceOptions
+from reports.cli.options import Command, SourceOptions, argument, option
 
 if TYPE_CHECKING:
     import numpy as np

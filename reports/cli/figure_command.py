@@ -14,8 +14,7 @@ from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import argument, option
-from reports.cli.options import Command, StoreOptions
+from reports.cli.options import Command, StoreOptions, argument, option
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun

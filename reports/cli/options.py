@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar, get_type_hints
@@ -21,7 +21,6 @@ import typer
 from typer.core import TyperCommand
 from typer.models import ArgumentInfo
 
-from reports.cli.declared import argument, option
 from reports.cli.output import Output
 from reports.cli.shell import document, logs
 
@@ -32,6 +31,16 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 RUN = "A run: its path, part of its name, or @last, @2, ... from the latest back."
 PROBLEM = "Registered name or path/to/file.py."
+
+
+def option(default: Any, *flags: str, **shown: Any) -> Any:
+    """Declare a field as an option: ``MISSING`` or its default, and as ``typer.Option`` has it."""
+    return field(default=default, metadata={"typer": typer.Option(*flags, **shown)})
+
+
+def argument(default: Any = MISSING, **shown: Any) -> Any:
+    """Declare a field as a word without a flag, shown as ``typer.Argument`` has it."""
+    return field(default=default, metadata={"typer": typer.Argument(**shown)})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import option
-from reports.cli.options import Command, LawOptions, RunOptions, SourceOptions
+from reports.cli.options import Command, LawOptions, RunOptions, SourceOptions, option
 from reports.cli.solve_command import NOT_CONVERGED
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from reports.cli.declared import argument, option
-from reports.cli.options import Command, SourceOptions
+from reports.cli.options import Command, SourceOptions, argument, option
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun

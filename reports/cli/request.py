@@ -10,6 +10,7 @@ from reports.cli.options import SolverOptions
 
 if TYPE_CHECKING:
     from ocp.session import Session
+    from ocp.sweeps.case import Case
     from problems import ProblemSpec
 
 
@@ -50,3 +51,27 @@ class Request:
         """What a run needs to find its problem again: parameters, and a user's file."""
         source = None if self.spec.path is None else str(self.spec.path)
         return {"params": self.params, "source": source}
+
+
+def case_of(options: SolverOptions) -> Case:
+    """Read the words to a case that any process can build.
+
+    A file is named by its whole path, for workers elsewhere.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown problem, and for words that are no
+    assignments.
+    """
+    from ocp.sweeps.case import Case
+    from problems.lent import source
+
+    found = source(options.problem)
+    return Case(
+        options.problem if found.path is None else str(found.path),
+        assignments("-p", options.params),
+        options.contact,
+        assignments("-c", options.law_settings),
+        options.method,
+        options.policy,
+        options.solver,
+        assignments("-s", options.settings),
+    ).of(found)

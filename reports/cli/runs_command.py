@@ -8,8 +8,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import argument, option
-from reports.cli.options import RUN, Command, StoreOptions
+from reports.cli.options import RUN, Command, StoreOptions, argument, option
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun

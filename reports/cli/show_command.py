@@ -7,8 +7,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import argument
-from reports.cli.options import PROBLEM, Command, Options
+from reports.cli.options import PROBLEM, Command, Options, argument
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import option
-from reports.cli.options import Command, SolverOptions
+from reports.cli.options import Command, SolverOptions, option
 from reports.cli.output import Output
 
 if TYPE_CHECKING:
@@ -144,8 +143,8 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
     from ocp.solve import refine_from, solve_from
     from ocp.sweeps.starts import solve_starts
     from reports import console
+    from reports.cli.request import case_of
     from reports.cli.shell import interrupt
-    from reports.cli.sweeping.case import case_of
 
     with console.progress(options.output.progress, f"{asked.spec.name}: building") as report:
 

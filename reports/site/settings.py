@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from reports.known import settings
-from reports.known.settings import Group
+from reports import settings
+from reports.settings import Group
 from reports.site.markdown import escaped, table
 
 SAID = {

@@ -18,7 +18,7 @@ from ocp.programs.solver import IPOPT_DEFAULTS
 from ocp.settings import OWN, Setting, Settings, declared
 from ocp.transcription import METHODS
 from problems.tasks.usual import settings_of
-from reports.known.settings import training
+from reports.settings import training
 
 if TYPE_CHECKING:
     from ocp.problem import Problem

@@ -6,8 +6,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import argument, option
-from reports.cli.options import PROBLEM, Command, Options
+from reports.cli.options import PROBLEM, Command, Options, argument, option
 
 if TYPE_CHECKING:
     from dynamics.learned.region import Region

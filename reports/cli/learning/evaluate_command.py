@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import option
-from reports.cli.options import Command, LawOptions, RunOptions
+from reports.cli.options import Command, LawOptions, RunOptions, option
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw

@@ -7,8 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import argument, option
-from reports.cli.options import PROBLEM, Command, Options
+from reports.cli.options import PROBLEM, Command, Options, argument, option
 
 if TYPE_CHECKING:
     import xarray as xr

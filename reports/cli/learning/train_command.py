@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import argument, option
-from reports.cli.options import Command, LawOptions, TagOptions
+from reports.cli.options import Command, LawOptions, TagOptions, argument, option
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from reports.cli.declared import argument
-from reports.cli.named.telling import tell
-from reports.cli.options import Command, Options
+from reports.cli.named.settings_command import tell
+from reports.cli.options import Command, Options, argument
 
 if TYPE_CHECKING:
-    from reports.known.settings import Group
+    from reports.settings import Group
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +22,7 @@ class LawsOptions(Options):
 def check(options: LawsOptions) -> list[Group]:
     """Find the laws."""
     from ocp.errors import choose
-    from reports.known import settings
+    from reports import settings
 
     found = {group.name: group for group in settings.laws()}
     return [*found.values()] if options.law is None else [choose("law", options.law, found)]

@@ -8,21 +8,21 @@ from reports.cli.list_command import named
 from reports.cli.options import Command, Options
 
 if TYPE_CHECKING:
-    from reports.known.settings import Group
+    from reports.settings import Group
 
     Found = tuple[list[dict[str, Any]], list[Group]]
 
 
 def check(options: Options) -> Found:
     """Find the methods, and the settings that any of them takes."""
-    from reports.known import settings
+    from reports import settings
 
     return [dict(row) for row in settings.methods()], [settings.solves(), *settings.policies()]
 
 
 def run(options: Options, found: Found) -> int:
     """List the methods and policies of ocp solve, with every setting that -s takes of them."""
-    from reports.cli.named.telling import told
+    from reports.cli.named.settings_command import told
 
     methods, groups = found
     output = options.output

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from reports.cli.declared import argument
-from reports.cli.options import Command, StoreOptions
+from reports.cli.options import Command, StoreOptions, argument
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from problems.studies.impact_and_friction.box_push import (
     smoothed_box,
     softened_box,
 )
-from problems.studies.jumping_objectives.systems import drop, pivot, throw_wall
+from problems.studies.jumping_objectives.data import drop, pivot, throw_wall
 from problems.studies.shared.noise import (
     averaged_exact,
     gaussian,

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.declared import option
-from reports.cli.options import Command, SolverOptions
+from reports.cli.options import Command, SolverOptions, option
 from reports.cli.solve_command import NOT_CONVERGED, RANKS
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ def check(options: SweepOptions) -> Asked:
     from ocp.sweeps.axes import axes
     from ocp.sweeps.sweep import asked, check_points, check_side_by_side
     from reports.cli.places import check_places
-    from reports.cli.sweeping.case import case_of
+    from reports.cli.request import case_of
 
     choose("rank", options.rank, RANKS)
     if "rank" in options.given and options.starts == 1:
