@@ -1,11 +1,20 @@
-"""The page of several solved runs side by side."""
+"""The page of several solved runs side by side, each named by the settings in which it differs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ocp.store.stored_run import StoredRun
+from reports.console import number
 from reports.figures import comparison
 from reports.pages.described import Page, how, numbered, pairs, row_figures, settings
-from reports.pages.labels import labels
+from reports.units import symbol
 from reports.view import RunView
+
+_IN_ORDER = ("problem", "contact", "method", "policy", "solver", "strategy")
+_GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
+_UNTOLD = ("source", "versions", "citation", "audit_s", "knobs", "jit", "learned_at")
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:
@@ -38,3 +47,48 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
         rows, content["zero"] = comparison.overlay_rows(views)
         figures |= row_figures("motion", rows)
     return content, figures
+
+
+def labels(runs: Sequence[StoredRun]) -> list[str]:
+    """A name for each run: the values in which not all are alike, problem and law first.
+
+    A setting that only some runs have, as mu of one law, tells apart those that share that law.
+    Runs in which nothing differs are told by their hashes.
+    """
+    asked = [_flat(run) for run in runs]
+    found = []
+    for run, own in zip(runs, asked, strict=True):
+        parts = [str(own[key]) for key in _IN_ORDER if key in own and _differs(key, own, asked)]
+        parts += [
+            f"{symbol(key)} = {_short(value)}" for key, value in own.items()
+            if key not in _IN_ORDER and _differs(key, own, asked)
+        ]  # fmt: skip
+        found.append(", ".join(parts) or str(run.meta["hash"])[:6])
+    if len(set(found)) == len(found):
+        return found
+    return [
+        f"{name}, {str(run.meta['hash'])[:6]}" if found.count(name) > 1 else name
+        for name, run in zip(found, runs, strict=True)
+    ]
+
+
+def _flat(run: StoredRun) -> dict[str, Any]:
+    """What was asked of a run, by one name each."""
+    asked = {key: value for key, value in run.record.items() if key not in _UNTOLD}
+    found = {key: value for key, value in asked.items() if key not in _GROUPS and value is not None}
+    for group in _GROUPS:
+        beside = "contact." if group == "contact_settings" else ""
+        found |= {beside + name: value for name, value in (asked.get(group) or {}).items()}
+    return found
+
+
+def _differs(key: str, own: Mapping[str, Any], asked: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether ``key`` tells ``own`` from another run; what a law brings from one with that law."""
+    others = [other for other in asked if other is not own]
+    if key == "strategy" or key.startswith("contact."):
+        others = [other for other in others if other.get("contact") == own.get("contact")]
+    return any(other.get(key) != own[key] for other in others)
+
+
+def _short(value: Any) -> str:
+    return number(value, 4) if isinstance(value, float) else str(value)

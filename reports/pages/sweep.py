@@ -12,7 +12,6 @@ def sweep_page(view: RunView) -> Page:
     swept = {axis["name"] for axis in view.run.meta["study"]["axes"]}
     swept |= {name.removeprefix("problem.") for name in swept}
     told = head(view)
-    told["how"] = how(view.run, next((name for name in swept if name.startswith("contact.")), ""))
     for table in ("parameters", "settings"):
         told[table] = [row for row in told[table] if row[0] not in swept]
     told["how"] = how(view.run, swept)

@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 from ocp.store.stored_run import StoredRun
+from reports.pages.comparison import labels
 from reports.pages.described import shown
-from reports.pages.labels import labels
 from reports.units import in_symbols, label, powers, symbol
 
 
