@@ -20,12 +20,12 @@ from ocp.problem import Problem
 from ocp.programs.solver import Point, Solver
 from ocp.routes.branches import land
 from ocp.routes.complementarity import (
+    BESIDE,
     FEW,
     FEW_ITERATIONS,
     RELAXATIONS,
     SECOND,
     SECOND_FEW,
-    WIDE,
     Route,
     solve_pairs,
 )
@@ -269,7 +269,7 @@ class Session:
             asked,
             strategy=replace(strategy, most=FEW_ITERATIONS),
             second=SECOND_FEW,
-            beside=WIDE,
+            beside=BESIDE,
             rolls=rolls,
         )
 

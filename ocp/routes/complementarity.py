@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,15 +29,14 @@ class Route:
 
     ``second`` is the strategy for where it lands nowhere. ``rolls`` roll inputs out, and what they
     do is settled (:mod:`~ocp.routes.far`): a few after a path that was easy to follow, else many,
-    and where none of them is better ``beside`` is followed from the same start. The cheapest of all
-    answers counts.
+    and then ``beside`` are followed from the same start. The cheapest of all answers counts.
     """
 
     strategy: Strategy
     reference: Reference
     start: Callable[[Any], Point]
     second: Strategy | None = None
-    beside: Strategy | None = None
+    beside: Sequence[Strategy] = ()
     rolls: Rolls | None = None
 
 
@@ -47,17 +46,15 @@ def solve_pairs(follower: Homotopy, route: Route) -> End:
     smooth = first[2] and all(record.accepted for record in follower.trace.records)
     branches = Branches(follower)
     landed = [first[0]] if first[2] else []
-    enough = smooth
     if route.rolls is not None and route.beside:
         count, below = (_SMOOTH, first[0].f) if smooth else (_ROUGH, np.inf)
         points = route.rolls.around(branches.program, [one.point for one in landed], count)
-        found = elsewhere(branches, points, below)
-        enough = smooth or any(lower(one, first[0]) or not landed for one in found)
-        landed += found
-    if route.beside is not None and not enough:
-        again = by_strategy(follower, route, route.beside)
+        landed += elsewhere(branches, points, below)
+    for strategy in () if smooth else route.beside:
+        again = by_strategy(follower, route, strategy)
         landed += [again[0]] if again[2] else []
-    if route.rolls is not None and not enough and (route.beside or not landed):
+    hard = not smooth and not any(lower(one, first[0]) or not first[2] for one in landed)
+    if route.rolls is not None and hard and (route.beside or not landed):
         tried = (branches.settle(one) for one in route.rolls.shaken(branches.program, _SHAKEN))
         landed += [one for one in tried if one is not None]
     if not landed and route.second is not None:
@@ -84,9 +81,10 @@ def improved(branches: Branches, settled: Result) -> Result:
 
 def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
     """Follow one strategy and land on a branch, which is not improved."""
+    step_backs = 0 if route.beside and strategy not in route.beside else STEP_BACKS
     if isinstance(strategy, CentralPath):
         strategy = strategy.over(follower.nlp_of("none").chains.shape[-1])
-    paths, step_backs = strategy.paths(route.reference), STEP_BACKS if route.rolls is None else 0
+    paths = strategy.paths(route.reference)
     source = follower.nlp_of(paths[0].form)
     result, source = along(follower, paths, route.start(source), source, step_backs=step_backs)
     landed = land(follower, source, result, improving=False)
@@ -131,6 +129,8 @@ _SHAKEN = 8
 """Guesses that are rolled out where that led to nothing better."""
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)
 """From where all contacts are felt from afar."""
+BESIDE = tuple(replace(one, most=FEW_ITERATIONS) for one in (WIDE, ScholtesAdaptive()))
+"""Followed too, with steps back, where the path of a small problem was hard to follow."""
 RELAXATIONS = (
     CentralPath(),
     WIDE,

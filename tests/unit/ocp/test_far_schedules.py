@@ -19,6 +19,7 @@ from ocp.routes.outcome import Outcome
 from ocp.solve import new_session, solve
 from problems import get
 from problems.ball_throw import Params, roll
+from tests.benchmarks.ocp.random_draws import drawn
 
 THROW = {
     "m": 1.263,
@@ -102,3 +103,13 @@ def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(
                 certificate.sentence
             )
     assert told == 0 if solved else told > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("index", "strategy"), [(7, "scholtes"), (8, "scholtes-adaptive")])
+def test_the_default_is_no_worse_than_a_strategy_alone(index: int, strategy: str) -> None:
+    """Carts whose poles hit walls, where rolled plans alone end 18 % to three times above."""
+    *_, instance = drawn("cart-walls", index + 1, 41507)
+    problem = get("cart-walls", **instance.params)
+    alone = solve(problem, Exact(), settings={"strategy": strategy})
+    assert solve(problem, Exact()).cost <= 1.01 * alone.cost
