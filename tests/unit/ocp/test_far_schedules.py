@@ -106,10 +106,12 @@ def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("index", "strategy"), [(7, "scholtes"), (8, "scholtes-adaptive")])
-def test_the_default_is_no_worse_than_a_strategy_alone(index: int, strategy: str) -> None:
-    """Carts whose poles hit walls, where rolled plans alone end 18 % to three times above."""
-    *_, instance = drawn("cart-walls", index + 1, 41507)
+@pytest.mark.parametrize("strategy", ["scholtes", "scholtes-adaptive"])
+def test_the_default_is_no_worse_than_a_strategy_alone(strategy: str) -> None:
+    """A cart whose pole hits walls, where rolled plans alone end at three times the cost."""
+    *_, instance = drawn("cart-walls", 8, 41507)
     problem = get("cart-walls", **instance.params)
     alone = solve(problem, Exact(), settings={"strategy": strategy})
-    assert solve(problem, Exact()).cost <= 1.01 * alone.cost
+    found = solve(problem, Exact())
+    assert alone.success and found.success
+    assert found.cost <= 1.01 * alone.cost
