@@ -18,7 +18,7 @@ Grade = Literal["survives", "certified", "failed"]
 """Certified and surviving, at h/4 too; certified alone, or between jumps of cost or constraints
 alone; neither. Shown green, amber and red."""
 _SAME = 1e-5
-_NOTABLE, _SEEN = 0.1, 1e-2
+_NOTABLE, _DEEP = 0.1, 0.3
 _BLURRED, _CLEAR = 0.5, 1e-2
 """Shares of the characteristic mu from which on nothing is seen clearly, and at which most is."""
 _FEASIBLE = ("not-optimal", "undecided")
@@ -129,13 +129,14 @@ def _referee(found: Solution) -> str:
 
 
 def _cut(found: Solution) -> str:
-    """How deep the replay cuts into a body between nodes, where the tolerance allows it."""
+    """How deep the replay cuts into a body between nodes, from 30 % of the tolerance on."""
     cut, gap = found.referee.replay_between, seen_gap(found.problem, found.data["x"].values)
-    if cut is None or cut.amount <= _SEEN * gap:
+    tolerance = PENETRATION_SHARE * gap
+    if cut is None or cut.amount <= _DEEP * tolerance:
         return ""
     return (
         f"; straight motion between nodes cuts {cut.amount:.2g} m into {cut.contact} in step"
-        f" {cut.step}, within the tolerance of {PENETRATION_SHARE * gap:.2g} m"
+        f" {cut.step}, within the tolerance of {tolerance:.2g} m"
     )
 
 
