@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import io
 import json
 import math
@@ -13,7 +12,6 @@ from types import SimpleNamespace
 import pytest
 
 from ocp import store
-from ocp.stationarity.certificate import certify
 from reports import pages
 from reports.cli.output import Output
 from reports.style import styled
@@ -99,17 +97,6 @@ def test_unknown_words_say_what_was_meant(ocp, option: str, word: str, meant: st
 def without_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     """No multipliers prove stationarity, so that programs have to."""
     monkeypatch.setattr("ocp.stationarity.lpec.LinearModel.dual_bound", lambda *_: math.inf)
-
-
-@pytest.mark.usefixtures("without_proof")
-def test_a_certificate_out_of_time_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ocp.judgement.judging.certify", functools.partial(certify, seconds=0.0))
-    done = ocp(*KINKED, *QUIET)
-    found = done.json
-    assert done.code == 3
-    assert (found["status"], found["stationarity"]) == ("undecided", "undecided")
-    assert "Stationarity undecided: the time limit was reached." in found["verdict"]
-    assert found["grade"] == "failed" and found["lpec_decrease"] is None
 
 
 @pytest.mark.usefixtures("without_proof")

@@ -80,7 +80,6 @@ def test_a_push_just_above_friction_moves_the_box() -> None:
 TRAPS = [
     ("push-1d", {}, SingleShooting(), {"homotopy": False}),
     ("box-slide", {"u_max": 4.0}, SingleShooting(), {"homotopy": False}),
-    ("push-disc", {}, "direct", {"strategy": "l1"}),
 ]
 
 
