@@ -77,13 +77,18 @@ def values(pair: tuple[str, str], q: np.ndarray) -> list[np.ndarray]:
 
 
 def smooth(pair: tuple[str, str], q: np.ndarray) -> bool:
-    """Whether the cores are apart and one pair of points alone is nearest, as of no two sides."""
-    if apart(SOLIDS[pair[0]], SOLIDS[pair[1]], q) < 1e-2:
+    """Whether the cores are apart and no side of one is parallel to a side of the other.
+
+    Then one pair of points alone is nearest: two convex polygons apart have a second nearest pair
+    only along sides that are parallel.
+    """
+    one, other = (SOLIDS[name] for name in pair)
+    if apart(one, other, q) < 1e-2:
         return False
-    around = [values(pair, q + e) for e in 1e-6 * np.vstack([np.eye(6), -np.eye(6)])]
-    places = np.array([[*each[1], *each[3]] for each in around])
-    # Cores at least 1e-2 apart: a turn of 1e-6 moves the points by some 1e-4, two sides by more.
-    return bool(np.ptp(places, axis=0).max() < 3e-4)
+    ours, theirs = (rotation(at) @ s.frame for s, at in ((one, q[2]), (other, q[5])))
+    crossed = np.outer(ours[0], theirs[1]) - np.outer(ours[1], theirs[0])
+    lengths = np.outer(np.hypot(*ours), np.hypot(*theirs))
+    return bool((np.abs(crossed) >= 1e-4 * lengths).all())
 
 
 @every_pair
