@@ -18,21 +18,20 @@ from ocp.guesses import Guessed
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Point, Solver
-from ocp.routes.branches import land
+from ocp.routes.branches import polish
 from ocp.routes.complementarity import (
-    BESIDE,
-    FEW,
-    FEW_ITERATIONS,
+    ALTERNATIVES,
+    FALLBACK,
+    FALLBACK_SMALL,
     RELAXATIONS,
-    SECOND,
-    SECOND_FEW,
+    SMALL_ITERATIONS,
+    SMALL_PAIRS,
     Route,
     solve_pairs,
 )
-from ocp.routes.landing import Landing
-from ocp.routes.legs import PRIMAL, Homotopy, Leg, Path, Progress, translate
+from ocp.routes.homotopy import PRIMAL, Homotopy, HomotopyPath, HomotopyStage, Progress, translate
+from ocp.routes.law_path import MU_LAST, STAGE_ITERATIONS, from_exact, law_path
 from ocp.routes.outcome import Outcome, better, lower
-from ocp.routes.own_path import MU_LAST, STAGE_ITERATIONS, from_exact, own_path
 from ocp.routes.relaxations import (
     AVERAGED_STRATEGY,
     DEFAULT_STRATEGY,
@@ -41,7 +40,8 @@ from ocp.routes.relaxations import (
     L1ThenScholtes,
     relaxed,
 )
-from ocp.routes.rolls import Rolls
+from ocp.routes.rollout_polish import RolloutPolish
+from ocp.routes.rollout_starts import RolloutStarts
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
@@ -148,16 +148,16 @@ class Session:
                     result, finished = below, True
         return Outcome(result, nlp, finished, follower.trace)
 
-    def path(self) -> tuple[Schedule | None, Path]:
+    def path(self) -> tuple[Schedule | None, HomotopyPath]:
         """The law's own path and how it falls; one stage, and None, where none is followed.
 
         Raises :class:`~ocp.errors.InputError` for one of too many stages.
         """
         schedule = None if self.step.exact or self.homotopy is False else self.schedule()
         if schedule is None:
-            return None, Path([0.0], lambda _: Leg(self.step.law.name, 0.0))
+            return None, HomotopyPath([0.0], lambda _: HomotopyStage(self.step.law.name, 0.0))
         value = self.values[schedule.knob]
-        return schedule, own_path(schedule, value, self.start_value, self.factor)
+        return schedule, law_path(schedule, value, self.start_value, self.factor)
 
     @property
     def from_afar(self) -> bool:
@@ -189,7 +189,7 @@ class Session:
         return found
 
     def _rolled(self, follower: Homotopy, guess: Guessed | None, nlp: NLP) -> Outcome:
-        """Exact law in shooting: a plan made otherwise, rolled out exactly and settled.
+        """Exact law in shooting: a plan made otherwise, rolled out exactly and polished.
 
         At a kink of the exact law no gradient vanishes, so a gradient method cannot end there. The
         plan is the complementarity problem's own, by direct transcription; with ``homotopy``, or
@@ -197,7 +197,7 @@ class Session:
         leads to one. Of plans that their rollouts keep to, the cheapest is the answer.
         """
         direct, best = self.judging_nlp(), None
-        landing = Landing(nlp, direct, self.step, Homotopy(
+        polisher = RolloutPolish(nlp, direct, self.step, Homotopy(
             lambda _: direct, self.solver, self.values, follower.progress, follower.trace
         ))  # fmt: skip
         helpers = [self.helper(self.law, Direct())]
@@ -209,17 +209,17 @@ class Session:
                 start = helper.first_point(helper.nlp_of("product"), guess)
                 within = Homotopy(helper.nlp_of, self.solver, helper.values, follower.progress,
                                   follower.trace)  # fmt: skip
-                plan = landing.along(within, helper.path()[1], start)
+                plan = polisher.along(within, helper.path()[1], start)
             else:
                 plan = self._absorbed(helper, follower, guess)
             try:
-                landed, settled = landing.rolled_down(plan.nlp, plan.result)
+                polished, solved = polisher.polish(plan.nlp, plan.result)
             except NotConverged:
                 continue
-            told = settled or plan.result
-            landed = replace(landed, status=told.status, word=told.word)
-            kept = settled is not None and not lower(settled, landed, _PARTED)
-            best = better(best, Outcome(landed, nlp, kept, follower.trace, settled))
+            ended = solved or plan.result
+            polished = replace(polished, status=ended.status, word=ended.word)
+            kept = solved is not None and not lower(solved, polished, _PARTED)
+            best = better(best, Outcome(polished, nlp, kept, follower.trace, solved))
             hard = any(line.knob == "t" and not line.accepted for line in follower.trace.records)
             if plan.finished and kept and not hard:
                 break
@@ -260,16 +260,16 @@ class Session:
         if self.strategy != DEFAULT_STRATEGY:
             return asked
         own = guess or self.problem.initial_guess(self.problem.parameters.pack(self.values))
-        rolls = Rolls(self.problem, self.step, self.values, own)
+        rolls = RolloutStarts(self.problem, self.step, self.values, own)
         rolls = None if isinstance(self.policy, Feedback) else rolls
-        if self.nlp_of("product").pairs.shape[1] > FEW:
-            return replace(asked, second=SECOND, rolls=rolls)
+        if self.nlp_of("product").pairs.shape[1] > SMALL_PAIRS:
+            return replace(asked, fallback=FALLBACK, rolls=rolls)
         strategy = RELAXATIONS[-number % len(RELAXATIONS)]
         return replace(
             asked,
-            strategy=replace(strategy, most=FEW_ITERATIONS),
-            second=SECOND_FEW,
-            beside=BESIDE,
+            strategy=replace(strategy, most=SMALL_ITERATIONS),
+            fallback=FALLBACK_SMALL,
+            alternatives=ALTERNATIVES,
             rolls=rolls,
         )
 
@@ -293,19 +293,19 @@ class Session:
         """One warm stage, by the options of ``tries`` until one succeeds.
 
         For the exact law it is one on a relaxation of a ``share`` of the characteristic mu, and the
-        landing from there, which is improved only where that is not near.
+        polish from there, which is improved only where that is not near.
         """
         nlp = self.nlp_of("product")
-        legs = [Leg(self.step.law.name, 0.0, options=options) for options in tries]
+        stages = [HomotopyStage(self.step.law.name, 0.0, options=options) for options in tries]
         if self.complementary:
             t = share * self.problem.reference.mu
-            legs = [relaxed(t, {**keep, "mu_init": max(t / 10, 1e-9)})]
-        result = follower.stage(legs[0], nlp, start, True)
-        for leg in legs[1:]:
-            result = result if result.ok else follower.stage(leg, nlp, start, True)
+            stages = [relaxed(t, {**keep, "mu_init": max(t / 10, 1e-9)})]
+        result = follower.solve_stage(stages[0], nlp, start, True)
+        for stage in stages[1:]:
+            result = result if result.ok else follower.solve_stage(stage, nlp, start, True)
         if not (self.complementary and result.ok):
             return Outcome(result, nlp, result.ok, follower.trace)
-        return Outcome(*land(follower, nlp, result, improving=share == _WIDE), follower.trace)
+        return Outcome(*polish(follower, nlp, result, improving=share == _WIDE), follower.trace)
 
     def first_point(self, nlp: NLP, guess: Guessed | None = None) -> Point:
         """Write guessed trajectories into the NLP's variables, with contacts to match.

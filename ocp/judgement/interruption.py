@@ -14,7 +14,7 @@ from ocp.judgement.judging import judged
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
-from ocp.routes.legs import Progress, Trace, translate
+from ocp.routes.homotopy import Progress, Trace, translate
 from ocp.routes.outcome import Outcome
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord

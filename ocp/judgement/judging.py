@@ -23,9 +23,9 @@ from ocp.problem import Problem, Sizes
 from ocp.programs.solver import Point
 from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
-from ocp.routes.legs import translate
+from ocp.routes.homotopy import translate
 from ocp.routes.outcome import Outcome
-from ocp.routes.rolls import embedded
+from ocp.routes.rollout_starts import pack_rollout
 from ocp.session import Session
 from ocp.solution import Solution
 from ocp.stationarity.certificate import Certificate, certify
@@ -103,9 +103,9 @@ def judged_point(
         return nlp, point
     if nlp.method == outcome.nlp.method:
         return nlp, Point(translate(point, outcome.nlp, nlp).x)
-    if outcome.settled is not None:
-        return nlp, outcome.settled.point
-    return nlp, Point(embedded(nlp, plan, gains))
+    if outcome.on_branch is not None:
+        return nlp, outcome.on_branch.point
+    return nlp, Point(pack_rollout(nlp, plan, gains))
 
 
 def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:

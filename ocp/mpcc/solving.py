@@ -16,9 +16,9 @@ from ocp.problem import Reference
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Solver
 from ocp.programs.status import Status
-from ocp.routes.branches import land
+from ocp.routes.branches import polish
 from ocp.routes.complementarity import Route, solve_pairs
-from ocp.routes.legs import Homotopy
+from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import STRATEGIES
 from ocp.routes.restoration import restored, violation
 from ocp.stationarity.certificate import Certificate, certify
@@ -122,7 +122,7 @@ def _restored(
         return end
     x, p = least[0], program.parameter_vector(follower.values)
     there = Result.at(program, Point(x), p, Status.INFEASIBLE, "restored")
-    result, source, _ = land(follower, program, there)
+    result, source, _ = polish(follower, program, there)
     found = _judged(program, source, result, start, end.strategy)
     return found if _rank(found) < _rank(end) else end
 

@@ -1,1 +1,1 @@
-"""Ways of solving: each a list of legs that are followed one after the other."""
+"""Ways of solving: homotopies of stages, then branches of exact complementarity."""

@@ -1,4 +1,4 @@
-"""Landing on the exact law: branches of a complementarity problem, and from one to a better one.
+"""Polish to exact complementarity: solve a branch of the problem, then move to better branches.
 
 A branch is the program that is left when one member of every pair is held at zero. Every branch's
 answer is feasible for the exact problem.
@@ -14,7 +14,7 @@ import numpy as np
 
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.legs import WARM, Homotopy, translate
+from ocp.routes.homotopy import WARM, Homotopy, translate
 from ocp.routes.outcome import lower
 from ocp.stationarity.certificate import RADII, linear_model, tolerance_of
 from ocp.stationarity.lpec import LinearModel
@@ -24,12 +24,12 @@ NEIGHBOUR = "neighbour"
 LONGEST = 300
 """Iterations after which a branch is given up."""
 _PATIENCE, _LEAST = 2, 64
-"""Times what a first guess of the active set took, and iterations at least, for a second one."""
+"""Iteration limit of a second guess of the active set: a multiple of the first's, and a minimum."""
 _ROUNDS = 8
 _EXCHANGES = 12
 _NEAR = 1e-6
-WISH = 1e-6
-"""Multiplier of a held member, in natural units, from which on its growth would pay."""
+MIN_MULTIPLIER = 1e-6
+"""Multiplier of a held member, in natural units, above which its growth lowers the cost."""
 _FIRST_RADIUS = 0.1
 _REACHES = (1e-3, 1e-2, 1e-1, 1.0)
 _EFFORT = 750_000
@@ -45,7 +45,7 @@ class Branches:
         self.program = follower.nlp_of("none")
         self.p = self.program.parameter_vector({**follower.values, "penalty": 0.0})
         self.limits = self.program.bounds(follower.values)
-        self.settled: dict[bytes, Result] = {}
+        self.solved: dict[bytes, Result] = {}
 
     def schedule(self, x: np.ndarray) -> np.ndarray:
         """Pairs (m,) whose second member is held at zero on the branch on which x lies."""
@@ -72,7 +72,7 @@ class Branches:
         self.follower.record(knob, float(active.sum()), self.program, found, self.p, bounds)
         return found
 
-    def settle(self, start: Point, most: int = LONGEST) -> Result | None:
+    def solve_branch(self, start: Point, most: int = LONGEST) -> Result | None:
         """Solve the branch on which a point lies, and go on to neighbours while these cost less.
 
         A pair near (0, 0) is put where it is larger in characteristic sizes; if its multiplier then
@@ -85,20 +85,20 @@ class Branches:
         found = []
         for active in reversed(self.program.active_sets(start.x)):
             before = len(self.follower.trace.records)
-            one = self._settled(start, active, most)
+            one = self._solve_branch(start, active, most)
             if one is not None:
                 found.insert(0, one)
                 took = max((r.iterations for r in self.follower.trace.records[before:]), default=0)
-                most = min(most, patient(took))
+                most = min(most, second_limit(took))
         return min(found, key=lambda one: one.f, default=None)
 
-    def _settled(self, start: Point, active: np.ndarray, most: int) -> Result | None:
+    def _solve_branch(self, start: Point, active: np.ndarray, most: int) -> Result | None:
         best, point, own = None, start, self.program.natural.f
         for _ in range(_ROUNDS):
-            found = self.settled.get(active.tobytes()) or self.solve(point, active, most)
+            found = self.solved.get(active.tobytes()) or self.solve(point, active, most)
             if not found.ok or (best is not None and found.f > best.f - 1e-9 * (own + abs(best.f))):
                 break
-            self.settled[active.tobytes()] = found
+            self.solved[active.tobytes()] = found
             best, point = found, found.point
             wanted = self._other_side(found, active)
             if not wanted.any():
@@ -137,7 +137,7 @@ class Branches:
         found = self.solve(Point(there + radius * model.sizes * step.step), active)
         return found if found.ok else None
 
-    def improve(self, settled: Result) -> Result:
+    def improve(self, start: Result) -> Result:
         """Exchange active sets as the linear program with complementarity constraints proposes.
 
         The program looks for descent within a trust region that starts a tenth of the
@@ -146,7 +146,7 @@ class Branches:
         where no descent is left at the certificate's smallest radius (Nurkanovic and Leyffer,
         arXiv 2501.13835, phase 2).
         """
-        best, radius = settled, _FIRST_RADIUS
+        best, radius = start, _FIRST_RADIUS
         began, spent = time.perf_counter(), self.follower.trace.seconds
         for _ in range(_EXCHANGES):
             if radius < RADII[-1] or not self.program.pairs.size:
@@ -189,8 +189,10 @@ class Branches:
         )  # fmt: skip
         return found if found.ok else None
 
-    def wishes(self, found: Result, active: np.ndarray) -> np.ndarray:
-        """Fall of the cost (m,) by a unit of each pair's held member, in natural units."""
+    def bound_multipliers(self, found: Result, active: np.ndarray) -> np.ndarray:
+        """Multiplier (m,) of each pair's held member: the fall of the cost per unit that it grows.
+
+        In natural units."""
         (first, second), units = self.program.pairs, self.program.natural
         if found.point.lam_x is None:
             return np.zeros(active.size)
@@ -201,26 +203,26 @@ class Branches:
         """Pairs at (0, 0) whose held member would lower the cost by growing."""
         x = found.point.x / self.program.natural.x
         both = np.all(x[self.program.pairs] < _NEAR, axis=0)
-        return both & (self.wishes(found, active) > WISH)
+        return both & (self.bound_multipliers(found, active) > MIN_MULTIPLIER)
 
 
-def patient(took: int) -> int:
-    """Iterations left to a second way; powers of two, since every limit is a solver of its own."""
+def second_limit(took: int) -> int:
+    """Iteration limit of a second attempt; a power of two, since each limit needs a new solver."""
     return max(_LEAST, 2 ** math.ceil(math.log2(_PATIENCE * max(took, 1))))
 
 
-def land(
+def polish(
     follower: Homotopy, source: Program, result: Result, improving: bool = True
 ) -> tuple[Result, Program, bool]:
-    """Settle a relaxation's result on a branch and, unless told otherwise, improve it from there.
+    """Solve the branch on which a relaxation's result lies and, if ``improving``, improve it.
 
     Returns the answer with its program; the input, and False, where no branch could be solved.
     """
     branches = Branches(follower)
     there = translate(result.point, source, branches.program)
-    settled = branches.settle(there)
-    if settled is None and result.ok:
-        settled = branches.propose(there)
-    if settled is None:
+    answer = branches.solve_branch(there)
+    if answer is None and result.ok:
+        answer = branches.propose(there)
+    if answer is None:
         return result, source, False
-    return branches.improve(settled) if improving else settled, branches.program, True
+    return branches.improve(answer) if improving else answer, branches.program, True

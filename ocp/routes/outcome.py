@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ocp.programs.solver import Result
-from ocp.routes.legs import Trace
+from ocp.routes.homotopy import Trace
 
 GAIN = 1e-7
 """Relative fall of the cost for which an answer is exchanged for another."""
@@ -17,7 +17,7 @@ class Outcome:
     """What one solve left: the result and its NLP, the table, and whether the path was finished.
 
     ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is.
-    ``settled`` is the same plan in the complementarity problem's variables, where the route came
+    ``on_branch`` is the same plan in the complementarity problem's variables, where the route came
     from there.
     """
 
@@ -25,7 +25,7 @@ class Outcome:
     nlp: Any
     finished: bool
     trace: Trace
-    settled: Result | None = None
+    on_branch: Result | None = None
 
 
 def lower(one: Result, other: Result, by: float = GAIN) -> bool:

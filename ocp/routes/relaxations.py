@@ -16,7 +16,7 @@ import numpy as np
 from ocp.problem import Reference
 from ocp.programs.program import Program
 from ocp.programs.solver import Result
-from ocp.routes.legs import Leg, Path, geometric
+from ocp.routes.homotopy import HomotopyPath, HomotopyStage, geometric
 
 T_SHARP = 1e-8
 """Relaxation at which the textbook paths end."""
@@ -35,7 +35,7 @@ T_LOOSE = 1e-4
 class Strategy(Protocol):
     """Paths to follow one after the other, from sizes characteristic of the problem."""
 
-    def paths(self, reference: Reference) -> list[Path]:
+    def paths(self, reference: Reference) -> list[HomotopyPath]:
         """Return the paths, easiest first."""
         ...
 
@@ -47,9 +47,9 @@ def _inexact(t: float) -> dict[str, float]:
             "mu_init": max(t / 10, 1e-11)}  # fmt: skip
 
 
-def relaxed(t: float, options: dict[str, Any]) -> Leg:
+def relaxed(t: float, options: dict[str, Any]) -> HomotopyStage:
     """``lam gap <= t`` (Scholtes 2001)."""
-    return Leg("t", t, contact=(-np.inf, t), options=options)
+    return HomotopyStage("t", t, contact=(-np.inf, t), options=options)
 
 
 @dataclass(frozen=True)
@@ -78,23 +78,23 @@ class CentralPath:
         """The same for a horizon of so many steps; none where there is no time."""
         return replace(self, steps=steps)
 
-    def paths(self, reference: Reference) -> list[Path]:
+    def paths(self, reference: Reference) -> list[HomotopyPath]:
         """One path from ``wide`` times impulse times distance to a ten-thousandth of these."""
         start = self.wide * reference.mu
         values = geometric(start, T_LOOSE * reference.mu, self.factor)
-        return [Path(values, lambda t: self._leg(t, t >= start))]
+        return [HomotopyPath(values, lambda t: self._stage(t, t >= start))]
 
-    def further(self, reference: Reference) -> list[Path]:
+    def further(self, reference: Reference) -> list[HomotopyPath]:
         """The same path on to 1e-8."""
         values = geometric(T_LOOSE * reference.mu, T_SHARP, 0.1)
-        return [Path(values, lambda t: self._leg(t, False))]
+        return [HomotopyPath(values, lambda t: self._stage(t, False))]
 
-    def _leg(self, t: float, first: bool) -> Leg:
+    def _stage(self, t: float, first: bool) -> HomotopyStage:
         options = {**_inexact(t), "max_iter": self.most, **(_FLAT if self.steps > _SIXTY else {})}
         if not (first and self.below):
-            return Leg("t", t, contact=(t, t), options=options)
+            return HomotopyStage("t", t, contact=(t, t), options=options)
         options["mu_target"] *= _SIXTY / max(self.steps, _SIXTY)
-        return Leg("t", t, contact=(-np.inf, t), options=options)
+        return HomotopyStage("t", t, contact=(-np.inf, t), options=options)
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class ScholtesAdaptive(CentralPath):
     barrier that falls is steadier.
     """
 
-    def _leg(self, t: float, first: bool) -> Leg:
+    def _stage(self, t: float, first: bool) -> HomotopyStage:
         barrier = "monotone" if first else "adaptive"
         return relaxed(t, {**_inexact(t), "mu_strategy": barrier, "max_iter": self.most})
 
@@ -116,21 +116,21 @@ class ScholtesAdaptive(CentralPath):
 class Falling:
     """One path in t, from impulse times distance (to a ``power``) to that of 1e-8, by ``factor``.
 
-    ``leg`` makes a stage of t and whether it is the first.
+    ``stage`` makes a stage of t and whether it is the first.
     """
 
-    leg: Callable[[float, bool], Leg]
+    stage: Callable[[float, bool], HomotopyStage]
     factor: float = 0.1
     power: float = 1.0
 
-    def paths(self, reference: Reference) -> list[Path]:
+    def paths(self, reference: Reference) -> list[HomotopyPath]:
         """The path."""
         start = reference.mu**self.power
         values = geometric(start, T_SHARP**self.power, self.factor)
-        return [Path(values, lambda t: self.leg(t, t >= start))]
+        return [HomotopyPath(values, lambda t: self.stage(t, t >= start))]
 
 
-def _quick(t: float, first: bool) -> Leg:
+def _quick(t: float, first: bool) -> HomotopyStage:
     """``lam gap <= t``, stages a hundred times as tight as they are loose.
 
     The first has the barrier of any NLP. Bounds give way by 1e-8, as IPOPT's own default is: a
@@ -143,15 +143,15 @@ def _quick(t: float, first: bool) -> Leg:
                        "dual_inf_tol": 1.0})  # fmt: skip
 
 
-def _fischer_burmeister(t: float, first: bool) -> Leg:
+def _fischer_burmeister(t: float, first: bool) -> HomotopyStage:
     """``lam + gap - sqrt(lam² + gap² + 2 t) = 0``."""
-    return Leg("t", t, "fischer-burmeister", {"relaxation": t}, options={"mu_init": 1e-4})
+    return HomotopyStage("t", t, "fischer-burmeister", {"relaxation": t}, options={"mu_init": 1e-4})
 
 
-def _lin_fukushima(t: float, first: bool) -> Leg:
+def _lin_fukushima(t: float, first: bool) -> HomotopyStage:
     """``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²`` (Lin and Fukushima 2005)."""
     parameters = {"relaxation": t}
-    return Leg("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
+    return HomotopyStage("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
 
 
 def _complementary(nlp: Program, result: Result) -> bool:
@@ -169,15 +169,17 @@ class L1Penalty:
     barrier: float = 1e-4
     options: dict[str, float] = field(default_factory=dict)
 
-    def paths(self, reference: Reference) -> list[Path]:
+    def paths(self, reference: Reference) -> list[HomotopyPath]:
         """One ladder of penalties."""
 
-        def leg(rho: float) -> Leg:
+        def stage(rho: float) -> HomotopyStage:
             barrier = {} if rho == self.first else {"mu_init": self.barrier}
-            return Leg("rho", rho, "none", {"penalty": rho}, options={**self.options, **barrier})
+            return HomotopyStage(
+                "rho", rho, "none", {"penalty": rho}, options={**self.options, **barrier}
+            )
 
         values = [self.first * 10.0**i for i in range(self.steps)]
-        return [Path(values, leg, strict=False, complete=_complementary)]
+        return [HomotopyPath(values, stage, strict=False, complete=_complementary)]
 
 
 _SCHOLTES = Falling(lambda t, first: relaxed(t, _inexact(t)))
@@ -189,7 +191,7 @@ by solving a relaxation better than it is relaxed."""
 class L1ThenScholtes:
     """Two or three penalties find the region, Scholtes' relaxation from a small t the point."""
 
-    def paths(self, reference: Reference) -> list[Path]:
+    def paths(self, reference: Reference) -> list[HomotopyPath]:
         """The ladder, then the relaxation."""
         small = Reference(reference.impulse, 1e-3 * reference.gap)
         return [*L1Penalty(steps=3).paths(reference), *_SCHOLTES.paths(small)]

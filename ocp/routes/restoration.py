@@ -9,7 +9,7 @@ from ocp.programs.layout import Layout
 from ocp.programs.program import Functions, PairName, Program
 from ocp.programs.solver import Point
 from ocp.routes.branches import Branches
-from ocp.routes.legs import Homotopy
+from ocp.routes.homotopy import Homotopy
 
 
 class Elastic(Program):
@@ -89,7 +89,7 @@ def restored(follower: Homotopy, x: np.ndarray) -> tuple[np.ndarray, float] | No
     own = base.bounds(follower.values)
     inside = np.clip(x, own["lbx"], own["ubx"])
     start = Point(elastic.lifted(inside, branches.p, own))
-    found = branches.settle(start) or branches.propose(start)
+    found = branches.solve_branch(start) or branches.propose(start)
     if found is None:
         return None
     found = branches.improve(found)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ocp.programs.solver import Result
-from ocp.routes.branches import NEIGHBOUR, WISH, Branches
+from ocp.routes.branches import MIN_MULTIPLIER, NEIGHBOUR, Branches
 from ocp.routes.outcome import lower
 
 _ITERATIONS = 40
@@ -24,7 +24,7 @@ _VAIN = 20
 
 
 @dataclass(frozen=True)
-class Move:
+class ScheduleMove:
     """The ``run``-th contact of a chain of pairs begins and ends so many steps later."""
 
     chain: int
@@ -33,26 +33,26 @@ class Move:
     ends: int
 
     @property
-    def twice(self) -> Move:
+    def twice(self) -> ScheduleMove:
         """As far again."""
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
-def rescheduled(branches: Branches, best: Result) -> Result:
+def improve_schedule(branches: Branches, best: Result) -> Result:
     """Exchange a schedule for a neighbour that costs less, until none does.
 
     On a grid of time every instant of a contact is a minimum of its own: the pairs of the steps
     beside it are far from (0, 0), so that no descent to first order leads there, however long the
     steps of a trust region. Hence single pairs change sides, and runs of active pairs are moved by
     a step, and the branch is solved again: first twice what helped the last time, then what the
-    multipliers promise most of (:func:`promises`).
+    multipliers promise most of (:func:`predicted_gains`).
     """
     program, trace = branches.program, branches.follower.trace
     until = trace.iterations + min(_ALL, _WORK // max(program.pairs.shape[1], 1))
     active = program.active_sets(best.point.x)[-1]
     tried, last = {active.tobytes()}, None
     while True:
-        fall, way = promises(branches, best, active)
+        fall, way = predicted_gains(branches, best, active)
         neighbours = []
         further = [last] if last else []
         for move in [*further, *moves(active, program.chains), *np.flatnonzero(fall > 0)]:
@@ -71,14 +71,14 @@ def rescheduled(branches: Branches, best: Result) -> Result:
             found = branches.solve(best.point, changed, _ITERATIONS, knob=NEIGHBOUR)
             if found.ok and lower(found, best):
                 best, active = found, changed
-                last = move.twice if isinstance(move, Move) else None
+                last = move.twice if isinstance(move, ScheduleMove) else None
                 break
             vain += 1
         else:
             return best
 
 
-def promises(
+def predicted_gains(
     branches: Branches, found: Result, active: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What each pair's change of sides promises (m,), and how far it is (m,).
@@ -90,24 +90,26 @@ def promises(
     program, x = branches.program, found.point.x
     (first, second), sizes = program.pairs, program.sizes(x)
     held, free = np.where(active, (second, first), (first, second))
-    wish = branches.wishes(found, active)
-    fall = np.where(wish > WISH, wish * (sizes / program.natural.x)[held], 0.0)
+    multiplier = branches.bound_multipliers(found, active)
+    fall = np.where(
+        multiplier > MIN_MULTIPLIER, multiplier * (sizes / program.natural.x)[held], 0.0
+    )
     return fall, np.maximum(x[free] / sizes[free], _NEAREST)
 
 
-def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[Move]:
+def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[ScheduleMove]:
     """Every run a step earlier or later, at one end or at both, and a short one left out."""
     for chain, pairs in enumerate(chains):
         for run, (begin, end) in enumerate(runs(active[pairs])):
             for begins, ends in ((1, 1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0)):
-                yield Move(chain, run, begins, ends)
+                yield ScheduleMove(chain, run, begins, ends)
             if end - begin <= _SHORT:
-                yield Move(chain, run, end - begin, 0)
+                yield ScheduleMove(chain, run, end - begin, 0)
 
 
-def moved(active: np.ndarray, chains: np.ndarray, move: Move | int) -> np.ndarray | None:
+def moved(active: np.ndarray, chains: np.ndarray, move: ScheduleMove | int) -> np.ndarray | None:
     """The active set after a move, or after a pair's change of sides; None without the run."""
-    if not isinstance(move, Move):
+    if not isinstance(move, ScheduleMove):
         changed = active.copy()
         changed[move] ^= True
         return changed

@@ -66,7 +66,7 @@ def test_stages_are_logged_at_info_and_solvers_at_debug(ocp, caplog) -> None:
     silent = ocp("solve", "wall-1d", "-q")
     assert silent.err == "" and "ocp.routes" not in silent.out
     told = ocp("solve", "wall-1d", "-q", "-v").err
-    assert "ocp.routes.legs: " in told and "ocp.session: " in told
+    assert "ocp.routes.homotopy: " in told and "ocp.session: " in told
     assert "ocp.programs.solver" not in told
     assert "ocp.programs.solver: ipopt" in ocp("solve", "wall-1d", "-q", "-vv").err
     assert ocp("solve", "wall-1d", "-q").err == "", "what was asked for once is not kept"
@@ -80,7 +80,7 @@ def test_logging_is_pythons_own(caplog) -> None:
 
     with caplog.at_level(logging.INFO, logger="ocp"):
         found = solve(get("wall-1d"), Barrier(mu=1e-3))
-    stages = [record for record in caplog.records if record.name == "ocp.routes.legs"]
+    stages = [record for record in caplog.records if record.name == "ocp.routes.homotopy"]
     assert len(stages) == len(found.stages)
     assert all(record.levelno == logging.INFO for record in stages)
     for record, stage in zip(stages, found.stages, strict=True):

@@ -16,9 +16,9 @@ from ocp.problem import Guess, Reference
 from ocp.programs.solver import Point
 from ocp.rollout import roll_on
 from ocp.routes.branches import Branches
-from ocp.routes.legs import Homotopy, Progress
+from ocp.routes.homotopy import Homotopy, Progress
 from ocp.routes.outcome import Outcome
-from ocp.routes.rolls import embedded
+from ocp.routes.rollout_starts import pack_rollout
 from ocp.session import Session
 from ocp.solution import Solution
 from ocp.solve import best_of, new_session
@@ -84,7 +84,7 @@ def planned_return(
     """Plan an episode from ``x0`` (nx,) by direct transcription under the exact law.
 
     The search begins at each of ``guesses``, by default where everything stands still. A guess that
-    is a motion under the exact law is settled on its own contacts and improved from there, which
+    is a motion under the exact law is solved on its own branch and improved from there, which
     keeps to it; any other, or where that comes to nothing, is solved by the default route. The best
     certified plan is returned, or where none is certified the best of the others.
     ``reference`` has the characteristic sizes, ``settings`` are those of :func:`ocp.solve`.
@@ -97,7 +97,7 @@ def planned_return(
     begun = [guess(problem, p) for guess in guesses] or [problem.initial_guess(p)]
     found = []
     for number, guess in enumerate(begun):
-        outcome = _settled(session, guess, progress)
+        outcome = _polished(session, guess, progress)
         if outcome is None:
             outcome = session.solve(progress=progress, guess=guess, number=number)
         found.append(judged(session, outcome, seed=0))
@@ -106,7 +106,7 @@ def planned_return(
     return Planned(best, *episode_return(task, *replay))
 
 
-def _settled(session: Session, guess: Guessed, progress: Progress | None) -> Outcome | None:
+def _polished(session: Session, guess: Guessed, progress: Progress | None) -> Outcome | None:
     """The best plan near a motion, along its contacts; None where it is none, or none was found."""
     states, inputs = guess
     problem = session.problem
@@ -116,7 +116,7 @@ def _settled(session: Session, guess: Guessed, progress: Progress | None) -> Out
         return None
     follower = Homotopy(session.nlp_of, session.solver, session.values, progress)
     branches, nlp = Branches(follower), session.judging_nlp()
-    found = branches.settle(Point(embedded(nlp, rolled, None)))
+    found = branches.solve_branch(Point(pack_rollout(nlp, rolled, None)))
     if found is None:
         return None
     return Outcome(branches.improve(found), nlp, True, follower.trace)

@@ -25,7 +25,7 @@ from ocp.judgement import judged
 from ocp.physics.constraints import broken_constraints
 from ocp.programs.status import Status
 from ocp.routes.complementarity import Route, by_strategy
-from ocp.routes.legs import Homotopy
+from ocp.routes.homotopy import Homotopy
 from ocp.routes.outcome import Outcome
 from ocp.routes.relaxations import CentralPath
 from ocp.session import Session

@@ -13,9 +13,9 @@ from ocp import Direct, MultipleShooting, OpenLoop, Problem, SingleShooting, Sta
 from ocp.judgement import judged
 from ocp.programs.solver import Point, Result
 from ocp.rollout import Rollout, roll_out
-from ocp.routes.legs import Trace
+from ocp.routes.homotopy import Trace
 from ocp.routes.outcome import Outcome
-from ocp.routes.rolls import embedded
+from ocp.routes.rollout_starts import pack_rollout
 from ocp.session import Session
 from problems import get
 
@@ -39,7 +39,7 @@ def without_constraints(name: str) -> Problem:
     return replace(problem, path=(), terminal=(), start=None, x_lower=-ca.inf, x_upper=ca.inf)
 
 
-def shaken(session: Session, seed: int) -> Rollout:
+def perturbed(session: Session, seed: int) -> Rollout:
     """Random inputs about the guess, rolled out under the session's law."""
     problem, values = session.problem, session.values
     physical = problem.parameters.pack(values)
@@ -61,7 +61,7 @@ def claimed(session: Session, x: np.ndarray, form: str = "product") -> Outcome:
 def status_of_random_inputs(name: str, law: str, seed: int = 0) -> Status:
     session = Session(without_constraints(name), LAWS[law], Direct(), OpenLoop())
     form = "none" if session.step.exact else "product"
-    x = embedded(session.nlp_of(form), shaken(session, seed), None)
+    x = pack_rollout(session.nlp_of(form), perturbed(session, seed), None)
     found = judged(session, claimed(session, x, form), seed=0)
     assert found.audit.dynamics_residual < 1e-8, "the point is feasible"
     return found.status
@@ -86,7 +86,7 @@ def test_random_inputs_of_a_machine_are_not_optimal(name: str, law: str) -> None
 def test_in_shooting_too(method, law: str, seed: int) -> None:
     """push-1d at random inputs was once called solved at 4.2, three times its optimum."""
     session = Session(without_constraints("push-1d"), LAWS[law], method, OpenLoop())
-    rolled = shaken(session, seed)
+    rolled = perturbed(session, seed)
     nlp = session.nlp_of("product")
     blocks = {"x": rolled.x[:, 1:], "u": rolled.u}
     x = nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables})

@@ -17,8 +17,8 @@ from ocp.mpcc import MPCC, solve
 from ocp.mpcc.programs import programs_of
 from ocp.programs.solver import Point, Result, Solver
 from ocp.programs.status import Status
-from ocp.routes.branches import Branches, land
-from ocp.routes.legs import Homotopy
+from ocp.routes.branches import Branches, polish
+from ocp.routes.homotopy import Homotopy
 from ocp.routes.restoration import Elastic, restored
 
 
@@ -272,10 +272,10 @@ def test_a_branch_that_cannot_be_guessed_is_proposed() -> None:
     follower = follower_of(MPCC(v, (x - 1) ** 2, x, y, g=y - 1e-3))
     nlp = follower.nlp_of("none")
     start = unsolved(nlp, [2e-3, 1e-3])
-    assert Branches(follower).settle(start.point) is None
-    landed, _, worked = land(follower, nlp, start)
+    assert Branches(follower).solve_branch(start.point) is None
+    polished, _, worked = polish(follower, nlp, start)
     assert worked
-    assert landed.point.x == pytest.approx([0, 1e-3], abs=1e-8)
+    assert polished.point.x == pytest.approx([0, 1e-3], abs=1e-8)
 
 
 def test_restoration_exchanges_branches_until_feasible() -> None:

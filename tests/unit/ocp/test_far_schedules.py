@@ -13,8 +13,8 @@ from ocp.judgement import judged
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.routes.branches import Branches
-from ocp.routes.far import _apart
-from ocp.routes.legs import Homotopy
+from ocp.routes.distant_schedules import _apart
+from ocp.routes.homotopy import Homotopy
 from ocp.routes.outcome import Outcome
 from ocp.solve import new_session, solve
 from problems import get
@@ -93,8 +93,8 @@ def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(
 
     if not solved:
         monkeypatch.setattr(Branches, "solve", failing)
-    for settled in (one for one in ended if one.ok):
-        best = branches.improve(settled)
+    for solved in (one for one in ended if one.ok):
+        best = branches.improve(solved)
         outcome = Outcome(best, branches.program, True, branches.follower.trace)
         certificate = judged(session, outcome, 0).certificate
         if certificate.stationarity == "not":

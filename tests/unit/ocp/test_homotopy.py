@@ -11,7 +11,7 @@ import pytest
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, OpenLoop, solve
 from ocp.programs.solver import Point, Solver
-from ocp.routes.legs import Homotopy, Leg, Path, geometric, translate
+from ocp.routes.homotopy import Homotopy, HomotopyPath, HomotopyStage, geometric, translate
 from ocp.routes.relaxations import STRATEGIES
 from ocp.session import Session
 from ocp.solution import StageRecord
@@ -30,24 +30,24 @@ def follow(plan, values=VALUES, strict: bool = True, complete=None, progress=Non
     found = session()
     follower = Homotopy(found.nlp_of, Solver(), found.values, progress)
     start = found.first_point(found.nlp_of("product"))
-    return follower, follower.follow(Path(values, plan, strict, complete), start)
+    return follower, follower.follow(HomotopyPath(values, plan, strict, complete), start)
 
 
-def at_mu(mu: float, **options) -> Leg:
-    return Leg("mu", mu, parameters={"contact.mu": mu}, options=options)
+def at_mu(mu: float, **options) -> HomotopyStage:
+    return HomotopyStage("mu", mu, parameters={"contact.mu": mu}, options=options)
 
 
 def failing(where: float, times: int):
-    """Legs of which the ones at ``where`` stop at once, so many times."""
+    """Stages of which the ones at ``where`` stop at once, so many times."""
     left = [times]
 
-    def leg(mu: float) -> Leg:
+    def stage(mu: float) -> HomotopyStage:
         if mu == where and left[0] > 0:
             left[0] -= 1
             return at_mu(mu, max_iter=0)
         return at_mu(mu)
 
-    return leg
+    return stage
 
 
 def told(follower: Homotopy) -> list[tuple[float, bool]]:
@@ -167,7 +167,7 @@ def test_every_strategy_starts_at_sizes_of_the_problem_and_ends_tight(name: str)
         values = list(path.values)
         ordered = sorted(values, reverse=values[0] > values[-1])
         assert values == ordered and len(set(values)) == len(values)
-        assert all(path.leg(value).value == value for value in values)
+        assert all(path.stage_at(value).value == value for value in values)
 
 
 def test_the_table_of_a_solve_tells_the_whole_way() -> None:

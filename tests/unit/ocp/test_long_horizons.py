@@ -12,8 +12,8 @@ from dynamics.contact import Barrier, Exact
 from ocp import Solution, solve
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
-from ocp.routes.branches import LONGEST, Branches, patient
-from ocp.routes.legs import Homotopy
+from ocp.routes.branches import LONGEST, Branches, second_limit
+from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import CentralPath
 from ocp.solve import new_session
 from ocp.stationarity.certificate import certify, linear_model, tolerance_of
@@ -47,13 +47,15 @@ def test_the_barrier_below_a_path_falls_as_the_horizon_grows() -> None:
 
     def held(steps: int) -> float:
         path = CentralPath().over(steps).paths(reference)[0]
-        return path.leg(path.values[0]).options["mu_target"]
+        return path.stage_at(path.values[0]).options["mu_target"]
 
     assert held(0) == held(20) == held(60) == pytest.approx(reference.mu / 10)
     for steps in (120, 600):
         assert steps * held(steps) == pytest.approx(60 * held(60))
     later = CentralPath().over(600).paths(reference)[0]
-    assert later.leg(later.values[1]).options["mu_target"] == pytest.approx(later.values[1] / 10)
+    assert later.stage_at(later.values[1]).options["mu_target"] == pytest.approx(
+        later.values[1] / 10
+    )
 
 
 class Guessing(Branches):
@@ -86,10 +88,10 @@ def test_a_second_guess_is_given_up_soon_after_what_the_first_took(
     first, last = took
     guesses = [np.arange(4) < count for count in (first, last)]
     monkeypatch.setattr(type(branches.program), "active_sets", lambda self, x: guesses)
-    found = branches.settle(Point(np.ones(branches.program.n)))
+    found = branches.solve_branch(Point(np.ones(branches.program.n)))
     assert branches.given == [(last, LONGEST), (first, most)]
     assert found is not None and found.f == taken
-    assert most == patient(took[last]) >= 2 * took[last]
+    assert most == second_limit(took[last]) >= 2 * took[last]
 
 
 def test_multipliers_a_little_off_need_no_program(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,9 +13,9 @@ from dynamics.contact import Exact
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches
 from ocp.routes.complementarity import Route, by_strategy
-from ocp.routes.legs import Homotopy
+from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import CentralPath
-from ocp.routes.schedules import Move, moved, moves, promises, rescheduled, runs
+from ocp.routes.schedules import ScheduleMove, improve_schedule, moved, moves, predicted_gains, runs
 from ocp.solve import new_session, solve
 from problems import get
 from tests.benchmarks.ocp.random_draws import drawn
@@ -46,7 +46,7 @@ def test_moves_change_one_chain_and_are_undone_by_their_opposite(held: list[bool
         alone = len(runs(active)) == len(runs(changed)) == 1
         inside = runs(changed) and runs(changed)[0][0] > 0 and runs(changed)[-1][1] < len(held)
         if alone and inside and runs(active)[0][0] > 0:
-            back = Move(move.chain, move.run, -move.begins, -move.ends)
+            back = ScheduleMove(move.chain, move.run, -move.begins, -move.ends)
             np.testing.assert_array_equal(moved(changed, chains, back), active)
 
 
@@ -72,7 +72,7 @@ def test_any_schedule_with_a_contact_is_led_to_the_best_of_all(name: str) -> Non
     assert highest > 1.005 * lowest
     for key, result in found.items():
         if any(key):
-            assert rescheduled(branches, result).f <= lowest + 2e-5 * abs(lowest)
+            assert improve_schedule(branches, result).f <= lowest + 2e-5 * abs(lowest)
 
 
 def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
@@ -91,12 +91,12 @@ def test_exchange_knows_no_size_and_begins_where_multipliers_promise_most() -> N
     branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
     assert branches.program.pairs.shape[1] > 128
     route = Route(CentralPath(), session.problem.reference, session.first_point)
-    landed = by_strategy(branches.follower, route, route.strategy)[0]
-    best = branches.improve(landed)
-    found = rescheduled(branches, best)
+    polished = by_strategy(branches.follower, route, route.strategy)[0]
+    best = branches.improve(polished)
+    found = improve_schedule(branches, best)
     assert found.ok and found.f < 12.2712 < 12.2918 < best.f
     active = branches.program.active_sets(best.point.x)[-1]
-    fall, way = promises(branches, best, active)
+    fall, way = predicted_gains(branches, best, active)
     steepest = np.argsort(-fall / way)
     paid = next(rank for rank, pair in enumerate(steepest) if _flipped(branches, best, pair))
     assert paid < 5 < np.count_nonzero(fall)

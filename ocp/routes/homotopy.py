@@ -41,7 +41,7 @@ MOST_STAGES = 10_000
 
 
 @dataclass(frozen=True)
-class Leg:
+class HomotopyStage:
     """One stage: the form of the Program, parameter values, bounds on the contact rows, options.
 
     ``contact`` is in natural units of the program, a penalty in that of its cost. ``options`` are
@@ -59,7 +59,7 @@ class Leg:
 
 
 @dataclass(frozen=True)
-class Path:
+class HomotopyPath:
     """Values of a knob, from easy to wanted, and the stage that each one means.
 
     ``complete`` tells early that the aim is reached. A path whose last stage must succeed is
@@ -67,14 +67,14 @@ class Path:
     """
 
     values: Sequence[float]
-    leg: Callable[[float], Leg]
+    stage_at: Callable[[float], HomotopyStage]
     strict: bool = True
     complete: Callable[[Program, Result], object] | None = None
 
     @property
     def form(self) -> str:
         """Form of the first program."""
-        return self.leg(self.values[0]).form
+        return self.stage_at(self.values[0]).form
 
 
 @dataclass
@@ -115,7 +115,7 @@ class Homotopy:
 
     def follow(
         self,
-        path: Path,
+        path: HomotopyPath,
         start: Point,
         warm: bool = False,
         source: Program | None = None,
@@ -129,11 +129,11 @@ class Homotopy:
         point, best = start, None
         while pending:
             value = pending.pop(0)
-            leg = path.leg(value)
-            nlp = self.nlp_of(leg.form)
+            stage = path.stage_at(value)
+            nlp = self.nlp_of(stage.form)
             usable = translate(point, source or nlp, nlp)
-            result = self.stage(leg, nlp, usable, warm or good is not None)
-            if result.ok or (leg.partial and result.status is Status.ITERATION_LIMIT):
+            result = self.solve_stage(stage, nlp, usable, warm or good is not None)
+            if result.ok or (stage.partial and result.status is Status.ITERATION_LIMIT):
                 point, source, good = result.point, nlp, value
                 tries = 0 if value in path.values else tries
                 best = (result, nlp)
@@ -149,22 +149,22 @@ class Homotopy:
         assert best is not None
         return *best, True
 
-    def stage(self, leg: Leg, nlp: Program, start: Point, warm: bool) -> Result:
+    def solve_stage(self, stage: HomotopyStage, nlp: Program, start: Point, warm: bool) -> Result:
         """Solve one stage and write its line of the table."""
-        values = {**self.values, **leg.parameters}
+        values = {**self.values, **stage.parameters}
         values["penalty"] *= nlp.natural.f
         p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
-        if leg.contact is not None and "contact" in nlp.constraints:
+        if stage.contact is not None and "contact" in nlp.constraints:
             rows = nlp.constraints["contact"].index.ravel()
-            lower, upper = leg.contact
+            lower, upper = stage.contact
             bounds["lbg"][rows] = lower * nlp.natural.g[rows]
             bounds["ubg"][rows] = upper * nlp.natural.g[rows]
         options: dict[str, Any] = {}
         usable = start if warm else Point(start.x)
         if self.solver.name == "ipopt":
-            options = {**WARM, **leg.options} if usable.lam_g is not None else leg.options
+            options = {**WARM, **stage.options} if usable.lam_g is not None else stage.options
         result = self.solver.run(nlp, usable, p, bounds, **options)
-        self.record(leg.knob, leg.value, nlp, result, p, bounds)
+        self.record(stage.knob, stage.value, nlp, result, p, bounds)
         return result
 
     def record(self, knob: str, value: float, nlp: Program, result: Result, p: np.ndarray,

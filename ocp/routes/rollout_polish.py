@@ -1,4 +1,4 @@
-"""From a smoothed plan down to the exact law in shooting: roll it out, then settle its contacts."""
+"""From a smoothed plan to the exact law in shooting: roll it out, then solve its branch."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.rollout import Gains, roll_out
-from ocp.routes.branches import Branches, land
+from ocp.routes.branches import Branches, polish
 from ocp.routes.complementarity import improved
-from ocp.routes.legs import Homotopy, Path
+from ocp.routes.homotopy import Homotopy, HomotopyPath
 from ocp.routes.outcome import Outcome, lower
-from ocp.routes.rolls import embedded
+from ocp.routes.rollout_starts import pack_rollout
 from ocp.transcription.nlp import NLP
 
 
@@ -28,12 +28,12 @@ def plan_of(nlp: NLP, x: np.ndarray) -> tuple[np.ndarray | Gains, np.ndarray | N
 
 
 @dataclass(frozen=True)
-class Landing:
-    """Where plans land: rolled out in ``target``, settled in ``direct`` by a follower of its own.
+class RolloutPolish:
+    """Rolls plans out in ``target`` and solves their branches in ``direct``, by its own follower.
 
     The limit of smoothed optima is short of the exact one by the square root of the last mu. Hence
     the rolled-out point is put into ``direct``, whose contacts are fixed as they are and whose rest
-    is solved (:func:`~ocp.routes.branches.land`).
+    is solved (:func:`~ocp.routes.branches.polish`).
     """
 
     target: NLP
@@ -41,49 +41,49 @@ class Landing:
     step: Step
     follower: Homotopy
 
-    def rolled_down(self, source: NLP, plan: Result) -> tuple[Result, Result | None]:
-        """Roll a plan of ``source`` out under the exact ``step``, settle it, and pack ``target``.
+    def polish(self, source: NLP, plan: Result) -> tuple[Result, Result | None]:
+        """Roll a plan of ``source`` out under the exact ``step`` and solve its branch.
 
-        One that was solved in ``direct`` is settled as it is.
+        A plan that was solved in ``direct`` is on a branch already.
 
-        The settled point's inputs, rolled out, are the answer where they cost no more. Then it is
+        The solved point's inputs, rolled out, are the answer where they cost no more. Then it is
         returned beside them: the same plan, with contacts that are exactly open or closed, which a
         rollout's are to the step solver's tolerance.
         """
         first, there = self._rolled_out(source, plan.point.x)
         if source is self.direct and plan.ok:
             return first, plan
-        settled, _, worked = land(
+        solved, _, worked = polish(
             self.follower, self.direct, replace(first, point=there), improving=False
         )
         if not worked:
             return first, None
-        second, _ = self._rolled_out(self.direct, settled.point.x)
-        return (second, settled) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
+        second, _ = self._rolled_out(self.direct, solved.point.x)
+        return (second, solved) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
 
-    def along(self, follower: Homotopy, path: Path, start: Point) -> Outcome:
-        """Follow a path, settle its points, and go on to better branches from the cheapest.
+    def along(self, follower: Homotopy, path: HomotopyPath, start: Point) -> Outcome:
+        """Follow a path, solve the branches of its points, and improve the cheapest.
 
         Near a wide stage another branch may be cheaper than near the last one. The path ends where
-        two of its points in turn settle at one cost.
+        two of its points in turn end at one cost.
         """
         found: list[Result] = []
 
-        def settled_again(source: Program, result: Result) -> bool:
+        def repeated(source: Program, result: Result) -> bool:
             assert isinstance(source, NLP)
             if not result.ok:
                 return False
             try:
-                settled = self.rolled_down(source, result)[1]
+                solved = self.polish(source, result)[1]
             except NotConverged:
                 return False
-            if settled is None:
+            if solved is None:
                 return False
-            found.append(settled)
-            one, other = found[-2:] if len(found) > 1 else (settled, None)
+            found.append(solved)
+            one, other = found[-2:] if len(found) > 1 else (solved, None)
             return other is not None and not (lower(one, other) or lower(other, one))
 
-        result, program, finished = follower.follow(replace(path, complete=settled_again), start)
+        result, program, finished = follower.follow(replace(path, complete=repeated), start)
         if not found:
             return Outcome(result, program, finished, follower.trace)
         best = improved(Branches(self.follower), min(found, key=lambda one: one.f))
@@ -94,7 +94,7 @@ class Landing:
         plan, start = plan_of(nlp, x)
         gains = plan if isinstance(plan, Gains) else None
         rolled = roll_out(self.target.problem, plan, values, self.step, start)
-        there = Point(embedded(self.target, rolled, gains))
+        there = Point(pack_rollout(self.target, rolled, gains))
         p = self.target.parameter_vector(values)
         answer = Result.at(self.target, there, p, Status.SOLVED, "rolled out")
-        return answer, Point(embedded(self.direct, rolled, gains))
+        return answer, Point(pack_rollout(self.direct, rolled, gains))

@@ -1,4 +1,4 @@
-"""Contact schedules far from one: plans rolled out, of which one of every kind is settled."""
+"""Contact schedules far from one: rolled-out plans, one branch of every kind solved."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches
 
-_SETTLED = 8
-"""Plans that are settled at most."""
+_MOST = 8
+"""Branches solved at most."""
 _ITERATIONS = 128
 """Of a branch: it has a feasible point near, or often none."""
 _APART = 0.125
@@ -19,24 +19,24 @@ _FEASIBLE = 1e-6
 """Violation, in natural units, of a plan that keeps its limits."""
 
 
-def elsewhere(branches: Branches, points: Sequence[Point], below: float) -> list[Result]:
-    """Settle the cheapest of ``points`` that keep all limits, of every kind of schedule one.
+def distant_schedules(branches: Branches, points: Sequence[Point], below: float) -> list[Result]:
+    """Solve the branches of the cheapest feasible ``points``, one of every kind of schedule.
 
     An event that falls some steps earlier or later, or one more of them, makes another minimum,
     often in a valley of its own that no exchange of neighbours leads to. A point must cost less
     than ``below``; where that is infinite, points that break limits come after the others, so that
-    eight are settled if there are as many.
+    eight are solved if there are as many.
     """
-    program, seen, landed = branches.program, [], []
+    program, seen, polished = branches.program, [], []
     for point in _ordered(branches, points, below):
         active = branches.schedule(point.x)
         if all(_apart(active, other, program.chains) > _APART for other in seen):
             seen.append(active)
-            found = branches.settle(point, _ITERATIONS)
-            landed += [] if found is None else [found]
-        if len(seen) == _SETTLED:
+            found = branches.solve_branch(point, _ITERATIONS)
+            polished += [] if found is None else [found]
+        if len(seen) == _MOST:
             break
-    return landed
+    return polished
 
 
 def _ordered(branches: Branches, points: Sequence[Point], below: float) -> Iterator[Point]:

@@ -19,7 +19,7 @@ _SIZES = 0.03, 3.0
 
 
 @dataclass(frozen=True)
-class Rolls:
+class RolloutStarts:
     """Rolls inputs out from the start of a ``guess``, and puts what happens into a program."""
 
     problem: Problem
@@ -30,7 +30,7 @@ class Rolls:
     def point(self, program: Program, u: np.ndarray) -> Point | None:
         """Where inputs (N, nu) lead; None where a step is not solved."""
         rolled = self._rolled(u)
-        return rolled and Point(embedded(program, rolled, None))
+        return rolled and Point(pack_rollout(program, rolled, None))
 
     def around(self, program: Program, found: Sequence[Point], count: int) -> list[Point]:
         """Plans around the guess and what was ``found``, the cheapest first, one a schedule.
@@ -56,9 +56,9 @@ class Rolls:
                     key = (rolled.lam / sizes.impulse > rolled.gap / sizes.gap).tobytes()
                     best[key] = min(best.get(key, rolled), rolled, key=lambda one: one.cost)
         cheapest = sorted(best.values(), key=lambda one: one.cost)
-        return [Point(embedded(program, one, None)) for one in cheapest]
+        return [Point(pack_rollout(program, one, None)) for one in cheapest]
 
-    def shaken(self, program: Program, count: int) -> list[Point]:
+    def perturbed(self, program: Program, count: int) -> list[Point]:
         """Where guessed inputs lead, the own and perturbed ones, ``count`` in all."""
         plans = guesses(self.problem, self.values, count, 0, self.guess)
         there = (self.point(program, u) for _, u in plans)
@@ -70,7 +70,7 @@ class Rolls:
         return rolled if unsolved is None else None
 
 
-def embedded(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray:
+def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray:
     """Write trajectories x (S, N+1, nx), u, lam, gap (S, N, .) into an Program's variables."""
     blocks = {
         "x0": plan.x[:, :1],

@@ -10,7 +10,7 @@ from dynamics.contact.law import Schedule
 from dynamics.systems import KNOB
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.legs import PRIMAL, Homotopy, Leg, Path, geometric
+from ocp.routes.homotopy import PRIMAL, Homotopy, HomotopyPath, HomotopyStage, geometric
 
 STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""
@@ -21,14 +21,14 @@ _NEAR = {**PRIMAL, **_PUSH}
 """IPOPT options for a start without multipliers that is nearly the answer."""
 
 
-def own_path(
+def law_path(
     schedule: Schedule, target: float, start: float | None = None, factor: float | None = None
-) -> Path:
+) -> HomotopyPath:
     """The law's knob from its schedule's wide start (or ``start``) down to ``target``."""
     values = geometric(start or schedule.wide, target, factor or schedule.factor)
     label = schedule.knob.removeprefix(KNOB)
 
-    def leg(value: float) -> Leg:
+    def stage(value: float) -> HomotopyStage:
         options: dict[str, Any] = {}
         if value != values[0]:
             options["mu_init"] = 1e-5
@@ -36,9 +36,9 @@ def own_path(
         if not last:
             options |= {"tol": 1e-6, "max_iter": STAGE_ITERATIONS}
         turned = {schedule.knob: value}
-        return Leg(label, value, parameters=turned, options=options, partial=not last)
+        return HomotopyStage(label, value, parameters=turned, options=options, partial=not last)
 
-    return Path(values, leg)
+    return HomotopyPath(values, stage)
 
 
 def from_exact(
@@ -59,8 +59,8 @@ def from_exact(
         acts = lam > gap
         x[program.pairs] = np.where(acts, lam, mu / gap), np.where(acts, mu / lam, gap)
     for mu_init in (1e-3, 1e-6):
-        leg = Leg("from exact", value, options={**_NEAR, "mu_init": mu_init})
-        found = follower.stage(leg, program, Point(x), False)
+        stage = HomotopyStage("from exact", value, options={**_NEAR, "mu_init": mu_init})
+        found = follower.solve_stage(stage, program, Point(x), False)
         if found.ok:
             return found
     return None
