@@ -11,10 +11,10 @@ from dynamics.contact.step import Step
 
 
 class AffineStep(Step):
-    """``x_next = a + B lam`` and ``slack = z + F lam``, with lam alone as the inner unknown.
+    """``x_next = a + B lam`` and ``gap = z + F lam``, with lam alone as the inner unknown.
 
     a (nx, 1), B (nx, n), z (n, 1), F (n, n) block diagonal with blocks (nlam, nlam), in (x, u, p).
-    The exact law is on its active set ``D = lam > slack``: ``D slack + (1 - D) lam = 0``.
+    The exact law is on its active set ``D = lam > gap``: ``D gap + (1 - D) lam = 0``.
     """
 
     @cached_property
@@ -43,12 +43,12 @@ class AffineStep(Step):
         return ca.diagcat(*(self.at(node, [self.system.reduced.F])[0] for node in self.nodes))
 
     @cached_property
-    def following(self) -> ca.SX:
+    def x_next_expr(self) -> ca.SX:
         """``a + B lam``."""
         return ca.densify(self.a + self.B @ self.lam)
 
     @cached_property
-    def slack(self) -> ca.SX:
+    def gap_expr(self) -> ca.SX:
         """``z + F lam``."""
         return ca.densify(self.z + self.F @ self.lam)
 
@@ -69,16 +69,16 @@ class AffineStep(Step):
         return lam, a + B @ lam, lam, gap, error
 
     def contact_relation(self, mu: ca.SX | None = None) -> ca.SX:
-        """``lam slack - mu``, or ``D slack + (1 - D) lam`` for the exact law."""
+        """``lam gap - mu``, or ``D gap + (1 - D) lam`` for the exact law."""
         if not self.exact:
             return super().contact_relation(mu)
-        active = self.lam > self.slack
-        return active * self.slack + (1 - active) * self.lam
+        active = self.lam > self.gap_expr
+        return active * self.gap_expr + (1 - active) * self.lam
 
     @cached_property
     def relation_jacobian(self) -> ca.SX:
-        """``diag(slack) + diag(lam) F``, or ``I - D + D F`` for the exact law."""
+        """``diag(gap) + diag(lam) F``, or ``I - D + D F`` for the exact law."""
         if not self.exact:
-            return ca.diag(self.slack) + ca.diag(self.lam) @ self.F
-        active = ca.diag(self.lam > self.slack)
+            return ca.diag(self.gap_expr) + ca.diag(self.lam) @ self.F
+        active = ca.diag(self.lam > self.gap_expr)
         return ca.SX.eye(self.n) - active + active @ self.F

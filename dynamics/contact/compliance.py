@@ -76,11 +76,11 @@ class Coordinates:
         by_lam = ca.jacobian(system.residual, system.lam)
         pushed = sorted(set(by_lam.sparsity().get_triplet()[0]))
         free = [i for i in range(system.nx) if i not in pushed]
-        following = -solve_without_pivoting(by_state[free, free], by_state[free, pushed])
+        moved = -solve_without_pivoting(by_state[free, free], by_state[free, pushed])
         C = ca.SX(system.nx, len(pushed))
-        C[free, :], C[pushed, :] = following, ca.SX.eye(len(pushed))
+        C[free, :], C[pushed, :] = moved, ca.SX.eye(len(pushed))
         self.r, self.C = len(pushed), ca.sparsify(C)
-        self.T = by_state[pushed, pushed] + by_state[pushed, free] @ following
+        self.T = by_state[pushed, pushed] + by_state[pushed, free] @ moved
         by_next = ca.jacobian(system.gap, system.x_next)
         P, Q = -by_lam[pushed, :], ca.sparsify(by_next @ self.C)
         self.own, self.P_signs, self.Q_signs = _alike(system, P, Q)

@@ -26,8 +26,8 @@ class CurvedGap:
     def opening(self) -> ca.SX:
         """What is needed to evaluate the rows at any lam, in the system's (x, u, p)."""
         reduced, states = self._system.reduced, self._states
-        landing = [reduced.a[states], ca.vec(ca.densify(reduced.B[states, :]))]
-        return ca.vertcat(*landing, self._given)
+        affine = [reduced.a[states], ca.vec(ca.densify(reduced.B[states, :]))]
+        return ca.vertcat(*affine, self._given)
 
     def at(self, lam: ca.SX, D: ca.SX, c: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Scaled gaps of the rows at scaled lam, and their derivatives by it."""

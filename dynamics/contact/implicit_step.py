@@ -27,7 +27,7 @@ class ImplicitStep(Step):
         return ca.SX.sym("x_branch", self.branches * self.system.nx)
 
     @cached_property
-    def following(self) -> ca.SX:
+    def x_next_expr(self) -> ca.SX:
         """The branches' mean."""
         mean = ca.SX.zeros(self.system.nx)
         for node, state in zip(self.nodes, ca.vertsplit(self.states, self.system.nx), strict=True):
@@ -35,7 +35,7 @@ class ImplicitStep(Step):
         return mean
 
     @cached_property
-    def slack(self) -> ca.SX:
+    def gap_expr(self) -> ca.SX:
         """The gaps of every branch at its next state."""
         return self._of_branches(self.system.gap)
 
@@ -45,9 +45,9 @@ class ImplicitStep(Step):
         return self._of_branches(self.system.motion)
 
     @cached_property
-    def landings(self) -> ca.SX:
+    def states_of_lam(self) -> ca.SX:
         """The next state of every branch as its impulses make it."""
-        return self._of_branches(self.system.landing)
+        return self._of_branches(self.system.x_next_expr)
 
     def _of_branches(self, expression: ca.SX) -> ca.SX:
         system, values = self.system, []

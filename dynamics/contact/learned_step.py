@@ -18,7 +18,7 @@ class LearnedStep(Step):
 
     ``inner`` are the model's outputs at the ``queries``, branch after branch; a model may have
     others after the next state (the log-density of the data). No multipliers are left: ``lam``,
-    ``slack`` and ``mu`` have no entries. ``trust`` is the weight beta of ``-beta log p`` in the
+    ``gap`` and ``mu`` have no entries. ``trust`` is the weight beta of ``-beta log p`` in the
     stage cost, nothing where the law has none.
     """
 
@@ -67,7 +67,7 @@ class LearnedStep(Step):
         return ca.vertsplit(self.inner, self.learned.n_out)
 
     @cached_property
-    def following(self) -> ca.SX:
+    def x_next_expr(self) -> ca.SX:
         """The branches' mean."""
         parts = zip(self.nodes, self._outputs, strict=True)
         return sum(
@@ -75,7 +75,7 @@ class LearnedStep(Step):
         )
 
     @property
-    def toll(self) -> ca.SX:
+    def extra_stage_cost(self) -> ca.SX:
         """``-beta log p_sigma(x, u)``, averaged over the branches."""
         if self.trust is None:
             return ca.SX(0)
@@ -83,7 +83,7 @@ class LearnedStep(Step):
         return -self.trust * sum((node.weight * y[-1] for node, y in parts), ca.SX(0))
 
     @cached_property
-    def slack(self) -> ca.SX:
+    def gap_expr(self) -> ca.SX:
         """No gaps."""
         return ca.SX(0, 1)
 
@@ -94,8 +94,8 @@ class LearnedStep(Step):
 
     @cached_property
     def residual(self) -> ca.SX:
-        """``x_next - following``, in (x_next, inner)."""
-        return self.system.x_next - self.following
+        """``x_next - x_next_expr``, in (x_next, inner)."""
+        return self.system.x_next - self.x_next_expr
 
     @cached_property
     def gap(self) -> ca.SX:
@@ -107,13 +107,13 @@ class LearnedStep(Step):
         asked = ca.Function("asked", self.inputs, [ca.densify(self.queries)])(x, u, p)
         value = self.learned.values()
         inner = ca.vertcat(*(value(z) for z in ca.vertsplit(asked, self.learned.n_in)))
-        x_next = ca.Function("following", [self.inner], [ca.densify(self.following)])(inner)
+        x_next = ca.Function("x_next_expr", [self.inner], [ca.densify(self.x_next_expr)])(inner)
         none = ca.MX(0, 1)
         return inner, x_next, none, none, none
 
     @cached_property
     def relation(self) -> ca.Function:
-        """``(x, u, x_next, lam, p) -> (x_next - following, none, none)``."""
+        """``(x, u, x_next, lam, p) -> (x_next - x_next_expr, none, none)``."""
         x, u, p = self._symbols()
         after, lam, none = ca.MX.sym("x_next", self.system.nx), ca.MX.sym("lam", 0), ca.MX(0, 1)
         names = ["x", "u", "x_next", "lam", "p"], ["residual", "gap", "mu"]

@@ -48,12 +48,12 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     path, mu = path_of(system, exact), ca.SX.sym("mu", system.nlam)
     given = [system.x, system.u, system.parameters.vector]
     opening = ca.Function("opening", [*given, mu], [path.opening_of(system, mu)], {"cse": True})
-    landing = ca.Function("landing", [*given, system.lam], [system.landing], {"cse": True})
+    x_next = ca.Function("x_next", [*given, system.lam], [system.x_next_expr], {"cse": True})
     arguments = [ca.MX.sym(f"in_{k}", opening.numel_in(k)) for k in range(4)]
     data, ending, followed = opening(*arguments), path.ending(), follow(path.iteration())
     pair = followed(ca.MX.ones(path.size), data)
     lam, gap, error = _recovered(path, followed)(*ending(pair, data), pair, data)
-    outputs = [landing(*arguments[:3], lam), lam, gap, error]
+    outputs = [x_next(*arguments[:3], lam), lam, gap, error]
     names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
     return ca.Function("contact_ncp", arguments, outputs, *names)
 

@@ -193,11 +193,11 @@ def _on_active_set(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.
     projector = ca.diag(active)
     matrix = projector @ F + ca.SX.eye(lam.numel()) - projector
     on_set = solve_without_pivoting(matrix, -active * z)
-    slack = (1 - active) * (z + F @ on_set)
+    gap = (1 - active) * (z + F @ on_set)
     # Redundant contacts leave the forces on the active set open: then the path's end stands.
     off = ca.mmax(ca.fabs(active * (z + F @ on_set)))
-    valid = ca.logic_and(ca.mmin(ca.vertcat(on_set, slack)) >= -1e-9, off <= 1e-9)
-    return ca.if_else(valid, ca.fmax(0, on_set), lam), ca.if_else(valid, ca.fmax(0, slack), s)
+    valid = ca.logic_and(ca.mmin(ca.vertcat(on_set, gap)) >= -1e-9, off <= 1e-9)
+    return ca.if_else(valid, ca.fmax(0, on_set), lam), ca.if_else(valid, ca.fmax(0, gap), s)
 
 
 def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX]:

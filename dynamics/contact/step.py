@@ -12,7 +12,7 @@ from dynamics.contact.closure import Branch, Closure
 from dynamics.systems import ContactSystem, ParameterTable, Signal
 from dynamics.systems.elimination import solve_without_pivoting
 
-_LEAST_SLACK = 1e-60
+_LEAST_GAP = 1e-60
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,9 +22,9 @@ class Step(ABC):
     With B branches (one but for averaged laws) ``lam`` has ``n = B nlam`` entries, branch after
     branch:
 
-    ``x_next = following(inner)``, ``lam_i slack_i = mu_i``, lam, slack >= 0, ``motion = 0``,
+    ``x_next = x_next_expr(inner)``, ``lam_i gap_i = mu_i``, lam, gap >= 0, ``motion = 0``,
 
-    slack (n, 1) the gaps, mu (n, 1), zero for the exact law. ``inner`` are the unknowns that
+    gap and mu (n, 1), mu zero for the exact law. ``inner`` are the unknowns that
     derivatives go through: every branch's next state, ``states``, where the step keeps those, and
     then ``lam``. ``p`` holds the system's parameters and then the law's knobs.
 
@@ -58,22 +58,22 @@ class Step(ABC):
         return ca.SX(0, 1)
 
     @cached_property
-    def landings(self) -> ca.SX:
+    def states_of_lam(self) -> ca.SX:
         """``states`` in (x, u, lam, p)."""
         return ca.SX(0, 1)
 
     @cached_property
     @abstractmethod
-    def following(self) -> ca.SX:
+    def x_next_expr(self) -> ca.SX:
         """x_next (nx, 1) in (x, u, inner, p)."""
 
     @cached_property
     @abstractmethod
-    def slack(self) -> ca.SX:
+    def gap_expr(self) -> ca.SX:
         """The gaps (n, 1) in (x, u, inner, p)."""
 
     @property
-    def toll(self) -> ca.SX:
+    def extra_stage_cost(self) -> ca.SX:
         """What the law adds to the stage cost, an expression in (x, u, inner, p); nothing."""
         return ca.SX(0)
 
@@ -87,13 +87,13 @@ class Step(ABC):
         return ca.vertcat(self.states, self.lam)
 
     @cached_property
-    def landing(self) -> ca.SX:
+    def x_next_of_lam(self) -> ca.SX:
         """x_next (nx, 1) in (x, u, lam, p)."""
-        return self.landed(self.following)
+        return self.eliminated(self.x_next_expr)
 
-    def landed(self, expression: ca.SX) -> ca.SX:
-        """Put ``landings`` in place of ``states``."""
-        return ca.substitute(expression, self.states, self.landings)
+    def eliminated(self, expression: ca.SX) -> ca.SX:
+        """Put ``states_of_lam`` in place of ``states``."""
+        return ca.substitute(expression, self.states, self.states_of_lam)
 
     @cached_property
     def mu(self) -> ca.SX:
@@ -114,14 +114,14 @@ class Step(ABC):
         """What is zero in (x, u, x_next, lam, p), (nx, 1)."""
         if self.branches == 1:
             return ca.substitute(self.system.residual, self.system.lam, self.lam)
-        return self.system.x_next - self.landing
+        return self.system.x_next - self.x_next_of_lam
 
     @cached_property
     def gap(self) -> ca.SX:
         """The gaps (n, 1) in (x, u, x_next, lam, p)."""
         if self.branches == 1:
             return ca.substitute(self.system.gap, self.system.lam, self.lam)
-        return self.landed(self.slack)
+        return self.eliminated(self.gap_expr)
 
     def at(self, node: Branch, expressions: list[ca.SX]) -> list[ca.SX]:
         """Expressions in the system's (x, u), at the disturbed state and input of a branch."""
@@ -204,13 +204,13 @@ class Step(ABC):
         x_next, lam, _, _ = self.solve(x, u, p)
         names, out = ["x", "u", "p"], ca.SX.sym("out_x_next", self.system.nx)
         total = []
-        for output in (self.following, self.lam):
+        for output in (self.x_next_expr, self.lam):
             through = ca.jacobian(output, self.inner)
             for index, variable in enumerate(self.inputs):
                 direct = ca.jacobian(output, variable)
                 total.append(ca.densify(direct + through @ self._inner_jacobians[index]))
         if self.states.numel():
-            there = out if self.branches == 1 else self.landings
+            there = out if self.branches == 1 else self.states_of_lam
             total = ca.substitute(total, [self.states], [there])
         jacobian = ca.Function(
             "jac_step",
@@ -229,12 +229,12 @@ class Step(ABC):
         return ca.Function("step", [x, u, p], [x_next, lam], names, ["x_next", "lam"], options)
 
     def contact_relation(self, mu: ca.SX | None = None) -> ca.SX:
-        """Return R(inner, x, u, p), (n, 1), zero at the solved contact: ``lam slack - mu``.
+        """Return R(inner, x, u, p), (n, 1), zero at the solved contact: ``lam gap - mu``.
 
         Where forces may be open (redundant contacts, friction) the exact law is the path's end,
         whose derivative exists; inactive lam are zero there, and so are their derivatives.
         """
-        return self.lam * self.slack - (self.mu if mu is None else mu)
+        return self.lam * self.gap_expr - (self.mu if mu is None else mu)
 
     @cached_property
     def held(self) -> tuple[ca.SX, ca.SX] | None:
@@ -249,10 +249,10 @@ class Step(ABC):
     @cached_property
     def relation_jacobian(self) -> ca.SX:
         """Derivative of the relation by ``inner``; no elimination in it needs pivoting."""
-        by_inner = ca.jacobian(self.slack, self.inner)
-        # The way slid of an open contact has no slack at all; its row is then this times dlam.
-        slack = ca.fmax(self.slack, _LEAST_SLACK) if self.exact else self.slack
-        diagonal = ca.diag(slack) @ ca.jacobian(self.lam, self.inner)
+        by_inner = ca.jacobian(self.gap_expr, self.inner)
+        # The way slid of an open contact has no gap at all; its row is then this times dlam.
+        gap = ca.fmax(self.gap_expr, _LEAST_GAP) if self.exact else self.gap_expr
+        diagonal = ca.diag(gap) @ ca.jacobian(self.lam, self.inner)
         return ca.vertcat(
             ca.jacobian(self.motion, self.inner), diagonal + ca.diag(self.lam) @ by_inner
         )
@@ -265,7 +265,7 @@ class Step(ABC):
     def inner_jacobian(self, variable: ca.SX) -> ca.SX:
         """``d inner/dw = -(dR/d inner)^-1 dR/dw`` at the solution, shape (n_inner, w).
 
-        On the path with ``inner = lam`` this is ``-(diag(slack) + diag(lam) F)^-1 (diag(lam)
+        On the path with ``inner = lam`` this is ``-(diag(gap) + diag(lam) F)^-1 (diag(lam)
         dgap/dw - dmu/dw)``; the printed abs, eq. A.26 drops the coupling between contacts. Where
         the law freezes mu, ``dmu/dw`` of the state and input is left out; its own knobs keep
         theirs.

@@ -224,7 +224,7 @@ class ContactSystem:
         return ReducedContact(a, B, z, F, z if affine else gap + by_state @ (a - self.x), affine)
 
     @cached_property
-    def landing(self) -> ca.SX:
+    def x_next_expr(self) -> ca.SX:
         """The next state (nx, 1) in terms of (x, u, lam, p); raises as :attr:`reduced` does."""
         if not self.configured:
             return self.reduced.a + self.reduced.B @ self.lam
@@ -234,7 +234,7 @@ class ContactSystem:
     @cached_property
     def motion(self) -> ca.SX:
         """The residual in a form whose Jacobian by x_next has positive leading minors (nx, 1)."""
-        return self.residual if self.configured else self.x_next - self.landing
+        return self.residual if self.configured else self.x_next - self.x_next_expr
 
 
 def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int]) -> None:

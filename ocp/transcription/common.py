@@ -66,7 +66,7 @@ class Graph:
         problem, cost = self.problem, self.problem.stage_cost
         if problem.du is not None:
             cost = ca.substitute(cost, problem.du, problem.system.u - self.u_before)
-        return cost + self.step.toll
+        return cost + self.step.extra_stage_cost
 
     def path_constraints(self) -> ca.SX:
         """Path constraint expressions, stacked."""

@@ -171,7 +171,7 @@ def solved_interval(
     problem, S, N = graph.problem, graph.scenarios, graph.problem.N
     symbols, positions = interval_locals(graph, variables)
     parts = [
-        ("dynamics", problem.system.x_next - graph.step.following, graph.component_names("x")),
+        ("dynamics", problem.system.x_next - graph.step.x_next_expr, graph.component_names("x")),
         ("policy", policy_constraint(graph), graph.component_names("u")),
         ("path", graph.path_constraints(), constraint_names(problem.path)),
     ]

@@ -94,10 +94,10 @@ class _Condensed:
         def closed(expression: ca.SX) -> ca.SX:
             return ca.substitute(expression, system.u, u) if graph.feedback else expression
 
-        following = closed(step.following)
-        xi_next = ca.vertcat(following, *([u] if problem.uses_du else []))
+        x_next = closed(step.x_next_expr)
+        xi_next = ca.vertcat(x_next, *([u] if problem.uses_du else []))
         bounded_u = [("u_bound", u)] if graph.feedback and limits["u"] else []
-        bounded_x = [("x_bound", following)] if limits["x"] else []
+        bounded_x = [("x_bound", x_next)] if limits["x"] else []
         path = [("path", closed(graph.path_constraints()))] if problem.path else []
         names = {
             "u_bound": graph.component_names("u"),
@@ -117,7 +117,7 @@ class _Condensed:
             np.zeros((self.N * self.S, outputs.numel()), dtype=int), 1 / self.S, hidden,
         )  # fmt: skip
         self.solve = hidden.solve
-        gap = closed(step.slack)
+        gap = closed(step.gap_expr)
         self.gap = ca.Function("gap", [w, graph.p, hidden.symbols], [gap, u])
 
     def _terminal_expressions(self) -> None:
@@ -137,9 +137,9 @@ class _Condensed:
         w, q = ca.MX.sym("w", stage.w.numel()), ca.MX.sym("p", graph.p.numel())
         values = self.make(stage.values())
         lam = self.solve(w, q)
-        following = values(w, q, lam)[1][: self.xi.numel()]
+        x_next = values(w, q, lam)[1][: self.xi.numel()]
         xi, local = ca.MX.sym("xi", self.xi.numel()), ca.MX.sym("t", w.numel() - self.xi.numel())
-        once = ca.Function("advance", [w, q], [following, lam])
+        once = ca.Function("advance", [w, q], [x_next, lam])
         after, solved = once(ca.vertcat(xi, local), q)
         advance = ca.Function("advance", [xi, local, q], [after, solved])
         chain = advance.mapaccum("rollout", self.N)
@@ -227,9 +227,9 @@ class _Condensed:
                 J = ca.MX(pattern, entries[:, at])
                 Y = ca.vertcat(ca.densify(M), picks[k])
                 gradient += slope[:, at].T @ Y
-                following = J @ Y
-                M = following[:nxi, :]
-                self._split_rows(rows, following[nxi:, :])
+                moved = J @ Y
+                M = moved[:nxi, :]
+                self._split_rows(rows, moved[nxi:, :])
                 Y_all.append(Y)
                 blocks.append(J)
             gradient += slope_end[:, s].T @ M

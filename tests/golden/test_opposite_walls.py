@@ -69,7 +69,7 @@ def test_every_step_is_solved_and_is_the_root_of_its_one_gap() -> None:
     """Where one ball meets one wall its impulse is the root of a scalar function."""
     s, step = problem().system, Exact().close(problem().system)
     p = step.p.values
-    landed = ca.Function("landed", [s.x, s.u, s.lam, s.parameters.vector], [s.landing])
+    landed = ca.Function("landed", [s.x, s.u, s.lam, s.parameters.vector], [s.x_next_expr])
     distance, met = problem().signed_distance, 0
     assert distance is not None
     for x, u in states(200):

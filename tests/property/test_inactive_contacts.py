@@ -72,7 +72,7 @@ def test_a_step_without_contact_has_the_derivative_of_free_motion(name, backend)
     """To the bit where that is zero; the machines' own mass matrices are eliminated twice."""
     step, (x, u) = closed(name), apart(name)
     system = step.system
-    free = ca.substitute(system.landing, system.lam, ca.SX.zeros(system.nlam))
+    free = ca.substitute(system.x_next_expr, system.lam, ca.SX.zeros(system.nlam))
     arguments = [system.x, system.u]
     results = [ca.jacobian(free, w) for w in arguments]
     slopes = ca.Function("free", [*arguments, system.parameters.vector], results)

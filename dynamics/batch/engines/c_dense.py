@@ -16,7 +16,7 @@ _ABREAST = 4
 
 _HOOKS_OF_TAPES = """\
 INLINE void choose_actions(const memory *a, i64 t) { (void)a; (void)t; }
-INLINE void blame(const memory *a, i64 t, const V *action_bar, V *bars, V *total) {
+INLINE void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, V *total) {
   (void)a; (void)t; (void)action_bar; (void)bars; (void)total;
 }
 """
@@ -101,7 +101,7 @@ static void choose_actions(const memory *a, i64 t) {
   look(a, t, values, a->theta + t * NU * U);
 }
 /* Takes what a step says of the action back to the weights, and to the state in `bars`. */
-static void blame(const memory *a, i64 t, const V *action_bar, V *bars, V *total) {
+static void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, V *total) {
   V values[(NOBS + HIDDEN) * U], action[NU * U], bar[WIDEST * U];
   look(a, t, values, action);
   for (int k = 0; k < NU * U; k++) bar[k] = action_bar[k];
@@ -131,7 +131,7 @@ def constants(layers: Layers | None, own: bool) -> dict[str, object]:
 
 
 def source(layers: Layers | None) -> str:
-    """C text of `choose_actions` and, with layers, of `blame`, after the kernels they call."""
+    """C text of `choose_actions`, with layers also of `backpropagate`, after their kernels."""
     if layers is None:
         return _HOOKS_OF_TAPES
     return _LOOPS % {

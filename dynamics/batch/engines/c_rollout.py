@@ -132,7 +132,7 @@ static void backward(const job *q, const memory *a, i64 n, i64 live, i64 row, i6
       else UNROLL for (int k = 0; k < NT * A; k++) g[k / A * U + j + k % A] += part[k];
     }
     if (q->parts > 1) g -= NT * U;
-    if (DENSE) blame(a, n - 1 - t, action_bar, bars, a->gradient);
+    if (DENSE) backpropagate(a, n - 1 - t, action_bar, bars, a->gradient);
   }
 }
 static void scores(const job *q, const memory *a, i64 n, i64 live) {
@@ -152,7 +152,7 @@ static void scores(const job *q, const memory *a, i64 n, i64 live) {
       for (int k = 0; k < NT * A; k++)
         s[k / A * U + k % A] = DENSE ? part[k] : s[k / A * U + k % A] + part[k];
     }
-    if (DENSE) blame(a, t, action_bar, 0, a->score);
+    if (DENSE) backpropagate(a, t, action_bar, 0, a->score);
   }
 }
 """

@@ -37,10 +37,10 @@ class Objective(ABC):
         """Raise `ValueError` where the dimensions do not fit those of the step."""
 
     @abstractmethod
-    def outcome(self, step: Step, following: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """What is carried on (nx + carried, 1), and the cost of a step, that ends at `following`.
+    def outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """The carried values (nx + carried, 1) after a step to `x_next_expr`, and its cost.
 
-        Expressions in (x, u, carried, p) and in whatever `following` (nx, 1) is an expression in.
+        Expressions in (x, u, carried, p) and in the symbols of `x_next_expr` (nx, 1).
         """
 
     @abstractmethod
@@ -86,12 +86,12 @@ class Costs(Objective):
         fits("stage cost", self.stage, sizes, arguments, 1)
         fits("terminal cost", self.final, (nx, np), "(x, p)", 1)
 
-    def outcome(self, step: Step, following: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The next state, with the input behind it where that is carried, and the stage cost."""
         system, p = step.system, step.p.vector
         change = [system.u - self.carried] if self.with_change else []
         cost = expanded(self.stage)(system.x, system.u, *change, p)
-        return ca.vertcat(following, system.u if self.with_change else ca.SX(0, 1)), cost
+        return ca.vertcat(x_next_expr, system.u if self.with_change else ca.SX(0, 1)), cost
 
     def terminal(self, step: Step) -> ca.SX:
         """The terminal cost."""
@@ -141,15 +141,15 @@ class Episode(Objective):
             np = min(len(step.p), fn.numel_in(fn.n_in() - 1))
             fits(what, fn, (*sizes, np), arguments, 1)
 
-    def outcome(self, step: Step, following: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The next state, or this one where the episode is over, and minus the reward."""
         x, u, p = step.system.x, step.system.u, step.p.vector
         weight, lived = ca.vertsplit(self.carried)
-        over = of_first(self.done, following, p=p) != 0
+        over = of_first(self.done, x_next_expr, p=p) != 0
         after = ca.if_else(over, 0, self.parameters[DISCOUNT] * weight)
         stays = [ca.if_else(self.alive, new, old) for new, old in
-                 zip(ca.vertsplit(following), ca.vertsplit(x), strict=True)]  # fmt: skip
-        gain = ca.if_else(self.alive, weight * of_first(self.reward, x, u, following, p=p), 0)
+                 zip(ca.vertsplit(x_next_expr), ca.vertsplit(x), strict=True)]  # fmt: skip
+        gain = ca.if_else(self.alive, weight * of_first(self.reward, x, u, x_next_expr, p=p), 0)
         on = ca.if_else(self.alive, after, 0)
         return ca.vertcat(*stays, on, lived + self.alive), -gain
 

@@ -79,7 +79,7 @@ class Closed:
         self.theta = ca.SX.sym("theta", policy.law.nnz_in(1))
         self.w = ca.SX.sym("w", system.nu)
         self.x = ca.vertcat(system.x, objective.carried)
-        self.x_next, self.stage_cost = objective.outcome(step, step.landing)
+        self.x_next, self.stage_cost = objective.outcome(step, step.x_next_of_lam)
         self.terminal_cost = objective.terminal(step)
         self.arguments = [self.x, self.theta, self.w, self.p]
 
@@ -134,7 +134,7 @@ class Closed:
             asked = _mixed(step.queries)
             unknown, rows = step.inner, ca.repmat(asked, step.inner.numel(), 1)
         else:
-            unknown, rows = step.lam, step.landed(step.slack) + ca.SX.sym("by_mu") * step.mu
+            unknown, rows = step.lam, step.eliminated(step.gap_expr) + ca.SX.sym("by_mu") * step.mu
         given = self._closed(ca.vertcat(self.x_next, self.stage_cost), rows)
         outputs = ca.substitute(given[0], unknown, stand_ins(unknown, given[1]))
         if isinstance(policy, DensePolicy):
@@ -270,7 +270,7 @@ class Closed:
         """Gradient of ``l + xbar' x_next - v' R(inner)``, v solving the transposed relation."""
         step, inner = self.step, self.step.inner
         relation = step.differentiable_relation
-        x_next, cost = self.objective.outcome(step, step.following)
+        x_next, cost = self.objective.outcome(step, step.x_next_expr)
         gained = cost + ca.dot(xbar, x_next)
         by_inner = ca.densify(ca.gradient(gained, inner))
         v = step.solve_relation(by_inner, transposed=True)
@@ -283,7 +283,7 @@ class Closed:
             symbols.append(step.held[0])
             meant.append(step.held[1])
         bars = ca.substitute(bars, [ca.vertcat(*symbols)], self._closed(ca.vertcat(*meant)))
-        bars = ca.substitute(bars, [step.states], self._closed(step.landings))
+        bars = ca.substitute(bars, [step.states], self._closed(step.states_of_lam))
         return self._adjoint_function(step.lam, xbar, ca.cse(bars))
 
     def _implicit(self, step: AffineStep, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
@@ -294,14 +294,14 @@ class Closed:
         """
         lam, gap = step.lam, step.z + step.F @ step.lam
         if step.exact:
-            weights, slack = lam > gap, lam <= gap
+            weights, diagonal = lam > gap, lam <= gap
         else:
-            weights, slack = lam, gap
+            weights, diagonal = lam, gap
         if step.system.nlam == 1 and not step.exact:
-            # What slack + F lam is at the solution: the root that the forward step has taken.
+            # diagonal + F lam at the solution is the root that the forward step has taken.
             v = lambar / _root(step.z, ca.diag(step.F), step.mu)
         else:
-            v = solve_without_pivoting(ca.diag(slack) + step.F.T @ ca.diag(weights), lambar)
+            v = solve_without_pivoting(ca.diag(diagonal) + step.F.T @ ca.diag(weights), lambar)
         held_v, held_weights = frozen = [ca.SX.sym(name, step.n) for name in ("v", "weights")]
         function = -ca.dot(held_v, held_weights * gap)
         if not (step.exact or step.law.frozen):

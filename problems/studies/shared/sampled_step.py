@@ -43,7 +43,7 @@ class SampledStep:
         backend = "auto" if step.system.nlam <= 1 else "casadi"
         self._solve = BatchFunction(step.solve, backend)
         x, u, p, lam = step.system.x, step.system.u, step.p.vector, step.lam
-        x_next = step.landing
+        x_next = step.x_next_of_lam
         by_x, by_u = step.contact_jacobian(x), step.contact_jacobian(u)
         through = ca.jacobian(x_next, lam)
         outputs = [
