@@ -1,6 +1,6 @@
 """The pusher must walk round its object: its goal moves from before it to behind it.
 
-The program is built once in either of its two forms; every one of the solutions starts from the one
+The program is built once in each of its two reformulations. Every solution starts from the one
 before, and the places where contacts change are found on the way.
 """
 
@@ -27,7 +27,7 @@ def main() -> None:
         )
     for event in curve.events:
         print(event.told(curve.parameter))
-    print(f"{curve.iterations} iterations, {curve.nlp_builds} forms of the program built")
+    print(f"{curve.iterations} iterations, {curve.nlp_builds} programs built")
 
 
 if __name__ == "__main__":

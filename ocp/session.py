@@ -56,7 +56,7 @@ _PARTED = 1e-3
 
 @dataclass
 class Session:
-    """Everything that is built once: the closed step and one NLP per form, in ``nlps``.
+    """Everything that is built once: the closed step and one NLP per reformulation, in ``nlps``.
 
     ``values`` are parameter values by name (problem, law, strategy); turn them and solve again.
     """
@@ -87,24 +87,24 @@ class Session:
 
     @property
     def nlp_builds(self) -> int:
-        """Number of NLPs built, one a form, those of helping sessions included."""
+        """Number of NLPs built, one per reformulation, including those of helper sessions."""
         return len(self.nlps) + sum(helper.nlp_builds for helper in self.helpers.values())
 
-    def nlp_of(self, form: str) -> NLP:
-        """Build the NLP of a form, or return the one that exists."""
-        if form not in self.nlps:
+    def nlp_of(self, reformulation: str) -> NLP:
+        """Build the NLP of a reformulation, or return the one that exists."""
+        if reformulation not in self.nlps:
             began = time.perf_counter()
-            self.nlps[form] = self.method.transcribe(
-                self.problem, self.step, self.policy, form, self.compiled
+            self.nlps[reformulation] = self.method.transcribe(
+                self.problem, self.step, self.policy, reformulation, self.compiled
             )
             took = time.perf_counter() - began
             self.build_s += took
-            built = self.nlps[form]
+            built = self.nlps[reformulation]
             _LOG.info(
-                "%s by %s, %s form: %d variables, %d constraints, built in %.3f s",
-                self.problem.name, self.method.name, form, built.n, built.m, took,
+                "%s by %s, %s reformulation: %d variables, %d constraints, built in %.3f s",
+                self.problem.name, self.method.name, reformulation, built.n, built.m, took,
             )  # fmt: skip
-        return self.nlps[form]
+        return self.nlps[reformulation]
 
     @property
     def complementary(self) -> bool:

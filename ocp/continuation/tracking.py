@@ -58,7 +58,7 @@ class Tracker:
         self.curve, self.stuck, self.events = None, False, []
         program, point = outcome.nlp, outcome.result.point
         self.program = program
-        if point.lam_g is None or (self.session.step.exact and program.form != "none"):
+        if point.lam_g is None or (self.session.step.exact and program.reformulation != "none"):
             return
         values = dict(self.session.values)
         unit = abs(values[self.name]) if self.log else self.span
@@ -140,7 +140,7 @@ class Tracker:
         """The curve beyond an event; None where a pair at (0, 0) would gain by leaving it."""
         held = curve.held.toggled(end)
         if end in curve.own and held.x[end]:
-            if curve.program.form != "none":
+            if curve.program.reformulation != "none":
                 return None
             column = np.flatnonzero((curve.own == end).any(axis=0))[0]
             if (curve.press(v)[curve.own[:, column]] < -_OFF).any():
@@ -233,7 +233,7 @@ class Tracker:
     def cheaper(self, outcome: Outcome) -> Outcome | None:
         """A cheaper stationary point that a linear program with complementarity leads to."""
         session = self.session
-        if not session.complementary or outcome.nlp.form != "none":
+        if not session.complementary or outcome.nlp.reformulation != "none":
             return None
         follower = Homotopy(session.nlp_of, session.solver, session.values)
         better = Branches(follower).improve(outcome.result)

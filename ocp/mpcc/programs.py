@@ -63,19 +63,22 @@ class Lifted:
 
 
 def programs_of(mpcc: MPCC, p: np.ndarray, start: np.ndarray) -> Callable[[str], MPCCProgram]:
-    """The programs of a problem at parameters p by their form, each built when first asked for.
+    """The programs of a problem at parameters p by reformulation, each built when first asked for.
 
     The size of the cost is measured at ``start`` (n,).
     """
     lifted = Lifted(mpcc)
-    return cache(lambda form: MPCCProgram(lifted, form, p, start))
+    return cache(lambda reformulation: MPCCProgram(lifted, reformulation, p, start))
 
 
 class MPCCProgram(Program):
-    """An :class:`~ocp.mpcc.MPCC` in one of the forms of :class:`~ocp.programs.program.Program`."""
+    """An :class:`~ocp.mpcc.MPCC` in a reformulation of :class:`~ocp.programs.program.Program`."""
 
-    def __init__(self, lifted: Lifted, form: str, p: np.ndarray, start: np.ndarray) -> None:
-        self.lifted, self.mpcc, self.form, self.given = lifted, lifted.mpcc, form, p
+    def __init__(
+        self, lifted: Lifted, reformulation: str, p: np.ndarray, start: np.ndarray
+    ) -> None:
+        self.lifted, self.mpcc, self.given = lifted, lifted.mpcc, p
+        self.reformulation = reformulation
         self.start = start
         self.solvers = {}
         self.variables, self.constraints, self.pairs = lifted.variables, Layout(), lifted.pairs
@@ -84,10 +87,10 @@ class MPCCProgram(Program):
         x, k = lifted.x, self.pairs.shape[1]
         first, second = (x[[int(i) for i in at]] if k else ca.SX(0, 1) for at in self.pairs)
         penalty, t = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
-        rows = closure_rows(form, first, second, 0.0, t)
+        rows = closure_rows(reformulation, first, second, 0.0, t)
         for name, row in rows:
             self.constraints.add(name, (row.numel(),))
-        penalised = penalty * ca.dot(first, second) if form == "none" and k else ca.SX(0)
+        penalised = penalty * ca.dot(first, second) if reformulation == "none" and k else ca.SX(0)
         closure = ca.vertcat(ca.SX(0, 1), *(row for _, row in rows))
         self._differentiate(penalised, closure, ca.vertcat(self.mpcc.p, penalty, t))
 

@@ -17,7 +17,7 @@ from ocp.programs.units import Scale
 if TYPE_CHECKING:
     import scipy.sparse as sp
 
-FORMS = ("product", "none", "fischer-burmeister", "lin-fukushima")
+REFORMULATIONS = ("product", "none", "fischer-burmeister", "lin-fukushima")
 """How ``0 <= G ⟂ H >= 0`` stands in a program, see :class:`Program`."""
 
 
@@ -35,8 +35,8 @@ class Program(ABC):
     """``min f(x, p)`` subject to ``g_lower <= g(x, p) <= g_upper``, bounds, ``0 <= G ⟂ H >= 0``.
 
     G and H are entries of x, at ``pairs`` (2, m). The program knows nothing of trajectories. By
-    ``form`` the pairs stand as rows ``G H - mu`` of the block "contact" ("product"), not at all
-    ("none": fixed active sets, or a penalty on G H), as ``G + H - sqrt(G² + H² + 2 t)``
+    ``reformulation`` the pairs stand as rows ``G H - mu`` of the block "contact" ("product"), not
+    at all ("none": fixed active sets, or a penalty on G H), as ``G + H - sqrt(G² + H² + 2 t)``
     ("fischer-burmeister") or as ``G H - t²`` with ``(G + t)(H + t) - t²`` in "separation"
     ("lin-fukushima"), t the parameter ``relaxation``.
 
@@ -51,7 +51,7 @@ class Program(ABC):
     gradient: ca.Function
     jacobian: ca.Function
     hessian: ca.Function
-    form: str
+    reformulation: str
     pairs: np.ndarray
     solvers: dict[str, ca.Function]
 
@@ -161,14 +161,14 @@ class Functions(NamedTuple):
 
 
 def closure_rows(
-    form: str, first: ca.SX, second: ca.SX, mu: ca.SX | float, t: ca.SX
+    reformulation: str, first: ca.SX, second: ca.SX, mu: ca.SX | float, t: ca.SX
 ) -> list[tuple[str, ca.SX]]:
-    """Rows by which a form states ``0 <= first ⟂ second >= 0``, see :class:`Program`."""
-    if form == "product":
+    """Rows by which a reformulation states ``0 <= first ⟂ second >= 0``, see :class:`Program`."""
+    if reformulation == "product":
         return [("contact", first * second - mu)]
-    if form == "fischer-burmeister":
+    if reformulation == "fischer-burmeister":
         return [("contact", first + second - ca.sqrt(first**2 + second**2 + 2 * t))]
-    if form == "lin-fukushima":
+    if reformulation == "lin-fukushima":
         return [
             ("contact", first * second - t**2),
             ("separation", (first + t) * (second + t) - t**2),

@@ -38,7 +38,7 @@ take HiGHS many seconds before its first node, and a smaller trust region has fe
 
 
 class Branches:
-    """The branches of a program in the form "none", at the values of a follower's session."""
+    """The branches of a program as reformulation "none", at the values of a follower's session."""
 
     def __init__(self, follower: Homotopy) -> None:
         self.follower = follower

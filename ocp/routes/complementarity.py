@@ -28,8 +28,8 @@ class Route:
     """Which strategy relaxes the pairs, from sizes ``reference``, and where it starts.
 
     ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
-    branches are then solved (:mod:`~ocp.routes.distant_schedules`): a few after a path that was easy
-    to follow, else many, and then ``alternatives`` are followed from the same start. The cheapest
+    branches are then solved (:mod:`~ocp.routes.distant_schedules`): a few after an easy path, else
+    many, and then ``alternatives`` are followed from the same start. The cheapest
     of all answers counts.
     """
 
@@ -87,7 +87,7 @@ def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
     if isinstance(strategy, CentralPath):
         strategy = strategy.over(follower.nlp_of("none").chains.shape[-1])
     paths = strategy.paths(route.reference)
-    source = follower.nlp_of(paths[0].form)
+    source = follower.nlp_of(paths[0].reformulation)
     result, source = along(follower, paths, route.start(source), source, step_backs=step_backs)
     polished = polish(follower, source, result, improving=False)
     if not polished[2] and result.ok and isinstance(strategy, CentralPath):

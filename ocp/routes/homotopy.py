@@ -42,7 +42,7 @@ MOST_STAGES = 10_000
 
 @dataclass(frozen=True)
 class HomotopyStage:
-    """One stage: the form of the Program, parameter values, bounds on the contact rows, options.
+    """One stage: the reformulation, parameter values, bounds on the contact rows, and options.
 
     ``contact`` is in natural units of the program, a penalty in that of its cost. ``options`` are
     IPOPT's; another solver runs every stage with its own defaults. A ``partial`` stage may end at
@@ -51,7 +51,7 @@ class HomotopyStage:
 
     knob: str
     value: float
-    form: str = "product"
+    reformulation: str = "product"
     parameters: dict[str, float] = field(default_factory=dict)
     contact: tuple[float, float] | None = None
     options: dict[str, Any] = field(default_factory=dict)
@@ -72,9 +72,9 @@ class HomotopyPath:
     complete: Callable[[Program, Result], object] | None = None
 
     @property
-    def form(self) -> str:
+    def reformulation(self) -> str:
         """Form of the first program."""
-        return self.stage_at(self.values[0]).form
+        return self.stage_at(self.values[0]).reformulation
 
 
 @dataclass
@@ -101,7 +101,7 @@ class Trace:
 
 
 class Homotopy:
-    """Follows paths on the NLPs that ``nlp_of(form)`` gives, with one solver.
+    """Follows paths on the NLPs that ``nlp_of(reformulation)`` gives, with one solver.
 
     A stage that fails is retried at the geometric mean of the last good value and its own, up to
     four times before a value of the path itself succeeds; what cannot be reached is said by
@@ -130,7 +130,7 @@ class Homotopy:
         while pending:
             value = pending.pop(0)
             stage = path.stage_at(value)
-            nlp = self.nlp_of(stage.form)
+            nlp = self.nlp_of(stage.reformulation)
             usable = translate(point, source or nlp, nlp)
             result = self.solve_stage(stage, nlp, usable, warm or good is not None)
             if result.ok or (stage.partial and result.status is Status.ITERATION_LIMIT):
@@ -194,7 +194,7 @@ class Homotopy:
             line.seconds, line.status,
         )  # fmt: skip
         if result.ok:
-            self.trace.points.append((nlp.form, result.point.x))
+            self.trace.points.append((nlp.reformulation, result.point.x))
         if self.progress is not None:
             self.progress(line)
 

@@ -20,7 +20,8 @@ class Elastic(Program):
     """
 
     def __init__(self, base: Program) -> None:
-        self.base, self.form, self.pairs, self.solvers = base, base.form, base.pairs, {}
+        self.base, self.pairs, self.solvers = base, base.pairs, {}
+        self.reformulation = base.reformulation
         self.variables, self.constraints = Layout(), base.constraints
         for name, block in base.variables.blocks.items():
             self.variables.add(name, block.shape, block.components)
@@ -75,7 +76,7 @@ class Elastic(Program):
 
 
 def restored(follower: Homotopy, x: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Minimise violation over branches from a point of the program in the form "none".
+    """Minimise violation over branches from a point of the program as reformulation "none".
 
     Branch and improve as for any cost (:class:`~ocp.routes.branches.Branches`); a violation left at
     the end is a local minimum over all branches to first order. Returns the point and its sum of
@@ -83,7 +84,7 @@ def restored(follower: Homotopy, x: np.ndarray) -> tuple[np.ndarray, float] | No
     """
     base = follower.nlp_of("none")
     elastic = Elastic(base)
-    inner = Homotopy(lambda form: elastic, follower.solver, follower.values, follower.progress,
+    inner = Homotopy(lambda _: elastic, follower.solver, follower.values, follower.progress,
                      follower.trace)  # fmt: skip
     branches = Branches(inner)
     own = base.bounds(follower.values)

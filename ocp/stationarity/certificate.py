@@ -124,7 +124,7 @@ def certify(
 ) -> Certificate:
     """Judge a feasible point ``x`` of ``nlp`` to first order, and count negative curvature.
 
-    A mathematical program with complementarity constraints is to be given in the form "none",
+    A mathematical program with complementarity constraints is to be given as reformulation "none",
     whose only statement of contact is its pairs; ``bounds`` are the problem's own. At the point the
     objective and constraints are linearised, and directions ``|d_i| <= rho`` (in characteristic
     sizes) are searched for one that lowers the cost:
@@ -145,7 +145,7 @@ def certify(
     tells a gradient from rounding.
     """
     began = time.perf_counter()
-    f, complementary = nlp.values(x, p)[0], nlp.form == "none"
+    f, complementary = nlp.values(x, p)[0], nlp.reformulation == "none"
     model = linear_model(nlp, x, p, bounds)
     if not (np.isfinite(f) and model.finite):
         return Certificate("undecided", reason="a function or derivative is no number there")
@@ -178,12 +178,12 @@ def linear_model(
     nlp: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray],
     residuals: bool = False,
 ) -> LinearModel:  # fmt: skip
-    """Linearise a program at x; pairs count only where the form leaves them to us ("none").
+    """Linearise a program at x; pairs count only under the reformulation "none".
 
     With ``residuals`` steps are to mend what is off, see
     :meth:`~ocp.stationarity.lpec.LinearModel.at`.
     """
-    pairs = nlp.pairs if nlp.form == "none" else np.zeros((2, 0), dtype=int)
+    pairs = nlp.pairs if nlp.reformulation == "none" else np.zeros((2, 0), dtype=int)
     return LinearModel.at(x, *nlp.slopes(x, p), bounds, nlp.sizes(x), pairs, residuals)
 
 

@@ -72,7 +72,7 @@ class Curve:
         self.scale = max(float(np.abs(gradient * self.sizes).max(initial=0.0)), least)
         largest = abs(jacobian @ sp.diags(self.sizes)).max(axis=1).toarray().ravel()
         self.rows = 1 / np.maximum(largest, 1e-12)
-        self.own = program.pairs if program.form == "none" else np.zeros((2, 0), dtype=int)
+        self.own = program.pairs if program.reformulation == "none" else np.zeros((2, 0), dtype=int)
         reduced = gradient + jacobian.T @ multipliers
         self.held = held or self._held(x, reduced, multipliers, g * self.rows, bounds)
         self.free, self.acting = self.held.x == 0, self.held.g != 0

@@ -118,9 +118,9 @@ def _give_functions(old: Problem | Step, new: Problem | Step) -> None:
 
 def _give_programs(old: Session, new: Session) -> None:
     new.compiled = old.compiled
-    for form, nlp in old.nlps.items():
+    for reformulation, nlp in old.nlps.items():
         taken = replace(nlp, problem=new.problem, step=new.step, policy=new.policy, solvers={})
         # A program's scale is part of its compiled solvers.
         if nlp.scale is None and taken.scale is None:
             taken.solvers.update(nlp.solvers)
-        new.nlps[form] = taken
+        new.nlps[reformulation] = taken

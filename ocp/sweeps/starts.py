@@ -34,7 +34,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Sent:
-    """What a solved start sends: its outcome, the NLP by its form, and what judges said of it."""
+    """What a solved start sends: its outcome, its NLP's reformulation, and the verdicts."""
 
     outcome: Outcome
     judged: dict[str, Any]
@@ -48,9 +48,9 @@ def started(job: Start, tell: Callable[[Any], None]) -> Sent:
         progress=lambda stage: tell(asdict(stage)), guess=guess, number=job.number
     )
     found = judged(session, outcome, job.seed)
-    form = next(form for form, nlp in session.nlps.items() if nlp is outcome.nlp)
+    reformulation = next(key for key, nlp in session.nlps.items() if nlp is outcome.nlp)
     told = {one.name: getattr(found, one.name) for one in fields(found) if one.name not in _HELD}
-    return Sent(replace(outcome, nlp=form), told)
+    return Sent(replace(outcome, nlp=reformulation), told)
 
 
 def solve_starts(

@@ -26,8 +26,8 @@ class Direct:
     """Every step's residual and gap are constraints, and so is the closure of contact.
 
     Per step and scenario: ``residual(x, u, x_next, lam) = 0``, ``gap(x, u, x_next, lam) = s``, and
-    the closure of ``lam`` and ``s`` by ``form`` (:class:`~ocp.programs.program.Program`). A learned
-    step has neither, and is ``x_next = g(x, u)``.
+    the closure of ``lam`` and ``s`` by ``reformulation``
+    (:class:`~ocp.programs.program.Program`). A learned step has neither: ``x_next = g(x, u)``.
     """
 
     name: ClassVar[str] = "direct"
@@ -38,7 +38,7 @@ class Direct:
         problem: Problem,
         step: Step,
         policy: Policy,
-        form: str = "product",
+        reformulation: str = "product",
         compiled: Compile | None = None,
     ) -> NLP:
         """Build the NLP; raises ``InputError`` for a law whose gradient is frozen."""
@@ -53,10 +53,10 @@ class Direct:
             interval = solved_interval(graph, variables, constraints, compiled)
             return whole(self.name, graph, variables, constraints, interval, compiled)
         variables, constraints = trajectory_variables(graph, pairs=True), Layout()
-        interval = _interval(graph, variables, constraints, form)
+        interval = _interval(graph, variables, constraints, reformulation)
         pairs = np.stack([variables["lam"].index.ravel(), variables["gap"].index.ravel()])
         return whole(self.name, graph, variables, constraints, interval, compiled,
-                     form=form, pairs=pairs)  # fmt: skip
+                     reformulation=reformulation, pairs=pairs)  # fmt: skip
 
 
 def whole(
@@ -141,7 +141,7 @@ def add_rows(
     return stacked, np.concatenate([np.zeros((S * N, 0), dtype=int), *rows], axis=1)
 
 
-def _interval(graph: Graph, variables: Layout, constraints: Layout, form: str) -> Stage:
+def _interval(graph: Graph, variables: Layout, constraints: Layout, reformulation: str) -> Stage:
     step, S, N = graph.step, graph.scenarios, graph.problem.N
     gap = ca.SX.sym("gap", step.n)
     symbols, positions = interval_locals(graph, variables)
@@ -151,13 +151,13 @@ def _interval(graph: Graph, variables: Layout, constraints: Layout, form: str) -
     parts = [
         ("dynamics", step.residual, names("x")),
         ("gap_definition", step.gap - gap, names("lam")),
-        *_closure(graph, gap, form),
+        *_closure(graph, gap, reformulation),
         ("policy", policy_constraint(graph), names("u")),
         ("path", graph.path_constraints(), constraint_names(graph.problem.path)),
     ]
     expression, rows = add_rows(constraints, parts, S, N)
     cost = graph.stage_cost()
-    if form == "none":
+    if reformulation == "none":
         cost += graph.penalty * ca.dot(step.lam, gap)
     index = np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1)
     w = ca.vertcat(*symbols)
@@ -185,8 +185,10 @@ def solved_interval(
     return Stage("interval", w, graph.p, cost, expression, index, rows, 1 / S, hidden)
 
 
-def _closure(graph: Graph, gap: ca.SX, form: str) -> list[tuple[str, ca.SX, tuple[str, ...]]]:
-    rows = closure_rows(form, graph.step.lam, gap, graph.step.mu, graph.relaxation)
+def _closure(
+    graph: Graph, gap: ca.SX, reformulation: str
+) -> list[tuple[str, ca.SX, tuple[str, ...]]]:
+    rows = closure_rows(reformulation, graph.step.lam, gap, graph.step.mu, graph.relaxation)
     return [(name, row, graph.component_names("lam")) for name, row in rows]
 
 

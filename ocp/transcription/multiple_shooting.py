@@ -34,10 +34,10 @@ class MultipleShooting:
         problem: Problem,
         step: Step,
         policy: Policy,
-        form: str = "product",
+        reformulation: str = "product",
         compiled: Compile | None = None,
     ) -> NLP:
-        """Build the NLP; ``form`` is of no concern here, the step closes the contact itself."""
+        """Build the NLP; ``reformulation`` is ignored, since the step closes the contact itself."""
         graph = Graph(problem, step, policy)
         variables, constraints = trajectory_variables(graph, pairs=False), Layout()
         interval = solved_interval(graph, variables, constraints, compiled)

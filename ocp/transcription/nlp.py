@@ -47,7 +47,7 @@ class NLP(Program):
     gradient: ca.Function
     jacobian: ca.Function
     hessian: ca.Function
-    form: str = "product"
+    reformulation: str = "product"
     pairs: np.ndarray = field(default_factory=lambda: np.zeros((2, 0), dtype=int))
     trajectories: ca.Function | None = None
     contacts: ca.Function | None = None

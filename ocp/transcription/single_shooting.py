@@ -38,10 +38,10 @@ class SingleShooting:
         problem: Problem,
         step: Step,
         policy: Policy,
-        form: str = "product",
+        reformulation: str = "product",
         compiled: Compile | None = None,
     ) -> NLP:
-        """Build the NLP; ``form`` is of no concern here, the step closes the contact itself.
+        """Build the NLP; ``reformulation`` is ignored, since the step closes the contact itself.
 
         Raises :class:`~ocp.errors.InputError` where the start is chosen.
         """

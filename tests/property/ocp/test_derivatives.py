@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive
 from ocp.policy import OpenLoop
-from ocp.programs.program import FORMS
+from ocp.programs.program import REFORMULATIONS
 from ocp.session import Session
 from problems import get
 from tests.unit.ocp.cases import (
@@ -34,9 +34,9 @@ points = given(seed=st.integers(0, 2**32 - 1), spread=st.floats(1e-3, 0.3))
 
 
 @functools.cache
-def automatic(case: str, method: str, form: str = "product") -> ca.Function:
+def automatic(case: str, method: str, reformulation: str = "product") -> ca.Function:
     """CasADi's own derivatives of ``f_g``: gradient, Jacobian, Hessian of s f + m' g."""
-    nlp = session(case, method).nlp_of(form)
+    nlp = session(case, method).nlp_of(reformulation)
     x, p = ca.MX.sym("x", nlp.n), ca.MX.sym("p", len(nlp.names) + nlp.data.size)
     s, m = ca.MX.sym("s"), ca.MX.sym("m", nlp.m)
     f, g = nlp.f_g(x, p)
@@ -44,20 +44,20 @@ def automatic(case: str, method: str, form: str = "product") -> ca.Function:
     return ca.Function("ad", [x, p, s, m], [ca.gradient(f, x), ca.jacobian(g, x), hessian])
 
 
-def parameters(found: Session, form: str = "product") -> np.ndarray:
+def parameters(found: Session, reformulation: str = "product") -> np.ndarray:
     values = {**found.values, "penalty": 3.0, "relaxation": 0.1}
-    return found.nlp_of(form).parameter_vector(values)
+    return found.nlp_of(reformulation).parameter_vector(values)
 
 
 def multipliers(size: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed + 1).standard_normal(size)
 
 
-def check_automatic(case: str, form: str, seed: int, spread: float) -> None:
+def check_automatic(case: str, reformulation: str, seed: int, spread: float) -> None:
     found = session(case, "direct")
-    nlp, p = found.nlp_of(form), parameters(found, form)
-    x, m = point(found, seed, spread, form), multipliers(found.nlp_of(form).m, seed)
-    gradient, jacobian, hessian = automatic(case, "direct", form)(x, p, 0.7, m)
+    nlp, p = found.nlp_of(reformulation), parameters(found, reformulation)
+    x, m = point(found, seed, spread, reformulation), multipliers(nlp.m, seed)
+    gradient, jacobian, hessian = automatic(case, "direct", reformulation)(x, p, 0.7, m)
     assert nlp.m > 0 and np.abs(np.array(hessian)).max() > 0.1
     assert off(nlp.gradient(x, p)[1], gradient) < 1e-12
     assert off(nlp.jacobian(x, p)[1], jacobian) < 1e-12
@@ -71,13 +71,13 @@ def test_direct_equals_automatic_differentiation(case: str, seed: int, spread: f
     check_automatic(case, "product", seed, spread)
 
 
-@pytest.mark.parametrize("form", [form for form in FORMS if form != "product"])
+@pytest.mark.parametrize("reformulation", [one for one in REFORMULATIONS if one != "product"])
 @few
 @points
 def test_every_form_of_direct_equals_automatic_differentiation(
-    form: str, seed: int, spread: float
+    reformulation: str, seed: int, spread: float
 ) -> None:
-    check_automatic("exact", form, seed, spread)
+    check_automatic("exact", reformulation, seed, spread)
 
 
 def switching(found: Session, x: np.ndarray, p: np.ndarray) -> float:

@@ -50,9 +50,9 @@ def perturbed(session: Session, seed: int) -> Rollout:
     return roll_out(problem, inputs[None], values, session.step)
 
 
-def claimed(session: Session, x: np.ndarray, form: str = "product") -> Outcome:
+def claimed(session: Session, x: np.ndarray, reformulation: str = "product") -> Outcome:
     """What a solver would hand over that stopped at ``x`` and called it optimal."""
-    nlp = session.nlp_of(form)
+    nlp = session.nlp_of(reformulation)
     f, g = nlp.f_g(x, nlp.parameter_vector(session.values))
     result = Result(Point(x), float(f), np.array(g).ravel(), Status.SOLVED, "claimed", 1, 0.0)
     return Outcome(result, nlp, True, Trace())
@@ -60,9 +60,9 @@ def claimed(session: Session, x: np.ndarray, form: str = "product") -> Outcome:
 
 def status_of_random_inputs(name: str, law: str, seed: int = 0) -> Status:
     session = Session(without_constraints(name), LAWS[law], Direct(), OpenLoop())
-    form = "none" if session.step.exact else "product"
-    x = pack_rollout(session.nlp_of(form), perturbed(session, seed), None)
-    found = judged(session, claimed(session, x, form), seed=0)
+    reformulation = "none" if session.step.exact else "product"
+    x = pack_rollout(session.nlp_of(reformulation), perturbed(session, seed), None)
+    found = judged(session, claimed(session, x, reformulation), seed=0)
     assert found.audit.dynamics_residual < 1e-8, "the point is feasible"
     return found.status
 

@@ -21,7 +21,7 @@ class SmallMPCC:
     g_lower: list[float]
     g_upper: list[float]
     pairs: np.ndarray
-    form: str = "none"
+    reformulation: str = "none"
     values, slopes, bend = Program.values, Program.slopes, Program.bend
 
     def __post_init__(self) -> None:

@@ -246,8 +246,8 @@ def test_derivatives_of_every_form_are_those_of_its_functions() -> None:
     mpcc = MPCC(v, ca.sin(x) * z + y**4, *sides, g=x * y * z)
     programs = programs_of(mpcc, np.zeros(0), np.zeros(v.numel()))
     rng = np.random.default_rng(0)
-    for form in ("none", "product", "fischer-burmeister", "lin-fukushima"):
-        nlp = programs(form)
+    for reformulation in ("none", "product", "fischer-burmeister", "lin-fukushima"):
+        nlp = programs(reformulation)
         at, p, lam = rng.uniform(1, 2, nlp.n), np.array([0.7, 0.3]), rng.normal(size=nlp.m)
         u = ca.MX.sym("u", nlp.n)
         f, g = nlp.f_g(u, p)

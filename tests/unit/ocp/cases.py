@@ -79,9 +79,9 @@ def session(case: str, method: str) -> Session:
     return Session(problem(), law(), METHODS[method], policy)
 
 
-def point(found: Session, seed: int, spread: float, form: str = "product") -> np.ndarray:
+def point(found: Session, seed: int, spread: float, reformulation: str = "product") -> np.ndarray:
     """Variables around the problem's own guess, where every geometry is well defined."""
-    nlp = found.nlp_of(form)
+    nlp = found.nlp_of(reformulation)
     noise = np.random.default_rng(seed).standard_normal(nlp.n)
     return found.first_point(nlp).x + spread * noise
 

@@ -157,7 +157,7 @@ def test_b_stationary_without_strong_stationarity_needs_the_branches() -> None:
 
 def test_a_smooth_point_is_judged_by_its_gradient() -> None:
     bowl = free_pair(lambda a, b: (a - 1) ** 2 + 2 * (b + 3) ** 2)
-    smooth = replace(bowl, pairs=np.zeros((2, 0)), form="product")
+    smooth = replace(bowl, pairs=np.zeros((2, 0)), reformulation="product")
     at = judge(smooth, [1.0, -3.0])
     assert (at.stationarity, at.kind, at.lpec_decrease) == ("KKT", "", 0.0)
     off = judge(smooth, [1.0, -2.0])
@@ -168,7 +168,7 @@ def test_a_smooth_point_is_judged_by_its_gradient() -> None:
 
 def test_negative_curvature_is_told_at_a_saddle() -> None:
     saddle = free_pair(lambda a, b: a**2 - b**2)
-    smooth = replace(saddle, pairs=np.zeros((2, 0)), form="product")
+    smooth = replace(saddle, pairs=np.zeros((2, 0)), reformulation="product")
     found = judge(smooth, [0.0, 0.0])
     assert (found.stationarity, found.negative_curvature) == ("KKT", 1)
 

@@ -43,13 +43,13 @@ def test_a_sweep_of_mu_costs_a_sixth_of_cold_solves_at_most() -> None:
 
 @pytest.mark.parametrize("law", [Barrier(mu=1e-2), Exact()])
 def test_builds_count_every_nlp_and_do_not_grow_along_the_path(law, monkeypatch) -> None:
-    """The law's own forms and those of the exact law, whose answer is the first point's start."""
+    """The law's own NLPs and those of the exact law, whose answer is the first point's start."""
     built: list[str] = []
     transcribe = Direct.transcribe
 
-    def counting(method, problem, step, policy, form="product", *rest):
-        built.append(f"{step.law.name} {form}")
-        return transcribe(method, problem, step, policy, form, *rest)
+    def counting(method, problem, step, policy, reformulation="product", *rest):
+        built.append(f"{step.law.name} {reformulation}")
+        return transcribe(method, problem, step, policy, reformulation, *rest)
 
     monkeypatch.setattr(Direct, "transcribe", counting)
     for steps in (1, 6):
