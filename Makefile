@@ -96,7 +96,7 @@ verdicts: setup
 
 # Refines the step of every named problem whose h only discretises; PROBLEMS="hopper" some of them.
 refined: setup
-	$(BIN)/python -m reports.site.refined $(PROBLEMS)
+	$(BIN)/python -m reports.site.verdicts --refine $(PROBLEMS)
 	$(BIN)/python -m reports.site
 
 # Makes every figure of the papers and stores their claims and pictures for the site.

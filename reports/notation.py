@@ -1,8 +1,13 @@
-"""Equations in plain characters, from the one notation they are written in: typst's mathematics."""
+"""Equations in plain characters, and citations, both from the typst that they are written in."""
 
 from __future__ import annotations
 
+import html
 import re
+from functools import cache
+from pathlib import Path
+
+import typst
 
 _TOKEN = re.compile(
     r'"(?P<text>[^"]*)"'
@@ -50,3 +55,21 @@ def _tidy(text: str) -> str:
         text = text.replace(sign, written)
     text = re.sub(r"\(d (\w+)\)", r"d\1", text)
     return re.sub(r"\bd (?=[a-z]_|q\b)", "d", text).strip()
+
+
+_ROOT = Path(__file__).parent
+
+
+@cache
+def full_citation(key: str) -> str:
+    """Return an entry as its style writes it; a key that is not there stands for itself."""
+    page, given = str(_ROOT / "templates" / "citation.typ"), {"key": key}
+    try:
+        set_page = typst.compile(
+            page, root=str(_ROOT), format="html", ignore_system_fonts=True, sys_inputs=given
+        )
+    except typst.TypstError:
+        return key
+    cited = set_page.decode().partition("<p>")[2].partition("</p>")[0]
+    words = html.unescape(re.sub(r"<[^>]*>", "", cited)).split()
+    return " ".join(words).removesuffix(".")

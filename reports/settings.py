@@ -1,4 +1,4 @@
-"""Every setting there is, from where it is declared: laws, solves, policies, solvers, training."""
+"""Every setting, collected from its declaration: laws, solves, policies, solvers, training."""
 
 from __future__ import annotations
 
@@ -11,75 +11,81 @@ from ocp.settings import Setting, declared
 
 
 @dataclass(frozen=True)
-class Group:
-    """Settings of one thing: its name, how one of them is said, and what it is."""
+class SettingGroup:
+    """Settings of one object: its name, the syntax of a setting, and what the object is."""
 
     name: str
-    said: str
+    syntax: str
     summary: str
     settings: list[Setting]
 
     def row(self) -> dict[str, Any]:
         """As JSON has it."""
-        told = [vars(setting) for setting in self.settings]
-        return {**vars(self), "settings": told}
+        return {**vars(self), "settings": [vars(setting) for setting in self.settings]}
 
 
-def laws() -> list[Group]:
+def laws() -> list[SettingGroup]:
     """Contact laws with the settings that ``-c`` takes."""
     from dynamics.laws import LAWS
 
-    return [Group(name, "-c NAME=VALUE", law.summary, declared(law)) for name, law in LAWS.items()]
+    return [
+        SettingGroup(name, "-c NAME=VALUE", law.summary, declared(law))
+        for name, law in LAWS.items()
+    ]
 
 
-def solves() -> Group:
+def solves() -> SettingGroup:
     """Our own settings of a solve."""
     from ocp.settings import Settings
 
-    return Group("solve", "-s NAME=VALUE", "how an answer is reached", declared(Settings))
+    return SettingGroup(
+        "solve", "-s NAME=VALUE", "method, homotopy and solver of a solve", declared(Settings)
+    )
 
 
-def policies() -> list[Group]:
+def policies() -> list[SettingGroup]:
     """Policies with their settings."""
     from ocp.policy import POLICIES
 
     return [
-        Group(name, "-s policy.NAME=VALUE", policy.summary, declared(policy))
+        SettingGroup(name, "-s policy.NAME=VALUE", policy.summary, declared(policy))
         for name, policy in POLICIES.items()
     ]
 
 
-def estimators() -> list[Group]:
+def estimators() -> list[SettingGroup]:
     """Estimators that mix two orders, with the settings of ``ocp estimate``."""
     from ocp.gradients.interpolation import RULES
 
     return [
-        Group(name, f"-s {name}.NAME=VALUE", rule.summary, declared(rule))
+        SettingGroup(name, f"-s {name}.NAME=VALUE", rule.summary, declared(rule))
         for name, rule in RULES.items()
     ]
 
 
-def training() -> list[Group]:
-    """What ``ocp train`` takes: of all algorithms, and of each."""
+def training() -> list[SettingGroup]:
+    """Settings of ``ocp train``: of all algorithms, and of each."""
     from ocp.learning.algorithms import ALGORITHMS
     from ocp.learning.experiment import Experiment
     from ocp.learning.identification import RandomSearch
     from ocp.learning.identification.psi_learning import PsiLearning
 
-    psi = Group(
+    psi = SettingGroup(
         "psi", "-s psi=NAMES, and -s psi.NAME=VALUE",
         "physical parameters NAMES learned beside the policy, from psi.NAME on",
         [*declared(PsiLearning), *declared(RandomSearch)],
     )  # fmt: skip
-    every = Group("train", "-s NAME=VALUE", "of every algorithm of ocp train", declared(Experiment))
+    every = SettingGroup(
+        "train", "-s NAME=VALUE", "settings of all algorithms of ocp train", declared(Experiment)
+    )
     return [every, psi] + [
-        Group(name, f"-s {name}.NAME=VALUE", algorithm.summary, declared(algorithm))
+        SettingGroup(name, f"-s {name}.NAME=VALUE", algorithm.summary, declared(algorithm))
         for name, algorithm in ALGORITHMS.items()
     ]
 
 
-def solver(name: str) -> Group:
-    """The options of a solver, as it documents them, with the values that it is given here."""
+def solver(name: str) -> SettingGroup:
+    """The options of a solver, from its documentation, with our defaults."""
     from ocp.programs.options import documented
     from ocp.programs.solver import IPOPT_DEFAULTS, SOLVERS
 
@@ -88,25 +94,25 @@ def solver(name: str) -> Group:
         Setting(key, option.expected, given.get(key, option.default), option.meaning)
         for key, option in documented(name).items()
     ]
-    return Group(name, "-s NAME=VALUE", SOLVERS[name], found)
+    return SettingGroup(name, "-s NAME=VALUE", SOLVERS[name], found)
 
 
-def groups() -> list[Group]:
-    """Everything but the solvers' options, in the order in which a person meets it."""
+def groups() -> list[SettingGroup]:
+    """All settings except the solvers' options."""
     return [solves(), *policies(), *laws(), *estimators(), *training()]
 
 
-def changed(group: Group) -> Group:
-    """Of a solver's options those that this program sets otherwise than the solver would."""
+def changed(group: SettingGroup) -> SettingGroup:
+    """The options of a solver whose default here differs from the solver's own."""
     from ocp.programs.options import documented
 
     own = documented(group.name)
-    kept = [one for one in group.settings if shown(one.default) != own[one.name].default]
+    kept = [one for one in group.settings if default_text(one.default) != own[one.name].default]
     return replace(group, settings=kept)
 
 
-def matching(word: str) -> list[Group]:
-    """What is called ``word``: one thing with its settings, or the settings of that name.
+def matching(word: str) -> list[SettingGroup]:
+    """The group called ``word``, or all settings of that name.
 
     Raises :class:`~ocp.errors.InputError` with the nearest name where there is none.
     """
@@ -125,24 +131,24 @@ def matching(word: str) -> list[Group]:
         for group in every
     ]
     if not any(group.settings for group in found):
-        known = [*named, *SOLVERS, *(one.name for group in every for one in group.settings)]
+        choices = [*named, *SOLVERS, *(one.name for group in every for one in group.settings)]
         raise InputError(
-            f"nothing is called {word!r}{did_you_mean(word, known)}; there are settings of"
+            f"unknown name {word!r}{did_you_mean(word, choices)}; groups:"
             f" {', '.join([*named, *SOLVERS])}"
         )
     return [group for group in found if group.settings]
 
 
 def line(one: Setting) -> str:
-    """A setting as it would be said, with the kind of its value and its meaning; 80 columns."""
-    default = shown(one.default)
-    said = f"{one.name}={default}" if default else one.name
-    return fill(f"{said} ({one.kind}): {one.meaning}".rstrip(": "), 80, initial_indent="  ",
+    """A setting as it is typed, its type and its meaning, on lines of 80 columns."""
+    default = default_text(one.default)
+    text = f"{one.name}={default}" if default else one.name
+    return fill(f"{text} ({one.kind}): {one.meaning}".rstrip(": "), 80, initial_indent="  ",
                 subsequent_indent="      ", break_on_hyphens=False)  # fmt: skip
 
 
-def shown(value: Any) -> str:
-    """A default as it would be said; nothing for none."""
+def default_text(value: Any) -> str:
+    """A default as it is typed on the command line; nothing for none."""
     if value is None or isinstance(value, bool):
         return "" if value is None else str(value).lower()
     if isinstance(value, tuple):
@@ -151,7 +157,7 @@ def shown(value: Any) -> str:
 
 
 def methods() -> Iterator[Mapping[str, Any]]:
-    """Methods with what they are; their settings are those of a solve and of its policy."""
+    """Names and summaries of the methods."""
     from ocp.transcription import METHODS
 
     for name, method in METHODS.items():

@@ -9,9 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from problems.drawing import Shape
-from reports.camera import show
 from reports.forces import Forces, caption, draw_contacts, forces_of
-from reports.shapes import bounds, draw
+from reports.shapes import bounds, draw, show
 from reports.style import INK, WIDTH
 from reports.view import RunView
 

@@ -29,7 +29,7 @@ class AnimateOptions(RunOptions, SourceOptions):
 
 def check(options: AnimateOptions) -> RunView:
     """Read the run, and see that it can be drawn."""
-    from reports.cli.places import check_place
+    from reports.cli.request import check_place
     from reports.cli.runs_command import stored
     from reports.motion.animation import check_drawable, frame_times
     from reports.motion.movie import check_format
@@ -76,7 +76,7 @@ def _progress(output: Output, frames: int) -> Iterator[Callable[[int], None]]:
     """Yield what is called after each frame: a bar on a terminal; Ctrl-C is noticed there too."""
     from rich.progress import Progress
 
-    from reports.cli.shell import interrupt
+    from reports.cli import interrupt
 
     console = output.console
     hidden = output.quiet or not console.is_terminal

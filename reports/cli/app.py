@@ -7,37 +7,97 @@ import re
 import sys
 import traceback
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from reports.cli import (
-    animate_command,
-    continue_command,
-    doctor_command,
-    estimate_command,
-    export_command,
-    figure_command,
-    list_command,
-    replay_command,
-    report_command,
-    runs_command,
-    show_command,
-    solve_command,
-    sweep_command,
-)
-from reports.cli.learning import (
-    collect_command,
-    evaluate_command,
-    learn_command,
-    train_command,
-)
-from reports.cli.named import laws_command, methods_command, settings_command
-from reports.cli.options import register
-from reports.cli.shell import document, interrupt, logs, streams
-from reports.cli.shell.program import Program, tell_version
-from reports.cli.stored import rm_command, save_as_command
+from reports.cli import interrupt, logs, streams
+from reports.cli.options import click_command
+
+NAME = "centralpath"
+EXAMPLES = ("list", "show push-disc", "solve push-disc --contact exact", "runs", "solve --help")
+COMMANDS = {
+    "list": "list_command:LIST",
+    "laws": "list_command:LAWS",
+    "methods": "list_command:METHODS",
+    "settings": "list_command:SETTINGS",
+    "show": "show_command:COMMAND",
+    "solve": "solve_command:COMMAND",
+    "replay": "replay_command:COMMAND",
+    "continue": "continue_command:COMMAND",
+    "sweep": "sweep_command:COMMAND",
+    "estimate": "estimate_command:COMMAND",
+    "collect": "learning.collect_command:COMMAND",
+    "learn": "learning.learn_command:COMMAND",
+    "train": "learning.train_command:COMMAND",
+    "evaluate": "learning.evaluate_command:COMMAND",
+    "figure": "figure_command:COMMAND",
+    "report": "report_command:COMMAND",
+    "animate": "animate_command:COMMAND",
+    "export": "export_command:COMMAND",
+    "runs": "runs_command:RUNS",
+    "runs rm": "runs_command:RM",
+    "runs export": "runs_command:EXPORT",
+    "doctor": "doctor_command:COMMAND",
+}
+"""Module below :mod:`reports.cli` and name of each command; it is imported when it is called."""
+
+
+class Program(TyperGroup):
+    """The commands, imported on demand; a command may have two words, such as ``runs rm``."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self.commands = dict.fromkeys(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import a command, or return None for an unknown one."""
+        if cmd_name in COMMANDS and self.commands[cmd_name] is None:
+            module, _, attribute = COMMANDS[cmd_name].partition(":")
+            command = getattr(import_module(f"reports.cli.{module}"), attribute)
+            self.commands[cmd_name] = click_command(cmd_name, command)
+        return self.commands.get(cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[Any, Any, list[str]]:
+        """Find the command that the first word names, or the first two."""
+        two = " ".join(args[:2])
+        if len(args) > 1 and two in COMMANDS:
+            args = [two, *args[2:]]
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write every command with the whole first paragraph of its help."""
+        with formatter.section("Commands"):
+            formatter.write_dl([
+                (name, first_paragraph(self.get_command(ctx, name).help)) for name in COMMANDS
+            ])  # fmt: skip
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write a few commands to try first."""
+        formatter.write("\nExamples:\n")
+        formatter.write("".join(f"  ocp {line}\n" for line in EXAMPLES))
+
+
+def first_paragraph(text: str | None) -> str:
+    """The first paragraph of a help text, on one line."""
+    return " ".join((text or "").partition("\n\n")[0].split())
+
+
+def version() -> str:
+    """Name and version of what is installed."""
+    from importlib.metadata import version
+
+    return f"{NAME} {version(NAME)}"
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(version())
+        raise typer.Exit
+
 
 app = typer.Typer(
     cls=Program,
@@ -52,37 +112,16 @@ app = typer.Typer(
 def _program(
     version: Annotated[
         bool,
-        typer.Option("--version", is_eager=True, callback=tell_version, help="Show the version."),
+        typer.Option("--version", is_eager=True, callback=_print_version, help="Show the version."),
     ] = False,
 ) -> None:
     """Optimal control through contact: solve, replay, continue and report named problems."""
 
 
-for name, command in {
-    "list": list_command.COMMAND,
-    "laws": laws_command.COMMAND,
-    "methods": methods_command.COMMAND,
-    "settings": settings_command.COMMAND,
-    "show": show_command.COMMAND,
-    "solve": solve_command.COMMAND,
-    "replay": replay_command.COMMAND,
-    "continue": continue_command.COMMAND,
-    "sweep": sweep_command.COMMAND,
-    "estimate": estimate_command.COMMAND,
-    "collect": collect_command.COMMAND,
-    "learn": learn_command.COMMAND,
-    "train": train_command.COMMAND,
-    "evaluate": evaluate_command.COMMAND,
-    "figure": figure_command.COMMAND,
-    "report": report_command.COMMAND,
-    "animate": animate_command.COMMAND,
-    "export": export_command.COMMAND,
-    "runs": runs_command.COMMAND,
-    "runs rm": rm_command.COMMAND,
-    "runs export": save_as_command.COMMAND,
-    "doctor": doctor_command.COMMAND,
-}.items():
-    register(app, name, command)
+def commands() -> dict[str, Any]:
+    """Every command by its name, all of them imported."""
+    group: Any = typer.main.get_command(app)
+    return {name: group.get_command(None, name) for name in COMMANDS}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -112,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finally:
         # The process itself goes on to its end, where libraries still print.
         if arguments is not None:
-            document.release()
+            streams.release()
     return code if isinstance(code, int) else 0
 
 

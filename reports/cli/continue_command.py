@@ -32,9 +32,7 @@ def check(options: ContinueOptions) -> Request:
     from ocp.continuation.walk import check_range
     from ocp.effort import check_memory, points_memory
     from ocp.errors import InputError, choose
-    from reports.cli.choices import assignments
-    from reports.cli.places import check_places
-    from reports.cli.request import Request
+    from reports.cli.request import Request, assignments, check_places
 
     choose("scale", options.scale, SCALES)
     asked = Request.read(options)
@@ -56,7 +54,7 @@ def run(options: ContinueOptions, asked: Request) -> int:
     from ocp import store
     from ocp.continuation import curve_dataset
     from ocp.effort import FOLLOWED
-    from reports import curve_tables
+    from reports.tables import event_table
 
     options.output.foretell(
         f"{options.steps} steps of {asked.spec.name}",
@@ -67,7 +65,7 @@ def run(options: ContinueOptions, asked: Request) -> int:
     problem, data = asked.session.problem, curve_dataset(path)
     stored = store.write(options.out, problem.name, data, meta, store.shown(problem))
     if path.events:
-        output.note(curve_tables.event_table(path.parameter, meta["events"]))
+        output.note(event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])
     output.finish(stored, meta, options.pdf, asked.spec)
     if interrupted:
@@ -79,8 +77,8 @@ def _followed(options: ContinueOptions, asked: Request) -> tuple[Continuation, b
     """The path, and whether Ctrl-C ended it; what was finished by then is the path."""
     from ocp.continuation import Continuation, continue_over, resolve
     from ocp.errors import interruptible
-    from reports.cli.shell import interrupt
-    from reports.curve_tables import curve_lines
+    from reports.cli import interrupt
+    from reports.tables import curve_lines
 
     session, over, finished = asked.session, options.over, []
 

@@ -46,7 +46,7 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     from ocp.gradients.sweep import SweepRun
     from ocp.store.checkpoint import Checkpoint
     from reports.cli.estimate_request import EstimateRequest
-    from reports.cli.places import check_places
+    from reports.cli.request import check_places
 
     choose("backend", options.backend, dict.fromkeys(BACKENDS))
     asked = EstimateRequest.read(options)
@@ -70,7 +70,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
     from ocp.errors import interruptible
     from ocp.gradients.sweep import sweep_dataset
     from reports import estimates
-    from reports.cli.shell import interrupt
+    from reports.cli import interrupt
 
     asked, study, checkpoint = checked
     output, interrupted = options.output, False

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from ocp.errors import InputError, choose, did_you_mean
-from reports.cli.choices import assignments, closing_law, contact_law, whole
+from reports.cli.request import assignments, closing_law, contact_law, whole
 
 if TYPE_CHECKING:
     import numpy as np

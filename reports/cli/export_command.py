@@ -124,8 +124,7 @@ def _asked(options: ExportOptions) -> Asked:
     """Find the problem or the run, and make the law; a run has its own parameters."""
     from ocp.errors import InputError
     from problems import spec
-    from reports.cli.choices import assignments, closing_law
-    from reports.cli.places import check_place
+    from reports.cli.request import assignments, check_place, closing_law
 
     check_place(options.file, "C file")
     what = options.what
@@ -153,7 +152,7 @@ def _read_run(what: str, options: ExportOptions) -> Asked:
     from problems import names
     from problems.lent import problem_of
     from problems.objectives import objective_names
-    from reports.cli.choices import closing_law
+    from reports.cli.request import closing_law
     from reports.cli.runs_command import stored
 
     if what in objective_names():

@@ -54,8 +54,7 @@ def check(options: FigureOptions) -> Asked:
     """Find the studies, each with all its parameters, and the stored runs."""
     from ocp.errors import InputError, choose
     from problems import studies
-    from reports.cli.choices import assignments
-    from reports.cli.places import check_places
+    from reports.cli.request import assignments, check_places
     from reports.papers.formats import FORMATS
 
     asked_for = options.figures or []
@@ -165,7 +164,7 @@ def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> d
     from ocp.store.checkpoint import Checkpoint
     from problems.studies.study import did_hold
     from reports.pdf import write_pdf
-    from reports.stored_tables import claim_table
+    from reports.tables import claim_table
 
     out, output = options.out, options.output
     if not output.quiet:

@@ -21,8 +21,8 @@ import typer
 from typer.core import TyperCommand
 from typer.models import ArgumentInfo
 
+from reports.cli import logs, streams
 from reports.cli.output import Output
-from reports.cli.shell import document, logs
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
@@ -183,7 +183,7 @@ class Command(Generic[T]):
 def carry_out(command: Command[T], options: Options) -> int:
     """Check the options of a command, then do its work; what is logged is shown if asked for."""
     if options.as_json:
-        document.reserve()
+        streams.reserve()
     with logs.shown(options.verbose), _understood(getattr(options, "named_runs", ())):
         options.check()
         return work(command, options, command.check(options))
@@ -215,8 +215,8 @@ def work(command: Command[T], options: Options, checked: T) -> int:
     return command.run(options, checked)
 
 
-def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
-    """Add a command to the program: each field of its options is an option there."""
+def click_command(name: str, command: Command[Any]) -> Any:
+    """Make what parses the command line of ``command``: each field of its options is an option."""
     shown = [field for field in fields(command.options) if field.name != "given"]
     # Those of all commands stand last, as they do in every help text.
     shown.sort(key=lambda field: field.name in {common.name for common in fields(Options)})
@@ -238,9 +238,12 @@ def register(app: typer.Typer, name: str, command: Command[Any]) -> None:
                   default=Parameter.empty if default is MISSING else default)
         for key, (annotation, default) in parameters.items()
     ])  # fmt: skip
-    # Its help ends as the command says.
-    told = {"told": command, "hints": get_type_hints(command.options)}
-    app.command(name, cls=type("Told", (Strict,), told))(called)
+    parser = {"command": command, "hints": get_type_hints(command.options)}
+    single = typer.Typer(
+        rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False
+    )
+    single.command(name, cls=type("Parser", (Strict,), parser))(called)
+    return typer.main.get_command(single)
 
 
 def _at_home(value: Any) -> Any:
@@ -266,16 +269,16 @@ def _annotation(hint: Any, field: Field[Any]) -> Any:
 class Strict(TyperCommand):
     """A command that takes each option once, texts that are not empty, and one kind of numbers."""
 
-    told: Command[Any]
+    command: Command[Any]
     hints: dict[str, Any]
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write what stands below the options of the help, made when it is asked for."""
-        if self.told.examples:
+        if self.command.examples:
             formatter.write("\nExamples:\n")
-            formatter.write("".join(f"  ocp {line}\n" for line in self.told.examples))
-        if self.told.epilog is not None:
-            formatter.write(f"\n{self.told.epilog()}\n")
+            formatter.write("".join(f"  ocp {line}\n" for line in self.command.examples))
+        if self.command.epilog is not None:
+            formatter.write(f"\n{self.command.epilog()}\n")
 
     def make_parser(self, ctx: Any) -> Any:
         """Return what takes the words apart; numbers among them are read as all numbers are."""

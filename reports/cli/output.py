@@ -78,10 +78,10 @@ class Output:
         if not self.as_json:
             return
         from ocp.store.plain import plain
-        from reports.cli.shell import document
+        from reports.cli.streams import document_stream
 
         text = json.dumps(plain(content), indent=1, allow_nan=False)
-        print(text, file=document.stream(), flush=True)
+        print(text, file=document_stream(), flush=True)
 
     def finish(self, run: Path, content: dict[str, Any], pdf: Path | None, own: Any = None) -> None:
         """Say where a run was stored, write its report to ``pdf``, and print its document.

@@ -28,7 +28,7 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
 def check(options: ReplayOptions) -> Asked:
     """Read the run's plan, and make the law."""
     from problems.lent import problem_of
-    from reports.cli.choices import closing_law
+    from reports.cli.request import closing_law
     from reports.cli.runs_command import stored
 
     found = stored(options.run, options.out)

@@ -31,7 +31,7 @@ class ReportOptions(SourceOptions):
 
 def check(options: ReportOptions) -> Asked:
     """Read the runs, and the problem's file if one is named."""
-    from reports.cli.places import check_place
+    from reports.cli.request import check_place
     from reports.cli.runs_command import stored
 
     check_place(options.pdf, "PDF")

@@ -1,68 +1,83 @@
-"""``ocp runs [RUN]``: what the store holds."""
+"""``ocp runs [RUN]``, ``ocp runs rm``, ``ocp runs export``: list, delete and export stored runs."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from reports.cli.options import RUN, Command, StoreOptions, argument, option
+from reports.cli.options import RUN, Command, RunOptions, StoreOptions, argument, option
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
 
-    Asked = tuple[StoredRun | None, datetime | None]
+    RunsRequest = tuple[StoredRun | None, datetime | None]
+    from ocp.store.stored_run import StoredRun
+
+    ExportRequest = tuple[StoredRun, str]
+
 
 FILTERS = ("problem", "kind", "contact", "method", "algorithm", "status")
-"""What a listing may be narrowed to, as its objects name it."""
+"""Filters of a listing, by their names in its objects."""
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunsOptions(StoreOptions):
-    """One run, or those of all that are like this."""
+    """One run, or filters on all of them."""
 
     run: str | None = argument(default=None, help=RUN)
-    problem: str | None = option(None, "--problem", help="Those of a problem.")
-    kind: str | None = option(None, "--kind", help="Those of solve, continue, estimate, train, ...")
-    contact: str | None = option(None, "--contact", help="Those under a contact law.")
-    method: str | None = option(None, "--method", help="Those by a method.")
-    algorithm: str | None = option(None, "--algorithm", help="Those trained by an algorithm.")
+    problem: str | None = option(None, "--problem", help="Only runs of this problem.")
+    kind: str | None = option(
+        None, "--kind", help="Only this kind: solve, continue, estimate, train, ..."
+    )
+    contact: str | None = option(None, "--contact", help="Only runs under this contact law.")
+    method: str | None = option(None, "--method", help="Only runs by this method.")
+    algorithm: str | None = option(
+        None, "--algorithm", help="Only policies trained by this algorithm."
+    )
     status: str | None = option(
-        None, "--status", help="Those that ended so: solved, survives, interrupted, damaged, ..."
+        None, "--status", help="Only this status: solved, survives, interrupted, damaged, ..."
     )
     tags: list[str] | None = option(
-        None, "--tag", metavar="WORD", help="Those marked so; several: with all of them."
+        None,
+        "--tag",
+        metavar="WORD",
+        help="Only runs with this tag; repeat for several, all of which must match.",
     )
     since: str | None = option(
         None,
         "--since",
         metavar="WHEN",
-        help="Those since a date, 2026-01-31, or of the last 2h, 7d.",
+        help="Only runs since a date (2026-01-31) or in the last 2h, 7d.",
     )
-    last: int | None = option(None, "--last", "-n", min=1, metavar="N", help="The last N of them.")
+    last: int | None = option(
+        None, "--last", "-n", min=1, metavar="N", help="Only the last N matching runs."
+    )
 
     @property
     def named_runs(self) -> list[str]:
-        """Runs that are shown, as they were named."""
+        """Runs that the command reads, as given."""
         return [] if self.run is None else [self.run]
 
 
-def check(options: RunsOptions) -> Asked:
-    """Read the run that was asked for, None for all; and since when."""
+def check(options: RunsOptions) -> RunsRequest:
+    """Read the one run, None for all, and the date of ``--since``."""
     from ocp.errors import InputError
 
     narrowed = sorted(options.given & {*FILTERS, "tags", "since", "last"})
     if options.run is not None and narrowed:
-        raise InputError(f"one run is shown whole; drop --{narrowed[0].replace('tags', 'tag')}")
+        raise InputError(
+            f"a single run takes no filter; drop --{narrowed[0].replace('tags', 'tag')}"
+        )
     since = None if options.since is None else moment(options.since)
     return (None if options.run is None else stored(options.run, options.out)), since
 
 
 def moment(text: str) -> datetime:
-    """Read ``2h`` (ago), or a date or time in ISO form, which is UTC where it says no zone.
+    """Read ``2h`` (ago), or a date or time in ISO form, UTC unless it has a zone.
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """
@@ -74,28 +89,28 @@ def moment(text: str) -> datetime:
         found = datetime.fromisoformat(text)
     except ValueError:
         raise InputError(
-            f"--since must be a date such as 2026-01-31, or a time ago such as 30m, 2h, 7d, got"
+            f"--since must be a date such as 2026-01-31, or an age such as 30m, 2h, 7d, got"
             f" {text!r}"
         ) from None
     return found if found.tzinfo else found.replace(tzinfo=UTC)
 
 
-def run(options: RunsOptions, asked: Asked) -> int:
+def run(options: RunsOptions, request: RunsRequest) -> int:
     """List the stored runs, the latest last, or show one.
 
-    The number before a run is how a command may call it: @1, or @last, is the latest of all.
+    Commands accept the number before a run as its name: @1, or @last, is the latest.
     """
     from reports.console import print_table
-    from reports.stored_tables import run_table
+    from reports.tables import run_table
 
-    one, since = asked
+    one, since = request
     if one is not None:
         options.output.document({"run": str(one.path), **one.meta})
         if not options.as_json:
             print_table(run_table(one))
         return 0
     every = listing(options.out)
-    entries = [entry for entry in every if _asked_for(options, since, entry)]
+    entries = [entry for entry in every if _matches(options, since, entry)]
     entries = entries[-options.last :] if options.last else entries
     options.output.document({"runs": entries})
     if not options.as_json:
@@ -107,24 +122,24 @@ def _print(
     options: RunsOptions, entries: list[dict[str, Any]], every: list[dict[str, Any]]
 ) -> None:
     from ocp.store.parts import visible
-    from reports.cli.stored.listing import lines, values
+    from reports.tables import filter_values, run_lines
 
     if entries:
-        # Folders may be called anything.
-        print("\n".join(lines(visible(entries))))
+        # Folders may have any name.
+        print("\n".join(run_lines(visible(entries))))
     elif every:
-        print(f"none of the {len(every)} runs in {options.out} is like that; there are:")
+        print(f"No run matches ({len(every)} in {options.out}). Available:")
         for key in FILTERS:
-            print(f"  {key}: {', '.join(values(every, key))}")
+            print(f"  {key}: {', '.join(filter_values(every, key))}")
     else:
-        print(f"{options.out} holds no runs; ocp solve PROBLEM makes one")
+        print(f"{options.out} has no runs; ocp solve PROBLEM stores one")
 
 
-def _asked_for(options: RunsOptions, since: datetime | None, entry: dict[str, Any]) -> bool:
+def _matches(options: RunsOptions, since: datetime | None, entry: dict[str, Any]) -> bool:
     for key in FILTERS:
-        wanted = getattr(options, key)
-        known = (entry[key], entry["grade"]) if key == "status" else (entry[key],)
-        if wanted is not None and wanted not in known:
+        expected = getattr(options, key)
+        found = (entry[key], entry["grade"]) if key == "status" else (entry[key],)
+        if expected is not None and expected not in found:
             return False
     if not set(options.tags or ()) <= set(entry["tags"]):
         return False
@@ -167,11 +182,91 @@ def _row(entry: Any, at: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-COMMAND = Command(
+RUNS = Command(
     RunsOptions, check, run,
     examples=(
         "runs", "runs @last", "runs --problem push-disc --contact barrier --since 2h",
         "runs --tag paper --status survives --json", "runs rm @2",
         "runs export @last -o motion.csv",
     ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class RmOptions(StoreOptions):
+    """Which runs."""
+
+    runs: list[str] = argument(
+        metavar="RUN...", help="Runs: paths, parts of their names, or numbers such as @2."
+    )
+
+
+def check_rm(options: RmOptions) -> list[Path]:
+    """Find the runs; raises InputError for a folder that is no run."""
+    from ocp.store.lookup import check_removable, find
+
+    found = [find(text, options.out) for text in options.runs]
+    for path in found:
+        check_removable(path)
+    return found
+
+
+def run_rm(options: RmOptions, found: list[Path]) -> int:
+    """Delete stored runs, damaged ones too; nothing is deleted unless every name is a run."""
+    from ocp.store.lookup import remove
+
+    remove(found)
+    for path in found:
+        options.output.say(f"removed: {path}")
+    options.output.document({"removed": [str(path) for path in found]})
+    return 0
+
+
+RM = Command(RmOptions, check_rm, run_rm, examples=("runs rm @last", "runs rm @2 @3 @4"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunsExportOptions(RunOptions):
+    """Which run, the file, and its format."""
+
+    file: Path = option(MISSING, "--output", "-o", help="The file to write.")
+    form: str | None = option(
+        None, "--format", metavar="csv|npz", help="csv or npz; default: by the file's name."
+    )
+
+
+def check_export(options: RunsExportOptions) -> ExportRequest:
+    """Read the run, and check that it can be written in that format."""
+    from ocp.errors import choose
+    from ocp.store import flat
+    from reports.cli.request import check_place
+
+    check_place(options.file, "data")
+    form = options.form or options.file.suffix.removeprefix(".").lower()
+    choose("format", form, flat.FORMATS)
+    found = stored(options.run, options.out)
+    if form == "csv":
+        flat.check_rows(found)
+    return found, form
+
+
+def run_export(options: RunsExportOptions, request: ExportRequest) -> int:
+    """Write the arrays of a stored run to a file for other programs.
+
+    CSV has one row per scenario and node of a solve, per point, scenario and node of a
+    continuation, per point and estimator of an estimate, per iteration of a training; its header
+    has the units. NPZ has every array by name, and the run's description as JSON in meta.
+    """
+    from ocp.store import flat
+
+    found, form = request
+    flat.FORMATS[form](found, options.file)
+    options.output.say(f"{form}: {options.file}")
+    options.output.document({"file": str(options.file), "format": form, "run": str(found.path)})
+    return 0
+
+
+EXPORT = Command(
+    RunsExportOptions, check_export, run_export,
+    examples=("runs export @last -o motion.csv", "runs export push-disc -o push.npz"),
 )  # fmt: skip

@@ -103,7 +103,7 @@ def _described(found: Spec) -> dict[str, Any]:
 def _page(found: Spec) -> None:
     """Equations and parameters."""
     from reports.console import print_table
-    from reports.stored_tables import parameter_table
+    from reports.tables import parameter_table
 
     described = _described(found)
     for line in described["equations"]:
@@ -115,7 +115,7 @@ def _page(found: Spec) -> None:
 def _known(found: ProblemSpec | ObjectiveSpec) -> None:
     """Best known values and what is to be said of them."""
     from reports.console import print_table
-    from reports.stored_tables import golden_table
+    from reports.tables import golden_table
 
     if found.golden:
         print()
@@ -127,7 +127,7 @@ def _known(found: ProblemSpec | ObjectiveSpec) -> None:
 
 
 def _source(found: Spec) -> None:
-    from reports.bibliography import full_citation
+    from reports.notation import full_citation
 
     if found.citation is not None:
         print(f"\nSource: {found.citation.text} ({full_citation(found.citation.key)})")

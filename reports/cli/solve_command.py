@@ -51,8 +51,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     from ocp.errors import InputError, choose
     from ocp.judgement import halved
     from ocp.sweeps.sweep import check_side_by_side
-    from reports.cli.places import check_place, check_places
-    from reports.cli.request import Request
+    from reports.cli.request import Request, check_place, check_places
     from reports.papers.formats import format_of
 
     choose("rank", options.rank, RANKS)
@@ -143,8 +142,8 @@ def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> So
     from ocp.solve import refine_from, solve_from
     from ocp.sweeps.starts import solve_starts
     from reports import console
+    from reports.cli import interrupt
     from reports.cli.request import case_of
-    from reports.cli.shell import interrupt
 
     with console.progress(options.output.progress, f"{asked.spec.name}: building") as report:
 

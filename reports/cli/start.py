@@ -1,18 +1,18 @@
-"""The first lines of the program: Ctrl-C is heeded before anything else is imported."""
+"""The first lines of the program: they set up Ctrl-C before anything else is imported."""
 
 import os
 import sys
 
-from reports.cli.shell.ending import end
-
-# What the module signal wraps: that one imports for 10 ms, in which nobody hears Ctrl-C.
+EXIT_CODE = 130
+"""Exit code after Ctrl-C, as shells define it (128 + SIGINT)."""
+# What the module signal wraps: that one imports for 10 ms, in which Ctrl-C would raise a traceback.
 _signal = __import__("_signal")
 
 
 def main() -> int:
-    """Run the command that ``sys.argv`` asks for and return its exit code.
+    """Run the command that ``sys.argv`` gives and return its exit code.
 
-    Ctrl-C ends the process at once before :mod:`reports.cli.shell.interrupt` listens, and after it.
+    Ctrl-C ends the process at once before :mod:`reports.cli.interrupt` takes over, and after it.
     """
     _signal.signal(_signal.SIGINT, end)
     _open_closed()
@@ -24,8 +24,16 @@ def main() -> int:
     return code
 
 
+def end(*_: object) -> None:
+    """End the process at once, as a handler of Ctrl-C."""
+    try:
+        os.write(2, b"stopped by the user\n")
+    finally:
+        os._exit(EXIT_CODE)
+
+
 def _open_closed() -> None:
-    """Let streams that came closed lead nowhere, before a file of ours gets their descriptor."""
+    """Point streams that came closed at the null device, so that no file gets their descriptor."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)

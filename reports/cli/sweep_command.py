@@ -48,8 +48,7 @@ def check(options: SweepOptions) -> Asked:
     from ocp.errors import InputError, choose
     from ocp.sweeps.axes import axes
     from ocp.sweeps.sweep import asked, check_points, check_side_by_side
-    from reports.cli.places import check_places
-    from reports.cli.request import case_of
+    from reports.cli.request import case_of, check_places
 
     choose("rank", options.rank, RANKS)
     if "rank" in options.given and options.starts == 1:
@@ -75,7 +74,7 @@ def run(options: SweepOptions, asked: Asked) -> int:
     from ocp import store
     from ocp.sweeps.study import dataset
     from ocp.sweeps.summary import described, rows
-    from reports.sweeps.table import point_table
+    from reports.sweep_tables import point_table
 
     output, study = options.output, asked.study
     count, session = math.prod(study.shape), asked.session
@@ -109,8 +108,8 @@ def _points(options: SweepOptions, asked: Asked) -> list[Point]:
     from ocp.sweeps.study import dimension, kept_points
     from ocp.sweeps.summary import where
     from ocp.sweeps.sweep import followed
-    from reports.cli.shell import interrupt
-    from reports.sweeps.live import live
+    from reports.cli import interrupt
+    from reports.sweep_tables import live
 
     study, output = asked.study, options.output
     dims = {axis.name: dimension(axis.name) for axis in study.axes}

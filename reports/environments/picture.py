@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from problems.drawing import HalfPlane, Shape
 from problems.tasks.spec import TaskSpec
-from reports.camera import Camera
-from reports.shapes import bounds, draw
+from reports.shapes import Camera, bounds, draw
 from reports.strobe import draw_motion
 from reports.style import INK, styled
 

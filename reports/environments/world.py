@@ -16,7 +16,7 @@ from dynamics.contact import Step
 from ocp.errors import InputError
 from ocp.rollout import STEP_TOLERANCE
 from problems.tasks.registry import spec
-from reports.cli.choices import closing_law
+from reports.cli.request import closing_law
 
 LARGEST = float(np.finfo(np.float32).max)
 """Of what is observed, in any unit: a state beyond it is no number in single precision."""

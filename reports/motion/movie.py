@@ -16,8 +16,8 @@ from PIL import Image
 from ocp.errors import InputError
 from ocp.store import atomic
 from reports.motion.animation import Animation
+from reports.motion.canvas import Canvas
 from reports.motion.player import player
-from reports.motion.stage import Stage
 
 FORMATS = (".gif", ".mp4", ".html")
 FASTEST_GIF = 50
@@ -77,12 +77,12 @@ def delays(count: int, fps: int) -> list[int]:
 
 
 def _write_gif(animation: Animation, draft: Path, told: Callable[[int], None]) -> None:
-    stage, count = Stage(animation), len(animation.times)
-    palette = _palette(stage, count)
+    canvas, count = Canvas(animation), len(animation.times)
+    palette = _palette(canvas, count)
 
     def frames() -> Iterator[Image.Image]:
         for frame in range(count):
-            picture = Image.fromarray(stage.picture(frame)).convert("RGB")
+            picture = Image.fromarray(canvas.picture(frame)).convert("RGB")
             yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
             told(frame + 1)
 
@@ -93,13 +93,13 @@ def _write_gif(animation: Animation, draft: Path, told: Callable[[int], None]) -
                         duration=[10 * delay for delay in shown])  # fmt: skip
 
 
-def _palette(stage: Stage, count: int) -> Image.Image:
+def _palette(canvas: Canvas, count: int) -> Image.Image:
     """At most 256 colours for all frames, from every other line of a few of them.
 
     By how different they are, not by how much of the picture they cover: an arrow has few pixels.
     """
     some = np.unique(np.linspace(0, count - 1, _SAMPLED).round().astype(int))
-    lines = np.concatenate([stage.picture(frame)[::2, :, :3].copy() for frame in some])
+    lines = np.concatenate([canvas.picture(frame)[::2, :, :3].copy() for frame in some])
     codes = np.unique(lines.astype(np.int32) @ (1 << 16, 1 << 8, 1))
     seen = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], axis=1).astype(np.uint8)
     found = Image.fromarray(seen[None]).quantize(method=Image.Quantize.MAXCOVERAGE)
@@ -111,8 +111,8 @@ def _palette(stage: Stage, count: int) -> Image.Image:
 
 
 def _write_mp4(animation: Animation, draft: Path, told: Callable[[int], None]) -> None:
-    stage, count = Stage(animation), len(animation.times)
-    height, width = stage.picture(0).shape[:2]
+    canvas, count = Canvas(animation), len(animation.times)
+    height, width = canvas.picture(0).shape[:2]
     command = [
         "ffmpeg", "-y", "-loglevel", "error",
         "-f", "rawvideo", "-pix_fmt", "rgba", "-video_size", f"{width}x{height}",
@@ -129,7 +129,7 @@ def _write_mp4(animation: Animation, draft: Path, told: Callable[[int], None]) -
     ):
         assert encoder.stdin is not None
         for frame in range(count):
-            encoder.stdin.write(stage.picture(frame).data)
+            encoder.stdin.write(canvas.picture(frame).data)
             told(frame + 1)
     if encoder.returncode:
         said = log.read_text(errors="replace").strip().splitlines()

@@ -1,14 +1,11 @@
-"""A page of HTML that plays an animation: its data and a script of ours, nothing from elsewhere.
-
-The data are shapes in metres, forces and curves, drawn on canvases by ``page/player.js``: a film
-of 51 frames takes tens of kilobytes, and is as sharp on every screen.
-"""
+"""A page of HTML that plays an animation: its data and our own script, with no other resources."""
 
 from __future__ import annotations
 
 import html
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from string import Template
@@ -16,14 +13,17 @@ from typing import Any
 
 import numpy as np
 
+from ocp.rollout import at_steps
+from ocp.task import Task
 from problems.drawing import ContactFrame, Shape
 from reports import shapes
-from reports.camera import Camera
-from reports.forces import caption
+from reports.forces import caption, forces_of
 from reports.motion.animation import Animation, Motion
-from reports.motion.charts import charts
-from reports.motion.scene import LEAST, longest_arrow
-from reports.style import PURPLE, VERMILLION
+from reports.motion.canvas import LEAST, longest_arrow
+from reports.shapes import Camera
+from reports.style import CYCLE, PLANNED, PURPLE, REPLAYED, VERMILLION
+from reports.units import label
+from reports.view import RunView
 
 _PAGE = Path(__file__).with_name("page")
 _DIGITS = 5
@@ -53,7 +53,7 @@ def film_of(animation: Animation) -> dict[str, Any]:
     ``motions`` hold per frame the shapes ``[kind, numbers...]``, an index into ``kinds`` (name and
     role) and the fields of :mod:`problems.drawing` in their order without the role, and the
     ``arrows`` ``[x, y, force x, force y, normal x, normal y, friction]``; ``charts`` are those of
-    :func:`~reports.motion.charts.charts` over ``nodes`` [s].
+    :func:`~reports.motion.player.charts` over ``nodes`` [s].
     """
     size = animation.cameras[0].size
     digits = max(0, _DIGITS - math.floor(math.log10(float(size.max()))))
@@ -139,3 +139,117 @@ def _arrow(
 def _short(value: float) -> float | None:
     """Seven significant digits, and None for what is no number."""
     return float(f"{value:.{_SIGNIFICANT}g}") if math.isfinite(value) else None
+
+
+_ROOM = 0.06
+
+Chart = dict[str, Any]
+"""``title label range [low, high] wide`` and ``curves`` of ``name values color dash``.
+
+``values`` belong to the nodes (N+1,), or to the steps between them (N,); costs have an ``end``.
+"""
+
+
+def charts(animation: Animation) -> list[Chart]:
+    """Forces of each motion beside each other on one scale, and the costs of both below."""
+    view = animation.view
+    known = [forces for motion in animation.motions if (forces := _forces(view, motion))]
+    drawn = [curve["values"] for chart in known for curve in chart["curves"]]
+    highest = max((float(np.nanmax(values)) for values in drawn), default=0.0)
+    for chart in known:
+        chart["range"] = _widened(0.0, highest)
+    if (paid := _costs(view, animation.motions)) is not None:
+        known.append(paid)
+    return known
+
+
+def _forces(view: RunView, motion: Motion) -> Chart | None:
+    """Size of the force of every contact that acts in the plan or in the replay."""
+    found = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
+    sizes = {
+        suffix: np.hypot(forces.normal, forces.friction)
+        for suffix, forces in found.items() if forces is not None
+    }  # fmt: skip
+    own = sizes.get(motion.suffix)
+    if own is None:
+        return None
+    most = np.max([np.nanmax(size, axis=0, initial=0.0) for size in sizes.values()], axis=0)
+    acting = np.flatnonzero((most > LEAST * most.max(initial=0.0)) & (most > 0))
+    if not acting.size:
+        return None
+    names = _contact_names(view, own.shape[1])
+    forces = found[motion.suffix]
+    assert forces is not None
+    what = "impulse" if forces.unit == "N s" else "force"
+    whose = "" if isinstance(view.problem, Task) else ", planned"
+    return {
+        "title": f"contact {what}s{', replayed' if motion.suffix else whose}",
+        "label": label(what, forces.unit),
+        "wide": False,
+        "curves": [
+            {"name": names[i], "values": own[:, i], "color": CYCLE[place % len(CYCLE)],
+             "dash": place // len(CYCLE) % 3}
+            for place, i in enumerate(acting)
+        ],
+    }  # fmt: skip
+
+
+def _contact_names(view: RunView, count: int) -> list[str]:
+    if "point" in view.run.data.coords and view.run.data.sizes["point"] == count:
+        return [str(name) for name in view.run.data["point"].values]
+    return [signal.name for signal in view.signals("contacts")]
+
+
+def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
+    curves = []
+    for motion, name, color in zip(
+        motions, ("planned", "replayed"), (PLANNED, REPLAYED), strict=False
+    ):
+        paid = so_far(view, motion.suffix)
+        if paid is None:
+            return None
+        curves.append({"name": name, "values": paid[0], "end": paid[1], "color": color, "dash": 0})
+    gained = isinstance(view.problem, Task)
+    if gained:
+        curves[0]["name"] = "this episode"
+    ends = [curve["end"] for curve in curves]
+    finite = np.concatenate([*(curve["values"] for curve in curves), ends])
+    finite = finite[np.isfinite(finite)]
+    what, last = ("return", "what is gained there") if gained else ("cost", "the terminal cost")
+    return {
+        "title": f"{what} so far, at the end with {last}",
+        "label": what,
+        "wide": True,
+        "range": _widened(float(finite.min()), float(finite.max())),
+        "curves": curves,
+    }
+
+
+def so_far(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
+    """Sum of stage costs, of a task rewards, before each node (N+1,), and all with the last term.
+
+    The last term is the terminal cost, or what a task gains at the end of a full episode. Of
+    scenario 0, at the stored parameters; None for a problem that is not found again.
+    """
+    problem, x, u = view.problem, view.array(f"x{suffix}"), view.array(f"u{suffix}")
+    if problem is None or x is None or u is None:
+        return None
+    p = problem.parameters.values
+    if isinstance(problem, Task):
+        (stage,) = at_steps(problem.rewards, x[:1, :-1], u[:1], x[:1, 1:], p=p)
+        full = u.shape[1] == problem.horizon
+        last = np.array(problem.finals(x[0, -1], p)) if full else np.zeros(1)
+    else:
+        before = np.array(problem.limits(p)[1]).ravel()
+        du = np.diff(np.concatenate([before[None], u[0]]), axis=0)
+        stage, _ = at_steps(problem.cost_terms, x[:1, :-1], u[:1], du[None], p=p)
+        _, last = at_steps(problem.cost_terms, x[:1, -1:], u[:1, -1:], du[None, -1:], p=p)
+    sums = np.concatenate([[0.0], np.cumsum(stage[0, :, 0])])
+    return sums, float(sums[-1] + last.item())
+
+
+def _widened(low: float, high: float) -> list[float]:
+    """A range with zero and room above, and below where there is something; never empty."""
+    low, high = min(low, 0.0), max(high, 0.0)
+    room = _ROOM * (high - low) or 0.5
+    return [low - room if low < 0 else 0.0, high + room]

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from reports.console import number, small
-from reports.curve_tables import event_rows
 from reports.figures import continuation
 from reports.figures.law import FLOOR
 from reports.pages.described import Page, head, how, law, numbered, row_figures
+from reports.tables import event_rows
 from reports.units import symbol
 from reports.view import RunView
 

@@ -13,10 +13,9 @@ from ocp.store.stored_run import StoredRun
 from problems.parameters import unit_of
 from problems.spec import Spec
 from problems.studies.study import Study
-from reports.bibliography import full_citation
 from reports.console import number
 from reports.figures.panels import COLUMNS, Row, draw_rows
-from reports.notation import plain
+from reports.notation import full_citation, plain
 from reports.units import in_symbols, powers, symbol
 from reports.view import RunView
 

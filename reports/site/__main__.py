@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from ocp.store.atomic import write
-from reports.site import commands, examples, figures, gallery, settings, tables
-from reports.site.measured import DATA, GENERATED
+from reports.site import figures, gallery, reference
+from reports.site.measured import DATA, GENERATED, table_pages
 
 
 def pages() -> dict[str, str]:
     """Every generated page by its path below ``docs/generated``."""
-    made: dict[str, str] = {}
-    for part in (gallery, figures, tables, settings, commands, examples):
-        made |= part.pages()
-    return made
+    return {**gallery.pages(), **figures.pages(), **table_pages(), **reference.pages()}
 
 
 def main() -> None:
-    """Write all pages, and take away those that nothing makes any more."""
+    """Write all pages, and delete those that are no longer generated."""
     made = pages()
     for name, text in made.items():
         write(GENERATED / name, text.encode())

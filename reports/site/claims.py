@@ -20,7 +20,7 @@ from ocp.errors import InputError
 from problems import studies
 from reports import smoothings
 from reports.figures.studies import DRAWINGS
-from reports.site import measured, pictures
+from reports.site import measured
 from reports.style import styled
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
@@ -56,7 +56,7 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
 
 def _picture(name: str, data: xr.Dataset) -> Path:
     with styled():
-        return pictures.save(DRAWINGS[name].draw(data), f"figures/{name}")
+        return measured.save_picture(DRAWINGS[name].draw(data), f"figures/{name}")
 
 
 def _smoothings(data: xr.Dataset) -> Path:

@@ -11,8 +11,8 @@ from typing import Any
 from problems import studies
 from problems.studies import Study
 from problems.studies.study import counted, verdict
-from reports.bibliography import full_citation
 from reports.figures.studies import DRAWINGS
+from reports.notation import full_citation
 from reports.site.markdown import escaped, provenance, sentence, table
 from reports.site.measured import DATA, DOCS, read
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from problems import describe, names, spec
 from problems.spec import ProblemSpec
-from reports.bibliography import full_citation
-from reports.notation import plain
+from reports.notation import full_citation, plain
 from reports.site.markdown import provenance, table
 from reports.site.measured import DATA, DOCS, read
 

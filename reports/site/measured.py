@@ -1,23 +1,25 @@
-"""Tables of measured numbers, as JSON under ``docs/generated/data``, each with where it came from.
-
-What measures calls :func:`write_table`; the site shows the table by a line that includes
-``generated/tables/<name>.md``, which :mod:`reports.site` writes from the JSON.
-"""
+"""Measured tables and pictures of the site, each with its origin, and the pages of the tables."""
 
 from __future__ import annotations
 
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+
+from matplotlib.figure import Figure
+from PIL import Image
 
 from ocp.errors import InputError
 from ocp.store.atomic import write
 from ocp.store.provenance import git_revision, versions
+from reports.site.markdown import provenance, table
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 GENERATED = DOCS / "generated"
@@ -101,3 +103,53 @@ def _lines(content: Mapping[str, Any]) -> str:
 def read(name: str) -> dict[str, Any]:
     """Return what ``<name>.json`` holds."""
     return json.loads((DATA / f"{name}.json").read_text(encoding="utf-8"))
+
+
+COLOURS = 96
+
+
+def save_picture(figure: Figure, name: str) -> Path:
+    """Write ``figure`` to ``docs/pictures/<name>.png``, in few colours; returns the file."""
+    drawn, small = BytesIO(), BytesIO()
+    figure.savefig(drawn, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
+    picture = Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    picture.save(small, format="png", optimize=True)
+    file = DOCS / "pictures" / f"{name}.png"
+    write(file, small.getvalue())
+    return file
+
+
+APART = {"verdicts", "refined"}
+"""Tables that are shown a problem at a time."""
+
+
+def table_pages() -> dict[str, str]:
+    """One snippet for each JSON of columns and rows, and the page of those shown nowhere else."""
+    found = {file.stem: read(file.stem) for file in sorted(DATA.glob("*.json"))}
+    tables = {name: content for name, content in found.items() if "columns" in content}
+    written = {f"tables/{name}.md": snippet(content) for name, content in tables.items()}
+    if left := [name for name in tables if name not in included() | APART]:
+        written["measured/index.md"] = others({name: tables[name] for name in left})
+    return written
+
+
+def included() -> set[str]:
+    """Names of the tables that table_pages written by hand include."""
+    written = (page for page in DOCS.rglob("*.md") if not page.is_relative_to(GENERATED))
+    return {name for page in written for name in _names(page.read_text(encoding="utf-8"))}
+
+
+def _names(text: str) -> Iterable[str]:
+    return re.findall(r'--8<-- "generated/tables/([\w-]+)\.md"', text)
+
+
+def others(tables: Mapping[str, Mapping[str, Any]]) -> str:
+    """The page of tables that stand on no other."""
+    parts = [f"## {content['title']}\n\n{snippet(content)}" for content in tables.values()]
+    return "\n".join(["# Other measurements\n", *parts])
+
+
+def snippet(content: Mapping[str, Any]) -> str:
+    """A table, the sentence below it, and where it comes from."""
+    note = f"{content['note']}\n\n" if content.get("note") else ""
+    return f"{table(content['columns'], content['rows'])}\n{note}{provenance(content)}"

@@ -1,8 +1,9 @@
-"""Solve every named problem under every law, for the pages of the gallery; ``make verdicts``.
+"""Measure every named problem for the gallery: verdicts under all laws, cost over the step size.
 
-``python -m reports.site.verdicts [PROBLEM...]`` measures those problems, keeps the rows of others,
-and draws each exact optimum to ``docs/pictures/problems/<name>.png``. Learned laws are trained on
-transitions that ``ocp collect`` draws first.
+``python -m reports.site.verdicts [PROBLEM...]`` (``make verdicts``) solves those problems under
+every law, keeps the rows of others, and draws each exact optimum to
+``docs/pictures/problems/<name>.png``; learned laws are trained on transitions from ``ocp collect``.
+With ``--refine`` (``make refined``) it refines their steps instead; files work too.
 """
 
 from __future__ import annotations
@@ -19,15 +20,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from ocp.judges.referee import step_place
 from ocp.store.runs import load
-from problems import names, spec
-from reports.site import measured, pictures
+from problems import get, names, spec
+from reports.site import measured
 from reports.strobe import strobe
 from reports.style import styled
 from reports.view import RunView
 
-LIMIT_S = 120
-"""Seconds of processor time that a solve may take."""
+LIMIT_S, REFINE_LIMIT_S = 120, 3600
+"""Seconds of processor time for one solve, and for the refinement of one problem."""
 SAMPLES = "2e4"
 COLUMNS = ("problem", "law", "verdict", "cost", "exact law", "referee", "iterations", "s")
 ANALYTIC = {
@@ -41,25 +43,25 @@ LEARNED = {"EWDA, noise 0.1": "ewda", "MLP, noise 0.1": "mlp"}
 Row = list[measured.Cell]
 
 
-def of_problem(name: str, room: Path) -> Iterator[Row]:
-    """Rows of one problem, a law after the other; what is made on the way lies in ``room``."""
+def problem_rows(name: str, folder: Path) -> Iterator[Row]:
+    """Rows of one problem, one per law; ``folder`` holds intermediate files."""
     for law, words in ANALYTIC.items():
-        yield solved(name, law, words, room)
-    data = room / "data.nc"
-    drawn = told(["collect", name, "--samples", SAMPLES, "-o", str(data)])
+        yield solved(name, law, words, folder)
+    data = folder / "data.nc"
+    drawn = answer(["collect", name, "--samples", SAMPLES, "-o", str(data)])
     for law, model in LEARNED.items():
-        file = room / f"{model}.nc"
+        file = folder / f"{model}.nc"
         words = ["learn", str(data), "--model", model, "--noise", "0.1", "-o", str(file)]
-        learned = drawn if isinstance(drawn, str) else told(words)
+        learned = drawn if isinstance(drawn, str) else answer(words)
         if isinstance(learned, str):
             yield [name, law, learned, *[None] * 5]
         else:
-            yield solved(name, law, (model, "-c", f"model={file}"), room)
+            yield solved(name, law, (model, "-c", f"model={file}"), folder)
 
 
-def solved(name: str, law: str, words: Sequence[str], room: Path) -> Row:
-    """Solve under one law; one that takes longer than :data:`LIMIT_S` has no numbers."""
-    found = told(["solve", name, "--contact", *words, "--out", str(room / "runs")])
+def solved(name: str, law: str, words: Sequence[str], folder: Path) -> Row:
+    """Solve under one law; a solve longer than :data:`LIMIT_S` has a row without numbers."""
+    found = answer(["solve", name, "--contact", *words, "--out", str(folder / "runs")])
     if isinstance(found, str):
         return [name, law, found, *[None] * 5]
     if law == "exact":
@@ -70,22 +72,21 @@ def solved(name: str, law: str, words: Sequence[str], room: Path) -> Row:
 
 
 def verdict(found: dict[str, Any]) -> str:
-    """Say in words what certificate and referee found."""
+    """Verdict of certificate and referee, as text."""
     if not found["success"]:
         return str(found["status"])
     words = {(True, True): "survives", (False, True): "survives at this step only",
              (None, None): "no referee"}  # fmt: skip
-    told = words.get((found["survives"], found["survives_at_h"]), "does not survive")
-    return f"solved, {told}"
+    return f"solved, {words.get((found['survives'], found['survives_at_h']), 'does not survive')}"
 
 
 def digits(value: float | None) -> str | None:
-    """Write a cost as verdicts do."""
+    """Write a cost to six digits."""
     return None if value is None else f"{value:.6g}"
 
 
-def told(words: Sequence[str], limit: int = LIMIT_S) -> dict[str, Any] | str:
-    """Return the JSON document that ``ocp`` prints, or why there is none: refused, or too long."""
+def answer(words: Sequence[str], limit: int = LIMIT_S) -> dict[str, Any] | str:
+    """The JSON document of ``ocp``; a refusal or a time limit as text."""
     command = [sys.executable, "-m", "ocp", *words, "--json", "--quiet"]
     limited = partial(resource.setrlimit, resource.RLIMIT_CPU, (limit, limit))
     done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limited)
@@ -93,15 +94,15 @@ def told(words: Sequence[str], limit: int = LIMIT_S) -> dict[str, Any] | str:
         return json.loads(done.stdout)
     except json.JSONDecodeError:
         refused = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-        said = refused[0].removeprefix("error: ").partition("; ")[0] if refused else ""
-        return re.sub(r"^\S*\.nc: ", "", said) or f"over {limit} s"
+        reason = refused[0].removeprefix("error: ").partition("; ")[0] if refused else ""
+        return re.sub(r"^\S*\.nc: ", "", reason) or f"over {limit} s"
 
 
 def draw(name: str, run: Path) -> None:
     """Draw the strobe of a run as the picture of its problem."""
     figure = strobe(RunView.of(load(run)))
     if figure is not None:
-        pictures.save(figure, f"problems/{name}")
+        measured.save_picture(figure, f"problems/{name}")
 
 
 def store(name: str, rows: Sequence[Row]) -> None:
@@ -119,15 +120,54 @@ def store(name: str, rows: Sequence[Row]) -> None:
     )
 
 
+def refinable() -> list[str]:
+    """The named problems whose h only discretises, and an arm at a wall."""
+    found = [name for name in names() if not step_place(get(name).system)[0]]
+    return [*found, "examples/double_pendulum_walls.py"]
+
+
+def refined_rows(problem: str, folder: str) -> Iterator[Row]:
+    """Rows of one problem, one per step size; the last says how the refinement ended."""
+    words = ["solve", problem, "--contact", "exact", "--refine", "--out", folder]
+    found, name = answer(words, REFINE_LIMIT_S), Path(problem).stem
+    if isinstance(found, str):
+        yield [name, *[None] * 4, found]
+        return
+    levels = found["refined"]["levels"]
+    for one in levels:
+        end = (found["refined"]["stopped"] or "agree") if one is levels[-1] else ""
+        costs = digits(one["cost"]), digits(one["replayed"])
+        yield [name, f"{one['h']:.5g}", one["N"], *costs, end]
+
+
+def store_refined(problem: str, rows: Sequence[Row]) -> None:
+    """Put the rows of one problem into the table of step sizes."""
+    order = [Path(name).stem for name in refinable()]
+    old = measured.read("refined")["rows"] if (measured.DATA / "refined.json").exists() else []
+    every = [*(row for row in old if row[0] != Path(problem).stem), *rows]
+    measured.write_table(
+        "refined",
+        title="Cost over the step size",
+        command="make refined",
+        columns=("problem", "h [s]", "N", "planned", "replayed at h/2", "found"),
+        rows=sorted(every, key=lambda row: order.index(str(row[0]))),
+        note="`ocp solve PROBLEM --contact exact --refine`: each plan starts at the one above it;"
+        " the replay holds its inputs over two steps of half the size.",
+    )
+
+
 def main() -> None:
-    """Measure the problems that the command line names, all where it names none."""
+    """Measure the problems of the command line, by default all."""
     parser = ArgumentParser(prog="python -m reports.site.verdicts", description=__doc__)
     parser.add_argument("problems", nargs="*", metavar="PROBLEM")
-    asked = parser.parse_args().problems or names()
-    for name in [spec(name).name for name in asked]:
-        with TemporaryDirectory() as room, styled():
-            rows = list(of_problem(name, Path(room)))
-        store(name, rows)
+    parser.add_argument("--refine", action="store_true", help="cost over the step size instead")
+    given = parser.parse_args()
+    for name in given.problems or (refinable() if given.refine else names()):
+        with TemporaryDirectory() as folder, styled():
+            if given.refine:
+                store_refined(name, rows := list(refined_rows(name, folder)))
+            else:
+                store(name, rows := list(problem_rows(spec(name).name, Path(folder))))
         for row in rows:
             print(*row, sep="  ", flush=True)
 

@@ -12,8 +12,8 @@ import pytest
 from ocp import load, store
 from ocp.errors import InputError
 from ocp.sweeps import sweep
+from reports.cli import interrupt
 from reports.cli.app import main
-from reports.cli.shell import interrupt
 
 MINE = """
 from dataclasses import replace

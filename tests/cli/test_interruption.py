@@ -120,7 +120,7 @@ def test_kill_leaves_no_half_run(tmp_path: Path, lines: int) -> None:
 
 
 def test_an_interrupt_that_compiled_code_swallowed_is_raised_again() -> None:
-    from reports.cli.shell import interrupt
+    from reports.cli import interrupt
 
     before = signal.getsignal(signal.SIGINT)
     with interrupt.watched():

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from reports.cli import streams
 from reports.cli.app import main
-from reports.cli.shell import document
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = [sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())"]
@@ -82,11 +82,11 @@ def test_a_command_that_ends_early_has_no_document_and_gives_stdout_back(
 def test_stdout_is_reserved_once_and_a_replaced_one_takes_the_document(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    document.reserve()
-    document.reserve()
+    streams.reserve()
+    streams.reserve()
     print("beside")
-    print("the document", file=document.stream())
-    document.release()
-    document.release()
+    print("the document", file=streams.document_stream())
+    streams.release()
+    streams.release()
     print("after")
     assert capsys.readouterr() == ("the document\nafter\n", "beside\n")

@@ -11,7 +11,7 @@ import pytest
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.samples import split_rows
 from ocp.store import models
-from reports.cli.shell import interrupt
+from reports.cli import interrupt
 from tests.cli.conftest import Ocp
 
 COLLECT = ("collect", "push-1d", "--samples", "600", "-o", "data.nc")

@@ -16,8 +16,8 @@ from ocp import store
 from ocp.errors import InputError
 from problems import names, spec
 from reports import pages
-from reports.bibliography import full_citation
 from reports.figures import law
+from reports.notation import full_citation
 from reports.pdf import render, write_pdf
 from reports.stages import shown
 from reports.style import styled, to_svg

@@ -10,15 +10,14 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-import typer
 
+from reports.cli import logs, streams
 from reports.cli import options as parser
-from reports.cli.app import app, main
-from reports.cli.shell import logs, streams
+from reports.cli.app import commands, main
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = [sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())"]
-COMMANDS = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
+COMMANDS = commands()
 
 
 def run_as(directory: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
@@ -56,10 +55,10 @@ def test_examples_are_understood(ocp, name: str, monkeypatch) -> None:
     """Every example passes the parser: its options exist, its numbers are in range."""
     seen = []
     monkeypatch.setattr(parser, "carry_out", lambda *given: seen.append(given) or 0)
-    for line in COMMANDS[name].told.examples:
+    for line in COMMANDS[name].command.examples:
         done = ocp(*line.split())
         assert (done.code, done.err) == (0, ""), line
-    assert len(seen) == len(COMMANDS[name].told.examples) > 0
+    assert len(seen) == len(COMMANDS[name].command.examples) > 0
 
 
 def test_stages_are_logged_at_info_and_solvers_at_debug(ocp, caplog) -> None:

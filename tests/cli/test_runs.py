@@ -80,7 +80,7 @@ def test_filters(ocp, runs: Path, filters: list[str], places: list[str]) -> None
 
 def test_an_empty_answer_tells_what_there_is(ocp, runs: Path) -> None:
     told = ocp("runs", "--contact", "barier").out
-    assert "none of the 4 runs" in told and "contact: barrier, exact" in told
+    assert "No run matches (4 in" in told and "contact: barrier, exact" in told
 
 
 def test_a_run_is_named_from_the_latest_back(ocp, runs: Path) -> None:
@@ -106,7 +106,7 @@ def test_tags_are_no_part_of_the_answer(ocp, runs: Path) -> None:
     assert ocp("runs", first["run"], "--json").json["tags"] == ["both", "first"]
     done = ocp("solve", "wall-1d", "--tag", "two words")
     assert done.code == 2 and "one word" in done.err
-    assert "holds no runs" in ocp("runs", "--out", "other").out
+    assert "has no runs" in ocp("runs", "--out", "other").out
 
 
 @pytest.mark.parametrize("command", [

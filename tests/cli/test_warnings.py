@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dynamics.batch.nonfinite import BatchWarning
-from reports.cli.shell.logs import libraries_silenced
+from reports.cli.logs import libraries_silenced
 
 
 @pytest.mark.parametrize("quiet", [False, True])

@@ -10,7 +10,7 @@ import pytest
 
 from ocp.errors import InputError
 from problems import describe, names, spec
-from reports.site import measured, tables
+from reports.site import measured
 from reports.site.__main__ import pages as fresh
 from reports.site.gallery import unit
 from reports.site.markdown import cell, table
@@ -33,11 +33,11 @@ def test_generated_pages_are_in_step() -> None:
 
 def test_every_measured_table_is_shown_on_a_page() -> None:
     """Included by a page, or else on the page of all others."""
-    tables_of_data = {file.stem for file in measured.DATA.glob("*.json")} - tables.APART
-    included = tables.included()
+    tables_of_data = {file.stem for file in measured.DATA.glob("*.json")} - measured.APART
+    included = measured.included()
     assert included <= tables_of_data
     left = [measured.read(name) for name in tables_of_data - included]
-    page = tables.pages().get("measured/index.md", "")
+    page = measured.table_pages().get("measured/index.md", "")
     assert sorted(re.findall("^## (.*)$", page, re.MULTILINE)) == sorted(t["title"] for t in left)
 
 
@@ -45,10 +45,9 @@ def test_a_table_that_no_page_includes_stands_on_the_page_of_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(measured, "DATA", tmp_path)
-    monkeypatch.setattr(tables, "DATA", tmp_path)
     for name in ("matrix", "fresh"):
         measured.write_table(name, title=name, command="make x", columns=("a",), rows=[["1"]])
-    found = tables.pages()
+    found = measured.table_pages()
     assert sorted(found) == ["measured/index.md", "tables/fresh.md", "tables/matrix.md"]
     assert "## fresh" in found["measured/index.md"] and "matrix" not in found["measured/index.md"]
 

@@ -16,7 +16,7 @@ from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.problem import Problem
 from problems.parameters import is_structural
-from reports.cli.choices import assignments
+from reports.cli.request import assignments
 
 NAMES = ["wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls"]
 MACHINES = ("hopper", "half-cheetah")

@@ -45,8 +45,7 @@ def check(options: CollectOptions) -> Asked:
     from problems import spec
     from problems.objectives import objective_names
     from problems.regions import region_of
-    from reports.cli.choices import assignments, whole
-    from reports.cli.places import check_place
+    from reports.cli.request import assignments, check_place, whole
 
     if options.problem in objective_names():
         raise InputError(

@@ -29,7 +29,7 @@ def check(options: EvaluateOptions) -> Asked:
     """Read the policy, build its task, and make the law."""
     from ocp.effort import check_memory
     from problems.tasks.training import rebuilt
-    from reports.cli.choices import closing_law
+    from reports.cli.request import closing_law
     from reports.cli.runs_command import stored
 
     found = stored(options.run, options.out)

@@ -58,7 +58,7 @@ def check(options: LearnOptions) -> Asked:
     from ocp.errors import InputError, choose
     from ocp.store import atomic
     from ocp.store.checkpoint import Checkpoint
-    from reports.cli.places import check_place
+    from reports.cli.request import check_place
 
     choose("model", options.model, MODELS)
     network = options.model == "mlp"
@@ -131,7 +131,7 @@ def _data(options: LearnOptions) -> Transitions:
     from dynamics.learned.tables import TABLES, read_table
     from ocp.errors import InputError
     from ocp.store import models
-    from reports.cli.choices import assignments
+    from reports.cli.request import assignments
 
     spec = _spec(options)
     system = None if spec is None else spec.problem().system
@@ -229,7 +229,7 @@ def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:
 def _trained(options: LearnOptions, asked: Asked, training: Training) -> tuple[Any, Any]:
     """The network after its last epoch, and the rows that it was not trained on."""
     from reports import learned
-    from reports.cli.shell import interrupt
+    from reports.cli import interrupt
 
     try:
         with learned.training_progress(options.quiet, training.epoch, options.epochs) as report:

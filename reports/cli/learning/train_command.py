@@ -71,8 +71,7 @@ def check(options: TrainOptions) -> Asked:
     from ocp.errors import InputError
     from ocp.learning.effort import check_training
     from problems.tasks import registry
-    from reports.cli.choices import assignments
-    from reports.cli.places import check_places
+    from reports.cli.request import assignments, check_places
 
     spec = registry.spec(options.task)
     task = spec.task(assignments("-p", options.params))
@@ -92,9 +91,8 @@ def check(options: TrainOptions) -> Asked:
 def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[TrainingJob], int]:
     """Every seed of every algorithm, and how many of them run side by side."""
     from problems.tasks.training import TrainingJob
-    from reports.cli.choices import assignments
-    from reports.cli.learning.psi_words import believed, is_psi
-    from reports.cli.learning.training_words import algorithms
+    from reports.cli.learning.training_options import algorithms, believed, is_psi
+    from reports.cli.request import assignments
 
     given = assignments("-s", options.settings)
     psi = believed(given, task.parameters.names)
@@ -118,7 +116,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
 
 def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
     """The law that is asked for, or the algorithm's own."""
-    from reports.cli.choices import closing_law
+    from reports.cli.request import closing_law
 
     name = algorithm.contact if options.contact == "own" else options.contact
     words = list(options.law_settings or ())
@@ -172,7 +170,7 @@ def _trained(
     """Do what is ``left`` and add it to ``stored`` as it ends; gives what failed."""
     from ocp.scheduling import Failure, carried_out
     from problems.tasks.training import trained
-    from reports.cli.shell import interrupt
+    from reports.cli import interrupt
     from reports.trained.live import live
 
     failed = {}
@@ -248,7 +246,7 @@ def _tell(
 
 def epilog() -> str:
     """Tasks, algorithms and settings for the help."""
-    from reports.cli.learning.training_words import help_text
+    from reports.cli.learning.training_options import help_text
 
     return help_text()
 

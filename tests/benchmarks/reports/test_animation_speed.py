@@ -14,9 +14,9 @@ from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import solve, store
 from problems import get
 from reports.motion.animation import Animation
+from reports.motion.canvas import DPI, Canvas
 from reports.motion.gallery import moving
 from reports.motion.movie import write
-from reports.motion.stage import DPI, Stage
 from reports.site.measured import write_table
 from reports.style import styled
 from reports.view import RunView
@@ -35,15 +35,15 @@ WRITERS: dict[str, Callable[[int], AbstractMovieWriter]] = {
 
 def by_savefig(animation: Animation, file: Path) -> None:
     """The same frames as matplotlib writes them: the whole figure drawn anew for each."""
-    stage = Stage(animation)
-    for part in stage.figure.findobj():
+    canvas = Canvas(animation)
+    for part in canvas.figure.findobj():
         part.set_animated(False)
     writer = WRITERS[file.suffix[1:]](animation.fps)
-    with writer.saving(stage.figure, str(file), DPI):
+    with writer.saving(canvas.figure, str(file), DPI):
         for frame in range(len(animation.times)):
-            for scene in stage.scenes:
+            for scene in canvas.scenes:
                 scene.put(frame)
-            stage.clock.set_text(animation.clock(frame))
+            canvas.clock.set_text(animation.clock(frame))
             writer.grab_frame()
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from problems.drawing import Disc, HalfPlane, Mark, Shape
-from reports.camera import Camera, film
+from reports.shapes import Camera, film
 
 R = 0.1
 

@@ -8,7 +8,7 @@ import pytest
 
 from ocp.errors import InputError
 from reports import smoothings
-from reports.site import claims, figures, measured, pictures
+from reports.site import claims, figures, measured
 from tests.golden.figures.compared import compared
 from tests.golden.figures.verdicts import VERDICTS
 
@@ -20,7 +20,7 @@ CLAIMS = [
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(pictures, "DOCS", tmp_path)
+    monkeypatch.setattr(measured, "DOCS", tmp_path)
     monkeypatch.setattr(measured, "DATA", tmp_path / "data")
     return tmp_path
 

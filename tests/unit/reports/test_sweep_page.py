@@ -14,10 +14,9 @@ from ocp.store.stored_run import StoredRun
 from ocp.sweeps.point import COUNTS, NUMBERS, WORDS
 from ocp.sweeps.summary import rows, verdict
 from reports.figures.sweep import figures, replayed
+from reports.pages.sweep import sweep_content
 from reports.style import styled
-from reports.sweeps.live import duration, line
-from reports.sweeps.page import sweep_content
-from reports.sweeps.table import MOST, point_rows
+from reports.sweep_tables import MOST, duration, line, point_rows
 
 
 def made(**sizes: int) -> StoredRun:

@@ -15,8 +15,8 @@ from PIL import Image
 
 from ocp.errors import InputError
 from reports.motion.animation import Animation
+from reports.motion.canvas import Canvas
 from reports.motion.movie import check_format, delays, write
-from reports.motion.stage import Stage
 from tests.unit.reports.made import sliding_box
 
 NORMAL = np.array([[1.0, 2.0], [0.0, 0.0], [4.0, 1.0], [0.0, 0.0]])
@@ -28,7 +28,7 @@ def test_a_gif_has_every_frame_at_its_time_and_the_colours_drawn(tmp_path: Path)
     animation, done = Animation(VIEW, fps=10), []
     write(animation, tmp_path / "box.gif", done.append)
     assert done == [1, 2, 3, 4, 5]
-    stage = Stage(animation)
+    canvas = Canvas(animation)
     with Image.open(tmp_path / "box.gif") as movie:
         assert movie.n_frames == len(animation.times)
         pictures = []
@@ -38,7 +38,7 @@ def test_a_gif_has_every_frame_at_its_time_and_the_colours_drawn(tmp_path: Path)
             rest = 600 if frame == movie.n_frames - 1 else 0
             assert movie.info["duration"] == 100 + rest
             pictures.append(np.asarray(movie.convert("RGB"), dtype=int))
-            drawn = stage.picture(frame)[..., :3].astype(int)
+            drawn = canvas.picture(frame)[..., :3].astype(int)
             assert np.mean(np.abs(pictures[-1] - drawn).max(axis=-1)) < 1
             assert np.all(pictures[-1][(drawn == 255).all(axis=-1)] == 255), "paper is white"
             arrows = np.abs(drawn - ARROW).max(axis=-1) < 12
@@ -73,7 +73,7 @@ def test_a_film_has_every_frame_at_the_rate_that_was_asked(fps: int, tmp_path: P
         capture_output=True, check=True,
     )  # fmt: skip
     (stream,) = json.loads(told.stdout)["streams"]
-    height, width = Stage(animation).picture(0).shape[:2]
+    height, width = Canvas(animation).picture(0).shape[:2]
     assert (stream["height"], stream["width"]) == (height, width)
     assert stream["r_frame_rate"] == f"{fps}/1"
     assert int(stream["nb_read_frames"]) == len(animation.times)
@@ -82,9 +82,9 @@ def test_a_film_has_every_frame_at_the_rate_that_was_asked(fps: int, tmp_path: P
         capture_output=True, check=True,
     )  # fmt: skip
     shown = np.frombuffer(raw.stdout, np.uint8).reshape(-1, height, width, 3)
-    stage = Stage(animation)
+    canvas = Canvas(animation)
     for frame, picture in enumerate(shown):
-        away = np.abs(picture.astype(int) - stage.picture(frame)[..., :3]).max(axis=-1)
+        away = np.abs(picture.astype(int) - canvas.picture(frame)[..., :3]).max(axis=-1)
         assert np.mean(away) < 3, "compressed with some loss"
 
 

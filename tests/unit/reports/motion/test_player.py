@@ -22,9 +22,8 @@ from ocp.store.stored_run import StoredRun
 from problems import drawing, get
 from problems.tasks import registry as tasks
 from reports.motion.animation import Animation
-from reports.motion.charts import so_far
 from reports.motion.movie import write
-from reports.motion.player import film_of, player
+from reports.motion.player import film_of, player, so_far
 from reports.view import RunView
 from tests.unit.reports.made import sliding_box
 

@@ -10,8 +10,7 @@ from matplotlib.path import Path
 
 from problems.drawing import Disc, HalfPlane, Mark, Segment, Spring
 from reports.motion.animation import Animation
-from reports.motion.scene import HEAD, Scene, Stroke, of_shape
-from reports.motion.stage import Stage
+from reports.motion.canvas import HEAD, Canvas, MotionArtist, Stroke, of_shape
 from reports.style import FAINT, PURPLE, VERMILLION
 from tests.unit.reports.made import FRICTION, sliding_box
 
@@ -20,13 +19,13 @@ SLIP = np.array([[-0.5, 1.0], [0.1, 0.0], [-1.0, 0.0], [0.2, 0.3]])
 VIEW = sliding_box(NORMAL, SLIP)
 
 
-def colored(scene: Scene, frame: int, color: str) -> list[Path]:
+def colored(scene: MotionArtist, frame: int, color: str) -> list[Path]:
     """Paths of a frame with inside or edge of a colour."""
     rgb = to_rgba(color)[:3]
     return [s.path for s in scene.strokes(frame) if rgb in (s.face[:3], s.edge[:3])]
 
 
-def arrows(scene: Scene, frame: int) -> np.ndarray:
+def arrows(scene: MotionArtist, frame: int) -> np.ndarray:
     """Vectors [m] from tail to tip, (n, 2)."""
     return np.array(
         [path.vertices[3] - path.vertices[0] for path in colored(scene, frame, VERMILLION)]
@@ -35,7 +34,7 @@ def arrows(scene: Scene, frame: int) -> np.ndarray:
 
 def test_bodies_lie_where_states_say_and_nothing_piles_up() -> None:
     animation = Animation(VIEW, fps=20)
-    plan, replay = Stage(animation).scenes
+    plan, replay = Canvas(animation).scenes
     assert len(animation.times) == 9
     for frame, time in enumerate(animation.times):
         for scene, ahead in ((plan, 0.0), (replay, 0.1)):
@@ -48,7 +47,7 @@ def test_bodies_lie_where_states_say_and_nothing_piles_up() -> None:
 
 def test_the_longest_arrow_is_the_largest_force_and_the_replay_is_to_the_same_scale() -> None:
     """The replay's forces are half the plan's, and so are its arrows, at every frame."""
-    plan, replay = Stage(Animation(VIEW, fps=10)).scenes
+    plan, replay = Canvas(Animation(VIEW, fps=10)).scenes
     found = []
     for frame in range(1, 5):
         ours = arrows(plan, frame)
@@ -61,8 +60,8 @@ def test_the_longest_arrow_is_the_largest_force_and_the_replay_is_to_the_same_sc
 
 
 def test_cones_are_drawn_on_request_and_hold_the_forces_at_their_edge() -> None:
-    assert not colored(Stage(Animation(VIEW, fps=10)).scenes[0], 1, PURPLE)
-    scene = Stage(Animation(VIEW, fps=10, cones=True)).scenes[0]
+    assert not colored(Canvas(Animation(VIEW, fps=10)).scenes[0], 1, PURPLE)
+    scene = Canvas(Animation(VIEW, fps=10, cones=True)).scenes[0]
     heel, toe = colored(scene, 1, PURPLE)
     x = 0.5 / 4
     for cone, foot in ((heel, x - 0.15), (toe, x + 0.15)):
@@ -73,12 +72,12 @@ def test_cones_are_drawn_on_request_and_hold_the_forces_at_their_edge() -> None:
 
 def test_a_picture_is_what_drawing_everything_anew_gives() -> None:
     """Frames drawn over each other leave no trace: the same pixels as of a figure drawn once."""
-    kept = Stage(Animation(VIEW, fps=10))
+    kept = Canvas(Animation(VIEW, fps=10))
     pictures = [kept.picture(frame).copy() for frame in range(5)]
     for frame in (4, 1):
-        fresh = Stage(Animation(VIEW, fps=10))
+        fresh = Canvas(Animation(VIEW, fps=10))
         np.testing.assert_array_equal(fresh.picture(frame), pictures[frame])
-    whole = Stage(Animation(VIEW, fps=10))
+    whole = Canvas(Animation(VIEW, fps=10))
     whole.picture(3)
     for part in whole.figure.findobj():
         part.set_animated(False)
@@ -90,38 +89,38 @@ def test_a_picture_is_what_drawing_everything_anew_gives() -> None:
 
 
 def test_a_body_colours_the_pixels_that_it_covers() -> None:
-    stage = Stage(Animation(VIEW, fps=10))
-    height = stage.picture(0).shape[0]
-    axis = stage.scenes[0].axis
+    canvas = Canvas(Animation(VIEW, fps=10))
+    height = canvas.picture(0).shape[0]
+    axis = canvas.scenes[0].axis
     column, row = axis.transData.transform((0.5, 0.1)).round().astype(int)
-    before = stage.picture(0)[height - row, column].tolist()
-    after = stage.picture(4)[height - row, column].tolist()
+    before = canvas.picture(0)[height - row, column].tolist()
+    after = canvas.picture(4)[height - row, column].tolist()
     assert before[2] - before[0] == 0 and after[2] - after[0] > 30, (before, after)
-    assert stage.picture(0).shape[0] % 2 == stage.picture(0).shape[1] % 2 == 0
+    assert canvas.picture(0).shape[0] % 2 == canvas.picture(0).shape[1] % 2 == 0
 
 
 def test_a_motion_that_has_run_away_leaves_its_axes_empty() -> None:
     x = np.linspace(0, 0.5, 5)
     again = np.where(x > 0.3, np.inf, x + 0.1)
-    stage = Stage(Animation(sliding_box(NORMAL, SLIP, x=x, x_replay=again), fps=10))
-    box = stage.scenes[1].axis.bbox
-    height = stage.picture(0).shape[0]
+    canvas = Canvas(Animation(sliding_box(NORMAL, SLIP, x=x, x_replay=again), fps=10))
+    box = canvas.scenes[1].axis.bbox
+    height = canvas.picture(0).shape[0]
     inside = np.s_[
         height - int(box.y1) + 2 : height - int(box.y0) - 2, int(box.x0) + 2 : int(box.x1)
     ]
-    assert stage.picture(2)[inside].min() < 150
-    assert stage.picture(4)[inside].min() > 200
+    assert canvas.picture(2)[inside].min() < 150
+    assert canvas.picture(4)[inside].min() > 200
 
 
 def test_ticks_go_along_with_a_camera_that_travels() -> None:
     """Away from the start the labels under the picture are others."""
     x = np.linspace(0, 8, 5)
-    stage = Stage(Animation(sliding_box(NORMAL, SLIP, x=x, x_replay=x), fps=10))
-    axis, height = stage.scenes[0].axis, stage.picture(0).shape[0]
+    canvas = Canvas(Animation(sliding_box(NORMAL, SLIP, x=x, x_replay=x), fps=10))
+    axis, height = canvas.scenes[0].axis, canvas.picture(0).shape[0]
     below = np.s_[height - int(axis.bbox.y0) + 2 : height - int(axis.bbox.y0) + 18]
     labels = []
     for frame in (0, 4):
-        labels.append(stage.picture(frame)[below].copy())
+        labels.append(canvas.picture(frame)[below].copy())
         low, high = axis.get_xlim()
         assert low < x[frame] < high
     assert np.abs(labels[0].astype(int) - labels[1]).max() > 100
@@ -150,7 +149,7 @@ def test_a_stroke_spans_its_shape(shape, low, high) -> None:
 
 
 def test_the_head_of_a_short_arrow_is_no_longer_than_the_arrow() -> None:
-    scene = Stage(Animation(VIEW, fps=10)).scenes[0]
+    scene = Canvas(Animation(VIEW, fps=10)).scenes[0]
     for path in colored(scene, 3, VERMILLION) + colored(scene, 2, VERMILLION):
         start, neck, _, tip = path.vertices[:4]
         assert np.linalg.norm(tip - neck) <= np.linalg.norm(tip - start) + 1e-12

@@ -1,8 +1,9 @@
-"""From the words of ``ocp train`` to algorithms with their settings, and to what help shows."""
+"""From the settings of ``ocp train`` to algorithms, to learned parameters, and to the help."""
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, get_type_hints
 
@@ -11,13 +12,12 @@ from ocp.learning.experiment import Experiment
 from ocp.settings import declared
 from ocp.words.numbers import whole
 from problems.tasks.usual import made, settings_of, usual
-from reports.cli.learning.psi_words import SETTINGS
+from reports.settings import default_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from ocp.learning.protocol import Algorithm
     from problems.tasks.spec import TaskSpec
+
 
 OWN = {setting.name: setting.meaning for setting in declared(Experiment)}
 """Settings that every algorithm has, fields of :class:`~ocp.learning.experiment.Experiment`."""
@@ -98,7 +98,11 @@ def help_text() -> str:
     parts = ["Tasks, and the algorithm that is usual:", *_table(tasks)]
     parts += ["", "Settings of all algorithms, -s name=value:"]
     parts += _table([(_shown(name, shared[name].default), OWN[name]) for name in OWN])
-    parts += ["", "Physical parameters learned beside the policy:", *_table([*SETTINGS.items()])]
+    parts += [
+        "",
+        "Physical parameters learned beside the policy:",
+        *_table([*PSI_SETTINGS.items()]),
+    ]
     for name, cls in ALGORITHMS.items():
         own = {field.name: field.default for field in settings_of(cls).values()}
         parts += ["", f"{name}: {cls.summary}; {cls.contact} law", _listed(own)]
@@ -119,12 +123,87 @@ def _listed(values: Mapping[str, Any]) -> str:
 
 
 def _shown(name: str, value: Any) -> str:
-    return f"{name}={'open-loop' if (name, value) == ('hidden', None) else _word(value)}"
+    return f"{name}={'open-loop' if (name, value) == ('hidden', None) else default_text(value)}"
 
 
-def _word(value: Any) -> str:
-    if value is None or isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple):
-        return ",".join(map(str, value)) or "affine"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+PSI = "psi"
+PSI_SETTINGS = {
+    "psi": "parameters of the task that are learned too, names with commas",
+    "psi.NAME": "what such a parameter of the model is at first",
+    "psi.walkers": "episodes that go on in every iteration; psi.steps of each",
+}
+"""What ``-s`` takes of it; the rest are fields of PsiLearning and of its random search."""
+
+
+@dataclass(frozen=True)
+class Believed:
+    """``names`` are learned, ``guesses`` are values of the model's at first, by name."""
+
+    names: tuple[str, ...] = ()
+    guesses: dict[str, float] = field(default_factory=dict)
+    own: dict[str, Any] = field(default_factory=dict)
+    search: dict[str, Any] = field(default_factory=dict)
+
+    def beside(self, algorithm: Algorithm) -> Algorithm:
+        """The algorithm, on a model whose parameters are learned where that is asked for."""
+        from ocp.learning.identification import RandomSearch
+        from ocp.learning.identification.psi_learning import PsiLearning
+
+        if not self.names:
+            return algorithm
+        search = RandomSearch(**self.search)
+        return PsiLearning(algorithm=algorithm, names=self.names, search=search, **self.own)
+
+
+def believed(given: Mapping[str, str], physical: Sequence[str]) -> Believed:
+    """Read the settings among ``given`` that begin with psi; ``physical`` are the task's.
+
+    Raises :class:`~ocp.errors.InputError` for unknown names and values that cannot be.
+    """
+    from ocp.learning.identification import RandomSearch
+    from ocp.learning.identification.psi_learning import PsiLearning
+    from ocp.words.typed import read
+
+    kinds = [get_type_hints(PsiLearning), get_type_hints(RandomSearch)]
+    own, search = (
+        {f.name: kind[f.name] for f in fields(cls) if kind[f.name] in (int, float)}
+        for cls, kind in zip((PsiLearning, RandomSearch), kinds, strict=True)
+    )
+    known = [*physical, *own, *search]
+    found = Believed(_physical_names(given.get(PSI, ""), physical))
+    for key, text in given.items():
+        name = key.removeprefix(f"{PSI}.")
+        if not is_psi(key) or key == PSI:
+            continue
+        if name not in known:
+            raise InputError(
+                f"no setting {key!r}{did_you_mean(name, known)}; psi takes {', '.join(known)}"
+            )
+        kind, values = (own.get(name), found.own) if name in own else (
+            (search.get(name), found.search) if name in search else (float, found.guesses)
+        )  # fmt: skip
+        values[name] = read(f"setting {key}", text, kind)
+    if not found.names and (found.own or found.search):
+        raise InputError(
+            f"setting {PSI}.{next(iter({**found.own, **found.search}))} is of learning physical"
+            f" parameters, and none is named; say -s {PSI}={physical[0]}"
+        )
+    return found
+
+
+def is_psi(key: str) -> bool:
+    """Whether a setting is one of these."""
+    return key.partition(".")[0] == PSI
+
+
+def _physical_names(text: str, physical: Sequence[str]) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    for name in names:
+        if name not in physical:
+            raise InputError(
+                f"setting {PSI}: the task has no parameter {name!r}"
+                f"{did_you_mean(name, physical)}; there are {', '.join(physical)}"
+            )
+    if len(set(names)) < len(names):
+        raise InputError(f"setting {PSI}: {text} names one twice; name each once")
+    return names

@@ -1,0 +1,179 @@
+"""Tables of specs and stored runs: parameters, best values, runs, claims, points, events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+from rich.text import Text
+
+from reports.console import knob_title, number, small, table_of
+
+if TYPE_CHECKING:
+    from ocp.store.stored_run import StoredRun
+    from problems.spec import Golden
+    from problems.studies import Claim
+
+
+def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
+    """A problem's parameters with default, unit and meaning."""
+    table = table_of(("parameter", "left"), ("default", "right"), ("unit", "left"), ("", "left"))
+    for row in parameters:
+        value, meaning = row["value"], row["description"]
+        if isinstance(value, str):
+            table.add_row(row["name"], value, "", f"{meaning} ({row['range']})")
+            continue
+        shown = number(value) if isinstance(value, int | float) else "required"
+        table.add_row(row["name"], shown, row["unit"], meaning)
+    return table
+
+
+def golden_table(golden: Mapping[str, Golden]) -> Table:
+    """Best known values, their certificates, and the number of solves behind each."""
+    rows = (
+        (name, known.method, number(known.cost, 9), known.certificate, str(known.tried))
+        for name, known in golden.items()
+    )
+    return table_of(
+        ("best known", "left"), ("method", "left"), ("cost", "right"), ("certificate", "left"),
+        ("of solves", "right"), rows=rows,
+    )  # fmt: skip
+
+
+def run_table(run: StoredRun) -> Table:
+    """One run's description, one line per key."""
+    table = table_of(("", "left"), ("", "left"))
+    table.show_header = False
+    meta, record = run.meta, run.meta.get("record") or {}
+    table.add_row("run", str(run.path))
+    for key in ("kind", "problem", "created", "status", "cost", "return", "iterations", "seed",
+                "tags", "revision"):  # fmt: skip
+        if meta.get(key) not in (None, []):
+            table.add_row(key, _inline(meta[key]))
+    for key, value in record.items():
+        if value not in (None, {}, []) and key not in ("problem", "seed"):
+            table.add_row(key, _inline(value))
+    table.add_row("command", " ".join(meta.get("argv") or []))
+    table.add_row("versions", _inline(meta.get("versions") or {}))
+    table.add_row("arrays", ", ".join(str(name) for name in run.data.data_vars))
+    return table
+
+
+def claim_table(claims: Sequence[Claim]) -> Table:
+    """A study's claims: expected value, measured value, verdict."""
+    from problems.studies.study import verdict
+
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 1, 0))
+    for name, share in (("claim", 6), ("source", 4), ("expected", 4), ("measured", 5)):
+        table.add_column(name, ratio=share, overflow="fold")
+    table.add_column("holds", no_wrap=True)
+    marks = {"holds": "yes", "does not hold": "NO"}
+    for claim in claims:
+        held = verdict(claim.holds, claim.margin)
+        cells = (claim.claim, claim.source, claim.expected, claim.measured)
+        table.add_row(*map(Text, cells), marks.get(held, held))
+    return table
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key}={_inline(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        return " ".join(map(_inline, value))
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def curve_lines(name: str, rows: Sequence[Mapping[str, Any]], heads: bool) -> Iterator[str]:
+    """Points of a continuation, one line of at most 80 columns each, with ``heads`` on top."""
+    if heads:
+        yield _cells(knob_title(name), "cost", "exact cost", "lam·gap", "iter")
+    for row in rows:
+        yield _cells(
+            f"{row['value']:.5g}", number(row["cost"], 7), number(row["exact_cost"], 7),
+            small(row["complementarity"]), str(row["iterations"]), row["status"],
+        )  # fmt: skip
+
+
+def _cells(*cells: str) -> str:
+    widths = (12, 13, 13, 7, 5, 0)
+    return "  ".join(f"{cell:>{wide}}" for cell, wide in zip(cells, widths, strict=False)).rstrip()
+
+
+def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    """Number, value, kind, change, steps and cost of all events except active bounds."""
+    kept = [event for event in events if event["kind"] != "bound"]
+    for count, event in enumerate(kept, start=1):
+        steps = ", ".join(str(step) for step in event["steps"])
+        what = f"{event['contact']} {event['change']}".strip()
+        yield (str(count), f"{event['value']:.8g}", event["kind"], what, steps,
+               number(event["cost"], 7))  # fmt: skip
+
+
+def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
+    """The events of a continuation."""
+    return table_of(("", "right"), (knob_title(name), "right"), ("event", "left"), ("", "left"),
+                    ("steps", "left"), ("cost", "right"), rows=event_rows(events))  # fmt: skip
+
+
+Row = Mapping[str, Any]
+
+
+def run_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Two lines a run: number, name, problem and verdict; then law, method, N, scenarios."""
+    wide = max(len(row["at"]) for row in rows)
+    for row in rows:
+        name = row["run"].rpartition("/")[2]
+        yield f"{row['at']:>{wide}}  {name}  {row['problem']}  {outcome(row)}"
+        detail = row["damage"] or ", ".join(_parts(row))
+        margin = " " * (wide + 2)
+        yield from wrap(
+            detail, 80, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False
+        )
+
+
+def outcome(row: Row) -> str:
+    """Grade or status of a run, and its cost or return."""
+    if row["damage"]:
+        return "damaged"
+    if row["return"] is not None:
+        return f"return {number(row['return'], 4)}"
+    word = row["grade"] if row["grade"] not in (None, "failed") else row["status"]
+    cost = "" if row["cost"] is None else f"  cost {number(row['cost'])}"
+    return f"{word}{cost}"
+
+
+def law(row: Row) -> str:
+    """A law with its knobs: ``barrier mu=0.001``."""
+    knobs = row["contact_settings"] or {}
+    values = (f"{name}={_word(value)}" for name, value in knobs.items() if value is not None)
+    return " ".join([row["contact"], *values])
+
+
+def _parts(row: Row) -> Iterator[str]:
+    if row["kind"] != "solve":
+        over = f" over {row['over']}" if row["over"] else ""
+        yield f"{row['kind']}{over}"
+    if row["algorithm"]:
+        yield f"{row['algorithm']}, seed {row['seed']}"
+    if row["contact"]:
+        yield law(row)
+    for key in ("method", "policy"):
+        if row[key]:
+            yield row[key]
+    if row["N"] is not None:
+        yield f"N={row['N']}"
+        yield f"{row['scenarios']} scenario{'' if row['scenarios'] == 1 else 's'}"
+    if row["tags"]:
+        yield "tagged " + " ".join(row["tags"])
+
+
+def _word(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def filter_values(rows: Sequence[Row], key: str) -> list[str]:
+    """Distinct values of ``key`` among the runs; the grades count as values of the status."""
+    keys = ("status", "grade") if key == "status" else (key,)
+    return sorted({str(row[one]) for row in rows for one in keys if row[one] is not None})
