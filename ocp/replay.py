@@ -9,7 +9,13 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.judges.audit import signed_distances
-from ocp.physics.constraints import Violation, broken_constraints, noticeable, seen_sizes, told
+from ocp.physics.constraints import (
+    Violation,
+    broken_constraints,
+    describe_violations,
+    noticeable,
+    seen_sizes,
+)
 from ocp.physics.least_slip import least_slip
 from ocp.physics.measures import Worst, between
 from ocp.problem import Problem
@@ -54,7 +60,7 @@ class Replay:
 
     @property
     def _broken(self) -> str:
-        return "".join(f"; {words}" for words in told(self.broken))
+        return "".join(f"; {words}" for words in describe_violations(self.broken))
 
 
 def replayed(

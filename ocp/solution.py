@@ -13,7 +13,7 @@ from dynamics.systems import KNOB
 from ocp.choices import closing_law
 from ocp.errors import InputError
 from ocp.floors import lent
-from ocp.judges.findings import Audit, Refereed
+from ocp.judges.findings import Audit, RefereeFindings
 from ocp.judges.verdict import Grade, grade, headline, verdict
 from ocp.problem import Problem
 from ocp.programs.status import Status
@@ -62,12 +62,12 @@ class Solution:
     under the referee ``x_referee``, ``u_referee``,
     ``phi``, ``phi_replay`` (scenario, node, distance) where the system knows its signed distance,
     with friction ``normal_impulse``, ``friction_impulse``, ``slip``, ``friction_bound`` (friction
-    times normal impulse) and, as 0 or 1, ``acts``, ``slides``, ``weak`` (scenario, interval, point)
-    of every contact, and their ``_replay``, for feedback ``K`` (interval, control, state) and ``k``
-    (interval, control), and the homotopy's stages: ``stage_value``, ``stage_cost``,
-    ``stage_complementarity``, ``stage_residual``, ``stage_iterations`` (stage), and ``stage_x``,
-    ``stage_u`` (accepted_stage, scenario or shared, interval, state or control) of those that
-    succeeded. Coordinate ``time`` [s].
+    times normal impulse) and, as 0 or 1, ``active``, ``slipping``, ``degenerate`` (scenario,
+    interval, point) of every contact, and their ``_replay``, for feedback ``K`` (interval, control,
+    state) and ``k`` (interval, control), and the homotopy's stages: ``stage_value``,
+    ``stage_cost``, ``stage_complementarity``, ``stage_residual``, ``stage_iterations`` (stage), and
+    ``stage_x``, ``stage_u`` (accepted_stage, scenario or shared, interval, state or control) of
+    those that succeeded. Coordinate ``time`` [s].
 
     Of ``solve_s`` [s], ``evaluation_s`` went into evaluating cost, constraints and derivatives;
     ``solver_s``, the rest, into the solver: linear algebra, line search, its own affairs. It is
@@ -82,7 +82,7 @@ class Solution:
     status: Status
     audit: Audit
     certificate: Certificate
-    referee: Refereed
+    referee: RefereeFindings
     idle_cost: float
     stages: list[StageRecord]
     iterations: int

@@ -184,12 +184,12 @@ def _contact_duals(
     multiplier times the larger member is that force, and what pulls below zero is left to the
     bound where there is a choice. Changes ``lam_x`` to match.
     """
-    acts = lam > gap
-    held = np.where(acts, lam_x["gap"], lam_x["lam"])
+    active = lam > gap
+    held = np.where(active, lam_x["gap"], lam_x["lam"])
     pulled = np.maximum(held, 0.0) if exact else held
-    lam_x["gap"] = np.where(acts, held - pulled, lam_x["gap"])
-    lam_x["lam"] = np.where(acts, lam_x["lam"], held - pulled)
-    return pulled / np.maximum(np.where(acts, lam, gap), _LEAST)
+    lam_x["gap"] = np.where(active, held - pulled, lam_x["gap"])
+    lam_x["lam"] = np.where(active, lam_x["lam"], held - pulled)
+    return pulled / np.maximum(np.where(active, lam, gap), _LEAST)
 
 
 class _Carrier:
@@ -287,13 +287,13 @@ class _Carrier:
         """Keep the larger of each pair, in characteristic sizes; the other follows from mu."""
         size = self.problem.sizes
         mu = np.maximum(mu, _LEAST * size.impulse * size.gap)
-        acts = lam / size.impulse > gap / size.gap
+        active = lam / size.impulse > gap / size.gap
         share = np.sqrt(mu / (size.impulse * size.gap))
         large = np.maximum(np.maximum(lam / size.impulse, gap / size.gap), share)
         small = share**2 / large
         return (
-            np.where(acts, large, small) * size.impulse,
-            np.where(acts, small, large) * size.gap,
+            np.where(active, large, small) * size.impulse,
+            np.where(active, small, large) * size.gap,
         )
 
     def duals(self, prefix: str, layout: Layout, method: str) -> dict[str, np.ndarray]:

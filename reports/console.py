@@ -16,7 +16,7 @@ from rich.text import Text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ocp.judges.findings import Audit, Refereed
+    from ocp.judges.findings import Audit, RefereeFindings
     from ocp.solution import Solution, StageRecord
     from ocp.stationarity.certificate import Certificate
 
@@ -158,7 +158,7 @@ def result_table(solution: Solution) -> Table:
     return table
 
 
-def judged_rows(certificate: Certificate, referee: Refereed) -> list[tuple[str, str, str]]:
+def judged_rows(certificate: Certificate, referee: RefereeFindings) -> list[tuple[str, str, str]]:
     """What the referee and the certificate found, as name, number and explanation."""
     rows = [("", "no referee", "the system has no geometry")]
     if referee.survives is not None:
@@ -179,7 +179,7 @@ def judged_rows(certificate: Certificate, referee: Refereed) -> list[tuple[str, 
     return rows
 
 
-def distance_rows(referee: Refereed) -> list[tuple[str, str, str]]:
+def distance_rows(referee: RefereeFindings) -> list[tuple[str, str, str]]:
     """True lengths of the plan between nodes and at contact, with where they are largest."""
     found = (
         ("penetration between nodes", referee.between),
@@ -211,23 +211,23 @@ def contact_table(audit: Audit) -> Table:
     rough = math.isfinite(audit.cone_violation)
     heads = ("steps", *(["slipping"] if rough else []), "peak N", *(["slid m"] if rough else []))
     rows = (
-        (name, steps, slipping, peak, slid, weak, spans) if rough else (name, steps, peak, weak,
-                                                                        spans)
-        for name, steps, spans, slipping, peak, slid, weak in contact_rows(audit)
+        (name, steps, slipping, peak, slid, degenerate, spans) if rough
+        else (name, steps, peak, degenerate, spans)
+        for name, steps, spans, slipping, peak, slid, degenerate in contact_rows(audit)
     )  # fmt: skip
-    numbers = ((head, "right") for head in (*heads, "weak"))
+    numbers = ((head, "right") for head in (*heads, "degenerate"))
     table = table_of(("contact", "left"), *numbers, ("steps from-to", "left"), rows=rows)
     table.caption, table.caption_justify = idle_contacts(audit), "left"
     return table
 
 
 def contact_rows(audit: Audit) -> list[tuple[str, ...]]:
-    """Name, steps, spans, slipping steps, peak force [N], way slid [m], weak steps; as text."""
+    """Name, steps, spans, slipping steps, peak force [N], way slid [m], degenerate steps; text."""
     rows = []
     for found in audit.contacts:
         slid = number(found.slid, 3) if found.slipping else "0"
         row = (found.name, str(found.steps), spans_text(found.spans), str(found.slipping),
-               number(found.peak_force, 4), slid, str(found.weak))  # fmt: skip
+               number(found.peak_force, 4), slid, str(found.degenerate))  # fmt: skip
         rows += [row] if found.steps else []
     return rows
 
@@ -237,8 +237,8 @@ def idle_contacts(audit: Audit) -> str:
     idle = [found for found in audit.contacts if not found.steps]
     if not idle:
         return ""
-    weak = sum(found.weak for found in idle)
-    grazing = f", weak at {weak} steps" if weak else ""
+    steps = sum(found.degenerate for found in idle)
+    grazing = f", degenerate at {steps} steps" if steps else ""
     return f"{len(idle)} {'contact' if len(idle) == 1 else 'contacts'} never acting{grazing}"
 
 

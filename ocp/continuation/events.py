@@ -37,7 +37,7 @@ class Event:
     contact: str = ""
     steps: tuple[int, ...] = ()
 
-    def told(self, parameter: str) -> str:
+    def describe(self, parameter: str) -> str:
         """The event in words."""
         steps = "-".join(dict.fromkeys(f"{step}" for step in (*self.steps[:1], *self.steps[-1:])))
         who = f"{self.contact!r} " if self.contact else ""
@@ -83,7 +83,7 @@ def _named(event: Event) -> tuple[str, str, str]:
     return event.kind, event.contact, event.change
 
 
-def told(events: list[Event], parameter: str) -> str:
+def describe_events(events: list[Event], parameter: str) -> str:
     """Events in a sentence, three of a kind; of bounds only how many. Empty without events."""
     parts = []
     for kind, words in KINDS.items():
@@ -91,7 +91,7 @@ def told(events: list[Event], parameter: str) -> str:
         if not found:
             continue
         count = f"{len(found)} {words[len(found) > 1]}"
-        listed = ", ".join(event.told(parameter) for event in found[:_LISTED])
+        listed = ", ".join(event.describe(parameter) for event in found[:_LISTED])
         more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
         parts.append(count if kind == "bound" else f"{count}: {listed}{more}")
     return "; ".join(parts)

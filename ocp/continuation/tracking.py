@@ -16,7 +16,7 @@ from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.outcome import Outcome, lower
 from ocp.session import Session
-from ocp.stationarity.kkt import Curve, Held, regular
+from ocp.stationarity.kkt import Held, KKTCurve, regular
 
 _OFF = 1e-8
 _WEAK = 1e-6
@@ -49,7 +49,7 @@ class Tracker:
 
     def __init__(self, session: Session, name: str, span: float, log: bool) -> None:
         self.session, self.name, self.span, self.log = session, name, span, log
-        self.curve: Curve | None = None
+        self.curve: KKTCurve | None = None
         self.v, self.events, self.down = np.zeros(0), list[Event](), 0
         self.stuck, self.around, self.kinked, self.wasted = False, False, False, 0
 
@@ -129,14 +129,14 @@ class Tracker:
     def _far(self, one: float, other: float) -> float:
         return abs(np.log(other / one)) if self.log else abs(other - one)
 
-    def _violated(self, curve: Curve, v: np.ndarray | None) -> np.ndarray | None:
+    def _violated(self, curve: KKTCurve, v: np.ndarray | None) -> np.ndarray | None:
         """Ends beyond which a point lies; None where a smooth law's pair lies on no curve."""
         if v is None:
             return None
         below = self._kept(curve.margins(v)) < -_OFF
         return None if not curve.own.size and below[curve.program.pairs].any() else below
 
-    def _changed(self, curve: Curve, v: np.ndarray, end: int) -> Curve | None:
+    def _changed(self, curve: KKTCurve, v: np.ndarray, end: int) -> KKTCurve | None:
         """The curve beyond an event; None where a pair at (0, 0) would gain by leaving it."""
         held = curve.held.toggled(end)
         if end in curve.own and held.x[end]:
@@ -147,14 +147,16 @@ class Tracker:
                 return None
         return self._curve(curve, v, held)
 
-    def _curve(self, curve: Curve, v: np.ndarray, held: Held) -> Curve:
+    def _curve(self, curve: KKTCurve, v: np.ndarray, held: Held) -> KKTCurve:
         """A curve through a point of another, in sizes and the unit of that place."""
         (x, y), value = curve.point(v), float(v[-1] * curve.unit)
         unit = abs(value) if self.log else self.span
         values = {**curve.values, self.name: value}
-        return Curve(curve.program, values, self.name, unit, Point(x), y, held)
+        return KKTCurve(curve.program, values, self.name, unit, Point(x), y, held)
 
-    def _located(self, curve: Curve, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, int]:
+    def _located(
+        self, curve: KKTCurve, low: np.ndarray, high: np.ndarray
+    ) -> tuple[np.ndarray, int]:
         """The first end that changes between two points of a curve, and the point where it does.
 
         The secant of the end that is linearly predicted to be first, every third time a bisection.
@@ -184,7 +186,7 @@ class Tracker:
     def _kept(self, margins: np.ndarray) -> np.ndarray:
         return np.where(np.isnan(margins), -np.inf, margins)
 
-    def _event(self, curve: Curve, v: np.ndarray, end: int) -> Event:
+    def _event(self, curve: KKTCurve, v: np.ndarray, end: int) -> Event:
         name, step, contact = curve.place(end)
         cost, value = curve.result(v)[1], float(v[-1] * curve.unit)
         if contact and (curve.margins(v)[curve.own] < _WEAK).any(axis=0).sum() > 1:
@@ -210,7 +212,7 @@ class Tracker:
         self.v = self.curve.start
         return Outcome(result, self.program, True, follower.trace)
 
-    def changed(self, before: Curve, outcome: Outcome) -> list[Event]:
+    def changed(self, before: KKTCurve, outcome: Outcome) -> list[Event]:
         """Pairs whose state differs from that on another curve, as events at this point."""
         if self.curve is None or not self.curve.own.size:
             return []
@@ -305,7 +307,7 @@ class Tracker:
                 return
 
     def _fold(
-        self, curve: Curve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float
+        self, curve: KKTCurve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float
     ) -> np.ndarray:
         """Where the parameter's part of the tangent is zero, by bisection in the arc."""
         low, high, at = 0.0, arc, v
@@ -319,7 +321,7 @@ class Tracker:
         return at
 
 
-def _unit(curve: Curve, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _unit(curve: KKTCurve, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A tangent of length 1 in variables and parameter, and the weights of that length."""
     weights = np.ones_like(t)
     weights[curve.nx : -1] = 0.0

@@ -14,11 +14,11 @@ import numpy as np
 
 from dynamics.learned.laws import LearnedLaw
 from ocp.judges.audit import audit, feasible
-from ocp.judges.findings import Audit, Refereed
-from ocp.judges.referee import Hearing, hear
+from ocp.judges.findings import Audit, RefereeFindings
+from ocp.judges.referee import RefereeReport, evaluate
 from ocp.judges.verdict import UNJUDGED
 from ocp.physics.constraints import broken_constraints
-from ocp.physics.parting import Parting
+from ocp.physics.nonuniqueness import Nonuniqueness
 from ocp.problem import Problem, Sizes
 from ocp.programs.solver import Point
 from ocp.programs.status import Status
@@ -72,14 +72,14 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
             certificate = replace(certificate, reason=outcome.trace.refused)
         derivative = partial(sensitivity, asked, point, given)
         idle = idle_cost(session, rolled)
-    heard = hear(session.problem, session.step, rolled, values, plan.gains)
+    report = evaluate(session.problem, session.step, rolled, values, plan.gains)
     return Solution(
-        data=label(nlp, plan, replay, book, outcome, values, heard.referee.replay),
+        data=label(nlp, plan, replay, book, outcome, values, report.referee.replay),
         cost=rolled.cost,
         status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
         audit=found,
         certificate=certificate,
-        referee=refereed(heard, rolled, session.problem.sizes),
+        referee=referee_findings(report, rolled, session.problem.sizes),
         idle_cost=idle,
         stages=outcome.trace.records,
         iterations=outcome.trace.iterations,
@@ -174,40 +174,40 @@ def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: np.ndarra
     return bool(np.any(np.all(np.abs(after - start) <= limit[:, None], axis=0)))
 
 
-def refereed(heard: Hearing, plan: Rollout, sizes: Sizes) -> Refereed:
+def referee_findings(report: RefereeReport, plan: Rollout, sizes: Sizes) -> RefereeFindings:
     """What a run keeps of the referee's hearing; without geometry there is no referee."""
-    referee = heard.referee
-    parting = _undetermined(heard.parting, sizes)
+    referee = report.referee
+    nonuniqueness = _undetermined(report.nonuniqueness, sizes)
     if referee.note is None:
-        return Refereed(note="no geometry", parting=parting)
-    return Refereed(
+        return RefereeFindings(note="no geometry", nonuniqueness=nonuniqueness)
+    return RefereeFindings(
         cost=referee.cost,
         gap=float(np.abs(referee.replay.x - plan.x).max()),
-        survives=not (heard.reasons or heard.refined_reasons),
-        survives_at_h=not heard.reasons,
-        reasons=list(heard.reasons),
-        refined_reasons=list(heard.refined_reasons),
+        survives=not (report.reasons or report.refined_reasons),
+        survives_at_h=not report.reasons,
+        reasons=list(report.reasons),
+        refined_reasons=list(report.refined_reasons),
         note=referee.note,
         refined_cost=referee.refined_cost,
         refined_note=referee.refined_note,
-        penetration=heard.planned.penetration,
-        between=heard.planned.between,
-        force_distance=heard.planned.force_distance,
-        replay_penetration=heard.replayed.penetration,
-        replay_between=heard.replayed.between,
-        broken=[one.violation for one in heard.broken],
-        parting=parting,
+        penetration=report.planned.penetration,
+        between=report.planned.between,
+        force_distance=report.planned.force_distance,
+        replay_penetration=report.replayed.penetration,
+        replay_between=report.replayed.between,
+        broken=[one.violation for one in report.broken],
+        nonuniqueness=nonuniqueness,
     )
 
 
-def _undetermined(parting: Parting | None, sizes: Sizes) -> str:
-    if parting is None:
+def _undetermined(found: Nonuniqueness | None, sizes: Sizes) -> str:
+    if found is None:
         return ""
-    mu, unit = _SHARP * sizes.mu, parting.unit.removeprefix("1")
+    mu, unit = _SHARP * sizes.mu, found.unit.removeprefix("1")
     return (
-        f"the contact forces at step {parting.step} are not determined by the model"
-        f" ({', '.join(parting.contacts)}): from the same state and input {parting.state} may as"
-        f" well end {parting.distance:.2g} {unit}".rstrip()
+        f"the contact forces at step {found.step} are not determined by the model"
+        f" ({', '.join(found.contacts)}): from the same state and input {found.state} may as"
+        f" well end {found.distance:.2g} {unit}".rstrip()
         + " away; plan against it through a"
         f" step with one end: --method multiple-shooting --contact barrier -c mu={mu:.0e}"
     )

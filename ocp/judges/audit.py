@@ -6,9 +6,9 @@ import casadi as ca
 import numpy as np
 
 from ocp.judges.findings import Audit
-from ocp.physics.along import distances
 from ocp.physics.constraints import Violation, broken_constraints, noticeable, seen_sizes
-from ocp.physics.contact_book import ContactBook, contact_book, largest
+from ocp.physics.contact_report import ContactReport, contact_report, largest
+from ocp.physics.evaluation import distances
 from ocp.problem import Problem
 from ocp.programs.solver import Result
 from ocp.rollout import Rollout, roll_on
@@ -35,7 +35,7 @@ def signed_distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> n
 def audit(
     nlp: NLP, result: Result, plan: Trajectories, values: dict[str, float], p: np.ndarray,
     bounds: dict[str, np.ndarray],
-) -> tuple[Audit, Rollout, ContactBook]:  # fmt: skip
+) -> tuple[Audit, Rollout, ContactReport]:  # fmt: skip
     """Judge a result by its trajectories, and replay it under the exact law.
 
     Open loop: the same inputs. Feedback: the same policy from each scenario. The book is that of
@@ -54,7 +54,7 @@ def audit(
     smallest = np.minimum(plan.lam, plan.gap)
     # A learned law has no pairs, which is not the same as pairs that are complementary.
     pairs = nlp.step.n >= problem.system.nlam
-    book = contact_book(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
+    book = contact_report(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
     found = Audit(
         complementarity=largest(sharp) if pairs else float("nan"),
         complementarity_min=largest(np.abs(smallest)) if pairs else float("nan"),

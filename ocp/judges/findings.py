@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from ocp.physics.constraints import Violation
-from ocp.physics.contact_book import ContactSummary
+from ocp.physics.contact_report import ContactSummary
 from ocp.physics.measures import Worst
 
 
@@ -54,7 +54,7 @@ class Audit:
 
 
 @dataclass(frozen=True)
-class Refereed:
+class RefereeFindings:
     """What the sharpest contact makes of a plan, see :mod:`ocp.judges.referee`.
 
     ``cost`` and ``gap``, the largest difference of a state from the plan, are those of its replay;
@@ -65,8 +65,8 @@ class Refereed:
     replay: how deep bodies are in one another at the nodes (``penetration``) and on the way between
     them (``between``), and the largest true distance at which a normal force acts
     (``force_distance``), all [m]. ``broken`` are the constraints that the replay breaks.
-    ``parting`` tells the first step of the plan that the model does not determine, "" where there
-    is none.
+    ``nonuniqueness`` describes the first step of the plan at which the model's contact has another
+    solution, "" where there is none.
     """
 
     cost: float = math.nan
@@ -82,7 +82,7 @@ class Refereed:
     replay_penetration: Worst | None = None
     replay_between: Worst | None = None
     broken: list[Violation] = field(default_factory=list)
-    parting: str = ""
+    nonuniqueness: str = ""
     survives_at_h: bool | None = None
     refined_reasons: list[str] = field(default_factory=list)
 

@@ -11,17 +11,17 @@ import numpy as np
 
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
-from ocp.physics.along import distances
 from ocp.physics.constraints import (
     Broken,
     broken_constraints,
+    describe_violations,
     noticeable,
     seen_sizes,
-    told,
     travelled,
 )
+from ocp.physics.evaluation import distances
 from ocp.physics.measures import Physics, measure
-from ocp.physics.parting import Parting, find_parting
+from ocp.physics.nonuniqueness import Nonuniqueness, find_nonuniqueness
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, Unsolved, roll_on, trajectory_costs
 
@@ -125,13 +125,13 @@ def place_of(symbol: ca.SX | float, among: ca.SX) -> int | None:
 
 
 @dataclass(frozen=True)
-class Hearing:
-    """All that is to be said of a plan's physics, see :func:`hear`.
+class RefereeReport:
+    """All that is to be said of a plan's physics, see :func:`evaluate`.
 
     ``reasons`` are those why the plan does not survive, see :func:`survival`, ``refined_reasons``
     those why it does not at h/4, see :func:`survival_refined`. ``planned`` and ``replayed`` measure
     plan and replay; ``broken`` are the constraints that the replay breaks by anything at all, the
-    worst first; ``parting`` the first step of the plan that the model does not determine.
+    worst first; ``nonuniqueness`` the first step of the plan that the model does not determine.
     """
 
     referee: Referee
@@ -140,32 +140,32 @@ class Hearing:
     planned: Physics
     replayed: Physics
     broken: tuple[Broken, ...]
-    parting: Parting | None
+    nonuniqueness: Nonuniqueness | None
 
 
-def hear(
+def evaluate(
     problem: Problem,
     step: Step,
     plan: Rollout,
     values: dict[str, float],
     gains: Gains | None = None,
-) -> Hearing:
+) -> RefereeReport:
     """Referee a plan that was made with ``step``, and measure both.
 
     The plan's inputs are replayed, or the policy where there is one, from the plan's own starts.
     """
     physical = problem.parameters.pack(values)
-    heard = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
-    there = heard.replay
+    outcome = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
+    there = outcome.replay
     planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
     replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
     broken = tuple(
         broken_constraints(problem, there.x, there.u, physical, seen_sizes(problem, plan.x))
     )
-    parting = find_parting(problem, plan.x, plan.u, plan.lam, values)
-    reasons = survival(problem, plan, heard, replayed, broken)
-    finer = survival_refined(problem, plan, heard, values)
-    return Hearing(heard, reasons, finer, planned, replayed, broken, parting)
+    nonuniqueness = find_nonuniqueness(problem, plan.x, plan.u, plan.lam, values)
+    reasons = survival(problem, plan, outcome, replayed, broken)
+    finer = survival_refined(problem, plan, outcome, values)
+    return RefereeReport(outcome, reasons, finer, planned, replayed, broken, nonuniqueness)
 
 
 def seen_gap(problem: Problem, x: np.ndarray) -> float:
@@ -179,7 +179,7 @@ def seen_gap(problem: Problem, x: np.ndarray) -> float:
 
 
 def survival(
-    problem: Problem, plan: Rollout, heard: Referee, physics: Physics, broken: Sequence[Broken]
+    problem: Problem, plan: Rollout, outcome: Referee, physics: Physics, broken: Sequence[Broken]
 ) -> tuple[str, ...]:
     """Reasons why a refereed plan does not survive, each half a sentence; none where it does.
 
@@ -190,24 +190,24 @@ def survival(
     the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`).
     ``physics`` and ``broken`` are those of the replay.
     """
-    excess = (heard.cost - plan.cost) / max(abs(plan.cost), LEAST_COST * problem.sizes.cost)
-    off = np.abs(heard.replay.x - plan.x)
+    excess = (outcome.cost - plan.cost) / max(abs(plan.cost), LEAST_COST * problem.sizes.cost)
+    off = np.abs(outcome.replay.x - plan.x)
     shares = off / seen_sizes(problem, plan.x)
     share = float(shares.max())
     reasons = []
-    if heard.failed is not None:
-        reasons.append(heard.failed.brief)
+    if outcome.failed is not None:
+        reasons.append(outcome.failed.brief)
     elif not math.isfinite(share):
         reasons.append("it leads to states that are no numbers")
-    elif not math.isfinite(heard.cost):
+    elif not math.isfinite(outcome.cost):
         reasons.append("its cost is no number there")
     if excess > COST_SHARE:
-        reasons.append(f"it costs {heard.cost:.6g} instead of {plan.cost:.6g}")
+        reasons.append(f"it costs {outcome.cost:.6g} instead of {plan.cost:.6g}")
     if share > STATE_SHARE:
         s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), off.shape))
         signal = problem.system.states[i]
         reasons.append(f"{signal.name} is {off[s, k, i]:.2g} {signal.unit} off at node {k}")
-    reasons += [f"its {words}" for words in told(noticeable(broken))]
+    reasons += [f"its {words}" for words in describe_violations(noticeable(broken))]
     deep = seen_gap(problem, plan.x)
     for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
         if worst is not None and worst.amount > PENETRATION_SHARE * deep:
@@ -219,7 +219,7 @@ def survival(
 
 
 def survival_refined(
-    problem: Problem, plan: Rollout, heard: Referee, values: dict[str, float]
+    problem: Problem, plan: Rollout, outcome: Referee, values: dict[str, float]
 ) -> tuple[str, ...]:
     """Reasons why the replay at h/4 does not hold, each half a sentence; none where h is no step.
 
@@ -228,11 +228,11 @@ def survival_refined(
     not compared node by node: an impact that comes a fraction of a step sooner changes a velocity
     by all of it, and the cost by little.
     """
-    there, physical = heard.refined, problem.parameters.pack(values)
+    there, physical = outcome.refined, problem.parameters.pack(values)
     if there is None:
         return ()
-    if heard.refined_note:
-        return (f"it is not replayed: {heard.refined_note}",)
+    if outcome.refined_note:
+        return (f"it is not replayed: {outcome.refined_note}",)
     if not math.isfinite(there.cost):
         return ("its cost is no number",)
     reasons, least = [], LEAST_COST * problem.sizes.cost
@@ -240,7 +240,7 @@ def survival_refined(
         reasons.append(f"it costs {there.cost:.6g}")
     seen = seen_sizes(problem, plan.x)
     every = broken_constraints(problem, there.x, there.u, physical, seen)
-    reasons += [f"its {words}" for words in told(noticeable(every, STATE_SHARE))]
+    reasons += [f"its {words}" for words in describe_violations(noticeable(every, STATE_SHARE))]
     if problem.signed_distance is not None:
         deep = -float(np.nanmin(distances(problem, there.x, physical), initial=0.0))
         if deep > PENETRATION_SHARE * seen_gap(problem, plan.x):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from dynamics.systems import KNOB
 from ocp.judges.jumps import jumps_of
 from ocp.judges.referee import PENETRATION_SHARE, seen_gap
-from ocp.physics.constraints import told
+from ocp.physics.constraints import describe_violations
 from ocp.programs.solver import TIMED_OUT
 
 if TYPE_CHECKING:
@@ -37,12 +37,12 @@ def headline(found: Solution) -> str:
     if not math.isfinite(found.cost):
         return f"{first}."
     parts = [first, _exact(found), _refereed(found)]
-    heard, ending = found.referee, found.referee.word
+    referee, ending = found.referee, found.referee.word
     feasible = found.success or found.status.label in _FEASIBLE
-    if heard.survives is None or (ending.startswith("survives") and not feasible):
+    if referee.survives is None or (ending.startswith("survives") and not feasible):
         ending = ""
     elif ending != "does not survive":
-        ending = ": at h/4 ".join([ending, *heard.refined_reasons[:1]])
+        ending = ": at h/4 ".join([ending, *referee.refined_reasons[:1]])
     return ", ".join(part for part in parts if part) + (f"; {ending}." if ending else ".")
 
 
@@ -90,7 +90,7 @@ def findings(found: Solution) -> list[str]:
     others = found.record.get("learned_at", {}).items()
     differs = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in others)
     model += f"; its data were taken at {differs}" if differs else ""
-    said = (model, _referee(found), _replay(found), _broken(found), found.referee.parting)
+    said = (model, _referee(found), _replay(found), _broken(found), found.referee.nonuniqueness)
     lines += [_sentence(line) for line in said if line]
     if steps := found.record.get("refined"):
         lines.append(_refined(steps["levels"], steps["stopped"]))
@@ -113,19 +113,19 @@ UNJUDGED = "the point is not feasible"
 
 
 def _referee(found: Solution) -> str:
-    heard = found.referee
-    if heard.survives is None:
+    referee = found.referee
+    if referee.survives is None:
         return "no referee: the system has no geometry"
-    who = f"referee: {heard.note}"
-    if heard.word == "does not survive":
-        who += "; the plan does not survive: " + "; ".join(heard.reasons[:3])
+    who = f"referee: {referee.note}"
+    if referee.word == "does not survive":
+        who += "; the plan does not survive: " + "; ".join(referee.reasons[:3])
         who += _planned(found)
-    off = abs(heard.refined_cost - heard.cost)
-    if heard.refined_reasons and heard.survives_at_h:
-        who += "; at a quarter of the step size " + "; ".join(heard.refined_reasons[:3])
-    elif off > _NOTABLE * abs(heard.cost):
-        who += f"; at a quarter of the step size it costs {heard.refined_cost:.6g}"
-    return who + (_cut(found) if heard.survives_at_h else "")
+    off = abs(referee.refined_cost - referee.cost)
+    if referee.refined_reasons and referee.survives_at_h:
+        who += "; at a quarter of the step size " + "; ".join(referee.refined_reasons[:3])
+    elif off > _NOTABLE * abs(referee.cost):
+        who += f"; at a quarter of the step size it costs {referee.refined_cost:.6g}"
+    return who + (_cut(found) if referee.survives_at_h else "")
 
 
 def _cut(found: Solution) -> str:
@@ -171,7 +171,7 @@ def _replay(found: Solution) -> str:
         return "replayed under the exact law, the cost is no number"
     infeasible = found.certificate.reason == UNJUDGED
     least = max(_NOTABLE * abs(found.cost), _SAME * found.problem.sizes.cost)
-    if infeasible or found.referee.parting or abs(off) <= least:
+    if infeasible or found.referee.nonuniqueness or abs(off) <= least:
         return ""
     if found.record.get("contact") == "exact":
         remedy = "" if found.record.get("policy") == "feedback" else (
@@ -199,7 +199,9 @@ def _broken(found: Solution) -> str:
     """Constraints that the exact replay breaks, where the referee has not told of its own."""
     if found.referee.word == "does not survive" or not found.audit.replay_broken:
         return ""
-    return "replayed under the exact law, its " + ", its ".join(told(found.audit.replay_broken))
+    return "replayed under the exact law, its " + ", its ".join(
+        describe_violations(found.audit.replay_broken)
+    )
 
 
 def grade(found: Solution) -> Grade:

@@ -116,7 +116,7 @@ def noticeable(broken: Sequence[Broken], share: float = CONSTRAINT_SHARE) -> lis
     return list(worst.values())
 
 
-def told(broken: Sequence[Violation]) -> list[str]:
+def describe_violations(broken: Sequence[Violation]) -> list[str]:
     """Say of every violation what is broken, by how much and at which step, half a sentence each.
 
     They begin with the constraint's name: "terminal constraint end is broken by 0.3 at step 20".

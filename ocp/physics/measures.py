@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.physics.along import distances, normal_impulses
+from ocp.physics.evaluation import distances, normal_impulses
 from ocp.problem import Problem
 
-ACTS = 1e-3
+ACTIVE = 1e-3
 """Share of the characteristic impulse above which a normal impulse counts as a force that acts."""
 _SAMPLES = 16
 _GOLDEN = (np.sqrt(5) - 1) / 2
@@ -37,7 +37,7 @@ class Physics:
 
     ``penetration`` max(0, -phi) at the nodes; ``between`` the same along the straight way in the
     coordinates from node to node; ``force_distance`` the largest phi(x_next) at which a normal
-    impulse above :data:`ACTS` of the characteristic one acts. Nodes that are no number count for
+    impulse above :data:`ACTIVE` of the characteristic one acts. Nodes that are no number count for
     nothing.
     """
 
@@ -56,7 +56,7 @@ def measure(
     phi, names = distances(problem, x, physical), problem.system.distance_names
     impulse = normal_impulses(problem, step, x, u, lam, physical)
     after = phi[:, 1:, : impulse.shape[2]]
-    acting = np.where(impulse > ACTS * problem.sizes.impulse, after, 0.0)
+    acting = np.where(impulse > ACTIVE * problem.sizes.impulse, after, 0.0)
     return Physics(
         _worst(-phi, names),
         between(problem, x, physical),

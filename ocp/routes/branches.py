@@ -133,7 +133,7 @@ class Branches:
         step = model.descend(radius, True, -np.inf)
         if not step.step.any():
             return None
-        active[step.near] = step.acts > 0.5
+        active[step.near] = step.active > 0.5
         found = self.solve(Point(there + radius * model.sizes * step.step), active)
         return found if found.ok else None
 
@@ -179,7 +179,7 @@ class Branches:
         if not direction.decrease > cut:
             return None
         active = self.program.active_sets(best.point.x)[-1]
-        active[direction.near] = direction.acts > 0.5
+        active[direction.near] = direction.active > 0.5
         there = best.point.x + radius * model.sizes * direction.step
         found = self.solve(Point(there, best.point.lam_x, best.point.lam_g), active)
         how = f"{found.word} after {found.iterations} iterations"

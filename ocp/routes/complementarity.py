@@ -28,9 +28,9 @@ class Route:
     """Which strategy relaxes the pairs, from sizes ``reference``, and where it starts.
 
     ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
-    branches are then solved (:mod:`~ocp.routes.distant_schedules`): a few after an easy path, else
-    many, and then ``alternatives`` are followed from the same start. The cheapest
-    of all answers counts.
+    branches are then solved (:mod:`~ocp.routes.distant_schedules`): a few after a path that was
+    easy to follow, else many, and then ``alternatives`` are followed from the same start. The
+    cheapest of all answers counts.
     """
 
     strategy: Strategy

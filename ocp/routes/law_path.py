@@ -56,8 +56,8 @@ def from_exact(
     if program.pairs.size:
         mu = max(value, MU_LAST) if schedule is not None and schedule.is_mu else MU_LAST
         lam, gap = np.maximum(x[program.pairs], np.sqrt(mu) * 1e-3)
-        acts = lam > gap
-        x[program.pairs] = np.where(acts, lam, mu / gap), np.where(acts, mu / lam, gap)
+        active = lam > gap
+        x[program.pairs] = np.where(active, lam, mu / gap), np.where(active, mu / lam, gap)
     for mu_init in (1e-3, 1e-6):
         stage = HomotopyStage("from exact", value, options={**_NEAR, "mu_init": mu_init})
         found = follower.solve_stage(stage, program, Point(x), False)

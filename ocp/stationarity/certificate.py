@@ -38,7 +38,7 @@ _WORDS = {
 
 
 @dataclass(frozen=True)
-class Move:
+class ContactChange:
     """A pair that the steepest direction takes to its other side, at steps ``first`` to ``last``.
 
     ``change`` says in words what that means for a pair of its kind, ``contact`` is its name.
@@ -88,7 +88,7 @@ class Certificate:
     slope: float = float("nan")
     gain: float = 0.0
     negative_curvature: int = -1
-    moves: list[Move] = field(default_factory=list)
+    moves: list[ContactChange] = field(default_factory=list)
     reason: str = ""
     seconds: float = 0.0
 
@@ -288,22 +288,22 @@ def _curvature(model: LinearModel, hessian: sp.csr_matrix) -> int:
     return negative_curvature(hessian[free][:, free], model.rows[active][:, free])
 
 
-def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[Move]:
+def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[ContactChange]:
     """Contacts whose pairs the direction takes to their other side, runs of steps joined."""
     if not descent.near.size:
         return []
     acted = model.members[0, descent.near] > model.members[1, descent.near]
     moved = descent.step[model.pairs[:, descent.near]]
-    grows = np.where(descent.acts > 0.5, moved[0], moved[1]) > 1e-6
+    grows = np.where(descent.active > 0.5, moved[0], moved[1]) > 1e-6
     biactive = np.all(model.members[:, descent.near] < _BIACTIVE, axis=0)
-    changed = grows & (biactive | (acted != (descent.acts > 0.5)))
+    changed = grows & (biactive | (acted != (descent.active > 0.5)))
     found: dict[tuple[int, str, str], list[int]] = {}
     for index in np.flatnonzero(changed):
         pair = nlp.pair_name(int(descent.near[index]))
-        change = _WORDS[pair.kind][int(descent.acts[index] > 0.5)]
+        change = _WORDS[pair.kind][int(descent.active[index] > 0.5)]
         insort(found.setdefault((pair.scenario, pair.name, change), []), pair.step)
     return [
-        Move(change, name, scenario, int(run[0]), int(run[-1]))
+        ContactChange(change, name, scenario, int(run[0]), int(run[-1]))
         for (scenario, name, change), steps in sorted(found.items(), key=lambda item: item[1][0])
         for run in np.split(steps, np.flatnonzero(np.diff(steps) != 1) + 1)
     ]

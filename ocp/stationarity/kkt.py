@@ -32,7 +32,7 @@ class Held:
     g: np.ndarray
 
     def toggled(self, end: int) -> Held:
-        """Hold what is free, or free what is held, at an end of :meth:`Curve.margins`."""
+        """Hold what is free, or free what is held, at an end of :meth:`KKTCurve.margins`."""
         x, g = self.x.copy(), self.g.copy()
         part, at = (x, end) if end < 2 * x.size else (g, end - 2 * x.size)
         sign, at = (-1, at) if at < part.size else (1, at - part.size)
@@ -40,14 +40,14 @@ class Held:
         return Held(x, g)
 
     def holds(self, end: int) -> bool:
-        """Whether an end of :meth:`Curve.margins` is held."""
+        """Whether an end of :meth:`KKTCurve.margins` is held."""
         after = self.toggled(end)
         return np.abs(after.x).sum() + np.abs(after.g).sum() < (
             np.abs(self.x).sum() + np.abs(self.g).sum()
         )
 
 
-class Curve:
+class KKTCurve:
     """Stationary points of a program along the parameter ``name``, its active set held.
 
     Coordinates v are the free variables in characteristic sizes, multipliers of the held rows in
@@ -254,13 +254,13 @@ class Curve:
 
 def regular(
     program: Program, point: Point, values: dict[str, float], name: str, unit: float
-) -> tuple[Curve, np.ndarray]:
+) -> tuple[KKTCurve, np.ndarray]:
     """Put a solved point on its curve; raises ``InputError`` where it has none."""
     p, bounds = program.parameter_vector(values), program.bounds(values)
     y = point.lam_g
     if y is None:
         y = fit_multipliers(linear_model(program, point.x, p, bounds))
-    curve = Curve(program, values, name, unit, point, y)
+    curve = KKTCurve(program, values, name, unit, point, y)
     v = curve.newton(curve.start, curve.along, curve.start[-1])
     if v is None:
         raise InputError(

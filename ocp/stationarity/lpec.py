@@ -197,14 +197,14 @@ class LinearModel:
 class Descent:
     """The steepest direction found: what it gains per radius, and where near pairs go.
 
-    ``acts`` (of ``near``) is 1 where the multiplier may grow and the gap stays zero. ``decrease``
+    ``active`` (of ``near``) is 1 where the multiplier may grow and the gap stays zero. ``decrease``
     is NaN where the program was not solved; ``trouble`` says why.
     """
 
     decrease: float
     step: np.ndarray = field(default_factory=lambda: np.zeros(0))
     near: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
-    acts: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    active: np.ndarray = field(default_factory=lambda: np.zeros(0))
     trouble: str = ""
 
 

@@ -9,14 +9,14 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
-from ocp.stationarity.kkt import Curve, regular
+from ocp.stationarity.kkt import KKTCurve, regular
 from ocp.transcription.nlp import NLP
 from ocp.transcription.trajectories import trajectories
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_WEAK = 1e-7
+_DEGENERATE = 1e-7
 """A slack or multiplier, in characteristic sizes, below which an end is not strictly one or other.
 """
 _STILL = 1e-6
@@ -64,7 +64,7 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], name: str)
     )  # fmt: skip
 
 
-def _check_strict(curve: Curve, v: np.ndarray, t: np.ndarray) -> None:
+def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
     """Refuse where an end is neither held nor free.
 
     One whose slack and multiplier are zero, and stay so to first order along the tangent, does no
@@ -74,22 +74,22 @@ def _check_strict(curve: Curve, v: np.ndarray, t: np.ndarray) -> None:
     margins = curve.margins(v)
     with np.errstate(invalid="ignore"):
         slopes = (curve.margins(v + step) - curve.margins(v - step)) / (2 * _DIFFERENCE)
-    weak = (margins < _WEAK) & ~((margins > -_WEAK) & (np.abs(slopes) < _STILL))
+    degenerate = (margins < _DEGENERATE) & ~((margins > -_DEGENERATE) & (np.abs(slopes) < _STILL))
     if curve.own.size:
-        pressed = curve.press(v)[curve.own[::-1]] > _WEAK
+        pressed = curve.press(v)[curve.own[::-1]] > _DEGENERATE
         alone = (curve.held.x[curve.own[::-1]] != 0) & (curve.held.x[curve.own] == 0)
-        weak[curve.own] |= (margins[curve.own] < _WEAK) & alone & ~pressed
+        degenerate[curve.own] |= (margins[curve.own] < _DEGENERATE) & alone & ~pressed
     else:
-        weak[curve.program.pairs] = False
-    if weak.any():
-        name, step, _ = curve.place(int(np.flatnonzero(weak)[0]))
+        degenerate[curve.program.pairs] = False
+    if degenerate.any():
+        name, step, _ = curve.place(int(np.flatnonzero(degenerate)[0]))
         raise InputError(
             f"no derivative by {curve.name}: complementarity is not strict at"
             f" {name!r}, step {step} (slack and multiplier are both zero)"
         )
 
 
-def _check_regular(program: NLP, curve: Curve, v: np.ndarray) -> None:
+def _check_regular(program: NLP, curve: KKTCurve, v: np.ndarray) -> None:
     """Refuse where the reduced KKT matrix takes some direction of states and inputs to nothing."""
     right = np.random.default_rng(0).standard_normal(v.size)
     right[-1] = 0.0
@@ -108,14 +108,14 @@ def _check_regular(program: NLP, curve: Curve, v: np.ndarray) -> None:
         )
 
 
-def _trajectories(program: NLP, curve: Curve, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _trajectories(program: NLP, curve: KKTCurve, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     point, f, g = curve.result(v)
     found = Result(point, f, g, Status.SOLVED, "", 0, 0.0)
     plan = trajectories(program, found, curve.given(v[-1])[0])
     return plan.x, plan.u
 
 
-def _cost_slope(curve: Curve, v: np.ndarray) -> float:
+def _cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
     """Partial derivative of the Lagrangian by the parameter, bounds that are held with it."""
     _, y = curve.point(v)
     step, ends = _DIFFERENCE / 10 * curve.along, []

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 from ocp.errors import DamagedRun
-from ocp.judges.findings import Audit, Refereed
+from ocp.judges.findings import Audit, RefereeFindings
 from ocp.programs.status import Status
 from ocp.solution import Grade, StageRecord
 from ocp.stationarity.certificate import Certificate
@@ -85,7 +85,7 @@ class Solved(TypedDict):
     grade: Grade
     audit: Audit
     certificate: Certificate
-    referee: Refereed
+    referee: RefereeFindings
     stages: list[StageRecord]
     others: list[Row]
     cost: float

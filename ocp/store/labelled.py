@@ -8,7 +8,7 @@ import numpy as np
 
 from dynamics.systems import Signal
 from ocp.judges.audit import signed_distances
-from ocp.physics.contact_book import ContactBook, contact_book
+from ocp.physics.contact_report import ContactReport, contact_report
 from ocp.physics.least_slip import least_slip
 from ocp.rollout import Rollout
 from ocp.routes.outcome import Outcome
@@ -27,7 +27,7 @@ def label(
     nlp: NLP,
     plan: Trajectories,
     replay: Rollout,
-    book: ContactBook,
+    book: ContactReport,
     outcome: Outcome,
     values: dict[str, float],
     refereed: Rollout,
@@ -68,7 +68,7 @@ def label(
             data[name] = (("scenario", "node", "distance"), phi, {"units": "m"})
     if problem.system.forces is not None:
         replayed = (replay.x, replay.u, replay.lam, replay.gap, physical)
-        data |= _forces(book, contact_book(problem, problem.exact_step, *replayed))
+        data |= _forces(book, contact_report(problem, problem.exact_step, *replayed))
     if plan.gains is not None:
         N = problem.N
         K = np.broadcast_to(plan.gains.K, (N, *plan.gains.K.shape[1:]))
@@ -83,7 +83,7 @@ def label(
     return labelled
 
 
-def _forces(planned: ContactBook, exact: ContactBook) -> Variables:
+def _forces(planned: ContactReport, exact: ContactReport) -> Variables:
     found: Variables = {}
     for suffix, book in (("", planned), ("_replay", exact)):
         parts = (
@@ -91,9 +91,9 @@ def _forces(planned: ContactBook, exact: ContactBook) -> Variables:
             ("friction_impulse", book.tangential, "N s"),
             ("slip", book.slip, "m/s"),
             ("friction_bound", book.bound, "N s"),
-            ("acts", book.acts, "1"),
-            ("slides", book.slides, "1"),
-            ("weak", book.weak, "1"),
+            ("active", book.active, "1"),
+            ("slipping", book.slipping, "1"),
+            ("degenerate", book.degenerate, "1"),
         )
         for name, values, unit in parts:
             dims = ("scenario", "interval", "point")
@@ -112,7 +112,9 @@ def _signals(nlp: NLP) -> dict[str, tuple[Signal, ...]]:
     }
 
 
-def _coordinates(nlp: NLP, physical: np.ndarray, start: np.ndarray, book: ContactBook) -> Variables:
+def _coordinates(
+    nlp: NLP, physical: np.ndarray, start: np.ndarray, book: ContactReport
+) -> Variables:
     problem = nlp.problem
     time = node_times(problem, physical, start)
     points: Variables = {"point": list(book.names)} if problem.system.forces is not None else {}

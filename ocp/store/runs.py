@@ -46,7 +46,7 @@ from ocp.words.tilde import expanded
 if TYPE_CHECKING:
     import xarray as xr
 
-SCHEMA = 2
+SCHEMA = 3
 _NETCDF = threading.Lock()
 """The netCDF library crashes where two threads of a process are in it."""
 

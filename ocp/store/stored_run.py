@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ocp.errors import DamagedRun, InputError
-from ocp.judges.findings import Audit, Refereed
+from ocp.judges.findings import Audit, RefereeFindings
 from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.rollout import Gains
@@ -81,9 +81,9 @@ class StoredRun:
         return self._described(Certificate, "certificate")
 
     @cached_property
-    def referee(self) -> Refereed:
+    def referee(self) -> RefereeFindings:
         """What the referee found; raises as :attr:`audit` does."""
-        return self._described(Refereed, "referee")
+        return self._described(RefereeFindings, "referee")
 
     @cached_property
     def stages(self) -> list[StageRecord]:

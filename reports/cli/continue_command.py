@@ -137,9 +137,9 @@ def _unit(session: Any, name: str) -> str:
 
 
 def _verdict(path: Any, end: float) -> str:
-    from ocp.continuation.events import told
+    from ocp.continuation.events import describe_events
 
-    happened = told(path.events, path.parameter)
+    happened = describe_events(path.events, path.parameter)
     events = f"\nOn the way {happened}." if happened else ""
     if path.broke is not None:
         return f"The path broke {path.broke}{events}"

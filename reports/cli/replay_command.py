@@ -39,7 +39,7 @@ def check(options: ReplayOptions) -> Asked:
 
 def run(options: ReplayOptions, asked: Asked) -> int:
     """Roll the inputs, or the feedback policy, of a stored run out under a contact law."""
-    from ocp.physics.constraints import told
+    from ocp.physics.constraints import describe_violations
     from reports.console import number, small
 
     (stored, solution, law), output = asked, options.output
@@ -54,7 +54,7 @@ def run(options: ReplayOptions, asked: Asked) -> int:
         f" penetration {small(rolled.penetration)} m"
         + ("" if way is None else f", between nodes {small(way.amount)} m")
     )
-    for words in told(rolled.broken):
+    for words in describe_violations(rolled.broken):
         output.say(words)
     output.document(document(stored, rolled))
     return 0 if math.isfinite(rolled.cost) else NOT_CONVERGED

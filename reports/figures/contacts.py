@@ -23,7 +23,7 @@ from reports.view import RunView
 _CONE: dict[str, Any] = {"facecolor": PURPLE, "alpha": 0.3}
 _SLIP: dict[str, Any] = {"facecolor": ORANGE, "alpha": 0.25, "linewidth": 0}
 _STICK: dict[str, Any] = {"facecolor": SKY, "alpha": 0.2, "linewidth": 0}
-_WEAK: dict[str, Any] = {"color": INK, "marker": "v", "markersize": 3.5, "linestyle": ""}
+_DEGENERATE: dict[str, Any] = {"color": INK, "marker": "v", "markersize": 3.5, "linestyle": ""}
 
 
 def friction_rows(view: RunView) -> tuple[list[Row], int]:
@@ -36,7 +36,7 @@ def friction_rows(view: RunView) -> tuple[list[Row], int]:
     """
     if view.array("friction_bound") is None:
         return [], 1
-    acting = np.flatnonzero((_all(view, "acts") > 0.5).any(axis=(0, 1)))
+    acting = np.flatnonzero((_all(view, "active") > 0.5).any(axis=(0, 1)))
     names = [str(name) for name in view.run.data["point"].values]
     panels = [_panel(view, names[i], int(i)) for i in acting]
     columns = columns_for(len(panels))
@@ -44,7 +44,8 @@ def friction_rows(view: RunView) -> tuple[list[Row], int]:
 
 
 def _panel(view: RunView, name: str, i: int) -> Panel:
-    acts, slides, weak = (_all(view, flag)[..., i] > 0.5 for flag in ("acts", "slides", "weak"))
+    flags = ("active", "slipping", "degenerate")
+    active, slips, degenerate = (_all(view, flag)[..., i] > 0.5 for flag in flags)
     normal, friction, bound = (
         _all(view, kind)[..., i]
         for kind in ("normal_impulse", "friction_impulse", "friction_bound")
@@ -53,7 +54,7 @@ def _panel(view: RunView, name: str, i: int) -> Panel:
 
     def main(axis: Axes) -> None:
         share = 1 / len(normal)
-        for slipping, touching, most in zip(slides, acts, bound, strict=True):
+        for slipping, touching, most in zip(slips, active, bound, strict=True):
             _shade(axis, view.time, slipping, _SLIP, share)
             _shade(axis, view.time, touching & ~slipping, _STICK, share)
             between(axis, view.time, -most, most, **{**_CONE, "alpha": _CONE["alpha"] * share})
@@ -61,8 +62,8 @@ def _panel(view: RunView, name: str, i: int) -> Panel:
         lines(axis, view.time, normal, color=BLUE, **width)
         lines(axis, view.time, friction, color=VERMILLION, **width)
         middle = (view.time[:-1] + view.time[1:]) / 2
-        place = middle[weak.any(axis=0)]
-        axis.plot(place, np.zeros_like(place), **_WEAK)
+        place = middle[degenerate.any(axis=0)]
+        axis.plot(place, np.zeros_like(place), **_DEGENERATE)
 
     return Panel(f"{name} [N s]", main)
 

@@ -120,7 +120,7 @@ def multiplier_unit(view: RunView) -> str:
 
 
 def contact_rows(view: RunView) -> list[list[str]]:
-    """Name, steps, spans, slipping steps, largest multiplier or impulse, way slid [m], weak steps.
+    """Name, steps, spans, slipping steps, peak multiplier or impulse, way slid, degenerate steps.
 
     Of the contacts that act, over all scenarios.
     """
@@ -137,7 +137,8 @@ def contact_rows(view: RunView) -> list[list[str]]:
             peak = float(motion.mean_multiplier(view, lam, index).max())
         rows.append([
             found.name, str(found.steps), spans_text(found.spans), str(found.slipping),
-            number(peak, 4), number(found.slid, 3) if found.slipping else "0", str(found.weak),
+            number(peak, 4), number(found.slid, 3) if found.slipping else "0",
+            str(found.degenerate),
         ])  # fmt: skip
     return rows
 

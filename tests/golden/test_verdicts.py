@@ -154,7 +154,7 @@ def test_the_rough_slopes_freedom_is_named_with_step_and_contacts() -> None:
     assert headline(found).endswith("; does not survive.")
     assert "are not determined by the model (slope, face): from the same state" in found.verdict
     assert "unstable" not in found.verdict and "runs away" not in found.verdict
-    step = int(found.referee.parting.partition("at step ")[2].split()[0])
+    step = int(found.referee.nonuniqueness.partition("at step ")[2].split()[0])
     x, u = found.data["x"].values[0], found.data["u"].values[0]
     problem = found.problem
     other = np.array(problem.exact_step.solve(x[step], u[step], physical(problem))[0]).ravel()
@@ -176,7 +176,7 @@ def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, m
     free = solved(problem_of)
     assert f"--method multiple-shooting --contact barrier -c mu={mu:.0e}" in free.verdict
     bound = solved(problem_of, Barrier(mu=mu), MultipleShooting())
-    assert bound.status is Status.SOLVED and bound.referee.parting == ""
+    assert bound.status is Status.SOLVED and bound.referee.nonuniqueness == ""
     assert bound.audit.exact_cost == pytest.approx(bound.cost, rel=1e-2)
     assert bound.audit.exact_cost < 0.2 * free.audit.exact_cost
 

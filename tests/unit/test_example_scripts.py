@@ -92,7 +92,7 @@ def test_the_double_pendulum_stands_up_and_uses_a_wall() -> None:
     tip = elbow - 0.5 * np.sin(lower)
     reach = np.abs([elbow, tip]).max(axis=1)
     assert reach.max() == pytest.approx(0.53, abs=1e-6), "a ball of 5 cm at a wall of 0.58 m"
-    acts = found.data["acts"].sel(scenario=0).sum("interval")
+    acts = found.data["active"].sel(scenario=0).sum("interval")
     assert float(acts.sum()) >= 1
 
 

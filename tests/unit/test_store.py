@@ -22,12 +22,12 @@ import xarray as xr
 from dynamics.contact import Barrier
 from ocp import solve, store
 from ocp.errors import DamagedRun, InputError
-from ocp.judges.findings import Audit, Refereed
+from ocp.judges.findings import Audit, RefereeFindings
 from ocp.physics.constraints import Violation
 from ocp.physics.measures import Worst
 from ocp.programs.status import Status
 from ocp.solution import Solution, StageRecord
-from ocp.stationarity.certificate import Certificate, Move
+from ocp.stationarity.certificate import Certificate, ContactChange
 from ocp.store import atomic, lookup
 from problems import get
 from tests.resealed import having, lacking, reseal
@@ -55,8 +55,8 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
     record = {"problem": "toy", "contact": "exact", "seed": 4, "knobs": {"contact.mu": 1e-3}}
     problem = get("wall-1d")
     values = dict(zip(problem.parameters.names, problem.parameters.values.tolist(), strict=True))
-    certificate = Certificate("not", moves=[Move("opening contact", "wall", 0, 2, 4)])
-    refereed = Refereed(
+    certificate = Certificate("not", moves=[ContactChange("opening contact", "wall", 0, 2, 4)])
+    refereed = RefereeFindings(
         3.0, 0.5, False, ["it costs 3"], "true gaps", force_distance=Worst(0.1, "wall", 0, 2)
     )
     return Solution(

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ocp import Constraint
-from ocp.physics.along import distances
 from ocp.physics.constraints import broken_constraints
+from ocp.physics.evaluation import distances
 from ocp.physics.measures import least_between, measure
 from problems import get
 from tests.unit.ocp.user_problems import physical

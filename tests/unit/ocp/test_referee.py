@@ -12,10 +12,10 @@ import pytest
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem
 from ocp import Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
-from ocp.judges.referee import Hearing, Referee, hear, referee, survival
+from ocp.judges.referee import Referee, RefereeReport, evaluate, referee, survival
 from ocp.physics.constraints import broken_constraints
 from ocp.physics.measures import measure
-from ocp.physics.parting import find_parting
+from ocp.physics.nonuniqueness import find_nonuniqueness
 from ocp.rollout import Rollout, roll_on
 from problems import get
 from tests.unit.ocp.user_problems import (
@@ -34,24 +34,24 @@ def plan_of(found: Solution) -> Rollout:
 
 
 @functools.cache
-def solved(problem_of, law=None) -> tuple[Solution, Hearing]:
+def solved(problem_of, law=None) -> tuple[Solution, RefereeReport]:
     problem, law = problem_of(), law or Exact()
     found = solve(problem, law, Direct(), starts=3)
     assert found.success
-    return found, hear(problem, law.close(problem.system), plan_of(found), found.values)
+    return found, evaluate(problem, law.close(problem.system), plan_of(found), found.values)
 
 
 # --- problems of users -----------------------------------------------------------------------
 
 
 def test_a_disc_pulled_round_a_post_survives_its_model_but_not_the_referee() -> None:
-    found, heard = solved(round_a_post)
+    found, report = solved(round_a_post)
     assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-4)
-    assert heard.referee.note == "true gaps"
-    assert heard.referee.cost > 20 * found.cost
-    assert heard.reasons
-    assert any("it costs" in reason for reason in heard.reasons)
-    far, near = heard.planned.force_distance, heard.replayed.force_distance
+    assert report.referee.note == "true gaps"
+    assert report.referee.cost > 20 * found.cost
+    assert report.reasons
+    assert any("it costs" in reason for reason in report.reasons)
+    far, near = report.planned.force_distance, report.replayed.force_distance
     assert far is not None
     assert near is not None
     assert far.amount > 0.05, "the model's contacts act at a distance"
@@ -89,23 +89,23 @@ def off_the_slopes_laws(problem: Problem, v: float, v_next: float, u: float) -> 
 
 
 def test_a_push_up_a_rough_slope_is_not_determined_and_the_step_is_named() -> None:
-    found, heard = solved(rough_slope)
-    parting = heard.parting
-    assert parting is not None
-    assert set(parting.contacts) <= {"slope", "face"}
-    assert parting.distance > 0.01
-    assert heard.referee.note == "the model itself"
-    assert heard.referee.cost > 2 * found.cost
-    assert heard.reasons
+    found, report = solved(rough_slope)
+    nonuniqueness = report.nonuniqueness
+    assert nonuniqueness is not None
+    assert set(nonuniqueness.contacts) <= {"slope", "face"}
+    assert nonuniqueness.distance > 0.01
+    assert report.referee.note == "the model itself"
+    assert report.referee.cost > 2 * found.cost
+    assert report.reasons
     # Both ends are the model's: by hand, the slope and the face allow either.
-    problem, k = found.problem, parting.step
+    problem, k = found.problem, nonuniqueness.step
     x, u = found.data["x"].values[0], float(found.data["u"].values[0, k, 0])
     solved_step = np.array(problem.exact_step.solve(x[k], u, physical(problem))[0]).ravel()
     ends = x[k + 1], solved_step
     for end in ends:
         assert end[3] == pytest.approx(end[4], abs=1e-6)
         assert off_the_slopes_laws(problem, x[k, 4], end[4], u) < 1e-5
-    assert ends[0][4] - ends[1][4] == pytest.approx(parting.distance, rel=1e-6)
+    assert ends[0][4] - ends[1][4] == pytest.approx(nonuniqueness.distance, rel=1e-6)
     assert off_the_slopes_laws(problem, x[k, 4], x[k + 1, 4] + 1.0, u) > 1e-2
 
 
@@ -113,14 +113,14 @@ def test_a_determined_plan_does_not_part() -> None:
     for name in ("push-1d", "planar-push", "hopper-1d"):
         found = solve(get(name), Exact(), Direct())
         plan = plan_of(found)
-        assert find_parting(found.problem, plan.x, plan.u, plan.lam, found.values) is None
+        assert find_nonuniqueness(found.problem, plan.x, plan.u, plan.lam, found.values) is None
 
 
 def test_a_smoothed_plan_is_no_second_solution() -> None:
     """It obeys its own law, so that its way off the exact step is no freedom of the model."""
     found = solve(rough_slope(), Barrier(mu=1e-2), Direct())
     plan = plan_of(found)
-    assert find_parting(found.problem, plan.x, plan.u, plan.lam, found.values) is None
+    assert find_nonuniqueness(found.problem, plan.x, plan.u, plan.lam, found.values) is None
 
 
 def test_a_plan_that_hops_through_a_disc_is_one_of_two_ends_of_its_step() -> None:
@@ -128,9 +128,9 @@ def test_a_plan_that_hops_through_a_disc_is_one_of_two_ends_of_its_step() -> Non
     problem = round_a_post(N=1, linearised=False)
     x = np.array([[[0.7, 0.1, 0.7, -0.3], [0.7, 0.1, 0.7, 0.5]]])
     u, lam = x[:, 1:, 2:], np.zeros((1, 1, 3))
-    parting = find_parting(problem, x, u, lam, defaults(problem))
-    assert parting is not None
-    assert (parting.step, parting.scenario, parting.contacts) == (0, 0, ("push",))
+    nonuniqueness = find_nonuniqueness(problem, x, u, lam, defaults(problem))
+    assert nonuniqueness is not None
+    assert (nonuniqueness.step, nonuniqueness.scenario, nonuniqueness.contacts) == (0, 0, ("push",))
     found = measure(problem, problem.exact_step, x, u, lam, physical(problem))
     assert found.penetration is not None
     assert found.between is not None
@@ -144,13 +144,13 @@ def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
     problem = ring(h=0.1, speed=20.0)
     values, x0 = defaults(problem), problem.initial_states(physical(problem))
     plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
-    heard = hear(problem, problem.exact_step, plan, values)
-    assert heard.planned.penetration is not None
+    report = evaluate(problem, problem.exact_step, plan, values)
+    assert report.planned.penetration is not None
     radius = np.linalg.norm(plan.x[0, :, :2], axis=1).max()
-    assert heard.planned.penetration.amount == pytest.approx(radius - 1.0, rel=1e-12)
+    assert report.planned.penetration.amount == pytest.approx(radius - 1.0, rel=1e-12)
     assert radius > 2.0
-    assert heard.referee.failed is not None
-    assert heard.reasons[0] == "step 0 did not solve, contact 'ring'"
+    assert report.referee.failed is not None
+    assert report.reasons[0] == "step 0 did not solve, contact 'ring'"
     slow = ring(h=0.01, speed=2.0)
     judged = referee(slow, np.zeros((1, slow.N, 2)), defaults(slow), x0 * [1, 1, 1, 0.1])
     assert judged.failed is None
@@ -158,13 +158,13 @@ def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
 
 
 def test_an_oiled_finger_grips_nothing() -> None:
-    found, heard = solved(two_grippers)
-    assert heard.reasons == ()
-    assert heard.referee.note == "Coulomb friction with maximum dissipation"
+    found, report = solved(two_grippers)
+    assert report.reasons == ()
+    assert report.referee.note == "Coulomb friction with maximum dissipation"
     assert found.data["x"].values[0, -1, 1] == pytest.approx(0.3, abs=0.02)
     forces = found.problem.system.sharpest.forces
     assert forces is not None
-    replay = heard.referee.replay
+    replay = report.referee.replay
     of = ca.Function("t", [found.problem.system.sharpest.lam], [ca.substitute(
         forces.tangential, found.problem.parameters.vector, ca.SX(physical(found.problem))
     )])  # fmt: skip
@@ -181,22 +181,22 @@ def test_a_replay_that_fails_is_kept_up_to_there() -> None:
     inputs = np.zeros((1, problem.N, 2))
     inputs[0, 7] = np.nan
     values, x0 = defaults(problem), problem.initial_states(physical(problem))
-    heard = referee(problem, inputs, values, x0)
-    assert heard.failed is not None
-    assert (heard.failed.step, heard.failed.scenario) == (7, 0)
-    assert heard.failed.contact.startswith("push")
-    assert np.isnan(heard.cost)
-    assert np.isfinite(heard.replay.x[0, :8]).all()
-    assert np.isnan(heard.replay.x[0, 8:]).all()
+    report = referee(problem, inputs, values, x0)
+    assert report.failed is not None
+    assert (report.failed.step, report.failed.scenario) == (7, 0)
+    assert report.failed.contact.startswith("push")
+    assert np.isnan(report.cost)
+    assert np.isfinite(report.replay.x[0, :8]).all()
+    assert np.isnan(report.replay.x[0, 8:]).all()
     with pytest.raises(NotConverged, match="at step 7 of scenario 0"):
         roll_out(problem, inputs, values, problem.referee_step, x0)
     plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
-    reasons = survival(problem, plan, heard, measured(problem, heard), [])
+    reasons = survival(problem, plan, report, measured(problem, report), [])
     assert reasons[0].startswith("step 7 did not solve, contact 'push")
 
 
-def measured(problem: Problem, heard: Referee):
-    r = heard.replay
+def measured(problem: Problem, report: Referee):
+    r = report.replay
     return measure(problem, problem.referee_step, r.x, r.u, r.lam, physical(problem))
 
 
@@ -225,9 +225,9 @@ def test_the_refined_cost_is_that_of_a_quarter_of_the_step() -> None:
         for k in range(problem.N)
     )
     end = float(problem.cost_terms(coarse[0, -1], 0, 0, physical(problem))[1])
-    heard = referee(problem, inputs, values, x0)
-    assert heard.refined_cost == pytest.approx(stage + end, rel=1e-12)
-    assert heard.refined_cost != pytest.approx(heard.cost, rel=1e-6)
+    report = referee(problem, inputs, values, x0)
+    assert report.refined_cost == pytest.approx(stage + end, rel=1e-12)
+    assert report.refined_cost != pytest.approx(report.cost, rel=1e-6)
 
 
 def test_a_step_size_that_is_a_state_is_refined_too() -> None:
@@ -239,9 +239,9 @@ def test_a_step_size_that_is_a_state_is_refined_too() -> None:
     rolled = roll_out(fine, np.repeat(inputs, 4, axis=1), defaults(fine), x0=quarter)
     v = rolled.x[0, :-1:4, 9:18]
     cost = ((inputs**2).sum() + 1e-3 * (v**2).sum()) / 3
-    heard = referee(problem, inputs, defaults(problem), x0)
-    assert heard.refined_cost == pytest.approx(cost, rel=1e-9)
-    assert heard.replay.x[0, -1, -1] == x0[0, -1]
+    report = referee(problem, inputs, defaults(problem), x0)
+    assert report.refined_cost == pytest.approx(cost, rel=1e-9)
+    assert report.replay.x[0, -1, -1] == x0[0, -1]
 
 
 @pytest.mark.parametrize(
@@ -251,10 +251,10 @@ def test_a_step_size_that_is_a_state_is_refined_too() -> None:
 def test_where_a_step_cannot_be_refined_the_reason_is_told(name: str, why: str) -> None:
     problem = get(name)
     inputs = np.zeros((1, problem.N, problem.system.nu))
-    heard = referee(problem, inputs, defaults(problem), problem.initial_states(physical(problem)))
-    assert np.isfinite(heard.cost)
-    assert np.isnan(heard.refined_cost)
-    assert why in heard.refined_note
+    report = referee(problem, inputs, defaults(problem), problem.initial_states(physical(problem)))
+    assert np.isfinite(report.cost)
+    assert np.isnan(report.refined_cost)
+    assert why in report.refined_note
 
 
 def test_a_policy_is_replayed_as_a_policy() -> None:
@@ -262,11 +262,11 @@ def test_a_policy_is_replayed_as_a_policy() -> None:
     K, k = np.zeros((1, 2, 4)), np.array([[0.2, 0.1]])
     K[0, :, 2:] = 0.5 * np.eye(2)
     x0 = problem.initial_states(physical(problem))
-    heard = referee(problem, Gains(K, k), defaults(problem), x0)
-    x, u = heard.replay.x[0], heard.replay.u[0]
+    report = referee(problem, Gains(K, k), defaults(problem), x0)
+    x, u = report.replay.x[0], report.replay.u[0]
     np.testing.assert_allclose(u, np.clip(x[:-1] @ K[0].T + k[0], -3, 3), atol=1e-14)
-    again = referee(problem, heard.replay.u, defaults(problem), x0)
-    np.testing.assert_array_equal(again.replay.x, heard.replay.x)
+    again = referee(problem, report.replay.u, defaults(problem), x0)
+    np.testing.assert_array_equal(again.replay.x, report.replay.x)
 
 
 # --- forces at a distance ------------------------------------------------------------------------
@@ -274,20 +274,20 @@ def test_a_policy_is_replayed_as_a_policy() -> None:
 
 def test_the_distance_of_a_barriers_force_is_its_own() -> None:
     """Under mu the force at the gap d is mu / d: it counts down to the share of the impulse."""
-    _, heard = solved(lambda: get("push-1d"), Barrier(mu=1e-3))
-    far = heard.planned.force_distance
+    _, report = solved(lambda: get("push-1d"), Barrier(mu=1e-3))
+    far = report.planned.force_distance
     assert far is not None
     assert 1e-2 < far.amount <= 1e-3 / (1e-3 * 0.5)
 
 
 def test_convex_friction_acts_at_a_distance_and_the_referee_does_not() -> None:
-    _, heard = solved(lambda: get("planar-push"))
-    assert heard.planned.force_distance is not None
-    assert heard.replayed.force_distance is not None
-    assert heard.planned.force_distance.amount > 0.05
-    assert heard.replayed.force_distance.amount < 1e-9
-    assert heard.replayed.penetration is not None
-    assert heard.replayed.penetration.amount < 1e-9
+    _, report = solved(lambda: get("planar-push"))
+    assert report.planned.force_distance is not None
+    assert report.replayed.force_distance is not None
+    assert report.planned.force_distance.amount > 0.05
+    assert report.replayed.force_distance.amount < 1e-9
+    assert report.replayed.penetration is not None
+    assert report.replayed.penetration.amount < 1e-9
 
 
 # --- survival --------------------------------------------------------------------------------
@@ -295,13 +295,13 @@ def test_convex_friction_acts_at_a_distance_and_the_referee_does_not() -> None:
 
 def test_what_survives_is_within_its_shares() -> None:
     """Around a plan that survives, each measure moved across its bound alone is a reason."""
-    found, heard = solved(lambda: get("push-disc"))
+    found, report = solved(lambda: get("push-disc"))
     problem, plan = found.problem, plan_of(found)
-    assert heard.reasons == ()
-    clean = replace(heard.referee, replay=plan, cost=found.cost)
+    assert report.reasons == ()
+    clean = replace(report.referee, replay=plan, cost=found.cost)
 
     def verdict(judged: Referee, broken=()) -> tuple[str, ...]:
-        return survival(problem, plan, judged, heard.replayed, broken)
+        return survival(problem, plan, judged, report.replayed, broken)
 
     assert verdict(clean) == ()
     assert verdict(replace(clean, cost=1.09 * found.cost)) == ()
@@ -325,9 +325,9 @@ def test_what_survives_is_within_its_shares() -> None:
 
 def test_bodies_in_one_another_do_not_survive() -> None:
     """ball-throw's scheme lets one node lie below the floor, and that is told."""
-    found, heard = solved(lambda: get("ball-throw"))
-    assert heard.referee.cost == pytest.approx(found.cost, rel=1e-9)
-    assert heard.reasons == ("floor is penetrated by 0.051 at node 34",)
+    found, report = solved(lambda: get("ball-throw"))
+    assert report.referee.cost == pytest.approx(found.cost, rel=1e-9)
+    assert report.reasons == ("floor is penetrated by 0.051 at node 34",)
 
 
 def test_a_system_without_geometry_says_so() -> None:
@@ -336,7 +336,7 @@ def test_a_system_without_geometry_says_so() -> None:
     assert unknown.referee_note is None
     inputs = np.zeros((1, problem.N, 1))
     x0 = problem.initial_states(physical(problem))
-    heard = referee(replace(problem, system=unknown), inputs, defaults(problem), x0)
-    assert heard.note is None
-    assert heard.cost == referee(problem, inputs, defaults(problem), x0).cost
-    assert measured(problem, heard).between is None
+    report = referee(replace(problem, system=unknown), inputs, defaults(problem), x0)
+    assert report.note is None
+    assert report.cost == referee(problem, inputs, defaults(problem), x0).cost
+    assert measured(problem, report).between is None

@@ -10,7 +10,7 @@ from dynamics.contact import Exact
 from dynamics.systems import Parameter, ParameterTable, lcs
 from ocp import Direct
 from ocp.continuation import Continuation, continue_over
-from ocp.continuation.events import told
+from ocp.continuation.events import describe_events
 from ocp.problem import Problem, Reference
 from ocp.solve import new_session
 
@@ -83,7 +83,7 @@ def test_contacts_that_change_at_one_value_are_one_degenerate_event(walls) -> No
     wanted = [(1 + R) * wall for wall in dict.fromkeys(walls)]
     assert [e.value for e in path.events] == pytest.approx(wanted, abs=3e-6)
     if at_once:
-        assert told(path.events, "theta") == (
+        assert describe_events(path.events, "theta") == (
             "1 degenerate event: several pairs change at once (theta = 1.5)"
         )
     else:

@@ -15,7 +15,7 @@ from rich.console import Console
 from dynamics.contact import Exact
 from ocp import solve, store
 from ocp.judges.findings import Audit
-from ocp.physics.contact_book import ContactSummary
+from ocp.physics.contact_report import ContactSummary
 from problems import spec
 from reports import console, pages
 from reports.cli.solve_command import document
@@ -42,7 +42,7 @@ def test_summary_adds_up_what_the_run_stores(run) -> None:
     view = run[1]
     (push,) = view.run.audit.contacts
     h = np.diff(view.time)
-    acts, slides = array(view, "acts")[0, :, 0], array(view, "slides")[0, :, 0]
+    acts, slides = array(view, "active")[0, :, 0], array(view, "slipping")[0, :, 0]
     impulse, slip = array(view, "normal_impulse")[0, :, 0], array(view, "slip")[0, :, 0]
     assert push.peak_force == pytest.approx(np.max(impulse / h), rel=1e-12)
     assert push.slid == pytest.approx(np.sum(np.abs(slip) * h * acts), rel=1e-12)
@@ -50,7 +50,7 @@ def test_summary_adds_up_what_the_run_stores(run) -> None:
     inside = {k for first, last in push.spans for k in range(first, last + 1)}
     assert inside == set(np.flatnonzero(acts)) and len(inside) == push.steps
     assert push.slipping == slides.sum() < push.steps
-    assert push.weak == array(view, "weak").sum()
+    assert push.degenerate == array(view, "degenerate").sum()
 
 
 def test_a_multiplier_in_newton_is_the_force() -> None:
@@ -66,7 +66,7 @@ def test_friction_holds_or_slips_at_its_bound(run) -> None:
     friction, bound, slip = (
         array(view, name).ravel() for name in ("friction_impulse", "friction_bound", "slip")
     )
-    slides = array(view, "slides").ravel() > 0
+    slides = array(view, "slipping").ravel() > 0
     assert bound == pytest.approx(2 / 3 * array(view, "normal_impulse").ravel(), rel=1e-12)
     assert np.all(np.abs(friction) <= bound + 1e-9)
     np.testing.assert_allclose(np.abs(friction[slides]), bound[slides], atol=1e-8)
@@ -79,7 +79,7 @@ def test_json_has_the_contacts_and_the_books(run) -> None:
     assert problem is not None
     told = document(view.run.solution(problem), path)
     (push,) = told["contacts"]
-    assert push["steps"] == array(view, "acts").sum()
+    assert push["steps"] == array(view, "active").sum()
     assert 0 <= told["cone_violation"] < 1e-9 and 0 <= told["dissipation_residual"] < 1e-9
 
 
@@ -105,7 +105,7 @@ def test_shading_covers_the_steps_that_slip_and_those_that_stick(run) -> None:
     width = dict.fromkeys((ORANGE, SKY), 0.0)
     for span in spans:
         width[to_hex(span.get_facecolor()).upper()] += span.get_width()
-    slides = array(view, "slides")[0, :, 0] > 0
+    slides = array(view, "slipping")[0, :, 0] > 0
     h = np.diff(view.time)
     assert width[ORANGE] == pytest.approx(h[slides].sum())
     assert width[SKY] == pytest.approx(h[~slides].sum()), "the pusher never leaves the box"
@@ -138,7 +138,7 @@ def test_table_has_only_what_acts_and_counts_the_rest() -> None:
     idle = [ContactSummary(name, 0, 0, 0.0, 0.0, weak) for name, weak in (("torso", 0), ("leg", 2))]
     text = shown(made(toe, *idle))
     assert "0-4, 7, 9-10" in text and "491.1" in text and "slid" in text
-    assert "torso" not in text and "2 contacts never acting, weak at 2 steps" in text
+    assert "torso" not in text and "2 contacts never acting, degenerate at 2 steps" in text
     smooth = shown(made(toe, cone=float("nan")))
     assert "slid" not in smooth and "never" not in smooth
 

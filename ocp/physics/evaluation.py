@@ -11,7 +11,7 @@ from ocp.problem import Problem
 from ocp.rollout import at_steps
 
 
-class Along:
+class TrajectoryEvaluator:
     """Evaluates expressions in (x, u, x_next, lam, p) along trajectories, each (S, N, size).
 
     The system is the problem's or its sharpest. Trajectories are x (S, N+1, nx), u (S, N, nu), lam
@@ -61,5 +61,5 @@ def normal_impulses(
     """
     system, mean = step.system, mean_multipliers(step, lam)
     if system.forces is not None:
-        return Along(problem, system, x, u, mean, physical)(system.forces.normal)[0]
+        return TrajectoryEvaluator(problem, system, x, u, mean, physical)(system.forces.normal)[0]
     return mean[:, :, [i for i, pair in enumerate(system.pairs) if pair.kind == "normal"]]

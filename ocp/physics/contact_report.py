@@ -9,14 +9,14 @@ import numpy as np
 
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem, EnergyBook
-from ocp.physics.along import Along, mean_multipliers
+from ocp.physics.evaluation import TrajectoryEvaluator, mean_multipliers
 from ocp.problem import Problem, Sizes
 
-_ACTS = 1e-6
+_ACTIVE = 1e-6
 """Share of the characteristic impulse above which a contact counts as acting."""
-_SLIDES = 1e-6
+_SLIPS = 1e-6
 """Share of the characteristic gap slid in a step above which a contact counts as slipping."""
-_WEAK = 1e-5
+_DEGENERATE = 1e-5
 """Share of the characteristic sizes below which both members of a pair count as zero."""
 
 
@@ -24,10 +24,10 @@ _WEAK = 1e-5
 class ContactSummary:
     """One contact over all scenarios and steps.
 
-    ``steps`` in contact, of them ``slipping``; ``peak_force`` [N] of the normal force;
-    ``slid`` [m] the way slid while in contact; ``weak`` the steps at which complementarity is not
-    strict (impulse and gap both near zero), where gradients are not to be trusted; ``spans``
-    (first, last) steps of the first scenario's contacts.
+    ``steps`` in contact, of them ``slipping``; ``peak_force`` [N] of the normal force; ``slid`` [m]
+    the distance slid while in contact; ``degenerate`` counts the steps at which complementarity is
+    not strict: impulse and gap are both near zero, and gradients are one-sided; ``spans`` (first,
+    last) steps of the first scenario's contacts.
     """
 
     name: str
@@ -35,18 +35,18 @@ class ContactSummary:
     slipping: int
     peak_force: float
     slid: float
-    weak: int
+    degenerate: int
     spans: list[tuple[int, int]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
-class ContactBook:
+class ContactReport:
     """Forces and books of a trajectory; arrays (S, N, points), NaN where a system has none.
 
     ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s], ``bound`` friction normal [N s], what
-    the tangential impulse may be at most; ``acts``, ``slides``, ``weak`` whether the contact acts,
-    whether it slides then, and whether its complementarity is not strict. Largest over all contacts
-    and steps: ``cone_violation`` max(0, |tangential| - friction normal) [N s];
+    the tangential impulse may be at most; ``active``, ``slipping``, ``degenerate`` whether the
+    contact acts, whether it slips then, and whether its complementarity is not strict. Largest over
+    all contacts and steps: ``cone_violation`` max(0, |tangential| - friction normal) [N s];
     ``dissipation_residual`` friction normal |slip| + tangential slip [J], zero where friction
     dissipates as much as it can; ``energy_gain`` [J] the largest rise of energy in a step beyond
     the work done; ``dissipated`` [J] what contact took in all; ``momentum_residual`` [N s].
@@ -57,9 +57,9 @@ class ContactBook:
     tangential: np.ndarray
     slip: np.ndarray
     bound: np.ndarray
-    acts: np.ndarray
-    slides: np.ndarray
-    weak: np.ndarray
+    active: np.ndarray
+    slipping: np.ndarray
+    degenerate: np.ndarray
     contacts: list[ContactSummary]
     cone_violation: float = float("nan")
     dissipation_residual: float = float("nan")
@@ -68,10 +68,10 @@ class ContactBook:
     momentum_residual: float = float("nan")
 
 
-def contact_book(
+def contact_report(
     problem: Problem, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
     gap: np.ndarray, physical: np.ndarray,
-) -> ContactBook:  # fmt: skip
+) -> ContactReport:  # fmt: skip
     """Keep the books of trajectories x (S, N+1, nx), u (S, N, nu), lam and gap (S, N, n).
 
     Multipliers of a law with branches are averaged with the branches' weights. The contacts are
@@ -79,7 +79,7 @@ def contact_book(
     """
     system = step.system
     mean = mean_multipliers(step, lam)
-    at = Along(problem, system, x, u, mean, physical)
+    at = TrajectoryEvaluator(problem, system, x, u, mean, physical)
     forces = system.forces
     if forces is None:
         names = tuple(signal.name for signal in system.contacts)
@@ -90,40 +90,40 @@ def contact_book(
         normal, tangential, slip, friction = at(
             forces.normal, forces.tangential, forces.slip, forces.friction
         )
-    weak = _weak_steps(system, problem.sizes, lam, gap, len(names))
+    degenerate = _degenerate_steps(system, problem.sizes, lam, gap, len(names))
     h = at(ca.SX(system.h))[0]
-    acts = normal > _ACTS * problem.sizes.impulse
-    slides = acts & (np.abs(slip) * h > _SLIDES * problem.sizes.gap)
+    active = normal > _ACTIVE * problem.sizes.impulse
+    slipping = active & (np.abs(slip) * h > _SLIPS * problem.sizes.gap)
     # A multiplier in newton is a force already.
     are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
     force = normal if are_forces else normal / h
-    contacts = _summaries(names, force, np.abs(slip) * h, acts, slides, weak)
+    contacts = _summaries(names, force, np.abs(slip) * h, active, slipping, degenerate)
     rough, bound = forces is not None, friction * normal
-    return ContactBook(
-        names, normal, tangential, slip, bound, acts, slides, weak, contacts,
+    return ContactReport(
+        names, normal, tangential, slip, bound, active, slipping, degenerate, contacts,
         largest(np.abs(tangential) - bound) if rough else float("nan"),
         largest(bound * np.abs(slip) + tangential * slip) if rough else float("nan"),
         *_books(system.book, at),
     )  # fmt: skip
 
 
-def _weak_steps(
+def _degenerate_steps(
     system: ContactSystem, reference: Sizes, lam: np.ndarray, gap: np.ndarray, points: int
 ) -> np.ndarray:
     """Whether a pair of the contact has both members near zero, (S, N, points)."""
     pairs = system.pairs
-    both = np.maximum(np.abs(lam) / reference.impulse, np.abs(gap) / reference.gap) < _WEAK
-    weak = np.zeros((*lam.shape[:2], points), dtype=bool)
+    both = np.maximum(np.abs(lam) / reference.impulse, np.abs(gap) / reference.gap) < _DEGENERATE
+    degenerate = np.zeros((*lam.shape[:2], points), dtype=bool)
     for i in range(lam.shape[2]):
         pair = pairs[i % len(pairs)]
         if pair.kind == "normal" and pair.contact < points:
-            weak[:, :, pair.contact] |= both[:, :, i]
-    return weak
+            degenerate[:, :, pair.contact] |= both[:, :, i]
+    return degenerate
 
 
 def _summaries(
-    names: tuple[str, ...], force: np.ndarray, way: np.ndarray, acts: np.ndarray,
-    slides: np.ndarray, weak: np.ndarray,
+    names: tuple[str, ...], force: np.ndarray, way: np.ndarray, active: np.ndarray,
+    slipping: np.ndarray, degenerate: np.ndarray,
 ) -> list[ContactSummary]:  # fmt: skip
     """Sum up forces [N], ways slid [m] and flags, each (S, N, points), for every contact.
 
@@ -134,24 +134,24 @@ def _summaries(
     return [
         ContactSummary(
             name=name,
-            steps=int(acts[:, :, i].sum()),
-            slipping=int(slides[:, :, i].sum()),
+            steps=int(active[:, :, i].sum()),
+            slipping=int(slipping[:, :, i].sum()),
             peak_force=largest(force[:, :, i]),
-            slid=float(way[:, :, i][acts[:, :, i]].sum()),
-            weak=int(weak[:, :, i].sum()),
-            spans=_spans(acts[0, :, i]),
+            slid=float(way[:, :, i][active[:, :, i]].sum()),
+            degenerate=int(degenerate[:, :, i].sum()),
+            spans=_spans(active[0, :, i]),
         )
         for i, name in enumerate(names)
     ]
 
 
-def _spans(acts: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], acts.astype(int), [0]])))
+def _spans(active: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
     pairs = zip(edges[::2], edges[1::2], strict=True)
     return [(int(first), int(end) - 1) for first, end in pairs]
 
 
-def _books(book: EnergyBook | None, at: Along) -> tuple[float, float, float]:
+def _books(book: EnergyBook | None, at: TrajectoryEvaluator) -> tuple[float, float, float]:
     """``energy_gain``, ``dissipated`` and ``momentum_residual``."""
     if book is None:
         return float("nan"), float("nan"), float("nan")

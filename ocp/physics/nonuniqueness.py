@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp.physics.along import Along
+from ocp.physics.evaluation import TrajectoryEvaluator
 from ocp.problem import Problem
 from ocp.rollout import at_steps
 
@@ -21,7 +21,7 @@ zero; two ends that are further apart than :data:`APART` are not the same end, s
 
 
 @dataclass(frozen=True)
-class Parting:
+class Nonuniqueness:
     """A step from whose state and input the model's contact can go on in two ways.
 
     The plan's end obeys the exact relation, and so does another, ``distance`` away (largest
@@ -41,9 +41,9 @@ class Parting:
     unit: str
 
 
-def find_parting(
+def find_nonuniqueness(
     problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
-) -> Parting | None:
+) -> Nonuniqueness | None:
     """Find the first step of a plan at which the model's exact step has another solution.
 
     x (S, N+1, nx), u (S, N, nu), lam (S, N, nlam). The step is solved from every state and input of
@@ -65,7 +65,7 @@ def find_parting(
     i = int((apart[s, k] / problem.sizes.x).argmax())
     signal = problem.system.states[i]
     contacts = _differing(problem, lam[s, k], other[s, k])
-    return Parting(k, s, contacts, float(apart[s, k, i]), signal.name, signal.unit)
+    return Nonuniqueness(k, s, contacts, float(apart[s, k, i]), signal.name, signal.unit)
 
 
 def _obeys(
@@ -74,7 +74,9 @@ def _obeys(
     """Whether the plan's own steps obey the exact relation, (S, N)."""
     system, reference = problem.system, problem.sizes
     physical = problem.parameters.pack(values)
-    residual, gap = Along(problem, system, x, u, lam, physical)(system.residual, system.gap)
+    residual, gap = TrajectoryEvaluator(problem, system, x, u, lam, physical)(
+        system.residual, system.gap
+    )
     product = reference.impulse * reference.gap
     off = np.stack([-lam / reference.impulse, -gap / reference.gap, lam * gap / product])
     motion = np.abs(residual).max(axis=2, initial=0.0)
