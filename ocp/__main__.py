@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from ocp.floors import lent
+from ocp.plugins import load_plugin
 
 if __name__ == "__main__":
-    sys.exit(lent("reports").main())
+    sys.exit(load_plugin("reports").main())

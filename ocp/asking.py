@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from dynamics.contact import ContactLaw
 from ocp.choices import law_settings
 from ocp.errors import InputError, choose, did_you_mean
-from ocp.floors import lent
+from ocp.plugins import load_plugin
 from ocp.problem import Problem
 from ocp.programs.options import documented, has_option
 from ocp.programs.solver import SOLVERS
@@ -132,7 +132,7 @@ def check_spelling(settings: Mapping[str, Any], solver: str) -> None:
 
 def _source(problem: Source | str | PathLike[str]) -> Source:
     if isinstance(problem, str | PathLike):
-        return lent("problems").source(fspath(problem))
+        return load_plugin("problems").source(fspath(problem))
     if not hasattr(problem, "problem"):
         raise InputError(
             f"a problem is a name, a file or an ocp.Problem, got {type(problem).__name__}"

@@ -12,9 +12,9 @@ from dynamics.contact import ContactLaw
 from dynamics.systems import KNOB
 from ocp.choices import closing_law
 from ocp.errors import InputError
-from ocp.floors import lent
 from ocp.judges.findings import Audit, RefereeFindings
 from ocp.judges.verdict import Grade, grade, headline, verdict
+from ocp.plugins import load_plugin
 from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.replay import Replay, replayed
@@ -137,18 +137,18 @@ class Solution:
 
     def plot(self) -> Figure:
         """Draw what ``ocp solve --plot`` writes: strobe above states, inputs and forces."""
-        return lent("reports").plot(self)
+        return load_plugin("reports").plot(self)
 
     def animate(self, path: Path | str, fps: int = 25, speed: float = 1.0) -> Path:
         """Write the motion, plan beside replay, to a .gif, .mp4 or .html, as ``ocp animate`` does.
 
         Raises :class:`~ocp.errors.InputError` for another ending, and for a problem not drawn.
         """
-        return lent("reports").animate(self, expanded(path), fps, speed)
+        return load_plugin("reports").animate(self, expanded(path), fps, speed)
 
     def report(self, path: Path | str) -> Path:
         """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
-        return lent("reports").report(self, expanded(path))
+        return load_plugin("reports").report(self, expanded(path))
 
     def save(self, root: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
         """Store it as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.
@@ -158,7 +158,7 @@ class Solution:
         Raises :class:`~ocp.errors.InputError` where ``root`` cannot be written, and for a tag that
         is no word.
         """
-        return lent("reports").save(self, root, tags)
+        return load_plugin("reports").save(self, root, tags)
 
     @property
     def success(self) -> bool:
@@ -180,7 +180,7 @@ class Solution:
         return f"<Solution of {how}: {headline(self)}>"
 
     def _repr_html_(self) -> str:
-        return lent("reports").html(self)
+        return load_plugin("reports").html(self)
 
     @property
     def grade(self) -> Grade:

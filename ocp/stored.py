@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from ocp.floors import lent
+from ocp.plugins import load_plugin
 from ocp.problem import Problem
 from ocp.solution import Solution
 
@@ -31,7 +31,7 @@ def load(
     found = store.load(store.find(str(run), root))
     if problem is not None:
         return found.solution(problem)
-    problems = lent("problems")
+    problems = load_plugin("problems")
     own = problems.named_file(source, [found])
     if told := problems.edited(found, own):
         warnings.warn(told, stacklevel=2)

@@ -26,7 +26,7 @@ from problems.drawing import (
     Shape,
     Spring,
 )
-from problems.lent import known_parameters, problem_of
+from problems.plugin import known_parameters, problem_of
 from problems.tasks import registry as tasks
 from problems.tasks.spec import TaskSpec
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
-    """Build the task of a training again; raises as :func:`~problems.lent.problem_of` does."""
+    """Build the task of a training again; raises as :func:`~problems.plugin.problem_of` does."""
     found = tasks.spec(str(run.meta["problem"]))
     params = found.params(known_parameters(run, found))
     return found, params, found.build(params)
@@ -56,7 +56,7 @@ class RunView:
     def of(cls, run: StoredRun, own: ProblemSpec | None = None) -> RunView:
         """Look at a run; a problem that cannot be built again is left out.
 
-        ``own`` is the problem in a file that a person named (:func:`~problems.lent.spec_of`).
+        ``own`` is the problem in a file that a person named (:func:`~problems.plugin.spec_of`).
         """
         try:
             return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run, own)))

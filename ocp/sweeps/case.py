@@ -9,7 +9,7 @@ from typing import Any
 from ocp.asking import Source
 from ocp.choices import law_settings
 from ocp.errors import InputError, did_you_mean
-from ocp.floors import lent
+from ocp.plugins import load_plugin
 from ocp.session import Session
 from ocp.settings import OWN
 from ocp.solve import new_session
@@ -48,7 +48,7 @@ class Case:
         Raises :class:`~ocp.errors.InputError` for an unknown name, and :class:`Changed` for files
         that are no longer what it was asked of.
         """
-        found = lent("problems").source(self.problem)
+        found = load_plugin("problems").source(self.problem)
         if self.content not in (None, self._content(found)):
             raise Changed(
                 f"{self.problem}, what it imports, or a file of the law has changed since this was"

@@ -150,8 +150,8 @@ def _read_run(what: str, options: ExportOptions) -> Asked:
     """Read a run; raises InputError where nothing has that name, saying what has."""
     from ocp.errors import InputError, did_you_mean
     from problems import names
-    from problems.lent import problem_of
     from problems.objectives import objective_names
+    from problems.plugin import problem_of
     from reports.cli.request import closing_law
     from reports.cli.runs_command import stored
 

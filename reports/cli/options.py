@@ -102,7 +102,7 @@ class SourceOptions(StoreOptions):
 
         Raises :class:`~ocp.errors.InputError` where it cannot be read, or is none of theirs.
         """
-        from problems.lent import edited, named_file
+        from problems.plugin import edited, named_file
 
         found = named_file(self.source, runs)
         for run in runs:

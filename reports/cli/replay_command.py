@@ -27,7 +27,7 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
 
 def check(options: ReplayOptions) -> Asked:
     """Read the run's plan, and make the law."""
-    from problems.lent import problem_of
+    from problems.plugin import problem_of
     from reports.cli.request import closing_law
     from reports.cli.runs_command import stored
 

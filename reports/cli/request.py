@@ -105,7 +105,7 @@ class Request:
     def read(cls, options: SolverOptions) -> Request:
         """Check the words of a command line; raises InputError for the first that does not fit."""
         from ocp.solve import new_session
-        from problems.lent import source
+        from problems.plugin import source
 
         found = source(options.problem)
         given = assignments("-p", options.params)
@@ -141,7 +141,7 @@ def case_of(options: SolverOptions) -> Case:
     assignments.
     """
     from ocp.sweeps.case import Case
-    from problems.lent import source
+    from problems.plugin import source
 
     found = source(options.problem)
     return Case(

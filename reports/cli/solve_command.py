@@ -78,7 +78,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
 def _start(asked: Request, options: SolveOptions) -> Solution:
     """Return the stored solution that ``--from`` names, of this problem at its own parameters."""
     from ocp.errors import InputError
-    from problems.lent import edited, problem_of
+    from problems.plugin import edited, problem_of
     from reports.cli.runs_command import stored
 
     run, name = str(options.start), asked.session.problem.name

@@ -8,7 +8,7 @@ import numpy as np
 
 from ocp.errors import InputError
 from problems.drawing import ContactFrame, Shape
-from problems.lent import spec_of
+from problems.plugin import spec_of
 from reports.forces import Forces, forces_of
 from reports.shapes import Camera, film
 from reports.view import RunView

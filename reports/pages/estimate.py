@@ -8,8 +8,8 @@ from typing import Any
 from ocp.errors import InputError
 from ocp.gradients.verdict import WIDE, comes_to, weakest
 from ocp.store.stored_run import StoredRun
-from problems.lent import spec_of
 from problems.objectives import ObjectiveSpec, objective_names, objective_spec
+from problems.plugin import spec_of
 from problems.spec import ProblemSpec
 from reports import estimates
 from reports.console import number

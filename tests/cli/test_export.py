@@ -12,7 +12,7 @@ import pytest
 
 from dynamics.contact import Barrier, Exact
 from ocp import store
-from problems.lent import problem_of
+from problems.plugin import problem_of
 
 CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler")

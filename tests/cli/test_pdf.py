@@ -75,7 +75,7 @@ def test_equations_that_do_not_compile_are_named(views, monkeypatch) -> None:
     view = views["solve push-1d exact"]
     broken = spec("push-1d")
     monkeypatch.setattr(
-        "problems.lent.registered",
+        "problems.plugin.registered",
         lambda _: type(broken)(**{**vars(broken), "equations": ("nosuchsymbol",)}),
     )
     with pytest.raises(InputError, match="typst equations"):

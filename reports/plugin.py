@@ -1,4 +1,4 @@
-"""What this floor lends to ``ocp.Solution`` by entry points (:mod:`ocp.floors`)."""
+"""What ``ocp.Solution`` loads from this package by entry point (:mod:`ocp.plugins`)."""
 
 from __future__ import annotations
 

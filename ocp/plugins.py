@@ -1,7 +1,7 @@
-"""What upper floors lend to this one: named problems, and pictures of a solution.
+"""The packages above this one, loaded by entry point: named problems, reports of a solution.
 
 They are found by the entry points that the distribution declares, never imported by name, so that
-imports run one way only; nothing of them is loaded before it is used.
+imports run one way only. Nothing of them is loaded before it is used.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ from typing import Any
 from ocp.distribution import Hidden, hiding
 from ocp.errors import InputError
 
-GROUP = "centralpath.floors"
+GROUP = "centralpath.plugins"
 
 
-def lent(floor: str) -> Any:
-    """Load the module by which ``floor``, "problems" or "reports", lends.
+def load_plugin(name: str) -> Any:
+    """Load the module that the entry point ``name``, "problems" or "reports", refers to.
 
     Raises :class:`~ocp.errors.InputError` where the distribution is not installed, and
     :class:`~ocp.distribution.Hidden` where a user's module of that name is found instead.
     """
-    found = [*entry_points(group=GROUP, name=floor)]
+    found = [*entry_points(group=GROUP, name=name)]
     if not found:
         raise InputError(
-            f"the package {floor} of centralpath is not installed; install the distribution, as in"
+            f"the package {name} of centralpath is not installed; install the distribution, as in"
             " pip install centralpath"
         )
     try:
         return found[0].load()
     except ImportError as error:
-        if told := hiding((floor,)):
-            raise Hidden(told) from error
+        if hidden := hiding((name,)):
+            raise Hidden(hidden) from error
         raise

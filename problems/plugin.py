@@ -1,4 +1,4 @@
-"""What this floor lends to the one below by entry points (:mod:`ocp.floors`)."""
+"""What :mod:`ocp` loads from this package by entry point (:mod:`ocp.plugins`)."""
 
 from __future__ import annotations
 
