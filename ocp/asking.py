@@ -8,8 +8,8 @@ from os import PathLike, fspath
 from typing import Any, Protocol
 
 from dynamics.contact import ContactLaw
-from ocp.choices import law_settings
 from ocp.errors import InputError, choose, did_you_mean
+from ocp.factories import law_settings
 from ocp.plugins import load_plugin
 from ocp.problem import Problem
 from ocp.programs.options import documented, has_option

@@ -1,4 +1,4 @@
-"""Roll a plan out under a law, step by step, and say what it costs."""
+"""Roll a plan out under a law, step by step, with its cost; initial guesses of a plan."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from ocp.errors import NotConverged
 from ocp.problem import Problem
 
 STEP_TOLERANCE = 1e-7
+_SPREAD = 0.3
+InitialGuess = tuple[np.ndarray, np.ndarray]
+"""States (N+1, nx) and inputs (N, nu)."""
 
 
 @dataclass(frozen=True)
@@ -193,3 +196,24 @@ def trajectory_costs(
         _, terminal = terms(x[s, -1], u[s, -1], du[-1], physical)
         costs[s] = float(ca.sum2(stage)) + float(terminal)
     return costs
+
+
+def initial_guesses(
+    problem: Problem,
+    values: dict[str, float],
+    count: int,
+    seed: int,
+    first: InitialGuess | None = None,
+) -> list[InitialGuess]:
+    """Return the problem's own guess, or ``first``, and perturbed ones, ``count`` in all.
+
+    The noise has 0.3 characteristic units, each guess its own stream of the seed.
+    """
+    X, U = first if first is not None else problem.initial_guess(problem.parameters.pack(values))
+    found, sizes = [(X, U)], problem.sizes
+    for stream in np.random.SeedSequence(seed).spawn(count - 1):
+        noise = np.random.default_rng(stream)
+        moved = X + _SPREAD * sizes.x * noise.standard_normal(X.shape)
+        moved[0] = X[0]
+        found.append((moved, U + _SPREAD * sizes.u * noise.standard_normal(U.shape)))
+    return found

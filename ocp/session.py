@@ -14,10 +14,10 @@ from dynamics.contact import Barrier, ContactLaw, Exact, Step
 from dynamics.contact.law import Schedule
 from ocp.effort import solve_memory, solve_seconds
 from ocp.errors import NotConverged, choose
-from ocp.guesses import Guessed
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Point, Solver
+from ocp.rollout import InitialGuess
 from ocp.routes.branches import polish
 from ocp.routes.complementarity import (
     ALTERNATIVES,
@@ -113,7 +113,7 @@ class Session:
 
     def solve(
         self, start: Point | None = None, progress: Progress | None = None,
-        guess: Guessed | None = None, warm_from: NLP | None = None, number: int = 0,
+        guess: InitialGuess | None = None, warm_from: NLP | None = None, number: int = 0,
     ) -> Outcome:  # fmt: skip
         """Solve at the present values, from a warm point of ``warm_from`` or from a guess.
 
@@ -131,7 +131,7 @@ class Session:
             return Outcome(*solve_pairs(follower, self._route(guess, number)), follower.trace)
         return self._smooth(follower, guess)
 
-    def _smooth(self, follower: Homotopy, guess: Guessed | None) -> Outcome:
+    def _smooth(self, follower: Homotopy, guess: InitialGuess | None) -> Outcome:
         """Follow the law's own path, and try the exact law's answer as a start beside it."""
         nlp = self.nlp_of("product")
         if self.step.exact and self.homotopy is not False:
@@ -182,13 +182,13 @@ class Session:
         sizes = self.problem.sizes
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 
-    def _absorbed(self, helper: Session, follower: Homotopy, guess: Guessed | None) -> Outcome:
+    def _absorbed(self, helper: Session, follower: Homotopy, guess: InitialGuess | None) -> Outcome:
         """Solve by a helping session, whose table and work are added to the follower's."""
         found = helper.solve(guess=guess, progress=follower.progress)
         follower.trace.absorb(found.trace)
         return found
 
-    def _rolled(self, follower: Homotopy, guess: Guessed | None, nlp: NLP) -> Outcome:
+    def _rolled(self, follower: Homotopy, guess: InitialGuess | None, nlp: NLP) -> Outcome:
         """Exact law in shooting: a plan made otherwise, rolled out exactly and polished.
 
         At a kink of the exact law no gradient vanishes, so a gradient method cannot end there. The
@@ -220,7 +220,7 @@ class Session:
             polished = replace(polished, status=ended.status, word=ended.word)
             kept = solved is not None and not lower(solved, polished, _PARTED)
             best = better(best, Outcome(polished, nlp, kept, follower.trace, solved))
-            hard = any(line.knob == "t" and not line.accepted for line in follower.trace.records)
+            hard = any(line.label == "t" and not line.accepted for line in follower.trace.records)
             if plan.finished and kept and not hard:
                 break
         assert best is not None
@@ -253,7 +253,7 @@ class Session:
         """Seconds of set-up, of helping sessions too."""
         return self.build_s + sum(helper.total_build_s for helper in self.helpers.values())
 
-    def _route(self, guess: Guessed | None, number: int) -> Route:
+    def _route(self, guess: InitialGuess | None, number: int) -> Route:
         """How the exact law is reached: as asked, or by the default for many or for few pairs."""
         strategy = choose("strategy", self.strategy, STRATEGIES)
         asked = Route(strategy, self.problem.reference, partial(self.first_point, guess=guess))
@@ -307,7 +307,7 @@ class Session:
             return Outcome(result, nlp, result.ok, follower.trace)
         return Outcome(*polish(follower, nlp, result, improving=share == _WIDE), follower.trace)
 
-    def first_point(self, nlp: NLP, guess: Guessed | None = None) -> Point:
+    def first_point(self, nlp: NLP, guess: InitialGuess | None = None) -> Point:
         """Write guessed trajectories into the NLP's variables, with contacts to match.
 
         Multipliers and gaps start on the central path of the homotopy's first mu, each gap at its

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
 from dynamics.systems import KNOB
-from ocp.choices import closing_law
 from ocp.errors import InputError
+from ocp.factories import closing_law
 from ocp.judges.findings import Audit, RefereeFindings
 from ocp.judges.verdict import Grade, grade, headline, verdict
 from ocp.plugins import load_plugin
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StageRecord:
-    """One stage of a homotopy: where on the path, and what the solver needed and reached.
+    """One stage of a homotopy: what it varies, at which value, and what the solver reached.
 
     ``evaluation_s`` of its ``seconds`` went into evaluating the NLP and its derivatives.
     """
 
-    knob: str
+    label: str
     value: float
     cost: float
     complementarity: float

@@ -11,15 +11,15 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.asking import Named, asked, builder, check_spelling
-from ocp.choices import closing_law, method_of, policy_of, split_policy_settings
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
-from ocp.guesses import guesses
+from ocp.factories import closing_law, method_of, policy_of, split_policy_settings
 from ocp.judgement import halved, judged, keeping, refined
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver
 from ocp.programs.status import Status
+from ocp.rollout import initial_guesses
 from ocp.routes.outcome import GAIN, Outcome
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
@@ -247,9 +247,10 @@ def solve_session(
     """
     solutions: list[Solution] = []
     tried = WAYS if starts == 1 else starts
+    guesses = initial_guesses(session.problem, session.values, tried, seed)
     try:
         with interruptible():
-            for number, guess in enumerate(guesses(session.problem, session.values, tried, seed)):
+            for number, guess in enumerate(guesses):
                 if number >= starts and not (session.from_afar and _stands_still(solutions[-1])):
                     break
                 first = keeping(session, seed, progress)

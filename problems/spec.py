@@ -39,7 +39,7 @@ class Golden:
     """The best known value at the default parameters, under the exact law unless told otherwise.
 
     Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
-    of seed 0, see :mod:`ocp.guesses`) ends at ``cost``, within ``tolerance`` relative, with
+    of seed 0, see :mod:`ocp.rollout`) ends at ``cost``, within ``tolerance`` relative, with
     a certificate (:mod:`ocp.stationarity.certificate`) that says ``stationarity`` and ``kind``.
     ``tried`` counts the solves, over strategies and guesses, of which no certified one ends lower.
 

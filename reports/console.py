@@ -52,29 +52,29 @@ def table_of(
     return table
 
 
-def knob_title(knob: str) -> str:
-    """Name a homotopy's knob in a heading: ``contact.mu`` becomes ``mu``."""
-    return knob.rpartition(".")[2] or "knob"
+def stage_title(label: str) -> str:
+    """Name what a stage varies in a heading: ``contact.mu`` becomes ``mu``."""
+    return label.rpartition(".")[2] or "parameter"
 
 
 def stage_table(stages: Sequence[StageRecord]) -> Table:
     """Homotopy table: where on the path, cost, residuals, iterations, seconds; failures named."""
-    knobs = {stage.knob for stage in stages}
-    head = knob_title(knobs.pop()) if len(knobs) == 1 else "knob"
+    labels = {stage.label for stage in stages}
+    head = stage_title(labels.pop()) if len(labels) == 1 else "parameter"
     rows = (
-        (index, f"{knob_title(knob)} {value}".rstrip() if head == "knob" else value, *cells)
-        for index, knob, value, *cells in stage_rows(stages)
+        (index, f"{stage_title(label)} {value}".rstrip() if head == "parameter" else value, *cells)
+        for index, label, value, *cells in stage_rows(stages)
     )
     heads = ("stage", head, "cost", "lam·gap", "residual", "iter", "s")
     return table_of(*((name, "right") for name in heads), ("", "left"), rows=rows)
 
 
 def stage_rows(stages: Sequence[StageRecord]) -> list[tuple[str, ...]]:
-    """Number, knob and its value, cost, lam·gap, residual, iterations, seconds, failures; text."""
+    """Number, label and its value, cost, lam·gap, residual, iterations, seconds, failures; text."""
     from reports.stages import shown
 
     return [
-        (str(index), stage.knob, small(stage.value) if stage.value else "", number(stage.cost, 7),
+        (str(index), stage.label, small(stage.value) if stage.value else "", number(stage.cost, 7),
          small(stage.complementarity), small(stage.residual), str(stage.iterations),
          f"{stage.seconds:.2f}", "" if stage.accepted else "stepped back")
         for index, stage in shown(stages)
@@ -85,7 +85,7 @@ def stage_line(stage: StageRecord) -> str:
     """One stage in one line, at most 80 columns."""
     tail = "" if stage.accepted else "  stepped back"
     return (
-        f"{knob_title(stage.knob)} {small(stage.value)}  cost {number(stage.cost, 7)}"
+        f"{stage_title(stage.label)} {small(stage.value)}  cost {number(stage.cost, 7)}"
         f"  lam·gap {small(stage.complementarity)}  {stage.iterations} it"
         f"  {stage.seconds:.2f} s{tail}"
     )
@@ -103,13 +103,14 @@ class StageLines:
         """Print a stage, under the heads where it is the first."""
         if self.shown.number == 0:
             print(
-                _line("stage", "knob", "cost", "lam·gap", "residual", "iter", "s"), file=sys.stderr
+                _line("stage", "parameter", "cost", "lam·gap", "residual", "iter", "s"),
+                file=sys.stderr,
             )
         if not self.shown.take(stage):
             return
         value = small(stage.value) if stage.value else ""
         line = _line(
-            str(self.shown.number), f"{knob_title(stage.knob)} {value}", number(stage.cost, 7),
+            str(self.shown.number), f"{stage_title(stage.label)} {value}", number(stage.cost, 7),
             small(stage.complementarity), small(stage.residual), str(stage.iterations),
             f"{stage.seconds:.2f}", "" if stage.accepted else "back",
         )  # fmt: skip

@@ -18,9 +18,9 @@ class Shown:
         """Whether the next stage is shown; ``number`` is then its own."""
         self.number += 1
         taken = stage.accepted and stage.cost < self.lowest
-        if taken and stage.knob in ("active set", NEIGHBOUR):
+        if taken and stage.label in ("active set", NEIGHBOUR):
             self.lowest = stage.cost
-        return stage.knob != NEIGHBOUR or taken
+        return stage.label != NEIGHBOUR or taken
 
 
 def shown(stages: Sequence[StageRecord]) -> list[tuple[int, StageRecord]]:

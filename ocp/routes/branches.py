@@ -53,11 +53,11 @@ class Branches:
 
     def solve(
         self, start: Point, active: np.ndarray, most: int = LONGEST, mu_init: float = 1e-6,
-        knob: str = "active set",
+        label: str = "active set",
     ) -> Result:  # fmt: skip
         """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains.
 
-        It is given up after ``most`` iterations; ``knob`` is what the stage is called.
+        It is given up after ``most`` iterations; ``label`` is what the stage is called.
         """
         first, second = self.program.pairs
         bounds = {key: value.copy() for key, value in self.limits.items()}
@@ -69,7 +69,7 @@ class Branches:
             options = {**warm, "mu_init": mu_init, "max_iter": most}
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
         found = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
-        self.follower.record(knob, float(active.sum()), self.program, found, self.p, bounds)
+        self.follower.record(label, float(active.sum()), self.program, found, self.p, bounds)
         return found
 
     def solve_branch(self, start: Point, most: int = LONGEST) -> Result | None:

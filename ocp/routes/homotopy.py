@@ -49,7 +49,7 @@ class HomotopyStage:
     its iteration limit: the next one starts from there.
     """
 
-    knob: str
+    label: str
     value: float
     reformulation: str = "product"
     parameters: dict[str, float] = field(default_factory=dict)
@@ -60,7 +60,7 @@ class HomotopyStage:
 
 @dataclass(frozen=True)
 class HomotopyPath:
-    """Values of a knob, from easy to wanted, and the stage that each one means.
+    """Values of a parameter, from easy to wanted, and the stage at each one.
 
     ``complete`` tells early that the aim is reached. A path whose last stage must succeed is
     ``strict``; one that only prepares the next is not.
@@ -164,16 +164,16 @@ class Homotopy:
         if self.solver.name == "ipopt":
             options = {**WARM, **stage.options} if usable.lam_g is not None else stage.options
         result = self.solver.run(nlp, usable, p, bounds, **options)
-        self.record(stage.knob, stage.value, nlp, result, p, bounds)
+        self.record(stage.label, stage.value, nlp, result, p, bounds)
         return result
 
-    def record(self, knob: str, value: float, nlp: Program, result: Result, p: np.ndarray,
+    def record(self, label: str, value: float, nlp: Program, result: Result, p: np.ndarray,
                bounds: dict[str, np.ndarray]) -> None:  # fmt: skip
         """Add a line to the table and tell whoever watches."""
         g = result.g
         off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
         line = StageRecord(
-            knob=knob,
+            label=label,
             value=value,
             cost=result.f,
             complementarity=float(np.abs(nlp.products(result.point.x, p)).max(initial=0.0)),
@@ -190,7 +190,7 @@ class Homotopy:
         self.trace.evaluation_s += result.evaluation_s
         _LOG.info(
             "%s %.3g: cost %.7g, lam gap %.1e, residual %.1e, %d it, %.3f s, %s",
-            knob, value, line.cost, line.complementarity, line.residual, line.iterations,
+            label, value, line.cost, line.complementarity, line.residual, line.iterations,
             line.seconds, line.status,
         )  # fmt: skip
         if result.ok:

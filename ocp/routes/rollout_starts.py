@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.guesses import Guessed, guesses
 from ocp.problem import Problem
 from ocp.programs.program import Program
 from ocp.programs.solver import Point
-from ocp.rollout import Gains, Rollout, roll_on
+from ocp.rollout import Gains, InitialGuess, Rollout, initial_guesses, roll_on
 
 _SIZES = 0.03, 3.0
 """Of the noise, in characteristic units."""
@@ -25,7 +24,7 @@ class RolloutStarts:
     problem: Problem
     step: Step
     values: dict[str, float]
-    guess: Guessed
+    guess: InitialGuess
 
     def point(self, program: Program, u: np.ndarray) -> Point | None:
         """Where inputs (N, nu) lead; None where a step is not solved."""
@@ -60,7 +59,7 @@ class RolloutStarts:
 
     def perturbed(self, program: Program, count: int) -> list[Point]:
         """Where guessed inputs lead, the own and perturbed ones, ``count`` in all."""
-        plans = guesses(self.problem, self.values, count, 0, self.guess)
+        plans = initial_guesses(self.problem, self.values, count, 0, self.guess)
         there = (self.point(program, u) for _, u in plans)
         return [point for point in there if point is not None]
 

@@ -68,7 +68,7 @@ def improve_schedule(branches: Branches, best: Result) -> Result:
             if trace.iterations > until or vain == _VAIN:
                 return best
             tried.add(changed.tobytes())
-            found = branches.solve(best.point, changed, _ITERATIONS, knob=NEIGHBOUR)
+            found = branches.solve(best.point, changed, _ITERATIONS, label=NEIGHBOUR)
             if found.ok and lower(found, best):
                 best, active = found, changed
                 last = move.twice if isinstance(move, ScheduleMove) else None

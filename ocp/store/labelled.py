@@ -132,7 +132,7 @@ def _coordinates(
 def _stages(nlp: NLP, outcome: Outcome, scenarios: int) -> Variables:
     records = outcome.trace.records
     found: Variables = {
-        "stage_knob": ("stage", [record.knob for record in records]),
+        "stage_label": ("stage", [record.label for record in records]),
         "stage_status": ("stage", [record.status for record in records]),
     }
     for name in ("value", "cost", "complementarity", "residual", "iterations", "seconds"):

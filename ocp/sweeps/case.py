@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ocp.asking import Source
-from ocp.choices import law_settings
 from ocp.errors import InputError, did_you_mean
+from ocp.factories import law_settings
 from ocp.plugins import load_plugin
 from ocp.session import Session
 from ocp.settings import OWN

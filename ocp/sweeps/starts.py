@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from ocp.errors import interruptible
-from ocp.guesses import guesses
 from ocp.judgement import judged
+from ocp.rollout import initial_guesses
 from ocp.routes.outcome import Outcome
 from ocp.scheduling import Failure, carried_out
 from ocp.session import Session
@@ -24,7 +24,7 @@ _HELD = {"problem", "derivative"}
 
 @dataclass(frozen=True)
 class Start:
-    """The guess ``number`` of ``starts`` of a case, as :func:`~ocp.guesses.guesses` has them."""
+    """The guess ``number`` of ``starts`` of a case, as :func:`~ocp.rollout.guesses` has them."""
 
     case: Case
     number: int
@@ -43,7 +43,7 @@ class Sent:
 def started(job: Start, tell: Callable[[Any], None]) -> Sent:
     """Solve from one guess; a :data:`~ocp.scheduling.Function` that tells each stage."""
     session = kept_session(job.case)
-    guess = guesses(session.problem, session.values, job.starts, job.seed)[job.number]
+    guess = initial_guesses(session.problem, session.values, job.starts, job.seed)[job.number]
     outcome = session.solve(
         progress=lambda stage: tell(asdict(stage)), guess=guess, number=job.number
     )

@@ -44,7 +44,7 @@ class EstimateRequest:
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
         """Check the words of a command line; raises InputError for the first that does not fit."""
-        from ocp.choices import split_policy_settings
+        from ocp.factories import split_policy_settings
         from ocp.gradients.estimation import Sampling
         from ocp.gradients.known_gradient import kind_of
         from ocp.gradients.sweep import Sweep
@@ -171,8 +171,8 @@ def _rollouts(
     spec: ProblemSpec, given: Mapping[str, Any], options: EstimateOptions, engine: dict[str, Any]
 ) -> tuple[SampledObjective, float]:
     """Return a problem's rollouts as an objective, and a share of its inputs' size as noise."""
-    from ocp.choices import policy_of
     from ocp.effort import check_memory, sampling_memory
+    from ocp.factories import policy_of
     from ocp.gradients.estimators import CHUNK
     from ocp.gradients.rollout_objective import RolloutObjective
 
@@ -203,7 +203,7 @@ def _rollouts(
 
 
 def _policy_settings(options: EstimateOptions) -> dict[str, str]:
-    from ocp.choices import split_policy_settings
+    from ocp.factories import split_policy_settings
 
     return split_policy_settings(assignments("-s", options.settings))[0]
 

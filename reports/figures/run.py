@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from reports.console import knob_title
+from reports.console import stage_title
 from reports.stages import shown
 from reports.style import CYCLE, GREY, REPLAYED, WIDTH
 from reports.units import symbol
@@ -28,9 +28,9 @@ def homotopy(view: RunView) -> Figure:
         ("complementarity", CYCLE[0], "largest λ gap"),
         ("residual", CYCLE[2], "residual"),
     ]
-    knobs = {stage.knob for stage in stages}
-    if len(knobs) == 1:
-        curves.append(("value", GREY, symbol(knob_title(knobs.pop()))))
+    labels = {stage.label for stage in stages}
+    if len(labels) == 1:
+        curves.append(("value", GREY, symbol(stage_title(labels.pop()))))
     for name, color, text in curves:
         values = np.array([getattr(stage, name) for stage in stages], dtype=float)
         seen = values > 0

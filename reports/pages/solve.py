@@ -11,11 +11,11 @@ from ocp.programs.status import Status
 from reports.console import (
     books,
     idle_contacts,
-    knob_title,
     number,
     small,
     spans_text,
     stage_rows,
+    stage_title,
     violation_rows,
 )
 from reports.figures import contacts, law, motion
@@ -86,7 +86,7 @@ def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
 
 def _stages(view: RunView) -> list[list[str]]:
     """Rows of the homotopy's table: of many the first and the last ones."""
-    rows = [[index, symbol(knob_title(knob)), *cells, note] for index, knob, *cells, _, note
+    rows = [[index, symbol(stage_title(label)), *cells, note] for index, label, *cells, _, note
             in stage_rows(view.run.stages)]  # fmt: skip
     if len(rows) <= 2 * _ENDS:
         return rows

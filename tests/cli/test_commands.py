@@ -304,7 +304,7 @@ def test_everything_fits_80_columns(ocp, arguments: list[str]) -> None:
 def test_a_stage_is_told_in_one_line_without_a_terminal(ocp) -> None:
     done = ocp("solve", "push-1d", "-c", "mu=1e-2", "--json")
     rows = [line.split() for line in done.err.partition("cost under")[0].splitlines()]
-    assert rows[0] == ["stage", "knob", "cost", "lam·gap", "residual", "iter", "s"]
+    assert rows[0] == ["stage", "parameter", "cost", "lam·gap", "residual", "iter", "s"]
     stages = done.json["stages"]
     told = [row for row in rows[1:] if row[0].isdigit() and row[-1] != "less."]
     assert [int(row[0]) for row in told] == sorted({int(row[0]) for row in told}), "each once"
@@ -312,7 +312,7 @@ def test_a_stage_is_told_in_one_line_without_a_terminal(ocp) -> None:
         stage = stages[int(row[0]) - 1]
         assert row[-2] == str(stage["iterations"]) and f"{stage['cost']:.7g}" in row
     hidden = set(range(1, len(stages) + 1)) - {int(row[0]) for row in told}
-    assert all(stages[n - 1]["knob"] == "neighbour" for n in hidden)
+    assert all(stages[n - 1]["label"] == "neighbour" for n in hidden)
     quiet = ocp("solve", "push-1d", "-c", "mu=1e-2", "-q")
     assert quiet.err == ""
 

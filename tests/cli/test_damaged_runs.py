@@ -148,7 +148,7 @@ HARMS: dict[str, tuple[Callable[[Path], None], str]] = {
     "time": (resealed(created="yesterday"), "created"),
     "time without zone": (resealed(created="2026-01-01T00:00:00"), "created"),
     "audit": (resealed(audit={"worst": 1}), "audit"),
-    "stages": (resealed(stages=[{"knob": 1}]), "stages[0]"),
+    "stages": (resealed(stages=[{"label": 1}]), "stages[0]"),
     "deep JSON": (deep, "nested"),
     "huge description": (too_large("meta.json"), "at most"),
     "huge data": (too_large("solution.nc"), "at most"),

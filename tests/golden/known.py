@@ -6,8 +6,8 @@ import functools
 
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import Direct, Solution
-from ocp.guesses import guesses
 from ocp.judgement import judged
+from ocp.rollout import initial_guesses
 from ocp.session import Session
 from ocp.solve import new_session
 from problems import Golden, get, names, spec
@@ -25,7 +25,7 @@ def session_of(name: str, key: str = "exact", **settings: str | float) -> Sessio
 
 def solved(session: Session, start: int = 0) -> Solution:
     """Solve from guess ``start`` of seed 0."""
-    guess = guesses(session.problem, session.values, start + 1, 0)[start]
+    guess = initial_guesses(session.problem, session.values, start + 1, 0)[start]
     return judged(session, session.solve(guess=guess), 0)
 
 

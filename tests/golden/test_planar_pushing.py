@@ -7,8 +7,8 @@ import pytest
 import problems
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solve
-from ocp.guesses import guesses
 from ocp.judgement import judged
+from ocp.rollout import initial_guesses
 from ocp.solve import new_session
 from problems.studies.start_without_contact.open_loop import gains, plan
 from tests.golden.known import LAWS, better
@@ -82,7 +82,7 @@ def test_the_exact_law_is_solved_from_every_perturbed_guess(name: str) -> None:
     session = new_session(problems.get(name), Exact(), Direct())
     found = [
         judged(session, session.solve(guess=g), 0)
-        for g in guesses(session.problem, session.values, 21, 0)
+        for g in initial_guesses(session.problem, session.values, 21, 0)
     ]
     assert sum(one.success for one in found) >= 20
     golden = problems.spec(name).golden["exact"]

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from dynamics.batch import BatchFunction
-from ocp.guesses import Guessed
 from ocp.judgement import judged
 from ocp.learning.experiment import EXACT
 from ocp.learning.plans.problem import planned_problem
 from ocp.problem import Guess, Reference
 from ocp.programs.solver import Point
-from ocp.rollout import roll_on
+from ocp.rollout import InitialGuess, roll_on
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, Progress
 from ocp.routes.outcome import Outcome
@@ -106,7 +105,7 @@ def planned_return(
     return Planned(best, *episode_return(task, *replay))
 
 
-def _polished(session: Session, guess: Guessed, progress: Progress | None) -> Outcome | None:
+def _polished(session: Session, guess: InitialGuess, progress: Progress | None) -> Outcome | None:
     """The best plan near a motion, along its contacts; None where it is none, or none was found."""
     states, inputs = guess
     problem = session.problem

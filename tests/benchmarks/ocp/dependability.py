@@ -17,9 +17,9 @@ from pathlib import Path
 from statistics import median
 
 from dynamics.contact import Exact
-from ocp.guesses import guesses
 from ocp.judgement import judged
 from ocp.programs.status import Status
+from ocp.rollout import initial_guesses
 from ocp.solution import Solution
 from ocp.solve import new_session
 from problems import get, names, spec
@@ -72,7 +72,7 @@ class Start:
 def from_guess(problem: str, index: int) -> Start:
     """Solve from one guess, everything built afresh, so that no other solve can matter."""
     session = new_session(get(FILES.get(problem, problem)), Exact())
-    guess = guesses(session.problem, session.values, PERTURBED + 1, SEED)[index]
+    guess = initial_guesses(session.problem, session.values, PERTURBED + 1, SEED)[index]
     began = time.process_time()
     outcome = session.solve(guess=guess)
     seconds = time.process_time() - began
@@ -88,7 +88,7 @@ def from_guess(problem: str, index: int) -> Start:
 def _where(found: Solution) -> str:
     """Say at which stage a solve ended, with what word, and which constraint is off most."""
     last = found.stages[-1]
-    text = f"stage {len(found.stages)}, {last.knob} {last.value:.1e}: {last.status}"
+    text = f"stage {len(found.stages)}, {last.label} {last.value:.1e}: {last.status}"
     for off in found.audit.worst[:1]:
         text += f"; {off.name} {off.component} at step {off.step} off by {off.amount:.1e}"
     return text

@@ -20,10 +20,10 @@ from statistics import median
 import numpy as np
 
 from dynamics.contact import Barrier, Exact
-from ocp.guesses import guesses
 from ocp.judgement import judged
 from ocp.physics.constraints import broken_constraints
 from ocp.programs.status import Status
+from ocp.rollout import initial_guesses
 from ocp.routes.complementarity import Route, by_strategy
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.outcome import Outcome
@@ -104,7 +104,7 @@ def _strategy(name: str) -> Callable[[Instance], Answer]:
 def _start(number: int) -> Callable[[Instance], Answer]:
     def run(session: Session) -> Outcome:
         return session.solve(
-            guess=guesses(session.problem, session.values, number + 1, SEED)[number]
+            guess=initial_guesses(session.problem, session.values, number + 1, SEED)[number]
         )
 
     return lambda instance: _from_session(instance, run)

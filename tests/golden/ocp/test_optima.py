@@ -81,8 +81,8 @@ def test_the_exact_answer_is_exact(name: str) -> None:
 @pytest.mark.parametrize("name", FIVE)
 def test_polish_makes_complementarity_hold_to_rounding(name: str) -> None:
     found = exact(name)
-    before = [line for line in found.stages if line.knob == "t"]
-    after = [line for line in found.stages if line.knob == "active set" and line.accepted]
+    before = [line for line in found.stages if line.label == "t"]
+    after = [line for line in found.stages if line.label == "active set" and line.accepted]
     assert before and after
     assert before[-1].complementarity > 1e-12, "there was something left to polish away"
     assert found.audit.complementarity < 1e-12
@@ -127,6 +127,6 @@ def test_at_a_kink_shooting_takes_a_plan_made_otherwise(method, homotopy: bool |
     settings = {} if homotopy is None else {"homotopy": homotopy}
     found = solve(get("wall-1d"), Exact(), method, settings=settings)
     assert found.success
-    assert ("mu" in {line.knob for line in found.stages}) == bool(homotopy)
+    assert ("mu" in {line.label for line in found.stages}) == bool(homotopy)
     assert found.cost == pytest.approx(exact("wall-1d").cost, rel=1e-6)
     assert found.audit.state_gap == 0.0

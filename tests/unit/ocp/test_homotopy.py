@@ -174,9 +174,9 @@ def test_the_table_of_a_solve_tells_the_whole_way() -> None:
     found = solve(
         get("push-1d"), Barrier(mu=1e-6), Direct(), settings={"start": 0.01, "factor": 0.1}
     )
-    path = [line.value for line in found.stages if line.knob == "mu"]
+    path = [line.value for line in found.stages if line.label == "mu"]
     np.testing.assert_allclose(path, np.geomspace(1e-2, 1e-6, 5))
-    knobs = [line.knob for line in found.stages]
+    knobs = [line.label for line in found.stages]
     assert knobs[-1] == "from exact" and "active set" in knobs
     np.testing.assert_array_equal(found.data["stage_value"], [line.value for line in found.stages])
     np.testing.assert_array_equal(found.data["stage_cost"], [line.cost for line in found.stages])

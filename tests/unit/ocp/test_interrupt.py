@@ -21,7 +21,7 @@ def stopping_after(polishes: int):
     seen = []
 
     def progress(stage: StageRecord) -> None:
-        seen.append(stage.knob)
+        seen.append(stage.label)
         if seen.count("active set") > polishes:
             raise KeyboardInterrupt
 
@@ -31,7 +31,7 @@ def stopping_after(polishes: int):
 def test_the_best_finished_start_is_kept() -> None:
     of_one: list[StageRecord] = []
     solve(get("push-1d"), Exact(), progress=of_one.append)
-    polishes = [stage.knob for stage in of_one].count("active set")
+    polishes = [stage.label for stage in of_one].count("active set")
     with pytest.raises(Interrupted) as stop:
         solve(get("push-1d"), Exact(), starts=5, progress=stopping_after(polishes))
     kept = stop.value.solution
@@ -55,10 +55,10 @@ def test_before_the_first_answer_the_best_point_is_kept() -> None:
     assert kept.status is Status.INTERRUPTED
     assert not kept.success and kept.grade == "failed" and kept.others == []
     assert kept.verdict.startswith("Interrupted: cost ")
-    assert stages[-1].knob == "active set" and stages[-1].accepted
+    assert stages[-1].label == "active set" and stages[-1].accepted
     assert kept.cost == pytest.approx(stages[-1].cost, rel=1e-9), "relaxed stages break lam gap = 0"
     assert kept.audit.complementarity <= 1e-8
-    assert [stage.knob for stage in kept.stages] == [stage.knob for stage in stages]
+    assert [stage.label for stage in kept.stages] == [stage.label for stage in stages]
     assert kept.iterations == sum(stage.iterations for stage in stages)
 
 
@@ -74,7 +74,7 @@ def test_without_a_feasible_point_the_nearest_to_it_is_kept() -> None:
     with pytest.raises(Interrupted) as stop:
         solve(get("push-1d"), Barrier(mu=1e-6), progress=progress)
     kept = stop.value.solution
-    assert [stage.knob for stage in stages] == ["mu"] * 3
+    assert [stage.label for stage in stages] == ["mu"] * 3
     assert kept.data["lam"].values * kept.data["gap"].values == pytest.approx(
         stages[-1].value, rel=1e-6
     )

@@ -36,7 +36,7 @@ def test_a_horizon_twenty_times_as_long_takes_no_more_than_twice_the_iterations(
 def test_the_exact_answer_is_near_the_barriers_own_at_any_length() -> None:
     """An answer's small impulses, one a step, are not pushed off their bounds on the way back."""
     for steps in (20, 400):
-        back = [stage for stage in softened(steps).stages if stage.knob == "from exact"]
+        back = [stage for stage in softened(steps).stages if stage.label == "from exact"]
         assert len(back) == 1 and back[0].accepted
         assert back[0].iterations <= 40
 

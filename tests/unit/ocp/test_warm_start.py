@@ -179,7 +179,7 @@ def test_where_it_does_not_converge_the_usual_path_is_followed(
     )  # fmt: skip
     found = solve(get("push-disc", M=1.2), Barrier(mu=1e-3), start=pushed)
     assert found.success
-    assert "mu" in {stage.knob for stage in found.stages}, "the law's own path"
+    assert "mu" in {stage.label for stage in found.stages}, "the law's own path"
     assert found.iterations == sum(stage.iterations for stage in found.stages)
 
 

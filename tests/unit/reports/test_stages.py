@@ -7,8 +7,8 @@ from ocp.solution import StageRecord
 from reports.stages import left_out, shown
 
 
-def stage(knob: str, cost: float, accepted: bool = True) -> StageRecord:
-    return StageRecord(knob, 0.0, cost, 0.0, 0.0, 1, 0.0, "said", accepted)
+def stage(label: str, cost: float, accepted: bool = True) -> StageRecord:
+    return StageRecord(label, 0.0, cost, 0.0, 0.0, 1, 0.0, "said", accepted)
 
 
 def test_neighbours_are_shown_where_they_lower_the_cost() -> None:
