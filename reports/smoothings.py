@@ -6,7 +6,7 @@ import math
 
 import xarray as xr
 
-from problems.studies.smoothings_compared.laws import WITHIN, described, excess
+from problems.studies.smoothings_compared.data import WITHIN, described, excess
 
 
 def dearer(share: float) -> str:

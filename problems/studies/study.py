@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -86,34 +86,50 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Study:
+class FigureStudy:
     """One figure: what to run, and what the paper says about it.
 
-    ``folder`` is the package that the study is made of, loaded when it is first needed, which is
-    slow, so that a list of studies need not: its ``data`` has ``Params``, and ``run(params)``,
-    which returns pure data, where every numeric variable and coordinate has ``units``
-    (:func:`quantity_of`); its ``claims`` has ``claims(data)``, which reads that data, whose
-    attributes hold the parameters. ``notes`` say on the page what a reader must know of choices and
-    corrections. A long one ``resumes``: ``run(params, pieces)`` asks for each of them first;
-    ``quick`` are sizes at which it takes a minute or two, and its claims little weight.
+    ``module`` in ``problems.studies`` is loaded on first use, because that is slow and a list of
+    studies needs none. It defines ``Params``; ``run(params)``, which returns pure data, where every
+    numeric variable and coordinate has ``units`` (:func:`quantity_of`); ``claims(data)``, which
+    reads that data, whose attributes hold the parameters; and ``NOTES``, what a reader must know of
+    choices and corrections. A long study sets ``RESUMES``: its ``run(params, pieces)`` looks up
+    each finished piece first. ``QUICK`` are sizes at which it takes a minute or two, and its claims
+    carry little weight.
     """
 
     id: str
+    module: str
     title: str
     citation: Citation
-    folder: str
-    notes: Sequence[str] = ()
-    resumes: bool = False
-    quick: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def _module(self) -> Any:
+        return import_module(f"problems.studies.{self.module}")
 
     @property
     def Params(self) -> type[StudyParams]:
         """The pydantic model of the parameters."""
-        return import_module(".data", self.folder).Params
+        return self._module.Params
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Choices and corrections that a reader must know."""
+        return self._module.NOTES
+
+    @property
+    def resumes(self) -> bool:
+        """Whether an interrupted run continues from its finished pieces."""
+        return getattr(self._module, "RESUMES", False)
+
+    @property
+    def quick(self) -> Mapping[str, int]:
+        """Parameters at which the study takes a minute or two."""
+        return getattr(self._module, "QUICK", {})
 
     def claims(self, data: xr.Dataset) -> list[Claim]:
-        """Return every sentence of the paper beside what ``data`` say."""
-        return import_module(".claims", self.folder).claims(data)
+        """Return every sentence of the paper beside what ``data`` show."""
+        return self._module.claims(data)
 
     def params(self, values: Mapping[str, Any]) -> Any:
         """Check ``values`` and fill in the defaults.
@@ -134,7 +150,7 @@ class Study:
         """
         params = self.params(values or {})
         more = [Pieces(kept)] if self.resumes else []
-        found = import_module(".data", self.folder).run(params, *more)
+        found = self._module.run(params, *more)
         for name, array in found.variables.items():
             if array.dtype.kind in "fiu" and "units" not in array.attrs:
                 raise ValueError(f"study {self.id}: {name} has no units")

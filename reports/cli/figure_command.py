@@ -18,7 +18,7 @@ from reports.cli.options import Command, StoreOptions, argument, option
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
-    from problems.studies import Study
+    from problems.studies import FigureStudy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class FigureOptions(StoreOptions):
         return [name for name in self.figures or () if _names_run(name)]
 
 
-Asked = list["tuple[Study, dict[str, Any]] | StoredRun"]
+Asked = list["tuple[FigureStudy, dict[str, Any]] | StoredRun"]
 
 
 def check(options: FigureOptions) -> Asked:
@@ -89,7 +89,7 @@ def _names_run(name: str) -> bool:
 
 def _asked(
     name: str, asked: dict[str, Any], options: FigureOptions
-) -> tuple[Study, dict[str, Any]]:
+) -> tuple[FigureStudy, dict[str, Any]]:
     from ocp.effort import check_memory, study_memory
     from problems import studies
 
@@ -133,7 +133,7 @@ def _bare(run: StoredRun, options: FigureOptions) -> Path:
 
 
 @contextmanager
-def _told(study: Study, asked: dict[str, Any]) -> Iterator[None]:
+def _told(study: FigureStudy, asked: dict[str, Any]) -> Iterator[None]:
     """Raise InputError for a study that fails at values that somebody chose, and names them.
 
     At its own values a failure is a defect. Elsewhere it need not have an answer: ranges go one by
@@ -156,7 +156,7 @@ def _told(study: Study, asked: dict[str, Any]) -> Iterator[None]:
         ) from error
 
 
-def _reproduce(study: Study, asked: dict[str, Any], options: FigureOptions) -> dict[str, Any]:
+def _reproduce(study: FigureStudy, asked: dict[str, Any], options: FigureOptions) -> dict[str, Any]:
     from dataclasses import asdict
 
     from ocp import store

@@ -12,7 +12,7 @@ from dynamics.laws import LAWS
 from ocp.store.stored_run import StoredRun
 from problems.parameters import unit_of
 from problems.spec import Spec
-from problems.studies.study import Study
+from problems.studies.study import FigureStudy
 from reports.console import number
 from reports.figures.panels import COLUMNS, Row, draw_rows
 from reports.notation import full_citation, plain
@@ -38,7 +38,9 @@ def head(view: RunView) -> dict[str, Any]:
     return {"title": view.title, **described(view.run, view.spec, values)}
 
 
-def described(run: StoredRun, spec: Spec | Study | None, values: dict[str, Any]) -> dict[str, Any]:
+def described(
+    run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str, Any]
+) -> dict[str, Any]:
     """Where a run is from, what was asked, and what it found."""
     cited = spec.citation if spec else None
     told = run.own_problem if spec is None else None
@@ -113,7 +115,7 @@ def _place_on_path(mu: np.ndarray | None) -> str:
     return f"Near the central path: μ from {start} to {high:.2g} over contacts and steps."
 
 
-def _parameters(spec: Spec | Study | None, values: dict[str, Any]) -> list[list[str]]:
+def _parameters(spec: Spec | FigureStudy | None, values: dict[str, Any]) -> list[list[str]]:
     """Name, value, unit and meaning of every parameter."""
     if spec is None:
         return [[name, shown(value), "", ""] for name, value in values.items()]

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from problems import studies
-from problems.studies import Study
+from problems.studies import FigureStudy
 from problems.studies.study import counted, verdict
 from reports.figures.studies import DRAWINGS
 from reports.notation import full_citation
@@ -64,7 +64,7 @@ def index(found: Mapping[str, Mapping[str, Any]]) -> str:
     return "\n".join(parts)
 
 
-def page(study: Study, figure: Mapping[str, Any]) -> str:
+def page(study: FigureStudy, figure: Mapping[str, Any]) -> str:
     """One figure: picture, caption, source, notes, claims, and where the numbers come from."""
     source = sentence(f"Source: {study.citation.text} of {full_citation(study.citation.key)}")
     parts = [f"# {study.id}: {study.title}\n"]

@@ -157,6 +157,6 @@ def test_a_study_that_fails_at_its_own_values_is_a_defect(ocp, monkeypatch) -> N
     def fails(*_: object) -> None:
         raise ValueError("odd")
 
-    monkeypatch.setattr("problems.studies.study.Study.data", fails)
+    monkeypatch.setattr("problems.studies.study.FigureStudy.data", fails)
     assert "internal fault, ValueError: odd" in ocp("figure", "A1").err
     assert "A1 has no answer with sigma=2.0 (odd)" in ocp("figure", "A1", "-p", "sigma=2").err

@@ -10,7 +10,7 @@ from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solv
 from ocp.judgement import judged
 from ocp.rollout import initial_guesses
 from ocp.solve import new_session
-from problems.studies.start_without_contact.open_loop import gains, plan
+from problems.studies.start_without_contact.data import gains, plan
 from tests.golden.known import LAWS, better
 
 NAMES = ("planar-push", "planar-hand")

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.audited_theory import random_lcs as rl
-from problems.studies.audited_theory import scalar_theory as theory
+from problems.studies.audited_theory import bounds
 from problems.studies.study import StudyParams, quantity_of, setting
 
 SIZES = tuple(range(1, 9))
@@ -30,29 +29,29 @@ class Params(StudyParams):
 
 def _audit(params: Params, rng: np.random.Generator) -> dict:
     """Slope over bound, (kind, size, bound, draw): a bound holds where this is at most one."""
-    shape = (len(rl.KINDS), len(SIZES), len(BOUNDS), params.draws)
+    shape = (len(bounds.KINDS), len(SIZES), len(BOUNDS), params.draws)
     ratio = np.full(shape, np.nan)
     step = np.zeros(shape[:2])
-    for row, kind in enumerate(rl.KINDS):
+    for row, kind in enumerate(bounds.KINDS):
         for column, n in enumerate(SIZES):
-            F = np.stack([rl.random_p_matrix(rng, n, kind) for _ in range(params.draws)])
+            F = np.stack([bounds.random_p_matrix(rng, n, kind) for _ in range(params.draws)])
             mu = 10 ** rng.uniform(-8, 0, params.draws)
             z = rng.standard_normal((params.draws, n))
-            any_z, away = rl.solve(z, F, mu), rl.solve(np.abs(z) + 0.05, F, mu)
+            any_z, away = bounds.solve(z, F, mu), bounds.solve(np.abs(z) + 0.05, F, mu)
             reach, steepest = _over_domain(z, F, mu, rng)
             apart = np.abs(z) + 0.05
-            slope, slope_away = rl.norms(any_z.slope), rl.norms(away.slope)
-            wrong = rl.norms(rl.printed_a26(any_z.lam, any_z.gap, F) - any_z.slope)
+            slope, slope_away = bounds.norms(any_z.slope), bounds.norms(away.slope)
+            wrong = bounds.norms(bounds.printed_a26(any_z.lam, any_z.gap, F) - any_z.slope)
             ratio[row, column] = [
-                steepest / rl.theorem_4_5(reach, F, mu, 1),
-                steepest / rl.theorem_4_5(reach, F, mu, -1),
-                slope / rl.pointwise_4_5(any_z.lam, mu),
-                slope / rl.definite_bound(F),
-                slope_away / rl.theorem_5_1(apart, mu),
-                slope_away / rl.corrected_5_1(apart, F, mu),
+                steepest / bounds.theorem_4_5(reach, F, mu, 1),
+                steepest / bounds.theorem_4_5(reach, F, mu, -1),
+                slope / bounds.pointwise_4_5(any_z.lam, mu),
+                slope / bounds.definite_bound(F),
+                slope_away / bounds.theorem_5_1(apart, mu),
+                slope_away / bounds.corrected_5_1(apart, F, mu),
                 wrong / np.maximum(slope, 1e-300),
             ]
-            undefined = ~np.isfinite(rl.definite_bound(F))
+            undefined = ~np.isfinite(bounds.definite_bound(F))
             for bound in (3, 5):
                 ratio[row, column, bound, undefined] = np.nan
             step[row, column] = np.mean(np.any(away.lam > mu[:, None] / apart, axis=1))
@@ -71,19 +70,19 @@ def _over_domain(
 
     The supremum of thm. 4.5 is one over the domain, and so is the slope that it bounds.
     """
-    reach, steepest = np.linalg.norm(z, axis=1), rl.norms(rl.solve(z, F, mu).slope)
+    reach, steepest = np.linalg.norm(z, axis=1), bounds.norms(bounds.solve(z, F, mu).slope)
     for _ in range(_POINTS - 1):
         other = rng.standard_normal(z.shape)
         reach = np.maximum(reach, np.linalg.norm(other, axis=1))
-        steepest = np.maximum(steepest, rl.norms(rl.solve(other, F, mu).slope))
+        steepest = np.maximum(steepest, bounds.norms(bounds.solve(other, F, mu).slope))
     return reach, steepest
 
 
 def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
     """Largest slope and curvature at a kink over mu, with the printed bound, (kind, mu)."""
-    slope, curvature, bound = np.empty((3, len(rl.KINDS), len(MUS)))
-    for row, kind in enumerate(rl.KINDS):
-        F = np.stack([rl.random_p_matrix(rng, n, kind) for _ in range(params.sweep)])
+    slope, curvature, bound = np.empty((3, len(bounds.KINDS), len(MUS)))
+    for row, kind in enumerate(bounds.KINDS):
+        F = np.stack([bounds.random_p_matrix(rng, n, kind) for _ in range(params.sweep)])
         open_, shut = np.exp(rng.standard_normal((2, params.sweep, n)))
         for column, mu in enumerate(MUS):
             # Contact 0 at its kink, contact 1 pressed, the others open.
@@ -94,12 +93,12 @@ def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
             weights = np.full(params.sweep, mu)
             delta = np.zeros((1, n))
             delta[0, 0] = 1e-3 * np.sqrt(mu)
-            at, up, down = (rl.solve(z + d, F, weights) for d in (0 * delta, delta, -delta))
-            slope[row, column] = rl.norms(at.slope).max()
-            bent = rl.norms(up.slope - down.slope) / (2 * delta[0, 0])
+            at, up, down = (bounds.solve(z + d, F, weights) for d in (0 * delta, delta, -delta))
+            slope[row, column] = bounds.norms(at.slope).max()
+            bent = bounds.norms(up.slope - down.slope) / (2 * delta[0, 0])
             curvature[row, column] = bent.max()
             reach = np.linalg.norm(z, axis=1)
-            bound[row, column] = rl.theorem_4_5(reach, F, weights, 1).max()
+            bound[row, column] = bounds.theorem_4_5(reach, F, weights, 1).max()
     along = ("kind", "mu")
     return {
         "slope": quantity_of(along, slope, "1", "largest |dlam/dz| of all systems"),
@@ -112,14 +111,14 @@ def _counterexamples() -> dict:
     """Two systems of two contacts, from the errata, that break the final inequalities."""
     F = np.array([[[1.0, -1000.0], [0.0, 1.0]], [[1.0, -100.0], [0.0, 1.0]]])
     z, mu = np.array([[1000.0, 0.0], [1.0, 1.0]]), np.ones(2)
-    found = rl.solve(z, F, mu)
+    found = bounds.solve(z, F, mu)
     # C = [1, 0], D = [0, 1]': one state, n² |C| |D| = 4, and |diag(lam)|² for l mu.
     state = abs(found.slope[0, 0, 1])
     held = 4 * float(np.sum(found.lam[0] ** 2))
     return {
         "counter_4_5": quantity_of("side", [state, held], "1", "|dx+/dx| and thm. 4.5 at F_1"),
         "counter_5_1": quantity_of(
-            "side", [rl.norms(found.slope)[1], rl.theorem_5_1(z[1:], mu[1:])[0]], "1",
+            "side", [bounds.norms(found.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]], "1",
             "|dlam/dz| and thm. 5.1 at F_2"),
     }  # fmt: skip
 
@@ -128,11 +127,11 @@ def run(params: Params) -> xr.Dataset:
     """All checks; see the claims for what each is for."""
     rng = np.random.default_rng(params.seed)
     audit, sweep = _audit(params, rng), _sweep(params, rng)
-    pairs = theory.smoothing_pairs(rng, params.pairs)
-    bias = theory.theorem_5_4(rng, params.pairs)
-    vectors = theory.empirical_bias_pairs(rng, 100 * params.draws)
-    unbiased = theory.unbiasedness(params.seed, 10 * params.n_samples)
-    growth = theory.growth(params.seed, params.n_samples, HORIZONS, GAINS)
+    pairs = bounds.smoothing_pairs(rng, params.pairs)
+    bias = bounds.theorem_5_4(rng, params.pairs)
+    vectors = bounds.empirical_bias_pairs(rng, 100 * params.draws)
+    unbiased = bounds.unbiasedness(params.seed, 10 * params.n_samples)
+    growth = bounds.growth(params.seed, params.n_samples, HORIZONS, GAINS)
     return xr.Dataset(
         {
             **audit,
@@ -148,14 +147,14 @@ def run(params: Params) -> xr.Dataset:
             "z_score": quantity_of((), unbiased["z_score"], "1", "lemma III.1 on wall-1d"),
             "components": quantity_of((), unbiased["components"], "1", "inputs compared"),
             "growth": quantity_of(("gain", "horizon"), growth, "1", "variance of the gradient"),
-            "policy_lipschitz": quantity_of((), np.hypot(1, theory.GROWTH_NOISE), "1",
+            "policy_lipschitz": quantity_of((), np.hypot(1, bounds.GROWTH_NOISE), "1",
                                             "constant of the policy in state and noise"),
         },
         {
-            "kind": ("kind", list(rl.KINDS)),
+            "kind": ("kind", list(bounds.KINDS)),
             "size": quantity_of("size", SIZES, "1", "number of contacts"),
             "bound": ("bound", list(BOUNDS)),
-            "constants": ("constants", [f"({a:g}, {b:g})" for a, b in theory.CONSTANTS]),
+            "constants": ("constants", [f"({a:g}, {b:g})" for a, b in bounds.CONSTANTS]),
             "mu": quantity_of("mu", MUS, "1", "central-path parameter"),
             "gain": quantity_of("gain", GAINS, "1", "Lipschitz constant of the dynamics"),
             "horizon": quantity_of("horizon", HORIZONS, "1", "steps"),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from problems.studies.smoothings_compared.laws import ANALYTIC, LEARNED, WITHIN, excess, gap
+from problems.studies.smoothings_compared.data import ANALYTIC, LEARNED, WITHIN, excess, gap
 from problems.studies.study import Claim, over
 
 _PROGRESS = 0.8

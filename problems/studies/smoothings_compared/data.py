@@ -7,7 +7,7 @@ its replay's, whether it survives, iterations, and seconds of learning and of so
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
@@ -20,7 +20,6 @@ from ocp import Direct, Solution, solve
 from ocp.rollout import roll_out
 from problems.registry import get
 from problems.studies.shared.learned_laws import average, network, transitions
-from problems.studies.smoothings_compared.laws import DRAWN, LAWS, TENFOLD
 from problems.studies.study import Pieces, StudyParams, quantity_of, setting
 
 PROBLEMS = ("push-1d", "push-disc", "planar-push", "planar-hand")
@@ -174,3 +173,43 @@ def _told(found: Solution, learning: float, solving: float) -> dict[str, np.ndar
 def _loaded() -> None:
     """Load what the first solve loads: it belongs to none of the laws."""
     solve(get("push-1d", N=2), Exact(), Direct())
+
+
+ANALYTIC = ("gentle barrier", "barrier", "sharp barrier", "adaptive", "randomized")
+LEARNED = ("ewda", "wide ewda", "trusting ewda", "clean mlp", "noised mlp")
+LAWS = ("exact", *ANALYTIC, *LEARNED)
+DRAWN = ("randomized", *LEARNED)
+"""Those that a seed changes."""
+WITHIN = 0.1
+"""How much dearer than the exact optimum a plan's exact replay may be, to be called close to it."""
+TENFOLD = 10.0
+"""How much gentler and sharper than mu the other two barriers are."""
+
+
+def described(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Name every law with its settings, from the study's parameters."""
+    mu, width, wide = settings["mu"], settings["width"], settings["wide"]
+    texts = (
+        "exact",
+        *(f"barrier, mu = {mu * factor:g}" for factor in (TENFOLD, 1, 1 / TENFOLD)),
+        f"adaptive, sigma = {settings['spread']:g}",
+        f"randomized, sigma = {settings['sigma']:g}",
+        f"EWDA, sigma = {width:g}",
+        f"EWDA, sigma = {wide:g}",
+        f"EWDA, sigma = {width:g}, trust",
+        "MLP, clean data",
+        f"MLP, noised, sigma = {width:g}",
+    )
+    return dict(zip(LAWS, texts, strict=True))
+
+
+def excess(data: xr.Dataset) -> xr.DataArray:
+    """Exact replay over the exact law's own optimum, less one (problem, law, seed)."""
+    best = data["cost"].sel(law="exact", motion="exact replay")
+    return data["cost"].sel(motion="exact replay") / best - 1
+
+
+def gap(cost: xr.DataArray) -> xr.DataArray:
+    """How much dearer the replay is than the plan, as a share of the plan's cost."""
+    plan, replay = cost.sel(motion="plan"), cost.sel(motion="exact replay")
+    return (replay - plan) / abs(plan)

@@ -7,8 +7,7 @@ import xarray as xr
 
 from ocp import Status
 from ocp.judges.referee import COST_SHARE
-from problems.studies.start_without_contact.data import LAST
-from problems.studies.start_without_contact.open_loop import LAWS, PROBLEMS
+from problems.studies.start_without_contact.data import LAST, LAWS, PROBLEMS
 from problems.studies.study import Claim, listed, over
 
 _PROGRESS = 0.8

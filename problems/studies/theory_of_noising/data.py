@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import xarray as xr
 
+from dynamics.learned.collecting import collect
+from dynamics.learned.ewda import EwdaModel
+from dynamics.learned.normalisation import Normalisation
+from dynamics.learned.origin import Origin
+from dynamics.learned.transitions import Transitions
+from dynamics.systems.parameters import Signal
+from problems.regions import region_of
+from problems.registry import spec
+from problems.studies.shared.noised_line import Pusher, answers, average_of, network_of
 from problems.studies.study import CODE, StudyParams, quantity_of, setting
-from problems.studies.theory_of_noising import convergence, ends, lemmas, neighbours
+from problems.studies.theory_of_noising import lemmas
 
 
 class Params(StudyParams):
@@ -23,15 +35,15 @@ def run(params: Params) -> xr.Dataset:
     rho, sigma, seed = params.rho, params.sigma, params.seed
     found = {
         # First what may be missing, so that nobody waits to hear of it.
-        **convergence.networks(rho, sigma, params.epochs, params.repeats, seed),
+        **networks(rho, sigma, params.epochs, params.repeats, seed),
         **lemmas.uniform_data(),
         **lemmas.risks(rho, seed),
         **lemmas.score(seed),
-        **ends.walls(),
-        **ends.climbing(sigma, seed),
-        **ends.near_the_ends(rho),
-        **neighbours.uniform_cloud(params.n_samples, seed),
-        **neighbours.along_the_task(params.n_samples, seed),
+        **lemmas.walls(),
+        **lemmas.climbing(sigma, seed),
+        **lemmas.near_the_ends(rho),
+        **uniform_cloud(params.n_samples, seed),
+        **along_the_task(params.n_samples, seed),
     }
     coordinates = {
         "command": quantity_of("command", lemmas.COMMANDS, "1", "slope of the step in contact"),
@@ -43,16 +55,127 @@ def run(params: Params) -> xr.Dataset:
         "candidate": ("candidate", list(lemmas.CANDIDATES)),
         "dimension": quantity_of("dimension", lemmas.DIMENSIONS, "1", "coordinates"),
         "spread": quantity_of("spread", lemmas.SPREADS, "1", "sigma over the data's deviation"),
-        "gap": quantity_of("gap", ends.GAPS, "m", "distance of the walls"),
-        "depth": quantity_of("depth", ends.DEPTHS, "1", "penetration over sigma"),
-        "sample": quantity_of("sample", ends.SAMPLES, "1", "random states between the walls"),
-        "end": ("end", list(ends.ENDS)),
-        "distance": quantity_of("distance", ends.DISTANCES, "1", "from the data's end over sigma"),
-        "units": quantity_of("units", convergence.UNITS, "1", "in each of two layers"),
-        "pairs": quantity_of("pairs", convergence.PAIRS, "1", "noised pairs trained on"),
-        "dim": quantity_of("dim", neighbours.DIMENSIONS, "1", "coordinates"),
-        "normalised": quantity_of("normalised", neighbours.SPREADS, "1", "sigma over deviation"),
-        "problem": ("problem", list(neighbours.PROBLEMS)),
-        "drawn": ("drawn", list(neighbours.DRAWN)),
+        "gap": quantity_of("gap", lemmas.GAPS, "m", "distance of the walls"),
+        "depth": quantity_of("depth", lemmas.DEPTHS, "1", "penetration over sigma"),
+        "sample": quantity_of("sample", lemmas.SAMPLES, "1", "random states between the walls"),
+        "end": ("end", list(lemmas.ENDS)),
+        "distance": quantity_of(
+            "distance", lemmas.DISTANCES, "1", "from the data's end over sigma"
+        ),
+        "units": quantity_of("units", UNITS, "1", "in each of two layers"),
+        "pairs": quantity_of("pairs", PAIRS, "1", "noised pairs trained on"),
+        "dim": quantity_of("dim", DIMENSIONS, "1", "coordinates"),
+        "normalised": quantity_of("normalised", SPREADS, "1", "sigma over deviation"),
+        "problem": ("problem", list(PROBLEMS)),
+        "drawn": ("drawn", list(DRAWN)),
     }
     return xr.Dataset(found, coordinates)
+
+
+PAIRS = np.array([32, 128, 512, 2048])
+UNITS = np.array([2, 4, 16])
+"""Units in each of two layers."""
+_DATA, _QUERIES = 200, 2000
+
+
+def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> dict[str, Any]:
+    """Root mean square of h_sigma - g_sigma over the noised data, of the same 200 commands.
+
+    Every network sees another draw of ``n`` noised pairs, all of them in each step.
+    """
+    pusher, rng = Pusher(rho), np.random.default_rng([seed, 4])
+    u = rng.uniform(-1, 1, _DATA)
+    model = average_of(u, pusher.step(u), sigma)
+    at = rng.choice(u, _QUERIES) + sigma * rng.standard_normal(_QUERIES)
+    g = answers(model, at)
+    off = np.empty((len(UNITS), len(PAIRS), repeats))
+    for row, column, repeat in np.ndindex(off.shape):
+        n, units = int(PAIRS[column]), int(UNITS[row])
+        drawn = rng.choice(u, n)
+        z = drawn + sigma * rng.standard_normal(n)
+        recipe = {
+            "hidden": (units, units),
+            "epochs": epochs,
+            "batch": n,
+            "rate": 1e-2,
+            "held_out": 0.0,
+        }
+        h = network_of(z, pusher.step(drawn), 0.0, repeat, **recipe)
+        off[row, column, repeat] = np.sqrt(np.mean((answers(h, at) - g) ** 2))
+    noise = np.sqrt(np.mean((g - pusher.step(at)) ** 2))
+    return {
+        "network_error": quantity_of(("units", "pairs", "repeat"), off, "m",
+                                     "root mean square of h_sigma - g_sigma"),
+        "noising_effect": quantity_of((), noise, "m", "root mean square of g_sigma - f"),
+    }  # fmt: skip
+
+
+DIMENSIONS = np.arange(1, 13)
+SPREADS = np.array([0.1, 0.2, 0.4])
+"""sigma over the deviation of the data in each coordinate."""
+PROBLEMS = ("planar-push", "planar-hand")
+DRAWN = ("ranges alone", "half in the tube")
+_PLACES = 100
+
+
+def effective(
+    z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray
+) -> np.ndarray:
+    """``(sum w)²/sum w²`` (k,) of the weights of data z (n, d) at ``queries`` (k, d).
+
+    w² are the weights of width sigma/sqrt(2), so that both sums are densities, that lemma 3's
+    denominator says the logarithm of: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
+    """
+    names = tuple(Signal(f"z{i}", "1") for i in range(z.shape[1]))
+    wide, narrow = (
+        EwdaModel(z, z[:, :1], scales, s, Origin(names, names[:1])).values(queries)[:, -1]
+        for s in (sigma, sigma / np.sqrt(2))
+    )
+    bells = z.shape[1] * np.log(np.sqrt(4 * np.pi) * sigma)
+    return np.exp(bells + np.log(len(z)) + 2 * wide - narrow)
+
+
+def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
+    """Median over queries near the middle of n points, uniform in every coordinate, deviation 1.
+
+    Where many are near, it is ``n (2 sqrt(pi) sigma/length)^d``, the quotient of the integrals.
+    """
+    rng = np.random.default_rng([seed, 5])
+    half, most = np.sqrt(3.0), int(DIMENSIONS[-1])
+    cloud, at = rng.uniform(-half, half, (n, most)), rng.uniform(-0.3, 0.3, (_PLACES, most))
+    found = np.empty((len(DIMENSIONS), len(SPREADS)))
+    for row, dim in enumerate(DIMENSIONS):
+        scales = Normalisation(np.zeros(dim), np.ones(dim))
+        z = np.ascontiguousarray(cloud[:, :dim])
+        found[row] = [np.median(effective(z, scales, s, at[:, :dim])) for s in SPREADS]
+    law = n * (np.sqrt(np.pi / 3) * SPREADS) ** DIMENSIONS[:, None]
+    both = ("dim", "normalised")
+    return {
+        "neighbours": quantity_of(both, found, "1", "effective neighbours, median of queries"),
+        "neighbours_law": quantity_of(both, law, "1", "the same by integrals"),
+    }
+
+
+def along_the_task(n: int, seed: int) -> dict[str, Any]:
+    """The papers' two problems: n transitions, and queries in the tube from start to goal."""
+    shape = (len(PROBLEMS), len(DRAWN), len(SPREADS))
+    found, size = np.empty(shape), np.empty(len(PROBLEMS))
+    for row, name in enumerate(PROBLEMS):
+        own = spec(name)
+        problem = own.problem()
+        region, step = region_of(own, own.params({}), problem), problem.exact_step
+        mixed = collect(step, region, n, seed)
+        ranges, tube = _rows(collect(step, region, 2 * n, seed + 1)), slice(-_PLACES, None)
+        scales, queries = mixed.normalisation, ranges[tube]
+        size[row] = queries.shape[1]
+        for column, z in enumerate((ranges[:n], _rows(mixed))):
+            found[row, column] = [np.median(effective(z, scales, s, queries)) for s in SPREADS]
+    return {
+        "task_neighbours": quantity_of(("problem", "drawn", "normalised"), found, "1",
+                                       "effective neighbours in the tube, median of queries"),
+        "task_size": quantity_of("problem", size, "1", "coordinates of state and input"),
+    }  # fmt: skip
+
+
+def _rows(data: Transitions) -> np.ndarray:
+    return np.hstack([data.x, data.u])

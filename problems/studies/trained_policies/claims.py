@@ -7,8 +7,7 @@ import xarray as xr
 
 from problems.studies.shared.compared_runs import Difference, area, difference, least
 from problems.studies.study import Claim, over
-from problems.studies.trained_policies.data import MODEL_BASED, NETWORK, SHOWN
-from problems.studies.trained_policies.plans import STEPS
+from problems.studies.trained_policies.data import MODEL_BASED, NETWORK, SHOWN, STEPS
 
 _SAME = 1e-2
 """Relative difference up to which a plan and its replay have one return."""

@@ -10,15 +10,25 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
-from ocp.learning.experiment import Budget
-from problems.studies.shared.trainings import Curves, at, curves, job
+from ocp.learning.evaluation import evaluate_from
+from ocp.learning.experiment import EXACT, Budget, Experiment
+from ocp.learning.plans.demonstrations import demonstrations
+from ocp.learning.plans.guesses import by_held_inputs, by_policy
+from ocp.learning.plans.imitation import fitted_to
+from ocp.learning.plans.planned import planned_return
+from ocp.learning.protocol import Trained
+from ocp.learning.unrolls.fopg import FOPG
+from ocp.scheduling import Tell
+from problems.studies.shared.trainings import Curves, at, curves, job, side_by_side
 from problems.studies.study import Pieces, StudyParams, quantity_of, setting
-from problems.studies.trained_policies import plans
+from problems.tasks import registry
 from problems.tasks.episodes import policy_of
 from problems.tasks.training import TrainingJob
 
 TASKS = ("hopper", "half-cheetah")
 POINTS = 60
+HIDDEN = (32, 32)
+"""Layers of the networks that are trained and fitted to plans."""
 EPISODES = 16
 """Of each judgement."""
 
@@ -45,9 +55,9 @@ METHODS = {
     "ARS": Method("ars", _SHARP),
     "Total propagation": Method("total-propagation", _SHARP),
     "AoBG": Method("aobg", _SHARP),
-    MODEL_BASED: Method("mbpo", _SHARP, hidden=plans.HIDDEN),
-    NETWORK: Method("fopg", _ABS, hidden=plans.HIDDEN),
-    SHOWN: Method("fopg", _ABS, hidden=plans.HIDDEN, shown=True),
+    MODEL_BASED: Method("mbpo", _SHARP, hidden=HIDDEN),
+    NETWORK: Method("fopg", _ABS, hidden=HIDDEN),
+    SHOWN: Method("fopg", _ABS, hidden=HIDDEN, shown=True),
 }
 
 
@@ -63,7 +73,7 @@ class Params(StudyParams):
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """Returns of every run over simulated steps and over time, and what the best policy does."""
-    shown = plans.plans(TASKS, params.plans, pieces)
+    shown = plans(TASKS, params.plans, pieces)
     jobs = {
         f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, shown[task])
         for task in TASKS for name in METHODS for r in range(params.runs)
@@ -120,7 +130,7 @@ def _against_plans(
     """Returns over the steps of a plan: of plans from both guesses, and of every policy."""
     n = params.plans
     policies = {
-        key: plans.Policy(job.task, policy_of(found[key]), job.options["hidden"])
+        key: Policy(job.task, policy_of(found[key]), job.options["hidden"])
         for key, job in jobs.items()
     }
     reached = {key: policy.returns(n) for key, policy in policies.items()}
@@ -128,7 +138,7 @@ def _against_plans(
         task: max((key for key in jobs if jobs[key].task == task), key=lambda k: reached[k].mean())
         for task in TASKS
     }
-    near = plans.plans(TASKS, n, pieces, {task: policies[key] for task, key in best.items()})
+    near = plans(TASKS, n, pieces, {task: policies[key] for task, key in best.items()})
 
     def told(of: str) -> np.ndarray:
         return np.array(
@@ -151,10 +161,94 @@ def _against_plans(
 def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves]) -> TrainingJob:
     """A training that spends the budget, or MBPO's iterations."""
     seed = params.seed * 1000 + run
-    start = plans.fitted(task, shown, seed) if method.shown else None
+    start = fitted(task, shown, seed) if method.shown else None
     asked: dict[str, Any] = {"budget": Budget(1000 * params.kilosteps, params.judged)}
     if method.algorithm == "mbpo":
         every = max(1, params.model_based // params.judged)
         asked = {"iterations": params.model_based, "evaluate_every": every}
     return job(task, method.algorithm, method.law, seed, hidden=method.hidden, episodes=EPISODES,
                start=start, **asked)  # fmt: skip
+
+
+STEPS = 20
+"""Of a plan: longer ones are not certified in minutes."""
+_COPIES, _SPREAD = 8, 0.02
+_STARTS = 31
+"""Seed of the states that plans start from."""
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A learned policy of a task, with the sizes of its layers."""
+
+    task: str
+    trained: Trained
+    hidden: tuple[int, ...]
+
+    def over(self, steps: int) -> Experiment:
+        """The experiment to judge it in, whatever made it."""
+        task = registry.get(self.task, horizon=steps)
+        return Experiment(task=task, algorithm=FOPG(), hidden=self.hidden, threads=1)
+
+    def returns(self, n: int) -> np.ndarray:
+        """Returns (n,) over as many steps as a plan has, from the plans' starts."""
+        found = evaluate_from(self.over(STEPS), self.trained, EXACT, starts(self.task, n))
+        return found.returns
+
+
+@dataclass(frozen=True)
+class PlanJob:
+    """A plan from the ``number``-th start, out of held inputs, or where a policy leads."""
+
+    task: str
+    number: int
+    near: Policy | None = None
+
+
+def plan(job: PlanJob, _: Tell) -> dict[str, np.ndarray]:
+    """Do a job; a :data:`~ocp.scheduling.Function`.
+
+    ``states`` and ``inputs`` are what the plan shows, ``returned`` and ``replayed`` its return and
+    that of its inputs under the exact law, ``certified`` whether it is.
+    """
+    task = registry.get(job.task, horizon=STEPS)
+    x0 = starts(job.task, job.number + 1)[job.number]
+    guess = by_held_inputs(task)
+    if job.near is not None:
+        guess = by_policy(job.near.over(STEPS), job.near.trained)
+    found = planned_return(task, x0, guess)
+    states, inputs = demonstrations([found.solution], _COPIES, _SPREAD, job.number)
+    return {
+        "states": states,
+        "inputs": inputs,
+        "returned": np.array(found.returned),
+        "replayed": np.array(found.replayed),
+        "certified": np.array(found.certified),
+    }
+
+
+def starts(task: str, n: int) -> np.ndarray:
+    """The first ``n`` states that plans start from (n, nx)."""
+    made = registry.get(task)
+    return np.concatenate(
+        [made.reset(1, np.random.default_rng([_STARTS, number])) for number in range(n)]
+    )
+
+
+def plans(
+    tasks: tuple[str, ...], n: int, pieces: Pieces, best: Mapping[str, Policy] | None = None
+) -> dict[str, list[dict[str, np.ndarray]]]:
+    """``n`` plans of each task, side by side, from held inputs or where ``best`` policies lead."""
+    word = "plan" if best is None else "near"
+    jobs = {
+        f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task])
+        for task in tasks for k in range(n)
+    }  # fmt: skip
+    found = side_by_side(plan, jobs, pieces)
+    return {task: [found[f"{word}-{task}-{k}"] for k in range(n)] for task in tasks}
+
+
+def fitted(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> Trained:
+    """The network that does what plans show."""
+    states, inputs = (np.concatenate([one[of] for one in shown]) for of in ("states", "inputs"))
+    return fitted_to(registry.get(task), states, inputs, HIDDEN, seed)

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from problems.studies.convergence_bound.data import bound
+from problems.studies.convergence_bound import bound
 from reports.style import CYCLE, INK, WIDTH
 
 caption = (

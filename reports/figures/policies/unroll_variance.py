@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from problems.studies.unroll_variance.claims import growth
+from problems.studies.unroll_variance import growth
 from reports.style import CYCLE, INK, WIDTH
 
 caption = (

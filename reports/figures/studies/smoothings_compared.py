@@ -11,7 +11,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from problems.studies.smoothings_compared.laws import ANALYTIC, WITHIN, described, excess, gap
+from problems.studies.smoothings_compared.data import ANALYTIC, WITHIN, described, excess, gap
 from reports.smoothings import dearer, seconds_of, short
 from reports.style import CYCLE, GREY, INK, WIDTH
 

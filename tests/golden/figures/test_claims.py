@@ -13,7 +13,8 @@ import xarray as xr
 
 import problems.studies
 from problems import studies
-from problems.studies.start_without_contact import claims as n2
+from problems.studies.start_without_contact.claims import open_loop
+from problems.studies.start_without_contact.data import LAWS, PROBLEMS
 from problems.studies.study import WITHIN_NOISE, Claim, largest, over, verdict
 from tests.golden.figures.verdicts import SLOW, SMALL, VERDICTS
 
@@ -190,7 +191,7 @@ def test_once_typed_verdicts_follow_the_data() -> None:
 
 def planned(dearer: float) -> xr.Dataset:
     """Data of N2 in which every plan keeps half of its gain, and is dearer by ``dearer`` in all."""
-    shape = (len(n2.PROBLEMS), len(n2.LAWS))
+    shape = (len(PROBLEMS), len(LAWS))
     both = ("problem", "law")
     cost = np.broadcast_to([100.0, 10.0, 55.0], (*shape, 3)).copy()
     cost[:, 0] = 100.0
@@ -200,7 +201,7 @@ def planned(dearer: float) -> xr.Dataset:
     return xr.Dataset(
         {"cost": ((*both, "of"), cost), "total": ((*both, "motion"), total),
          "status": (both, status)},
-        {"problem": list(n2.PROBLEMS), "law": list(n2.LAWS),
+        {"problem": list(PROBLEMS), "law": list(LAWS),
          "of": ["at rest", "plan", "exact replay"]},
     )  # fmt: skip
 
@@ -210,13 +211,13 @@ def planned(dearer: float) -> xr.Dataset:
 )
 def test_a_plan_survives_by_its_whole_cost(dearer: float, survives: bool) -> None:
     data = planned(dearer)
-    found = [claim for name in n2.PROBLEMS for claim in n2.open_loop(name, data.sel(problem=name))]
+    found = [claim for name in PROBLEMS for claim in open_loop(name, data.sel(problem=name))]
     told = [
         claim
         for claim in found
         if claim.claim.endswith("the plan keeps its cost under the exact law")
     ]
-    assert [bool(claim.holds) for claim in told] == [survives] * len(n2.PROBLEMS)
+    assert [bool(claim.holds) for claim in told] == [survives] * len(PROBLEMS)
     assert all(claim.holds for claim in found if claim not in told)
 
 

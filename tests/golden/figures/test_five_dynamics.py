@@ -10,9 +10,15 @@ from scipy.stats import norm
 from dynamics.contact import Exact
 from problems import get, studies
 from problems.studies.start_without_contact import data as n2
-from problems.studies.start_without_contact.dynamics import DYNAMICS, Bundle, Bundled
-from problems.studies.start_without_contact.learning import descend, gains_of, replay
-from problems.studies.start_without_contact.open_loop import LAWS, PROBLEMS, labelled
+from problems.studies.start_without_contact.data import LAWS, PROBLEMS, labelled
+from problems.studies.start_without_contact.dynamics import (
+    DYNAMICS,
+    Bundle,
+    Bundled,
+    descend,
+    gains_of,
+    replay,
+)
 from problems.studies.study import Pieces
 from reports.figures.studies import DRAWINGS
 from reports.style import styled

@@ -15,7 +15,7 @@ from dynamics.contact import Exact
 from dynamics.learned.normalisation import Normalisation
 from ocp.errors import InputError
 from problems import get, studies
-from problems.studies.noised_contact.many_sets import many_sets
+from problems.studies.noised_contact.data import many_sets
 from problems.studies.shared.noised_line import (
     Pusher,
     Walls,
@@ -24,7 +24,7 @@ from problems.studies.shared.noised_line import (
     network_of,
 )
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.theory_of_noising import convergence, ends, lemmas, neighbours
+from problems.studies.theory_of_noising import data, lemmas
 from reports.cli.app import main
 from reports.figures.studies import DRAWINGS
 from reports.style import styled, to_svg
@@ -91,7 +91,7 @@ def test_effective_neighbours_are_those_of_the_weights() -> None:
     distance = (z[None] - queries[:, None]) / scale
     weight = np.exp(-0.5 * np.sum(distance**2, axis=2) / sigma**2)
     expected = weight.sum(axis=1) ** 2 / np.sum(weight**2, axis=1)
-    found = neighbours.effective(z, Normalisation(np.ones(4), scale), sigma, queries)
+    found = data.effective(z, Normalisation(np.ones(4), scale), sigma, queries)
     assert found == pytest.approx(expected, rel=1e-10)
 
 
@@ -123,9 +123,9 @@ def test_sets_of_data_are_as_far_off_as_their_standard_errors() -> None:
 
 
 def test_rollouts_climb_the_density_and_stop_at_its_modes() -> None:
-    found = ends.climbing(0.3, 0)
+    found = lemmas.climbing(0.3, 0)
     assert np.all(found["climb"][1] >= 0)
-    few = np.random.default_rng([0, 3, 0]).uniform(-1, 1, int(ends.SAMPLES[0]))
+    few = np.random.default_rng([0, 3, 0]).uniform(-1, 1, int(lemmas.SAMPLES[0]))
     model, x = average_of(few, few, 0.3), np.linspace(-1, 1, 2001)
     density = model.values(x[:, None])[:, 1]
     modes = np.sum((density[1:-1] > density[:-2]) & (density[1:-1] > density[2:]))
@@ -145,7 +145,7 @@ def test_a_network_learns_noise_in_metres() -> None:
 @pytest.mark.parametrize("identifier", list(TINY))
 def test_data_carry_units_and_are_drawn(identifier: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # A network's place is taken by an average: what is drawn is the same, in seconds.
-    monkeypatch.setattr(convergence, "network_of", lambda z, y, *_, **__: average_of(z, y, 0.1))
+    monkeypatch.setattr(data, "network_of", lambda z, y, *_, **__: average_of(z, y, 0.1))
     found = studies.get(identifier).data(TINY[identifier])
     assert all(
         variable.attrs.get("units") or variable.dtype.kind not in "fiu"

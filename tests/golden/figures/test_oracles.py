@@ -10,15 +10,15 @@ from scipy.stats import norm
 from dynamics.batch import Gaussian
 from dynamics.contact import Adaptive, Barrier, Exact
 from problems import get, studies
-from problems.studies.audited_theory import random_lcs as rl
-from problems.studies.barrier_relaxation.data import eq5, newton_step, solve_qp
-from problems.studies.bouncing_ball.ball_ode import in_log_height, least_height, turning_points
-from problems.studies.impact_and_friction.box_push import (
+from problems.studies.audited_theory import bounds
+from problems.studies.barrier_relaxation import eq5, newton_step, solve_qp
+from problems.studies.bouncing_ball import in_log_height, least_height, turning_points
+from problems.studies.impact_and_friction import (
     cost_of_averaging,
     smoothed_box,
     softened_box,
 )
-from problems.studies.jumping_objectives.data import drop, pivot, throw_wall
+from problems.studies.jumping_objectives import drop, pivot, throw_wall
 from problems.studies.shared.noise import (
     averaged_exact,
     gaussian,
@@ -29,9 +29,9 @@ from problems.studies.shared.noise import (
 )
 from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.shared.scalar_contact import scalar_contact
-from problems.studies.stiff_pushing.data import Params as PushParams
-from problems.studies.stiff_pushing.data import limit, pushing_system
-from problems.studies.wall_corner.thrown_ball import ThrownBall, Wall
+from problems.studies.stiff_pushing import Params as PushParams
+from problems.studies.stiff_pushing import limit, pushing_system
+from problems.studies.wall_corner import ThrownBall, Wall
 
 
 def test_eq5_solves_the_optimality_condition() -> None:
@@ -143,33 +143,33 @@ def test_the_least_absolute_residual_is_that_of_a_linear_program(t: float) -> No
     assert least_residual(3 * t, 0.5, 3.0) == pytest.approx(6 * found.fun, rel=2e-3)
 
 
-@pytest.mark.parametrize("kind", rl.KINDS)
+@pytest.mark.parametrize("kind", bounds.KINDS)
 def test_random_systems_are_solved_and_differentiated(kind: str) -> None:
     rng = np.random.default_rng(1)
-    F = np.stack([rl.random_p_matrix(rng, 3, kind) for _ in range(20)])
+    F = np.stack([bounds.random_p_matrix(rng, 3, kind) for _ in range(20)])
     z, mu = rng.standard_normal((20, 3)), 10 ** rng.uniform(-4, 0, 20)
-    found = rl.solve(z, F, mu)
+    found = bounds.solve(z, F, mu)
     assert found.lam * found.gap == pytest.approx(np.repeat(mu[:, None], 3, 1), rel=1e-8)
     assert found.gap == pytest.approx(z + np.einsum("kij,kj->ki", F, found.lam), abs=1e-9)
     for column in range(3):
         shift = np.zeros((1, 3))
         shift[0, column] = 1e-6
-        ahead, behind = rl.solve(z + shift, F, mu), rl.solve(z - shift, F, mu)
+        ahead, behind = bounds.solve(z + shift, F, mu), bounds.solve(z - shift, F, mu)
         difference = (ahead.lam - behind.lam) / 2e-6
         assert found.slope[:, :, column] == pytest.approx(difference, rel=1e-3, abs=1e-4)
 
 
 def test_bounds_have_the_values_of_the_errata() -> None:
     one, z = np.ones((1, 1, 1)), np.ones(1)
-    assert rl.theorem_4_5(z, one, np.array([1e-6]), 1)[0] == pytest.approx(1e6, rel=1e-5)
+    assert bounds.theorem_4_5(z, one, np.array([1e-6]), 1)[0] == pytest.approx(1e6, rel=1e-5)
     # 1/F - ... cancels to mu/(2 eps F²) as mu falls, eps = 1/2.
-    assert rl.theorem_4_5(z, one, np.array([1e-6]), -1)[0] == pytest.approx(1e-6, rel=1e-4)
+    assert bounds.theorem_4_5(z, one, np.array([1e-6]), -1)[0] == pytest.approx(1e-6, rel=1e-4)
     e, mu, F = 0.5, 0.3, 1.0
     plain = e / mu + 1 / F - e * np.sqrt(1 / mu**2 + 2 / (e * mu * F))
-    assert rl.theorem_4_5(z, one, np.array([mu]), -1)[0] == pytest.approx(plain, rel=1e-12)
+    assert bounds.theorem_4_5(z, one, np.array([mu]), -1)[0] == pytest.approx(plain, rel=1e-12)
     F2 = np.array([[[1.0, -100.0], [0.0, 1.0]]])
-    found = rl.solve(np.ones((1, 2)), F2, np.ones(1))
-    assert rl.norms(found.slope)[0] == pytest.approx(27.63, abs=0.05)
+    found = bounds.solve(np.ones((1, 2)), F2, np.ones(1))
+    assert bounds.norms(found.slope)[0] == pytest.approx(27.63, abs=0.05)
     assert found.lam[0, 0] == pytest.approx(60.8, abs=0.05)
 
 

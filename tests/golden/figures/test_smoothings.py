@@ -11,15 +11,19 @@ import xarray as xr
 from problems import studies
 from problems.registry import spec
 from problems.studies.smoothings_compared.data import (
+    ANALYTIC,
+    LAWS,
+    LEARNED,
     PROBLEMS,
     SHARES,
     TRUSTED,
     Params,
     Source,
+    excess,
+    gap,
     rest_cost,
     run,
 )
-from problems.studies.smoothings_compared.laws import ANALYTIC, LAWS, LEARNED, excess, gap
 from reports.figures.studies import DRAWINGS
 from reports.smoothings import dearer, rows
 from reports.style import styled, to_svg

@@ -21,11 +21,13 @@ from problems.studies.trained_policies.data import (
     METHODS,
     MODEL_BASED,
     SHOWN,
+    STEPS,
     TASKS,
     Params,
+    Policy,
     _job,
+    starts,
 )
-from problems.studies.trained_policies.plans import STEPS, Policy, starts
 from problems.tasks import registry
 from problems.tasks.training import TrainingJob
 
@@ -101,8 +103,8 @@ def test_curves_end_where_steps_were_spent(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr(data, "curves", made)
     monkeypatch.setattr(data, "_against_plans", lambda *_: {})
-    monkeypatch.setattr(data.plans, "plans", lambda *_: {task: [] for task in TASKS})
-    monkeypatch.setattr(data.plans, "fitted", lambda *_: None)
+    monkeypatch.setattr(data, "plans", lambda *_: {task: [] for task in TASKS})
+    monkeypatch.setattr(data, "fitted", lambda *_: None)
     found = data.run(Params(kilosteps=1, runs=2), Pieces())
     alone = found.sel(algorithm=MODEL_BASED)
     rest = found.drop_sel(algorithm=MODEL_BASED)

@@ -1,0 +1,282 @@
+"""Checks of single-contact propositions, of lemmas on estimators, and of growth over a horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+from scipy.stats import norm
+
+from dynamics.batch import Gaussian, RolloutFunction, RolloutPolicy, open_loop
+from dynamics.contact import Barrier, Exact, Step
+from dynamics.systems import ParameterTable, entries, lcs
+from dynamics.systems.lcs import is_p_matrix
+from problems.registry import get
+from problems.studies.shared.noise import (
+    averaged_exact,
+    gaussian,
+    least_residual,
+    misfit,
+    printed_kappa,
+    student,
+)
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.shared.scalar_contact import barrier_contact, gaussian_contact
+
+GROWTH_NOISE = 0.1
+"""Noise of the policy in :func:`growth`, over a standard normal one."""
+
+
+CONSTANTS = ((0.0, 0.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.5))
+"""c1, c2 of eq. 5.1 at which thm. 5.4 is tried; the text leaves them open."""
+
+
+def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
+    """Random (F, scale, z), n of each: softened solutions beside quadratures and printed forms.
+
+    ``barrier``, ``gaussian``: the laws' lam less E S_0(z + w); ``mass``: integral of rho as prop.
+    5.2 prints it; ``misfit``: kappa of eq. 5.1 at its best c1, c2 less the Gaussian
+    expectation over |z| <= 3 scales, over scale/F; ``bias``, ``tail``: slope error of the corrected
+    law and its closed form, times F.
+    """
+    F, scale = 10 ** rng.uniform(-1, 1, (2, n))
+    z = scale * rng.uniform(-2, 2, n)
+    mu = scale**2 / (2 * F)
+    soft = barrier_contact(z, F, mu).lam
+    gauss = gaussian_contact(z, F, scale)
+    heavy = [averaged_exact(at, f, student(f, m)) for at, f, m in zip(z, F, mu, strict=True)]
+    true = [averaged_exact(at, f, gaussian(s)) for at, f, s in zip(z, F, scale, strict=True)]
+    return {
+        "barrier": soft - heavy,
+        "gaussian": gauss.lam - true,
+        "mass": _printed_mass(F, mu),
+        "F": F,
+        "misfit": np.array([_misfit(f, s) for f, s in zip(F, scale, strict=True)]),
+        "bias": F * np.abs(gauss.slope - np.where(z < 0, -1 / F, 0)),
+        "tail": norm.sf(np.abs(z) / scale),
+    }
+
+
+def _misfit(F: float, scale: float) -> float:
+    """Misfit of eq. 5.1 over scale/F, with its sigma read as deviation or variance."""
+    z = scale * np.linspace(-3, 3, 121)
+    true = gaussian_contact(z, F, scale).lam
+    return F / scale * min(misfit(printed_kappa(z, s), true, z) for s in (scale, scale**2))
+
+
+def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
+    """Slope errors of the model softened by eq. 5.1 as printed, beside thm. 5.4's bound.
+
+    For n random (F, sigma, z), each at every pair of :data:`CONSTANTS`: ``bias`` and ``bound``
+    (len(CONSTANTS), n), for C = D = 1 and E = 0. The softened solution is the root of
+    ``lam (z + F lam) = kappa (z + F kappa)`` that is not negative, with its total derivative;
+    where there is none (mu < 0) the bias is infinite.
+    """
+    F, sigma = 10 ** rng.uniform(-1, 1, (2, n))
+    z = sigma * rng.uniform(-2, 2, n)
+    delta = [least_residual(at, f, s) for at, f, s in zip(z, F, sigma, strict=True)]
+    exact, step = np.where(z < 0, -1 / F, 0), 1e-5 * sigma
+    bias, bound = np.empty((2, len(CONSTANTS), n))
+    for row, (c1, c2) in enumerate(CONSTANTS):
+
+        def solution(at: np.ndarray, c1: float = c1, c2: float = c2) -> np.ndarray:
+            kappa = printed_kappa(at, sigma) + c1 * at + c2
+            mu = kappa * (at + F * kappa)
+            return np.where(mu >= 0, np.maximum(kappa, -at / F - kappa), np.nan)
+
+        slope = (solution(z + step) - solution(z - step)) / (2 * step)
+        bias[row] = np.nan_to_num(np.abs(slope - exact), nan=np.inf)
+        varsigma = 1 / np.sqrt(np.pi) + c2
+        bound[row] = 1 / F + (12 * np.array(delta) + varsigma) / (sigma * norm.ppf(2 / 3))
+    return {"bias": bias, "bound": bound}
+
+
+def _printed_mass(F: np.ndarray, mu: np.ndarray) -> np.ndarray:
+    """Integral of S_mu'' over z, where prop. 5.2 has a density, (n,)."""
+    half = np.geomspace(1e-5, 1e5, 4001)
+    grid = np.concatenate((-half[::-1], half))
+    spread = np.sqrt(F * mu)[:, None] * grid
+    repeat = len(grid)
+    found = barrier_contact(spread.ravel(), np.repeat(F, repeat), np.repeat(mu, repeat))
+    return np.trapezoid(found.curvature.reshape(spread.shape), spread, axis=1)
+
+
+def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
+    """Random discrete vectors: variance, the bound of lemma III.4 and the sharp one, (n,) each.
+
+    The event holds all outcomes but one; beta is the probability of that one, Delta as defined.
+    """
+    rows = []
+    for _ in range(n):
+        size, d = rng.integers(2, 6), rng.integers(1, 4)
+        p = rng.dirichlet(np.full(size, 0.5))
+        # A rare outcome is what the lemma is about.
+        z = rng.standard_normal((size, d)) * np.exp(rng.uniform(-2, 2, (size, 1)))
+        beta = p[0]
+        mean, inside = p @ z, p[1:] @ z[1:] / (1 - beta)
+        delta = np.linalg.norm(inside - mean)
+        paper = max(0.0, (1 - beta) * delta - beta * np.linalg.norm(mean)) ** 2 / beta
+        rows.append((p @ np.sum((z - mean) ** 2, axis=1), paper, (1 - beta) / beta * delta**2))
+    return dict(zip(("variance", "paper", "sharp"), np.transpose(rows), strict=True))
+
+
+def unbiasedness(seed: int, n: int) -> dict[str, float]:
+    """First- against zeroth-order mean on ``wall-1d`` under the exact law, worst of all inputs.
+
+    ``z_score``: largest difference of the means over their joint standard error.
+    """
+    problem = get("wall-1d", N=15, x0=0.3)
+    step = Exact().close(problem.system)
+    stage, terminal = _costs(step, lambda x, u: x[0] ** 2 + 0.01 * u**2, lambda x: x[0] ** 2)
+    rollout = RolloutFunction(step, stage, terminal, 15, open_loop(2, 1))
+    theta, start = np.full((15, 1), -0.2), np.array([0.3, 0.0])
+    at_rest = rollout(start, theta, gradient=False).cost.mean()
+    found = rollout.moments(start, theta, noise=Gaussian(0.3, seed), n_samples=n, score=True,
+                            baseline=float(at_rest))  # fmt: skip
+    first, zeroth = found.gradient, found.zeroth
+    assert first is not None and zeroth is not None
+    error = np.hypot(first.standard_error, zeroth.standard_error)
+    score = np.abs(first.mean - zeroth.mean) / error
+    return {"z_score": float(score.max()), "components": float(score.size)}
+
+
+def growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) -> np.ndarray:
+    """First-order variance, (len(gains), len(horizons)), of ``x+ = a x + b u`` with a far wall.
+
+    a = b = L/sqrt(2), so that the dynamics' Lipschitz constant in (x, u) is L; the policy is
+    ``u = x + theta + s w``, of constant sqrt(1 + s²) in (x, w), s = :data:`GROWTH_NOISE` and w
+    standard normal; the cost at the end is sqrt(s² + x²), of constant 1. It starts at x = 0, where
+    the side to which noise throws it, and so the sign of the gradient, is open.
+    """
+    found = np.empty((len(gains), len(horizons)))
+    for row, gain in enumerate(gains):
+        rate = gain / np.sqrt(2)
+        system = lcs("chain", A=[[rate]], B=[[rate]], C=[[1.0]], D=[[rate]], E=[[rate]],
+                     F=[[1.0]], d=[1e9])  # fmt: skip
+        step = Exact().close(system)
+        stage, terminal = _costs(
+            step, lambda x, u: ca.SX(0), lambda x: ca.sqrt(GROWTH_NOISE**2 + x[0] ** 2)
+        )
+        x, theta = ca.SX.sym("x"), ca.SX.sym("theta")
+        policy = RolloutPolicy(ca.Function("shift", [x, theta], [x + theta]), per_step=False)
+        for column, horizon in enumerate(horizons):
+            rollout = RolloutFunction(step, stage, terminal, int(horizon), policy)
+            moments = rollout.moments(np.array([0.0]), np.array([0.0]), n_samples=n,
+                                      noise=Gaussian(GROWTH_NOISE, seed)).gradient  # fmt: skip
+            assert moments is not None
+            found[row, column] = moments.variance[0]
+    return found
+
+
+def _costs(
+    step: Step, stage: Callable[[ca.SX, ca.SX], ca.SX], terminal: Callable[[ca.SX], ca.SX]
+) -> tuple[ca.Function, ca.Function]:
+    x, u = ca.SX.sym("x", step.system.nx), ca.SX.sym("u", step.system.nu)
+    p = ca.SX.sym("p", len(step.p))
+    return (
+        ca.Function("stage", [x, u, p], [stage(x, u)]),
+        ca.Function("terminal", [x, p], [terminal(x)]),
+    )
+
+
+KINDS = ("symmetric", "P-matrix")
+
+
+def random_p_matrix(rng: np.random.Generator, n: int, kind: str) -> np.ndarray:
+    """Draw a P-matrix (n, n): symmetric positive definite, or that plus a skew part, rescaled.
+
+    Positive scalings of rows and columns keep the P property, not definiteness.
+    """
+    G = rng.standard_normal((n, n))
+    symmetric = G @ G.T / n + 0.1 * np.eye(n)
+    if kind == "symmetric":
+        return symmetric
+    skew = np.triu(rng.standard_normal((n, n)), 1)
+    rows, columns = np.exp(rng.standard_normal((2, n)))
+    F = rows[:, None] * (symmetric + skew - skew.T) * columns
+    if not is_p_matrix(F):
+        raise ValueError("a rescaled definite matrix must be a P-matrix; its scaling overflowed")
+    return F
+
+
+@dataclass(frozen=True)
+class Softened:
+    """Solutions at k points: ``lam`` and ``gap`` (k, n), ``slope`` = dlam/dz (k, n, n)."""
+
+    lam: np.ndarray
+    gap: np.ndarray
+    slope: np.ndarray
+
+
+def solve(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> Softened:
+    """Solve ``lam (z + F lam) = mu`` for z (k, n), F (k, n, n), mu (k,) by the barrier law."""
+    n = z.shape[1]
+    found = _solver(n)(z, np.zeros((1, 1)), {"F": F}, mu=mu)
+    return Softened(found.lam, found.gap, found.lam_by_x)
+
+
+@cache
+def _solver(n: int) -> SampledStep:
+    """Return the step ``x+ = lam`` of the system whose state is z; F is made of parameters."""
+    none, one = np.zeros((n, n)), np.eye(n)
+    table = ParameterTable(entries("F", one))
+    system = lcs("random", A=none, B=np.zeros((n, 1)), C=one, D=one, E=np.zeros((n, 1)),
+                 F=table["F"], parameters=table)  # fmt: skip
+    return SampledStep(Barrier(mu=1.0).close(system))
+
+
+def norms(matrices: np.ndarray) -> np.ndarray:
+    """Spectral norms of (k, n, n)."""
+    return np.linalg.norm(matrices, 2, axis=(1, 2))
+
+
+def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> np.ndarray:
+    """Bound of abs, thm. 4.5 with l(mu) *equal* to its lower bound; C = D = I, A = B = E = 0.
+
+    ``n² |I|_F² l``, ``l = e/mu + 1/|F| + sign e sqrt(1/mu² + 2/(e mu |F|))``,
+    ``e = reach²/(2 |F|²)`` with ``reach`` (k,) the largest |z| of the domain, on which the bound is
+    one of the slope; printed with sign +1, derived correctly it is -1.
+    """
+    n, size = F.shape[1], np.linalg.norm(F, axis=(1, 2))
+    e = reach**2 / (2 * size**2)
+    inverse, rest = 1 / mu, 2 / (e * mu * size)
+    root = np.sqrt(inverse**2 + rest)
+    if sign < 0:
+        # The sum cancels; this is the same number.
+        return n**3 * rest / (size * (inverse + root) ** 2)
+    return n**3 * (e * inverse + 1 / size + e * root)
+
+
+def pointwise_4_5(lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
+    """The same with ``l = |diag(lam)|_F²/mu`` at the point itself, from the theorem's proof."""
+    n = lam.shape[1]
+    return n**2 * n * np.sum(lam**2, axis=1) / mu
+
+
+def definite_bound(F: np.ndarray) -> np.ndarray:
+    """``1/lambda_min(S)``, S the symmetric part of F; infinite where S is not definite."""
+    least = np.linalg.eigvalsh((F + F.transpose(0, 2, 1)) / 2)[:, 0]
+    return np.where(least > 0, 1 / np.where(least > 0, least, 1), np.inf)
+
+
+def theorem_5_1(z: np.ndarray, mu: np.ndarray) -> np.ndarray:
+    """Bound of abs, thm. 5.1 for z > 0: ``|I|_F² n mu sum 1/z_i²``."""
+    n = z.shape[1]
+    return n * n * mu * np.sum(1 / z**2, axis=1)
+
+
+def corrected_5_1(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> np.ndarray:
+    """``min(1/lambda_min(S), n² mu / min z²)`` for z > 0 and S definite, else infinite."""
+    n, definite = z.shape[1], definite_bound(F)
+    near = n**2 * mu / np.min(z, axis=1) ** 2
+    return np.where(np.isfinite(definite), np.minimum(definite, near), np.inf)
+
+
+def printed_a26(lam: np.ndarray, gap: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """dlam/dz by abs, eq. A.26, which couples no contacts: ``-lam_i/(gap_i + lam_i F_ii)``."""
+    diagonal = np.diagonal(F, axis1=1, axis2=2)
+    own = -lam / (gap + lam * diagonal)
+    return own[:, :, None] * np.eye(lam.shape[1])

@@ -1,0 +1,175 @@
+"""P6: implicit time stepping against its log-barrier relaxation, one step from the wall."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import xarray as xr
+
+from dynamics.contact import Barrier, Exact
+from problems.registry import get
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.study import Claim, StudyParams, listed, quantity_of, setting
+
+NOTES = (
+    "The barrier weight and the central-path parameter are one knob: mu = h/kappa for a gap in"
+    " position, and lam is an impulse.",
+    "The text calls kappa the weight of the barrier; the weight is 1/kappa.",
+)
+
+KAPPAS = (10.0, 50.0, 100.0, 500.0, 1000.0)
+
+
+class Params(StudyParams):
+    """Parameters of P6; the paper draws the curves without any values."""
+
+    m: float = setting(1.0, "kg", "mass", above=0)
+    h: float = setting(0.1, "s", "step size", above=0)
+    u_max: float = setting(1.0, "N s", "largest input impulse drawn", above=0)
+    points: int = setting(201, "1", "inputs drawn, an odd number", least=3)
+
+
+def eq5(
+    x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, m: float, h: float
+) -> np.ndarray:
+    """Next position by pathologies eq. 5: ``x+ = h s``, ``s = (s0 + sqrt(s0² + 4/(kappa m)))/2``.
+
+    ``s0 = x/h + v + u/m``; for s0 < 0 the same root as ``2/(kappa m)/(r - s0)``.
+    """
+    s0 = x / h + v + u / m
+    r = np.sqrt(s0**2 + 4 / (kappa * m))
+    return h * np.where(s0 > 0, (s0 + r) / 2, 2 / (kappa * m) / (r - s0))
+
+
+def solve_qp(
+    x: np.ndarray, v: np.ndarray, u: np.ndarray, m: float, h: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Solve the QP of pathologies eq. 3 at n points by an active-set method: x+ [m], lam [N s].
+
+    ``min m/2 (v+ - v)² - u v+`` subject to ``x/h + v+ >= 0``; lam is the constraint's multiplier.
+    """
+    one = ca.DM.ones(1, 1)
+    quiet = {"print_iter": False, "print_header": False, "print_info": False}
+    solver = ca.conic("qp", "qrqp", {"h": one.sparsity(), "a": one.sparsity()}, quiet)
+    found = [
+        solver(h=m * one, a=one, g=-(m * b + c), lba=-a / h, uba=np.inf)
+        for a, b, c in zip(x, v, u, strict=True)
+    ]
+    velocity, lam = (np.array([float(each[key]) for each in found]) for key in ("x", "lam_a"))
+    return x + h * velocity, -lam
+
+
+def newton_step(
+    x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, after: np.ndarray, m: float,
+    h: float,
+) -> np.ndarray:  # fmt: skip
+    """How far [m] the next positions ``after`` (n,) are off the minimiser of eq. 4, to first order.
+
+    Derivatives are CasADi's of the objective, which is strictly convex.
+    """
+    inputs = [ca.SX.sym(name) for name in ("x", "v", "u", "kappa", "w")]
+    at, before, push, weight, w = inputs
+    objective = m / 2 * (w - before) ** 2 - push * w - ca.log(at / h + w) / weight
+    bend, slope = ca.hessian(objective, w)
+    step = ca.Function("newton", inputs, [h * slope / bend])
+    return np.array(step(*(a[None] for a in (x, v, u, kappa, (after - x) / h)))).ravel()
+
+
+def run(params: Params) -> xr.Dataset:
+    """Next position over u from (x, v) = 0, under the exact law and the barrier at each kappa."""
+    system = get("wall-1d", m=params.m, h=params.h).system
+    u = params.u_max * np.linspace(-1, 1, params.points // 2 * 2 + 1)
+    exact = SampledStep(Exact().close(system))(np.zeros((1, 2)), u[:, None])
+    drawn, _ = solve_qp(np.zeros_like(u), np.zeros_like(u), u, params.m, params.h)
+    barrier = SampledStep(Barrier(kappa=1.0).close(system))
+    shape = (len(KAPPAS), len(u))
+    kappa = np.repeat(KAPPAS, len(u))
+    found = barrier(np.zeros((1, 2)), np.tile(u, len(KAPPAS))[:, None], kappa=kappa)
+    closed = eq5(np.zeros(1), np.zeros(1), np.tile(u, len(KAPPAS)), kappa, params.m, params.h)
+    rng = np.random.default_rng(params.seed)
+    x, v, w = rng.uniform(0, 1, 1000), *rng.uniform(-3, 3, (2, 1000))
+    random_kappa = 10 ** rng.uniform(0, 6, 1000)
+    states = np.stack((x, v), 1)
+    at_random = barrier(states, w[:, None], kappa=random_kappa)
+    stepped = SampledStep(Exact().close(system))(states, w[:, None])
+    qp, multiplier = solve_qp(x, v, w, params.m, params.h)
+    reference = eq5(x, v, w, random_kappa, params.m, params.h)
+    both = ("kappa", "u")
+    return xr.Dataset(
+        {
+            "x_qp": quantity_of("u", drawn, "m", "next position, QP of eq. 3"),
+            "x_barrier": quantity_of(both, found.x_next[:, 0].reshape(shape), "m",
+                                     "next position, log barrier"),
+            "x_eq5": quantity_of(both, closed.reshape(shape), "m", "closed form of eq. 5"),
+            "slope_exact": quantity_of("u", exact.x_by_u[:, 0, 0], "m/(N s)",
+                                       "dx+/du, time stepping"),
+            "slope_barrier": quantity_of(both, found.x_by_u[:, 0, 0].reshape(shape), "m/(N s)",
+                                         "dx+/du, log barrier"),
+            "lam_barrier": quantity_of(both, found.lam[:, 0].reshape(shape), "N s",
+                                       "impulse of the wall, log barrier"),
+            "eq5_error": quantity_of("sample", at_random.x_next[:, 0] - reference, "m",
+                                     "next position less that of eq. 5 at random x, v, u, kappa"),
+            "newton": quantity_of("sample", newton_step(
+                x, v, w, random_kappa, at_random.x_next[:, 0], params.m, params.h), "m",
+                "Newton's step of eq. 4 from that next position"),
+            "qp_error": quantity_of("sample", stepped.x_next[:, 0] - qp, "m",
+                                    "next position by time stepping less that of the QP"),
+            "lam_error": quantity_of("sample", stepped.lam[:, 0] - multiplier, "N s",
+                                     "impulse by time stepping less the QP's multiplier"),
+        },
+        {
+            "u": quantity_of("u", u, "N s", "input impulse"),
+            "kappa": quantity_of("kappa", KAPPAS, "1/J", "log-barrier weight"),
+        },
+    )  # fmt: skip
+
+
+_PLACE = "Pathologies, "
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """What ex. IV.1-2 and fig. 6 say."""
+    m, h = data.attrs["m"], data.attrs["h"]
+    error, newton = (float(np.abs(data[name]).max()) for name in ("eq5_error", "newton"))
+    qp, multiplier = (float(np.abs(data[name]).max()) for name in ("qp_error", "lam_error"))
+    cases = f"over {data.sizes['sample']} random cases"
+    off = (data["x_barrier"] - data["x_qp"]).values
+    largest = off.max(axis=1)
+    middle = int(np.abs(data["u"].values).argmin())
+    kink = off[:, middle] * np.sqrt(m * data["kappa"].values) / h
+    far = off[:, -1] * data["kappa"].values
+    slope = data["slope_exact"].values
+    relu = np.abs(slope - (h / m) * (data["u"].values > 0))[np.abs(data["u"].values) > 0].max()
+    kappas = data["kappa"].values[:, None]
+    product = np.abs(data["lam_barrier"].values * data["x_barrier"].values * kappas / h - 1).max()
+    power = float(np.polyfit(np.log(kappas[:, 0]), np.log(largest), 1)[0])
+    steepest = float(data["slope_barrier"].max())
+    return [
+        Claim("The optimality condition (5) is that of the objective (4)", _PLACE + "eq. 4-5",
+              "0", f"its step is off the minimiser by {newton:.1e} m {cases}", newton < 1e-9),
+        Claim("It gives the next state in closed form", "closed form of eq. 5", "0",
+              f"{error:.1e} m {cases}", error < 1e-12),
+        Claim("The equations of motion (2) are the KKT condition of the QP (3)",
+              _PLACE + "ex. IV.1", "same x+, and lam its multiplier",
+              f"x+ within {qp:.1e} m, lam within {multiplier:.1e} N s {cases}",
+              bool(qp < 1e-9 and multiplier < 1e-9)),
+        Claim("x+ over u is a kinked line", _PLACE + "fig. 6", "slope 0, then h/m",
+              f"off by {relu:.1e} m/(N s)", bool(relu < 1e-12)),
+        Claim("As kappa grows, the solution of (4) converges to that of (3)",
+              _PLACE + "ex. IV.2", "0 at kappa = inf",
+              listed(largest, ".1e") + " m at kappa = "
+              + listed(kappas[:, 0], "g") + " per J, as kappa to the power"
+              f" {power:.2f}", bool(np.all(np.diff(largest) < 0) and -1.1 < power < -0.4)),
+        Claim("That convergence is slow at the kink only: x+ = h/sqrt(m kappa) there",
+              "closed form of eq. 5", "x+ sqrt(m kappa)/h = 1",
+              f"{kink.min():.6f} to {kink.max():.6f}; off it, difference*kappa"
+              f" {far[0]:.3g} to {far[-1]:.3g} m/J",
+              bool(np.allclose(kink, 1, rtol=1e-9))),
+        Claim("No spring constant: the gradient stays bounded however hard the wall",
+              _PLACE + "fig. 6", f"|dx+/du| <= h/m = {h / m:g}", f"{steepest:.6g} m/(N s)",
+              steepest <= h / m),
+        Claim("The wall exerts a force inversely proportional to the distance",
+              _PLACE + "ex. IV.2", "lam x+ kappa/h = 1",
+              f"within {product:.1e}, x+ after the step and lam an impulse",
+              bool(product < 1e-9)),
+    ]  # fmt: skip

@@ -1,0 +1,201 @@
+"""A2: a bouncing ball, by the softened equation of motion and by time stepping."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.integrate import solve_ivp
+from scipy.special import lambertw
+
+from dynamics.contact import Barrier, Exact
+from problems.registry import get
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.study import PAPER, Claim, StudyParams, largest, listed, quantity_of, setting
+
+NOTES = (
+    "mu is that of the force, gamma y = mu; the impulse of one step has h mu. Its values are"
+    " our choice, within what C.1 can be integrated at: least height is about exp(-g q0/mu).",
+    "The equation conserves energy, so the softened ball bounces back to its height, whatever"
+    " mu; the complementarity system of the paper is plastic. Neither is the other's limit:"
+    " mu to 0 at fixed h rests on the floor, h to 0 at fixed mu bounces.",
+)
+
+
+def in_log_height(
+    mu: float, q0: float, g: float, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Height and vertical velocity at ``times`` [s], (n,), of a ball thrown level from q0 [m].
+
+    ``s = ln y``: ``s' = v exp(-s)``, ``v' = mu exp(-s) - g`` per unit mass, mu in J/kg; in y
+    itself the least height, about ``q0 exp(-g q0/mu)``, is lost (abs, C.1 in other variables).
+    """
+    found = _integrate(mu, q0, g, times[-1], times)
+    return np.exp(found.y[0]), found.y[1]
+
+
+def turning_points(mu: float, q0: float, g: float) -> tuple[float, float, float]:
+    """Least height [m], the height regained [m] and when [s], for mu < g q0."""
+
+    def velocity(_: float, state: np.ndarray) -> float:
+        return state[1]
+
+    longest = 20 * float(np.sqrt(q0 / g))
+    found = _integrate(mu, q0, g, longest, None, velocity)
+    heights = np.exp(found.y_events[0][:, 0])
+    # The throw itself is level: its own event, where there is one, is at time 0.
+    moving = found.t_events[0] > 0
+    times, heights = found.t_events[0][moving], heights[moving]
+    return float(heights[0]), float(heights[1]), float(times[1])
+
+
+def _integrate(mu: float, q0: float, g: float, end: float, times: Any, events: Any = None) -> Any:
+    def slope(_: float, state: np.ndarray) -> list[float]:
+        inverse = np.exp(-state[0])
+        return [state[1] * inverse, mu * inverse - g]
+
+    found = solve_ivp(slope, (0.0, end), [np.log(q0), 0.0], "DOP853", times, events=events,
+                      rtol=1e-11, atol=1e-12)  # fmt: skip
+    if not found.success:
+        raise ValueError(f"the ball's equation could not be integrated at mu = {mu}")
+    return found
+
+
+def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Contact force and vertical velocity at ``times`` by the pair (gamma, e) of abs, C.1."""
+
+    def slope(_: float, state: np.ndarray) -> list[float]:
+        gamma, e, _ = state
+        return [e, (gamma**4 - gamma**3 * g - 2 * mu * e**2) / (-mu * gamma), gamma - g]
+
+    found = solve_ivp(slope, (times[0], times[-1]), [mu / q0, 0.0, 0.0], "DOP853", times,
+                      rtol=1e-11, atol=1e-12)  # fmt: skip
+    return found.y[0], found.y[2]
+
+
+def least_height(mu: float, q0: float, g: float) -> float:
+    """Where all energy is potential on the way down: ``-(mu/g) W0(-(g/mu) exp(-E/mu))``.
+
+    ``E = g q0 - mu ln q0``; W0 is Lambert's function.
+    """
+    energy = g * q0 - mu * np.log(q0)
+    return float(-(mu / g) * lambertw(-(g / mu) * np.exp(-energy / mu)).real)
+
+
+MUS = (1.0, 2.0, 3.0, 5.0)
+FINE = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
+REBOUND_MU = 3.0
+
+
+class Params(StudyParams):
+    """Parameters of A2; mass and horizontal velocity are the paper's, so q_x is the time."""
+
+    g: float = setting(9.81, "m/s^2", "gravity", above=0)
+    q0: float = setting(1.0, "m", "height of the throw", above=0)
+    m: float = setting(1.0, "kg", "mass", PAPER, above=0)
+    v0: float = setting(1.0, "m/s", "horizontal velocity", PAPER, above=0)
+    h: float = setting(0.01, "s", "step of time stepping; the paper's 1 s is unusable", above=0)
+    duration: float = setting(1.0, "s", "time drawn", above=0)
+
+
+def stepped(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Height (N+1,) and vertical velocity (N+1,) by time stepping; the impulse has mu h m."""
+    system = get("ball-bounce", h=h, g=params.g, m=params.m).system
+    law = Exact() if mu is None else Barrier(mu=h * params.m * mu)
+    start = np.array([[0.0, params.q0, params.v0, 0.0]])
+    path, _ = SampledStep(law.close(system)).roll_out(
+        start, np.zeros((1, 2)), round(params.duration / h)
+    )
+    return path[0, :, 1], path[0, :, 3]
+
+
+def run(params: Params) -> xr.Dataset:
+    """Height, velocity and its derivative along q_x for the laws and mu of fig. 2."""
+    fine = np.linspace(0, params.duration, 4001)
+    ode = [in_log_height(mu, params.q0, params.g, fine) for mu in MUS]
+    steps = round(params.duration / params.h)
+    time = params.h * np.arange(steps + 1)
+    soft = [stepped(params, params.h, mu) for mu in MUS]
+    exact = stepped(params, params.h, None)
+    printed = as_printed(MUS[-1], params.q0, params.g, fine)[1]
+    turns = [turning_points(mu, params.q0, params.g) for mu in MUS]
+    regained = turning_points(REBOUND_MU, params.q0, params.g)[2]
+    rebound = [_rebound(params, h, regained) for h in FINE]
+    rates = [np.diff(v) / params.h / params.v0 for _, v in (*soft, exact)]
+    per_mu, stepping = ("mu", "q_x"), ("mu", "q_step")
+    energy = [v**2 / 2 + params.g * y - mu * np.log(y) for (y, v), mu in zip(ode, MUS, strict=True)]
+    return xr.Dataset(
+        {
+            "y": quantity_of(per_mu, [y for y, _ in ode], "m", "height, ODE"),
+            "v": quantity_of(per_mu, [v for _, v in ode], "m/s", "vertical velocity, ODE"),
+            "rate": quantity_of(per_mu, [(mu / y - params.g) / params.v0
+                                         for (y, _), mu in zip(ode, MUS, strict=True)], "1/s",
+                                "dv_y/dq_x, ODE"),
+            "y_step": quantity_of(stepping, [y for y, _ in soft], "m", "height, time stepping"),
+            "v_step": quantity_of(stepping, [v for _, v in soft], "m/s", "velocity, time stepping"),
+            "rate_step": quantity_of(("mu", "q_mid"), rates[:-1], "1/s", "dv_y/dq_x, stepping"),
+            "y_exact": quantity_of("q_step", exact[0], "m", "height, exact law"),
+            "v_exact": quantity_of("q_step", exact[1], "m/s", "velocity, exact law"),
+            "rate_exact": quantity_of("q_mid", rates[-1], "1/s", "dv_y/dq_x, exact law"),
+            "printed_error": quantity_of((), np.abs(printed - ode[-1][1]).max(), "m/s",
+                                         "(C.1) as printed less y'' = mu/y - g, largest mu"),
+            "energy_drift": quantity_of("mu", [np.ptp(e) / abs(e[0]) for e in energy], "1",
+                                        "relative change of energy, ODE"),
+            "least": quantity_of("mu", [low for low, _, _ in turns], "m", "least height, ODE"),
+            "least_closed": quantity_of("mu", [least_height(mu, params.q0, params.g)
+                                               for mu in MUS], "m", "least height, closed form"),
+            "apex": quantity_of("mu", [high for _, high, _ in turns], "m", "height regained, ODE"),
+            "rebound": quantity_of("step", rebound, "m", "height regained by stepping, mu = 3"),
+        },
+        {
+            "mu": quantity_of("mu", MUS, "J/kg", "central-path parameter of the force"),
+            "q_x": quantity_of("q_x", params.v0 * fine, "m", "horizontal position"),
+            "q_step": quantity_of("q_step", params.v0 * time, "m", "horizontal position"),
+            "q_mid": quantity_of("q_mid", params.v0 * (time[1:] + time[:-1]) / 2, "m",
+                                 "horizontal position between two nodes"),
+            "step": quantity_of("step", FINE, "s", "step size"),
+        },
+    )  # fmt: skip
+
+
+def _rebound(params: Params, h: float, duration: float) -> float:
+    """Return the greatest height after the least one, by softened time stepping."""
+    y, _ = stepped(params.model_copy(update={"duration": duration}), h, REBOUND_MU)
+    return float(y[int(y.argmin()) :].max())
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """What fig. 2, sec. 7.1 and C.1 say."""
+    g, q0, h = data.attrs["g"], data.attrs["q0"], data.attrs["h"]
+    peak = data["rate"].values.max(axis=1)
+    peak_step = data["rate_step"].values.max(axis=1)
+    free = np.sqrt(2 * q0 / g)
+    fall = data["rate_exact"].values[data["q_mid"].values < free - h] * data.attrs["v0"]
+    velocity = data["v_exact"].values
+    jump = float((velocity[2:] - velocity[:-2]).max())
+    drift, apex = float(data["energy_drift"].max()), data["apex"].values
+    rebound = data["rebound"].values
+    rest = largest(data["y_exact"].values[data["q_step"].values > free + 2 * h])
+    least = np.abs(data["least"].values / data["least_closed"].values - 1).max()
+    return [
+        Claim("In the exact LCS the velocity falls at -g and jumps at contact", "ABS, fig. 2",
+              f"dv_y/dt = {-g:g}, then a jump", f"{fall.mean():.4f} m/s², jump {jump:.3f} m/s over"
+              " two steps", bool(np.allclose(fall, -g) and jump > 0.9 * g * free)),
+        Claim("Larger mu makes the dynamics less stiff", "ABS, sec. 7.1", "lower peak of dv/dq",
+              listed(peak, ".3g") + " 1/s", bool(np.all(np.diff(peak) < 0))),
+        Claim("The same by time stepping", "ABS, sec. 7.1", "lower peak of dv/dq",
+              listed(peak_step, ".3g") + " 1/s", bool(np.all(np.diff(peak_step) < 0))),
+        Claim("(C.1) is the softened ball", "ABS, C.1", "y'' = mu/y - g",
+              f"{float(data['printed_error']):.1e} m/s apart at mu = {MUS[-1]:g}",
+              float(data["printed_error"]) < 1e-6),
+        Claim("Solving (C.1) gives the behaviour of the LCS, which does not bounce", "our check",
+              f"height regained {rest:.3g} m", f"{apex.min():.4f} to {apex.max():.4f} m: energy"
+              f" kept within {drift:.0e}", bool(apex.max() < 0.1 * q0)),
+        Claim("Least height is -(mu/g) W0(-(g/mu) exp(-E/mu))", "closed form", "equal",
+              f"within {least:.1e} relative", bool(least < 1e-6)),
+        Claim("Time stepping at fixed mu tends to that elastic ball as h falls",
+              "our check of C.1", f"{q0:g} m", listed(rebound, ".2f")
+              + f" m at h = {FINE[0]:g} to {FINE[-1]:g} s, mu = {REBOUND_MU:g}",
+              bool(np.all(np.diff(rebound) > 0) and rebound[-1] > 0.9 * q0)),
+    ]  # fmt: skip

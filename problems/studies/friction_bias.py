@@ -1,0 +1,269 @@
+"""P3: Coulomb friction relaxed within a slip tolerance, and its empirical bias."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from dynamics.batch import Gaussian
+from ocp.gradients import SampledObjective, estimate_gradient
+from ocp.gradients.estimators import SAMPLED
+from problems.objectives import objective_spec
+from problems.studies.study import CODE, Claim, StudyParams, largest, quantity_of, setting
+
+NOTES = (
+    "The relaxation is one of the sign, 2 H - 1, not of H.",
+    "Ex. III.5 has its gradient zero with probability at least c nu: true for small nu, where"
+    " it is zero nearly always, and too little for the triple, which needs 1 - c nu.",
+    "The closed form of F in the text is that of neither; the one used here is checked by"
+    " quadrature.",
+    "Behind it a block of 100 kg dragged from rest by a belt with at most 5 N for 0.1 s.",
+)
+
+ORDERS = ("zobg", "fobg")
+BATCHES = (1, 3, 10, 30, 100, 300, 1000)
+_RATIOS = np.geomspace(1e-4, 10, 21)
+"""nu/sigma at which theta = nu/2 is looked at; the text says it of small ones."""
+
+
+class Params(StudyParams):
+    """Parameters of P3; values of the authors' code, fewer tolerances."""
+
+    sigma: float = setting(0.1, "m/s", "standard deviation of the noise", CODE, above=0)
+    theta: float = setting(0.1, "m/s", "decision of the panel over samples", CODE)
+    nu: float = setting(0.005, "m/s", "slip tolerance of the panel over samples", CODE, above=0)
+    n_samples: int = setting(1000, "1", "samples", CODE, least=2)
+    tolerances: int = setting(81, "1", "slip tolerances from 1e-4 to 1 sigma", least=20)
+    many: int = setting(400_000, "1", "samples of the expected variance", least=1000)
+
+
+def run(params: Params) -> xr.Dataset:
+    """Estimates over sample count, variances over tolerance, and the block on a belt behind it."""
+    nus = params.sigma * np.geomspace(1e-4, 1, params.tolerances)
+    coarse = nus[:: max(1, params.tolerances // 8)]
+    widths = _stick_width() * np.geomspace(1e-3, 10, 9)
+    coulomb = objective_spec("coulomb").objective({"theta": 0.0})
+    block = objective_spec("belt-block").objective()
+    here = objective_spec("coulomb").objective({"theta": params.theta, "nu": params.nu})
+    running = np.stack([_running_mean(here, name, params) for name in ORDERS])
+    at = [coulomb.at({"nu": nu}) for nu in nus]
+    few = [_variances(o, i, params.n_samples, params) for i, o in enumerate(at)]
+    forms = [objective.closed_form(params.sigma) for objective in at]
+    wide, behind = (
+        [_variances(o.at({"nu": nu}), 1000 + i, params.many, params) for i, nu in enumerate(grid)]
+        for o, grid in ((coulomb, coarse), (block, widths))
+    )
+    slip = np.linspace(-1, 1, 401)
+    half, silent = _at_half(coulomb, params), _silent(here, params)
+    known = here.closed_form(params.sigma)
+    assert known is not None
+    unit = "s/m"
+    return xr.Dataset(
+        {
+            "friction": quantity_of(("width", "slip"),
+                [coulomb.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)], "1",
+                "friction over its limit"),
+            "block_impulse": quantity_of(("width", "slip"),
+                [block.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)], "1",
+                "impulse on the block over its limit"),
+            "running_mean": quantity_of(("order", "n"), running, unit, "estimate of n samples"),
+            "truth": quantity_of((), known.gradient[0], unit, "gradient at theta"),
+            "silent": quantity_of("batch", silent, "1",
+                                  "share of batches whose first-order samples are all zero"),
+            "chance": quantity_of("nu", [c.gradient[0] * nu / 2 for c, nu in zip(forms, nus,
+                                  strict=True) if c], "1", "of a first-order sample not zero"),
+            "half_gradient": quantity_of("ratio", half[:, 0], unit, "gradient at theta = nu/2"),
+            "half_chance": quantity_of("ratio", half[:, 1], "1", "of a sample not zero there"),
+            "half_share": quantity_of("ratio", half[:, 2], "1", "of samples not zero there"),
+            "half_spread": quantity_of("ratio", half[:, 3], unit,
+                                       "largest sample there with theta + w outside the tolerance"),
+            "stick": quantity_of((), _stick_width(), "m/s",
+                                 "2 N h F/m, below which the block's mass limits the slope"),
+            "variance": quantity_of(("order", "nu"), np.transpose(few), "s^2/m^2",
+                                    "empirical variance of one sample"),
+            "zobg_variance": quantity_of("nu", [c.zobg_variance[0] for c in forms if c],
+                                         "s^2/m^2", "of one sample, closed form"),
+            "fobg_variance": quantity_of("nu", [c.fobg_variance[0] for c in forms if c],
+                                         "s^2/m^2", "of one sample, closed form"),
+            "wide_variance": quantity_of(("order", "coarse"), np.transpose(wide), "s^2/m^2",
+                                         "empirical variance of one sample, many samples"),
+            "block_variance": quantity_of(("order", "block_nu"), np.transpose(behind), "s^2/m^2",
+                                          "the same of the block on a belt"),
+        },
+        {
+            "order": list(ORDERS),
+            "width": quantity_of("width", (1e-3, 0.2), "m/s", "slip tolerance"),
+            "slip": quantity_of("slip", slip, "m/s", "sliding velocity"),
+            "n": quantity_of("n", np.arange(1, params.n_samples + 1), "1", "samples"),
+            "nu": quantity_of("nu", nus, "m/s", "slip tolerance"),
+            "coarse": quantity_of("coarse", coarse, "m/s", "slip tolerance"),
+            "block_nu": quantity_of("block_nu", widths, "m/s", "slip tolerance under the block"),
+            "batch": quantity_of("batch", BATCHES, "1", "samples of one batch"),
+            "ratio": quantity_of("ratio", _RATIOS, "1", "nu/sigma"),
+        },
+    )  # fmt: skip
+
+
+def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
+    """At theta = nu/2, (len(_RATIOS), 4): F', the chance p of a sample not zero, its share of
+
+    ``many`` samples, and the largest sample where theta + w is outside the tolerance.
+    """
+    rows = []
+    for index, nu in enumerate(params.sigma * _RATIOS):
+        here = coulomb.at({"theta": nu / 2, "nu": nu})
+        known = here.closed_form(params.sigma)
+        assert known is not None
+        seed = np.random.SeedSequence(params.seed, spawn_key=(2000 + index,))
+        noise = Gaussian(params.sigma, seed)
+        samples = here.differentiated(noise, params.many).direction[:, 0]
+        outside = np.abs(nu / 2 + noise.draw(params.many, 1, 1)[:, 0, 0]) > nu / 2
+        gradient = known.gradient[0]
+        rows.append((gradient, gradient * nu / 2, np.mean(samples != 0),
+                     np.abs(samples[outside]).max(initial=0)))  # fmt: skip
+    return np.array(rows)
+
+
+def _silent(objective: SampledObjective, params: Params) -> np.ndarray:
+    """Share of batches of first-order samples that are all zero, (len(BATCHES),)."""
+    seed = np.random.SeedSequence(params.seed, spawn_key=(3000,))
+    samples = objective.differentiated(Gaussian(params.sigma, seed), params.many).direction[:, 0]
+    return np.array([
+        np.mean(~np.any(samples[: len(samples) // size * size].reshape(-1, size), axis=1))
+        for size in BATCHES
+    ])  # fmt: skip
+
+
+def _stick_width() -> float:
+    block = objective_spec("belt-block").params({})
+    return 2 * block.N * block.h * block.friction_force / block.m
+
+
+def _running_mean(objective: SampledObjective, name: str, params: Params) -> np.ndarray:
+    estimator = SAMPLED[name]
+    noise = Gaussian(
+        params.sigma, np.random.SeedSequence(params.seed, spawn_key=(estimator.stream,))
+    )
+    samples = estimator.sampler(objective, noise, params.n_samples)(noise, params.n_samples)
+    return np.cumsum(samples[:, 0]) / np.arange(1, params.n_samples + 1)
+
+
+def _variances(objective: SampledObjective, key: int, n: int, params: Params) -> list[float]:
+    seed = np.random.SeedSequence(params.seed, spawn_key=(key,))
+    found = estimate_gradient(objective, ORDERS, n, params.sigma, seed, reference="none")
+    return [float(found[name].variance[0]) for name in ORDERS]
+
+
+_PLACE = "Pathologies, "
+_RARE, _OFTEN = 0.3, 20.0
+"""Expected samples within nu, of a run, below which most see none and above which all see some."""
+_SMALL = 0.1
+"""nu/sigma up to which nu is small: a relaxation much narrower than the noise."""
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """What ex. III.5 and fig. 3 say."""
+    return [*_variance(data), *_few_samples(data), *_empirical_bias(data), _block(data)]
+
+
+def _variance(data: xr.Dataset) -> list[Claim]:
+    """Expected variances over nu, for nu small against sigma."""
+    sigma, many = data.attrs["sigma"], data.attrs["many"]
+    c = 1 / (np.sqrt(2 * np.pi) * sigma)
+    small = data["nu"].values <= _SMALL * sigma
+    nu, form = data["nu"].values[small], data["fobg_variance"].values[small]
+    slope = float(np.polyfit(np.log(nu), np.log(form), 1)[0]) if small.sum() > 1 else np.nan
+    ratio = form * nu / (4 * c)
+    wide = data["wide_variance"]
+    coarse = data["coarse"].values
+    known, p = (np.interp(coarse, data["nu"], data[name]) for name in ("fobg_variance", "chance"))
+    told = (coarse <= _SMALL * sigma) & (many * p >= 30)
+    score = (wide.sel(order="fobg").values / known - 1)[told] * np.sqrt(many * p[told])
+    flat = wide.sel(order="zobg").values[coarse <= _SMALL * sigma]
+    factor = largest(flat) / flat.min(initial=np.inf)
+    where = f" for nu <= {_SMALL:g} sigma"
+    return [
+        Claim("As nu falls the variance of the first order scales with 1/nu", _PLACE + "ex. III.5",
+              "4 c/nu, c = 1/(sqrt(2 pi) sigma)", f"nu to the power {slope:.3f}, {ratio.min():.3f}"
+              f" to {ratio.max():.3f} of it{where}; samples within"
+              f" {largest(np.abs(score)):.2g} standard errors",
+              bool(abs(slope + 1) < 0.02 and np.all(np.abs(ratio - 1) < 0.05)
+                   and largest(np.abs(score)) < 5)),
+        Claim("The variance of the zeroth order does not depend on nu", "our check",
+              "flat", f"within a factor {factor:.3g}{where}",
+              bool(factor < 1.05 + 10 * np.sqrt(2 / many))),
+    ]  # fmt: skip
+
+
+def _few_samples(data: xr.Dataset) -> list[Claim]:
+    """What a run with few samples sees: nothing, and so no variance."""
+    n, nu = data.attrs["n_samples"], data["nu"].values
+    p = float(data["truth"]) * data.attrs["nu"] / 2
+    sizes, silent = data["batch"].values, data["silent"].values
+    few = sizes * p <= 0.1
+    least = silent[few].min(initial=1) if few.any() else np.nan
+    reach = f"up to {sizes[few].max()}" if few.any() else "none"
+    hits = n * data["chance"].values
+    empty = data["variance"].sel(order="fobg").values == 0
+    # Where all samples fall within nu they vary no more either; that is not what is meant.
+    rare, often = hits < _RARE, (hits > _OFTEN) & (data["chance"].values < 0.5)
+    share = float(np.mean(empty[rare])) if rare.any() else np.nan
+    return [
+        Claim("First-order values are zero where few samples are taken", _PLACE + "fig. 3",
+              f"0 for n well below 1/p = {1 / max(p, 1e-300):.3g} samples",
+              f"all zero in {least:.0%} of runs or more for n {reach}, in {silent[-1]:.0%} of those"
+              f" of {sizes[-1]}", bool(least > 0.5)),
+        Claim("At a fixed sample count the empirical variance falls to zero as nu does",
+              _PLACE + "fig. 3", "empty on a log scale",
+              f"{empty.sum()} of {nu.size} tolerances show none: {share:.0%} of those with n p <"
+              f" {_RARE:g}, {np.sum(empty & often)} of those with n p > {_OFTEN:g}",
+              bool(share > 0.5 and not np.any(empty & often))),
+    ]  # fmt: skip
+
+
+def _empirical_bias(data: xr.Dataset) -> list[Claim]:
+    """At theta = nu/2: gradient, both readings of the probability, and the triple."""
+    sigma, many, ratio = data.attrs["sigma"], data.attrs["many"], data["ratio"].values
+    c = 1 / (np.sqrt(2 * np.pi) * sigma)
+    F, p = data["half_gradient"].values, data["half_chance"].values
+    beta, small = c * sigma * ratio, ratio <= 1
+    off = np.abs(data["half_share"].values - p) / np.sqrt(p * (1 - p) / many + 1 / many**2)
+    sampled = bool(off.max() < 5)
+    rare = p <= beta * (1 + 1e-9)
+    biased = c <= F
+    still = data["half_spread"].values == 0
+    triple = rare & biased & still
+    where = f" for nu <= {ratio[small].max():.3g} sigma"
+    beyond = f", not from {ratio[~triple].min():.3g} on" if not triple.all() else ""
+    return [
+        Claim("At theta = nu/2 the gradient is c = 1/(sqrt(2 pi) sigma)", _PLACE + "ex. III.5",
+              f"{c:.4g} s/m", f"{(F[small] / c).min():.3g} to {(F[small] / c).max():.4g} times c"
+              + where, bool(np.allclose(F[small], c, rtol=0.01))),
+        Claim("There the sample gradient is zero with probability at least c nu",
+              _PLACE + "ex. III.5", "as printed: P(zero) >= c nu",
+              f"P(zero) from {1 - p[small].max():.3g} to {1 - p[small].min():.5f}, c nu up to"
+              f" {beta[small].max():.3g}{where}",
+              bool(np.all(1 - p[small] >= beta[small]) and sampled)),
+        Claim("It is zero with probability at least 1 - c nu", "the event that ex. III.5 means",
+              "P(not zero) <= c nu", f"P(not zero) is {(p / beta)[small].min():.3f} to"
+              f" {(p / beta)[small].max():.4f} of c nu{where}; samples within {off.max():.2g}"
+              " standard errors", bool(np.all(rare[small]) and sampled)),
+        Claim("The FoBG has (c nu, c, 0)-empirical bias", _PLACE + "ex. III.5, def. III.3",
+              "on P(E) >= 1 - c nu: off by c or more, no spread",
+              f"off by {(F[small] / c).min():.3g} c or more, spread"
+              f" {data['half_spread'].values[small].max():g} s/m{where}; holds up to"
+              f" {ratio[triple].max(initial=0):.3g} sigma{beyond}",
+              bool(np.all(triple[small]))),
+    ]  # fmt: skip
+
+
+def _block(data: xr.Dataset) -> Claim:
+    """The block on the belt, whose mass bounds the slope."""
+    width, block = float(data["stick"]), data["block_variance"].sel(order="fobg").values
+    narrow = data["block_nu"].values <= width / 10 * (1 + 1e-9)
+    stays = largest(block[narrow]) / block[narrow].min(initial=np.inf)
+    return Claim(
+        "With a body behind the friction the variance grows no further than its mass lets it",
+        "our check", f"constant for nu well below 2 N h F/m = {width:g} m/s",
+        f"within a factor {stays:.2f} for nu <= {width / 10:g} m/s", bool(stays < 1.5),
+    )  # fmt: skip

@@ -1,0 +1,143 @@
+"""P2: the Heaviside function, whose pathwise gradient says nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from scipy.stats import norm
+
+from dynamics.batch import Gaussian
+from ocp.gradients import estimate_gradient
+from ocp.gradients.estimators import mean_cost
+from problems.objectives import objective_spec
+from problems.studies.study import CODE, Claim, StudyParams, largest, quantity_of, setting
+
+NOTES = (
+    "erf(y; s²) in the paper is the upper tail of the Gaussian, not the usual error function.",
+    "The mean of the first order's samples does converge, to 0: what fails in ex. III.2 is to"
+    " exchange gradient and expectation.",
+    "Zero-noise baseline as in the paper's definition, and the mean of the other samples.",
+)
+
+ESTIMATORS = ("zobg", "zobg-zero-noise", "zobg-mean", "fobg")
+_BOXES = (0.1, 0.01, 0.001)
+"""Widths, over sigma, of the boxes of area one that narrow to the delta."""
+
+
+class Params(StudyParams):
+    """Parameters of P2, from the authors' public code: the paper's text has none."""
+
+    sigma: float = setting(0.2, "1", "standard deviation of the noise", CODE, above=0)
+    reach: float = setting(1.5, "1", "largest |theta| drawn", CODE, above=0)
+    points: int = setting(50, "1", "values of theta", CODE, least=10)
+    n_samples: int = setting(10_000, "1", "samples at each theta", CODE, least=2)
+
+
+def run(params: Params) -> xr.Dataset:
+    """Objective, estimates and variances over theta, beside their closed forms."""
+    thetas = np.linspace(-params.reach, params.reach, params.points)
+    shape = (len(ESTIMATORS), len(thetas))
+    mean, variance, error = np.empty(shape), np.empty(shape), np.empty(shape)
+    sampled, forms = np.empty(len(thetas)), []
+    base = objective_spec("heaviside").objective()
+    for i, theta in enumerate(thetas):
+        objective = base.at({"theta": theta})
+        seed = np.random.SeedSequence(params.seed, spawn_key=(i,))
+        found = estimate_gradient(
+            objective, ESTIMATORS, params.n_samples, params.sigma, seed, reference="none"
+        )
+        for j, estimate in enumerate(found.values()):
+            mean[j, i], variance[j, i] = estimate.mean[0], estimate.variance[0]
+            error[j, i] = estimate.standard_error[0]
+        sampled[i] = mean_cost(objective, Gaussian(params.sigma, seed), params.n_samples)
+        forms.append(objective.closed_form(params.sigma))
+    boxes = params.sigma * np.array(_BOXES)
+    edges = boxes[:, None] / 2
+    # Half of the box on each side of w = -theta; differences of the nearer tail do not cancel.
+    delta = (norm.sf(np.abs(thetas) - edges, 0, params.sigma)
+             - norm.sf(np.abs(thetas) + edges, 0, params.sigma)) / (2 * edges)  # fmt: skip
+    both = ("estimator", "theta")
+    return xr.Dataset(
+        {
+            "f": quantity_of("theta", (thetas >= 0) * 1.0, "1", "objective without noise"),
+            "F": quantity_of("theta", [c.objective for c in forms], "1", "smoothed, closed form"),
+            "F_sampled": quantity_of("theta", sampled, "1", "smoothed, mean of samples"),
+            "gradient": quantity_of("theta", [c.gradient[0] for c in forms], "1", "of F"),
+            "fobg_mean": quantity_of("theta", [c.fobg_mean[0] for c in forms], "1",
+                                     "expectation of a first-order sample"),
+            "delta": quantity_of(("box", "theta"), delta, "1",
+                                 "expectation of a box of area one around 0, at theta + w"),
+            "zobg_variance": quantity_of("theta", [c.zobg_variance[0] for c in forms], "1",
+                                         "of one ZoBG sample without baseline, closed form"),
+            "mean": quantity_of(both, mean, "1", "estimated gradient"),
+            "variance": quantity_of(both, variance, "1", "empirical variance of one sample"),
+            "standard_error": quantity_of(both, error, "1", "standard error of the mean"),
+        },
+        {
+            "theta": quantity_of("theta", thetas, "1", "decision"),
+            "box": quantity_of("box", boxes, "1", "width of the box"),
+            "estimator": list(ESTIMATORS),
+        },
+    )  # fmt: skip
+
+
+_PLACE = "Pathologies, "
+_BOTH_SIDES = 30
+"""Samples expected on each side of the jump from which errors are near normal."""
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """What ex. III.2 and fig. 2 say."""
+    return [*_objective(data), *_first_order(data)]
+
+
+def _objective(data: xr.Dataset) -> list[Claim]:
+    """The smoothed objective and the zeroth order, where samples fall on both sides of the jump."""
+    n, F = data.attrs["n_samples"], data["F"].values
+    told = n * F * (1 - F) >= _BOTH_SIDES
+    zeroth = data.sel(estimator="zobg")
+    score = (zeroth["mean"].values - data["gradient"].values)[told]
+    off = largest(np.abs(score) / np.sqrt(data["zobg_variance"].values[told] / n))
+    spread = np.sqrt(F * (1 - F) / n)[told]
+    objective = largest(np.abs(data["F_sampled"].values - F)[told] / spread)
+    ratio = zeroth["variance"].values[told] / data["zobg_variance"].values[told]
+    # The relative error of a variance whose samples have the kurtosis of a product w · {0, 1}.
+    blur = 5 * np.sqrt(6 / (n * np.minimum(F, 1 - F)[told]))
+    where = f" at {told.sum()} of {told.size} theta, those with {_BOTH_SIDES} samples a side"
+    return [
+        Claim("The stochastic objective is the error function", _PLACE + "ex. III.2",
+              "F = erf(-theta; sigma²), read as the Gaussian tail", f"off by {objective:.2g}"
+              " standard errors at most" + where, objective < 5),
+        Claim("The zeroth-order estimate is unbiased", _PLACE + "sec. III-A, ex. III.2",
+              "F' = phi(theta/sigma)/sigma", f"off by {off:.2g} standard errors at most" + where,
+              off < 5),
+        Claim("The variance of the zeroth order is that of its closed form", "our check",
+              "ratio 1", f"off by {largest(np.abs(ratio - 1)):.3f} at most" + where,
+              bool(told.any() and np.all(np.abs(ratio - 1) < blur))),
+    ]  # fmt: skip
+
+
+def _first_order(data: xr.Dataset) -> list[Claim]:
+    """What of the first order is zero, and what is not."""
+    true, first = data["gradient"].values, data.sel(estimator="fobg")
+    mean, limit = first["mean"].values, data["fobg_mean"].values
+    apart = np.abs(mean - limit)
+    diverges = apart > 5 * first["standard_error"].values
+    delta, narrow = data["delta"].values[-1], float(data["box"][-1])
+    equal = float(np.abs(delta - true).max() / true.max())
+    return [
+        Claim("The first-order estimate is zero, so it is biased at any theta",
+              _PLACE + "ex. III.2", "0, while F' > 0",
+              f"at most {np.abs(mean).max():g}; F' from {true.min():.1e} to {true.max():.4g}",
+              bool(np.all(mean == 0) and np.all(true > 0))),
+        Claim("The empirical variance of the first order is zero", _PLACE + "ex. III.2, fig. 2",
+              "0", f"{float(first['variance'].max()):g}", bool(np.all(first["variance"] == 0))),
+        Claim("The law of large numbers does not hold for the first order",
+              _PLACE + "ex. III.2", "the mean of the samples stays off their expectation",
+              f"off by {apart.max():g} at most, at {np.sum(diverges)} of {diverges.size} theta;"
+              f" their expectation is {np.abs(limit).max():g}, F' up to {true.max():.4g}",
+              bool(diverges.any())),
+        Claim("E delta(theta + w) = 0", _PLACE + "ex. III.2", "0, the limit of narrow boxes",
+              f"up to {delta.max():.4g} in a box of width {narrow:g}, equal to F' within"
+              f" {equal:.1e} of its largest", bool(delta.max() < 1e-3 * true.max())),
+    ]  # fmt: skip

@@ -1,0 +1,344 @@
+"""A6: derivatives of impact and of friction by barrier, adaptive and randomized smoothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
+from problems.registry import get
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.study import Claim, StudyParams, listed, over, quantity_of, setting
+
+NOTES = (
+    "RS averages the derivative that exists almost everywhere, as automatic differentiation"
+    " gives it; only a sample inside the one step of the impact sees the jump.",
+    "The box is problem box-slide: m (v+ - v) = h u + f, |f| <= b = friction h m g by maximal"
+    " dissipation, in two pairs; the paper gives no equations.",
+    "Costs are counted in solves, at the noise whose bias is the barrier's: an exact solve and"
+    " one of the barrier's path take about as long here.",
+    "The noise levels and every mu are our choice.",
+)
+
+
+def softened_box(
+    u: np.ndarray, mu: float, m: float, g: float, friction: float, h: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Next velocity [m/s] from rest and its derivative by the push u [m/(N s)], both (n,).
+
+    A barrier on both faces of |f| <= b = friction h m g, f an impulse, gives
+    ``v+ = r(f) = -(2 mu/h) f/(b² - f²)`` with ``m v+ = h u + f``, one root f; mu in N s m. Its
+    derivative is ``(h/m) c/(1 + c)``, ``c = -m r'(f) = (2 m mu/h) (b² + f²)/(b² - f²)²``, which
+    tends to 0 in stick and to h/m in slip.
+    """
+    b = friction * h * m * g
+
+    def root(push: float) -> float:
+        def relation(f: float) -> float:
+            return (h * push + f) * (b**2 - f**2) / m + 2 * mu / h * f
+
+        return float(brentq(relation, -b, b, xtol=1e-15))  # pyright: ignore[reportArgumentType]
+
+    f = np.array([root(push) for push in u])
+    c = 2 * m * mu / h * (b**2 + f**2) / (b**2 - f**2) ** 2
+    return (h * u + f) / m, h / m * c / (1 + c)
+
+
+def smoothed_box(
+    u: np.ndarray, sigma: float, m: float, g: float, friction: float, h: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance, (n,) each, of the exact dv+/du [m/(N s)] at pushes N(u, sigma²).
+
+    The exact one is h/m where |u| > friction m g, else 0, so p = P(slip) decides both.
+    """
+    bound = friction * m * g
+    p = norm.sf((bound - u) / sigma) + norm.sf((bound + u) / sigma)
+    return h / m * p, (h / m) ** 2 * p * (1 - p)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """One solve of a softened box against exact ones averaged over noise of equal bias.
+
+    ``bias`` [m/(N s)]: root mean square over the pushes of softened less exact slope; ``sigma``
+    [N]: noise whose average has the same; ``single``: error of one exact solve over that bias;
+    ``needed``: solves after which the error is within a tenth of it.
+    """
+
+    bias: float
+    sigma: float
+    single: float
+    needed: float
+
+
+def cost_of_averaging(u: np.ndarray, mu: float, **box: float) -> Cost:
+    """Compare both smoothings of the slope over pushes ``u``, a fine grid past both steps."""
+    exact = np.where(np.abs(u) > box["friction"] * box["m"] * box["g"], box["h"] / box["m"], 0.0)
+
+    def size(values: np.ndarray) -> float:
+        return float(np.sqrt(np.mean(values**2)))
+
+    bias = size(softened_box(u, mu, **box)[1] - exact)
+
+    def excess(sigma: float) -> float:
+        return size(smoothed_box(u, sigma, **box)[0] - exact) - bias
+
+    # Far below the grid's spacing RS is exact on it; far above its reach it slips everywhere.
+    least, most = 1e-2 * float(u[1] - u[0]), 1e6 * float(np.ptp(u))
+    sigma = float(brentq(excess, least, most))  # pyright: ignore[reportArgumentType]
+    variance = float(np.mean(smoothed_box(u, sigma, **box)[1]))
+    return Cost(bias, sigma, np.sqrt(1 + variance / bias**2), variance / (0.21 * bias**2))
+
+
+COUNTS = (10, 100, 1000)
+BALL_MUS = (1e-4, 1e-3, 1e-2)
+BOX_MUS = np.array([1 / 300, 1 / 30, 1 / 3])
+"""mu of the box over h b²/m, b = friction h m g: of what its friction can hold."""
+_NEAR = 2000
+"""Places near the impact at which RS is asked whether it sees it."""
+FINER = (1, 10, 100)
+"""The exact ball's steps are h over these: RS at the step of BS, and as the step falls."""
+
+
+class Params(StudyParams):
+    """Parameters of A6; the paper gives no numbers and, for the box, no equations."""
+
+    g: float = setting(9.81, "m/s^2", "gravity", above=0)
+    q0: float = setting(1.0, "m", "height of the throw", above=0)
+    h: float = setting(0.01, "s", "step of the ball, of the exact one the largest", above=0)
+    sigma: float = setting(0.05, "m", "noise on q_x, and sigma of the adaptive law", above=0)
+    friction: float = setting(0.5, "1", "Coulomb's coefficient of the box", above=0)
+    h_box: float = setting(0.05, "s", "step of the box", above=0)
+    sigma_box: float = setting(0.5, "N", "noise on the push", above=0)
+
+
+def _velocity(params: Params, law: ContactLaw, h: float) -> np.ndarray:
+    """Vertical velocity at every node of the throw, (N+1,); the ball has 1 kg and 1 m/s."""
+    system = get("ball-bounce", h=h, g=params.g).system
+    start = np.array([[0.0, params.q0, 1.0, 0.0]])
+    steps = round(1.6 * np.sqrt(2 * params.q0 / params.g) / h)
+    return SampledStep(law.close(system)).roll_out(start, np.zeros((1, 2)), steps)[0][0, :, 3]
+
+
+def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
+    """Derivative of v_y by q_x, where q_x equals the time, around the impact."""
+    soft_laws = [*(Barrier(mu=mu) for mu in BALL_MUS), Adaptive(sigma=params.sigma)]
+    soft = [np.diff(_velocity(params, law, params.h)) / params.h for law in soft_laws]
+    impact = float(np.sqrt(2 * params.q0 / params.g))
+    q = np.linspace(impact - 5 * params.sigma, impact + 5 * params.sigma, 201)
+    averaged = np.empty((len(FINER), len(COUNTS), len(q)))
+    quiet = np.empty((len(FINER), len(COUNTS)))
+    # Within one sigma of the impact its average is not small: there RS has something to see.
+    near = impact + params.sigma * np.linspace(-1, 1, _NEAR)
+    for row, finer in enumerate(FINER):
+        h = params.h / finer
+        rates = np.diff(_velocity(params, Exact(), h)) / h
+        for column, count in enumerate(COUNTS):
+            averaged[row, column] = _averaged(rates, h, q, params.sigma, count, rng)
+            seen = _averaged(rates, h, near, params.sigma, count, rng)
+            quiet[row, column] = np.mean(seen <= 1e-6)
+    jump = params.g * impact
+    limit = -params.g * norm.sf((q - impact) / params.sigma) + jump * norm.pdf(
+        q, impact, params.sigma
+    )
+    variables = {
+        "impact_soft": quantity_of(("law", "q_mid"), soft, "1/s", "dv_y/dq_x, softened"),
+        "impact_rs": quantity_of(("finer", "count", "q_x"), averaged, "1/s", "mean derivative, RS"),
+        "quiet": quantity_of(
+            ("finer", "count"),
+            quiet,
+            "1",
+            "share of points within sigma of the impact where RS sees none",
+        ),
+        "impact_limit": quantity_of("q_x", limit, "1/s", "RS with infinitely many samples"),
+        "jump": quantity_of((), jump, "m/s", "jump of v_y at the impact, ground truth"),
+        "place": quantity_of((), impact, "m", "q_x of the impact"),
+    }
+    mid = params.h * (np.arange(len(soft[0])) + 0.5)
+    return variables, {
+        "finer": quantity_of("finer", FINER, "1", "h over the step of the exact ball"),
+        "q_x": quantity_of("q_x", q, "m", "horizontal position"),
+        "q_mid": quantity_of("q_mid", mid, "m", "horizontal position between two nodes"),
+    }
+
+
+def _averaged(
+    rates: np.ndarray, h: float, q: np.ndarray, sigma: float, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """RS of the steps' ``rates``: means at places ``q`` (n,) over ``count`` samples, (n,)."""
+    place = q[:, None] + sigma * rng.standard_normal((len(q), count))
+    node = np.clip((place / h).astype(int), 0, len(rates) - 1)
+    return rates[node].mean(axis=1)
+
+
+def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
+    """Derivative of the box's next velocity by the push, from rest."""
+    arguments = {"m": 1.0, "g": params.g, "friction": params.friction, "h": params.h_box}
+    system = get("box-slide", **arguments).system
+    u, rest = np.linspace(-10, 10, 81), np.zeros((1, 2))
+    exact, barrier = SampledStep(Exact().close(system)), SampledStep(Barrier(mu=1.0).close(system))
+    truth = exact(rest, u[:, None])
+    mus = _box_mus(params)
+    soft = [barrier(rest, u[:, None], mu=mu) for mu in mus]
+    averaged, spread = [], []
+    for count in COUNTS:
+        # Off the two kinks the exact derivative is one of two constants, so a look-up is exact.
+        push = u[:, None] + params.sigma_box * rng.standard_normal((len(u), count))
+        slopes = np.interp(push, *_fine_slope(exact, rest))
+        averaged.append(slopes.mean(axis=1))
+        spread.append(slopes.std(axis=1, ddof=1).max() / np.sqrt(count))
+    bound = params.friction * params.g
+    limit, _ = smoothed_box(u, params.sigma_box, **arguments)
+    at_step = barrier(rest, np.array([[bound]]), mu=mus).x_by_u[:, 1, 0]
+    fine = np.linspace(0, 4 * bound, 2001)
+    costs = [cost_of_averaging(fine, mu, **arguments) for mu in mus]
+    closed, slope = zip(*(softened_box(u, mu, **arguments) for mu in mus), strict=True)
+    found, by_push = [v.x_next[:, 1] for v in soft], [v.x_by_u[:, 1, 0] for v in soft]
+    step = np.where(np.abs(u) > bound, params.h_box, 0.0)
+    variables = {
+        "push_exact": quantity_of("u", truth.x_by_u[:, 1, 0], "m/(N s)", "dv+/du, exact"),
+        "push_soft": quantity_of(("box_mu", "u"), by_push, "m/(N s)", "dv+/du, barrier"),
+        "push_rs": quantity_of(("count", "u"), averaged, "m/(N s)", "dv+/du, RS"),
+        "push_limit": quantity_of("u", limit, "m/(N s)", "RS with infinitely many samples"),
+        "push_error": quantity_of("count", spread, "m/(N s)", "largest standard error of RS"),
+        "push_step": quantity_of("u", step, "m/(N s)", "h/m where |u| > friction m g, else 0"),
+        "at_step": quantity_of("box_mu", at_step / params.h_box, "1",
+                               "dv+/du of the barrier at u = friction m g, over h/m"),
+        **{f"cost_{name}": quantity_of("box_mu", [getattr(c, name) for c in costs], unit, meaning)
+           for name, unit, meaning in (
+               ("bias", "m/(N s)", "rms error of the barrier's slope"),
+               ("sigma", "N", "noise at which RS has that bias"),
+               ("single", "1", "rms error of one exact solve at that noise, over that bias"),
+               ("needed", "1", "exact solves for an error within a tenth of the barrier's"))},
+        "push_residual": quantity_of("box_mu", np.abs(np.subtract(found, closed)).max(axis=1),
+                                     "m/s", "v+ less the closed form"),
+        "slope_residual": quantity_of("box_mu", np.abs(np.subtract(by_push, slope)).max(axis=1),
+                                      "m/(N s)", "dv+/du less the closed form"),
+    }  # fmt: skip
+    return variables, {"u": quantity_of("u", u, "N", "push")}
+
+
+def _box_mus(params: Params) -> np.ndarray:
+    return BOX_MUS * params.h_box * (params.friction * params.h_box * params.g) ** 2
+
+
+def _fine_slope(step: SampledStep, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Exact dv+/du on a fine grid of pushes."""
+    fine = np.linspace(-13, 13, 521)
+    return fine, step(rest, fine[:, None]).x_by_u[:, 1, 0]
+
+
+def run(params: Params) -> xr.Dataset:
+    """Both panels of fig. 6."""
+    rng = np.random.default_rng(params.seed)
+    impact, places = _impact(params, rng)
+    push, pushes = _push(params, rng)
+    return xr.Dataset(
+        {**impact, **push},
+        {
+            **places,
+            **pushes,
+            "count": quantity_of("count", COUNTS, "1", "samples"),
+            "law": ("law", [*(f"mu = {mu:g} N s m" for mu in BALL_MUS), "adaptive"]),
+            "box_mu": quantity_of(
+                "box_mu", _box_mus(params), "N s m", "central-path parameter of the box"
+            ),
+        },
+    )
+
+
+_NOISY = 0.02
+"""Standard error over h/m from which an average is noisy."""
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """The impact, friction, and what the closed forms say of the box."""
+    return [*_impact_claims(data), *_friction(data), *_closed_forms(data)]
+
+
+def _impact_claims(data: xr.Dataset) -> list[Claim]:
+    h, sigma, jump = data.attrs["h"], data.attrs["sigma"], float(data["jump"])
+    quiet, steps = data["quiet"].values, h / data["finer"].values
+    counts = data["count"].values
+    constant = quiet > 0.8
+    pairs = [f"({step:g} s, {count})" for step in steps for count in counts]
+    # Samples expected in the one step of the impact, at its middle.
+    expected = steps[:, None] * counts / (sigma * np.sqrt(2 * np.pi))
+    rare = expected < 0.1
+    seen = quiet[rare].min() if rare.any() else np.nan
+    area = data["impact_soft"].values.clip(min=0).sum(axis=1) * h
+    laws = [str(law) for law in data["law"].values]
+    close = np.abs(area / jump - 1) < 0.05
+    peak = float(data["impact_soft"].values[-1].max())
+    areas = listed(area[:-1], ".2f")
+    return [
+        Claim("The RS gradient of an impact is constant, with a large bias", "ABS, fig. 6a",
+              f"no impulse, not up to {float(data['impact_limit'].max()):.1f} 1/s, at the step of"
+              " BS and below", f"(step, N) {over(pairs, constant.ravel())}",
+              bool(np.all(constant))),
+        Claim("It is where few samples meet the step of the impact", "our check",
+              "no impulse at most points where a tenth of a sample is expected in it",
+              f"at {seen:.0%} or more of the points, in {rare.sum()} of {rare.size} cases",
+              bool(seen > 0.8)),
+        Claim("The BS gradient approximates the impulse at contact", "ABS, fig. 6a",
+              f"area {jump:.2f} m/s within 5 %", f"{over(laws[:-1], close[:-1])}: {areas} m/s",
+              bool(np.all(close[:-1]))),
+        Claim("So does the adaptive law's", "our check", f"area {jump:.2f} m/s within 5 %",
+              f"{area[-1]:.2f} m/s, peak {peak:.0f} 1/s",
+              bool(close[-1])),
+    ]  # fmt: skip
+
+
+def _friction(data: xr.Dataset) -> list[Claim]:
+    counts, slope = data["count"].values, data.attrs["h_box"]
+    few = counts <= 100
+    error = data["push_error"].values / slope
+    noisy = error > _NOISY
+    bend = float(np.abs(np.diff(data["push_soft"].values, 2, axis=1)).max())
+    rough = np.abs(np.diff(data["push_rs"].values, 2, axis=1)).max(axis=1)
+    needed, single = data["cost_needed"].values, data["cost_single"].values
+    bias, sigma = data["cost_bias"].values / slope, data["cost_sigma"].values
+    mus = listed(data["box_mu"].values, ".1e")
+
+    return [
+        Claim("RS gradients of friction are noisy", "ABS, fig. 6b",
+              f"standard error above {_NOISY:.0%} of h/m for N <= 100",
+              f"N {over(list(counts), noisy)}: {listed(error, '.1%')} of h/m",
+              bool(np.all(noisy[few]))),
+        Claim("BS gradients of friction are smooth", "ABS, sec. 5.2",
+              "second difference below that of RS, N <= 100",
+              f"{bend:.1e} against {listed(rough, '.1e')} m/(N s) at N = {listed(counts, 'd')}",
+              bool(np.all(bend < rough[few]))),
+        Claim("RS is costlier than BS", "ABS, fig. 6b",
+              "at noise of equal bias, more than one exact solve for BS's error within a tenth",
+              f"{listed(needed, '.0f')} solves at mu = {mus}; one has {listed(single, '.2f')} times"
+              f" BS's error, which is {listed(bias, '.1%')} of h/m, as RS's at sigma ="
+              f" {listed(sigma, '.2g')} N", bool(np.all(needed > 1))),
+    ]  # fmt: skip
+
+
+def _closed_forms(data: xr.Dataset) -> list[Claim]:
+    residual, slope = float(data["push_residual"].max()), float(data["slope_residual"].max())
+    off = np.abs(data["push_soft"].values - data["push_exact"].values)
+    stepped = float(np.abs(data["push_exact"] - data["push_step"]).max())
+    mid, at_step = len(data["u"]) // 2, data["at_step"].values
+    mus = " at mu = " + listed(data["box_mu"].values, ".1e")
+    return [
+        Claim("The exact slope is a step: 0 in stick, h/m in slip", "closed form",
+              "0, and h/m for |u| > friction m g", f"off by {stepped:.1e} m/(N s)",
+              stepped < 1e-5),
+        Claim("A barrier on both faces gives v+ = -(2 mu/h) f/(b² - f²)", "closed form", "0 m/s",
+              f"{residual:.1e} m/s", residual < 1e-9),
+        Claim("Its slope is (h/m) c/(1 + c), c = (2 m mu/h) (b² + f²)/(b² - f²)²", "closed form",
+              "0 m/(N s)", f"{slope:.1e} m/(N s)", slope < 1e-8),
+        Claim("BS of friction tends to the exact slope in stick", "closed form",
+              "0 m/(N s) at u = 0", listed(off[:, mid], ".1e") + " m/(N s)" + mus,
+              bool(np.all(off[:-1, mid] < off[1:, mid] / 5))),
+        Claim("Where the exact slope steps, BS tends to half of the step", "our check",
+              "0.5 h/m at u = friction m g", listed(at_step, ".3f") + " h/m" + mus,
+              bool(np.all(np.diff(np.abs(at_step - 0.5)) > 0) and abs(at_step[0] - 0.5) < 0.05)),
+    ]  # fmt: skip

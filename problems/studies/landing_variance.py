@@ -1,0 +1,143 @@
+"""A2v: variance of first-order and likelihood-ratio gradients of a landing ball, over mu."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import xarray as xr
+from pydantic import model_validator
+
+from dynamics.batch import Gaussian, RolloutFunction, open_loop
+from dynamics.contact import Barrier
+from problems.registry import get
+from problems.studies.study import Claim, StudyParams, over, quantity_of, setting
+
+NOTES = (
+    "Time stepping is plastic, so no chaos builds up over bounces: after the impact the ball"
+    " forgets its height. Variance is largest where the rollout ends near the impact.",
+    "mu is that of the impulse, in N s m; positions and velocities weigh one in SI units.",
+)
+
+MUS = 10.0 ** np.arange(-6, 1)
+STEPS = (0.02, 0.01, 0.005, 0.0025)
+
+
+class Params(StudyParams):
+    """Parameters of A2v, all our choice: the paper gives none."""
+
+    g: float = setting(9.81, "m/s^2", "gravity", above=0)
+    q0: float = setting(1.0, "m", "height of the throw", above=0)
+    v0: float = setting(1.0, "m/s", "horizontal velocity")
+    sigma: float = setting(0.1, "m/s", "noise on each component of the throw", above=0)
+    n_samples: int = setting(1000, "1", "samples", least=10)
+    first: float = setting(0.36, "s", "earliest end of the rollout", least=max(STEPS))
+    last: float = setting(1.0, "s", "latest end of the rollout", least=max(STEPS))
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Params:
+        if self.first > self.last:
+            raise ValueError(
+                f"the earliest end of the rollout, first = {self.first:g} s, must not come after"
+                f" the latest, last = {self.last:g} s"
+            )
+        return self
+
+
+def run(params: Params) -> xr.Dataset:
+    """Largest variance over both parameters and over when the rollout ends.
+
+    The parameters are the throw's two velocities, thrust in the first step alone; the return is
+    the squared distance of (q, v) to (v0, 0, v0, 0) at the end. Likelihood ratio after evolution
+    strategies, in antithetic pairs: ``(R(theta + w) - R(theta - w)) w / (2 sigma²)``.
+    """
+    shape = (len(STEPS), len(MUS))
+    first, ratio, jump = np.empty(shape), np.empty(shape), np.empty(shape)
+    ends = np.arange(params.first, params.last + 1e-9, 0.02)
+    for row, h in enumerate(STEPS):
+        cells = [_variances(params, h, round(end / h)) for end in ends]
+        first[row], ratio[row], jump[row] = np.max(cells, axis=0)
+    both = ("h", "mu")
+    unit = "s^2/m^2"
+    return xr.Dataset(
+        {
+            "first_order": quantity_of(both, first, unit, "largest variance, first order"),
+            "likelihood_ratio": quantity_of(both, ratio, unit, "largest variance, LR"),
+            "largest_gradient": quantity_of(both, jump, "s/m", "largest |gradient| of a sample"),
+        },
+        {
+            "h": quantity_of("h", STEPS, "s", "step size"),
+            "mu": quantity_of("mu", MUS, "N s m", "central-path parameter"),
+        },
+    )
+
+
+def _variances(params: Params, h: float, steps: int) -> np.ndarray:
+    """Largest variances over the parameters, and the largest gradient, (3, len(MUS))."""
+    problem = get("ball-bounce", h=h, g=params.g)
+    step = Barrier(mu=1.0).close(problem.system)
+    x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u", 2), ca.SX.sym("p", len(step.p))
+    goal = ca.DM([params.v0, 0, params.v0, 0])
+    rollout = RolloutFunction(
+        step,
+        ca.Function("no_stage_cost", [x, u, p], [ca.SX(0)]),
+        ca.Function("distance", [x, p], [ca.sumsqr(x - goal)]),
+        steps,
+        open_loop(4, 2),
+    )
+    # A thrust of m v / h in the first step throws the ball with velocity v; m = 1 kg.
+    theta = np.zeros((steps, 2))
+    theta[0] = params.v0 / h, params.g
+    noise = np.zeros((params.n_samples, steps, 2))
+    w = Gaussian(params.sigma, params.seed).draw(params.n_samples, 1, 2)[:, 0]
+    noise[:, 0] = w / h
+    start = np.array([0.0, params.q0, 0.0, 0.0])
+    found = []
+    for mu in MUS:
+        values = step.p.pack(mu=mu)
+        up = rollout(start, theta, values, noise)
+        down = rollout(start, theta, values, -noise, gradient=False)
+        assert up.gradient is not None
+        gradient = up.gradient[:, 0] / h
+        ratio = (up.cost - down.cost)[:, None] * w / (2 * params.sigma**2)
+        found.append((gradient.var(axis=0, ddof=1).max(), ratio.var(axis=0, ddof=1).max(),
+                      np.abs(gradient).max()))  # fmt: skip
+    return np.transpose(found)
+
+
+_STIFF = 1e-3
+"""mu up to which the landing is stiff: the variance has left the soft regime."""
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """What sec. 4.3 and 7.2 say."""
+    mu, h = data["mu"].values, data["h"].values
+    first, ratio = data["first_order"].values, data["likelihood_ratio"].values
+    soft = int(np.abs(np.log(mu / 1e-1)).argmin())
+    large = first[:, 0] > 10 * first[:, soft]
+    stiff = mu <= _STIFF * (1 + 1e-9)
+    flat = first[:, 0] / first[:, 1]
+    share = ratio[:, stiff] / first[:, stiff]
+    low = np.all(share < 0.1, axis=1)
+    spread = ratio[:, stiff].max(axis=1) / ratio[:, stiff].min(axis=1)
+    slope = float(np.polyfit(np.log(h), np.log(first[:, 0]), 1)[0])
+    steps = list(h)
+    return [
+        Claim("Stiff systems with small mu lead to large first-order variance", "ABS, sec. 7.2",
+              f"at mu = {mu[0]:g} ten times that at {mu[soft]:g}", f"h {over(steps, large)} s:"
+              f" {(first[:, 0] / first[:, soft]).min():.2g} times or more", bool(np.all(large))),
+        Claim("That variance grows without bound as mu falls", "ABS, sec. 4.3",
+              "with a tenth of mu twice the variance or more",
+              f"{flat.min():.3f} to {flat.max():.3f} times from mu = {mu[1]:g} to {mu[0]:g}",
+              bool(np.all(flat > 2))),
+        Claim("What bounds it is the step: the slope through an impact is 1/h",
+              "our check", "variance ~ 1/h at small mu", f"h to the power {slope:.2f}",
+              bool(-1.4 < slope < -0.6)),
+        Claim("LR gradients have low variance in the presence of stiffness", "ABS, sec. 7.2",
+              f"a tenth of first order or less for mu <= {_STIFF:g}",
+              f"h {over(steps, low)} s: {share.min():.2f} to {share.max():.2f} of first order",
+              bool(np.all(low))),
+        Claim("LR variance stays what it is as mu falls", "our check",
+              f"flat for mu <= {_STIFF:g}", f"within a factor {spread.max():.3g}, as first order"
+              f" within {(first[:, stiff].max(axis=1) / first[:, stiff].min(axis=1)).max():.3g}",
+              bool(np.all(spread < 3))),
+    ]  # fmt: skip

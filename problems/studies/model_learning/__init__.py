@@ -1,1 +1,0 @@
-"""AM: a hopper's next state by its physical parameters, learned, and by a network."""

@@ -1,0 +1,241 @@
+"""A3: variance of the first-order gradient over the length of unrolls, machines in training."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from dynamics.batch import DensePolicy, StepFunction
+from dynamics.contact import Adaptive, Barrier, ContactLaw
+from ocp.learning.experiment import Experiment
+from ocp.learning.protocol import Trained
+from problems.studies.shared.trainings import job
+from problems.studies.study import Claim, Pieces, StudyParams, over, quantity_of, setting
+
+NOTES = (
+    "Every law and length differentiates the same policies from the same states, those of a"
+    " training through the adaptive law, so that nothing differs but law and length.",
+    "The variance is the trace of the covariance of one unroll's gradient, unrolls that are not"
+    " finite left out and counted.",
+    "Theorem 4.4 with its constant mended (errata, 28): v = O(H^4 (sqrt 2 L_f L_pi)^(4 H)); L_f"
+    " is the largest norm of the step's slopes [A B] among the visited states, L_pi the"
+    " policy's, in the states' and inputs' own units.",
+)
+QUICK = {"stages": 2, "unrolls": 64}
+RESUMES = True
+
+TASKS = ("hopper", "half-cheetah")
+LAWS: dict[str, ContactLaw] = {
+    **{f"mu {mu:g}": Barrier(mu=mu) for mu in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)},
+    "adaptive": Adaptive("quartic"),
+}
+LENGTHS = (1, 2, 3, 5, 7, 10, 15, 20)
+
+
+class Params(StudyParams):
+    """Parameters of A3; the paper names mu = 1e-10 and 1e-2 and no other number."""
+
+    stages: int = setting(6, "1", "policies along the training", least=2)
+    every: int = setting(10, "1", "iterations between them", least=1)
+    unrolls: int = setting(256, "1", "unrolls of each law, length and policy", least=16)
+    sigma: float = setting(0.02, "1", "noise on the actions before they are bounded", above=0)
+
+
+def run(params: Params, pieces: Pieces) -> xr.Dataset:
+    """Variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
+    found = [pieces.get(task, lambda task=task: _task(task, params)) for task in TASKS]
+    every = ("task", "stage", "law", "length")
+    return xr.Dataset(
+        {
+            "variance": quantity_of(
+                every, [f["variance"] for f in found], "1", "trace of one gradient's covariance"
+            ),
+            "lost": quantity_of(
+                every, [f["lost"] for f in found], "1", "share of unrolls that are not finite"
+            ),
+            "lipschitz": quantity_of(
+                ("task", "stage", "law"), [f["lipschitz"] for f in found], "1",
+                "L_f, the largest norm of [A B]",
+            ),
+            "lipschitz_policy": quantity_of(
+                ("task", "stage"), [f["lipschitz_policy"] for f in found], "1", "L_pi"
+            ),
+        },
+        {
+            "task": list(TASKS),
+            "law": list(LAWS),
+            "length": quantity_of("length", LENGTHS, "1", "unroll length H"),
+            "stage": quantity_of(
+                "stage", params.every * np.arange(params.stages), "1", "iterations of training"
+            ),
+        },
+    )  # fmt: skip
+
+
+def _task(task: str, params: Params) -> dict[str, np.ndarray]:
+    asked = job(task, "fopg", LAWS["adaptive"], params.seed)
+    experiment = asked.experiment()
+    shape = (params.stages, len(LAWS))
+    variance, lost = np.full((2, *shape, len(LENGTHS)), np.nan)
+    lipschitz, of_policy = np.zeros(shape), np.zeros(params.stages)
+    algorithm, k = asked.algorithm, 0
+    state = algorithm.begin(experiment)
+    for s in range(params.stages):
+        trained = algorithm.policy(experiment, state)
+        x0 = _visited(experiment, trained, params, s)
+        of_policy[s] = _lipschitz_policy(experiment, trained, x0)
+        for i, law in enumerate(LAWS.values()):
+            lipschitz[s, i] = _lipschitz(experiment, law, trained, x0)
+            for j, length in enumerate(LENGTHS):
+                found = experiment.rollouts(length, law).moments(
+                    x0, trained.theta, trained.normaliser,
+                    noise=experiment.noise(params.sigma, s, "measured"), n_samples=len(x0),
+                )  # fmt: skip
+                assert found.gradient is not None
+                lost[s, i, j] = found.nonfinite.count / len(x0)
+                if found.gradient.n > 1:
+                    variance[s, i, j] = found.gradient.m2.sum() / (found.gradient.n - 1)
+        for _ in range(params.every * (s + 1 < params.stages)):
+            state, _ = algorithm.iterate(experiment, state, k)
+            k += 1
+    return {"variance": variance, "lost": lost, "lipschitz": lipschitz,
+            "lipschitz_policy": of_policy}  # fmt: skip
+
+
+def _visited(experiment: Experiment, trained: Trained, params: Params, stage: int) -> np.ndarray:
+    """States (n, nx) out of episodes of the policy under noise, each of them once at random."""
+    rng = experiment.rng(stage, "visited")
+    x0 = experiment.first_states(params.unrolls, rng)
+    found = experiment.rollouts(experiment.task.horizon, LAWS["mu 1e-10"])(
+        x0, trained.theta, trained.normaliser,
+        noise=experiment.noise(params.sigma, stage, "visited"), n_samples=len(x0), states=True,
+    )  # fmt: skip
+    finite = np.isfinite(found.states).all(axis=2)
+    alive = np.arange(found.states.shape[1]) < np.maximum(found.lived, 1)[:, None]
+    candidates = found.states[finite & alive]
+    return candidates[rng.integers(len(candidates), size=params.unrolls)]
+
+
+def _lipschitz(experiment: Experiment, law: ContactLaw, trained: Trained, x: np.ndarray) -> float:
+    """Largest spectral norm of the step's slopes [A B] at states x under the policy."""
+    task = experiment.task
+    step = StepFunction(law.close(replace(task.system, parameters=task.parameters)), threads=1)
+    steps, by_x, by_u = step.slopes(x, experiment.inputs(trained, x))
+    good = np.isfinite(steps.x_next).all(axis=1)
+    whole = np.concatenate([by_x[good], by_u[good]], axis=2)
+    return float(np.linalg.norm(whole, ord=2, axis=(1, 2)).max())
+
+
+def _lipschitz_policy(experiment: Experiment, trained: Trained, x: np.ndarray) -> float:
+    """Largest spectral norm of the policy's slope at states x, by central differences."""
+    assert isinstance(experiment.policy, DensePolicy)
+    columns = []
+    for i in range(x.shape[1]):
+        e = np.zeros(x.shape[1])
+        e[i] = 1e-6
+        ahead, behind = (experiment.inputs(trained, x + s * e) for s in (1, -1))
+        columns.append((ahead - behind) / 2e-6)
+    return float(np.linalg.norm(np.stack(columns, axis=-1), ord=2, axis=(1, 2)).max())
+
+
+_PLACE = "ABS, sec. 7.2"
+_SHARP, _WIDE, _ADAPTIVE = "mu 1e-10", "mu 0.01", "adaptive"
+_LONG = 5
+"""Lengths from here on tell how the variance grows: shorter ones may meet no contact."""
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Slope of log variance over the unroll length, and its interval over the policies."""
+
+    rate: float
+    low: float
+    high: float
+
+    @property
+    def error(self) -> float:
+        """Standard error of the rate."""
+        return (self.high - self.low) / 4
+
+    def above(self, other: Growth) -> float:
+        """How far the rate lies above another, in standard errors of the difference."""
+        return (self.rate - other.rate) / np.hypot(self.error, other.error)
+
+    def __str__(self) -> str:
+        return f"{self.rate:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+
+def growth(data: xr.Dataset, task: str, law: str) -> Growth:
+    """Mean over stages of the fitted slope, with twice its standard error."""
+    one = data["variance"].sel(task=task, law=law)
+    lengths = one["length"].values
+    chosen = lengths >= _LONG
+    slopes = []
+    for row in one.transpose("stage", "length").values:
+        good = chosen & (row > 0)
+        if good.sum() > 2:
+            slopes.append(np.polyfit(lengths[good], np.log(row[good]), 1)[0])
+    if len(slopes) < 2:
+        return Growth(np.nan, np.nan, np.nan)
+    mean, error = float(np.mean(slopes)), float(np.std(slopes, ddof=1) / np.sqrt(len(slopes)))
+    return Growth(mean, mean - 2 * error, mean + 2 * error)
+
+
+def bound_rate(data: xr.Dataset, task: str, law: str) -> float:
+    """Growth of theorem 4.4's bound a step at most: ``4 log(sqrt 2 L_f L_pi)``, both at least 1."""
+    slope = data["lipschitz"].sel(task=task, law=law).max("stage")
+    policy = data["lipschitz_policy"].sel(task=task).max("stage")
+    return float(4 * np.log(np.sqrt(2) * np.maximum(slope, 1) * np.maximum(policy, 1)))
+
+
+def claims(data: xr.Dataset) -> list[Claim]:
+    """What the text says of the figure, and how the theorem compares."""
+    rates = {(t, law): growth(data, t, law) for t in TASKS for law in LAWS}
+    mean = data["variance"].mean("stage")
+    last = mean.isel(length=-1)
+    shares = {
+        t: [float(last.sel(task=t, law=law) / last.sel(task=t, law=_SHARP)) for law in LAWS]
+        for t in TASKS
+    }
+    wide, adaptive = list(LAWS).index(_WIDE), list(LAWS).index(_ADAPTIVE)
+    exploding = [rates[t, _SHARP].low > 0 for t in TASKS]
+    flatter = [rates[t, _WIDE].high < rates[t, _SHARP].low for t in TASKS]
+    apart = [rates[t, _SHARP].above(rates[t, _WIDE]) for t in TASKS]
+    ordered = [bool(np.all(np.diff(shares[t][:5]) >= 0)) for t in TASKS]
+    below = [rates[t, law].low <= bound_rate(data, t, law) for t in TASKS for law in LAWS]
+    loose = [bound_rate(data, t, _SHARP) / rates[t, _SHARP].rate for t in TASKS]
+    constants = data["lipschitz"].max("stage")
+    falling = [float(constants.sel(task=t, law=_WIDE)) < float(constants.sel(task=t, law=_SHARP))
+               for t in TASKS]  # fmt: skip
+    return [
+        Claim("The variance explodes with the unroll length at mu = 1e-10", _PLACE,
+              f"log variance grows from H = {_LONG} on, 95 % over policies",
+              f"{over(TASKS, exploding)}: {', '.join(str(rates[t, _SHARP]) for t in TASKS)} a step",
+              all(exploding), min(r.rate / r.error for r in (rates[t, _SHARP] for t in TASKS))),
+        Claim("As mu increases the variance decreases", _PLACE,
+              "at the longest unroll, over mu = 1e-2 down to 1e-10 never falling",
+              f"{over(TASKS, ordered)}: "
+              + "; ".join(", ".join(f"{s:.2g}" for s in shares[t][:5]) for t in TASKS)
+              + f" of that at {_SHARP}", all(ordered)),
+        Claim("At mu = 1e-2 it grows more slowly than at 1e-10", _PLACE,
+              "intervals of the growth apart",
+              f"{over(TASKS, flatter)}: {', '.join(str(rates[t, _WIDE]) for t in TASKS)} a step",
+              all(flatter), min(apart)),
+        Claim("The adaptive law's variance lies between", "our check",
+              "at the longest unroll between those of mu = 1e-2 and 1e-10",
+              "; ".join(f"{t} {shares[t][adaptive]:.2g} of that at {_SHARP}, {_WIDE} has"
+                        f" {shares[t][wide]:.2g}" for t in TASKS),
+              all(min(shares[t][wide], 1) <= shares[t][adaptive] <= max(shares[t][wide], 1)
+                  for t in TASKS)),
+        Claim("The growth stays below theorem 4.4's", "ABS, thm. 4.4, constant mended",
+              "4 log(sqrt 2 L_f L_pi) a step",
+              f"bounds {', '.join(f'{bound_rate(data, t, _SHARP):.3g}' for t in TASKS)} at"
+              f" {_SHARP}, {', '.join(f'{r:.2g}' for r in loose)} times the growth", all(below)),
+        Claim("A larger mu means a larger Lipschitz constant", "ABS, sec. 7.2, as printed",
+              "L_f at mu = 1e-2 above that at 1e-10",
+              ", ".join(f"{t} {float(constants.sel(task=t, law=_WIDE)):.3g} and"
+                        f" {float(constants.sel(task=t, law=_SHARP)):.3g}" for t in TASKS),
+              not any(falling)),
+    ]  # fmt: skip
