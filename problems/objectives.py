@@ -6,17 +6,19 @@ import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError, choose, did_you_mean
-from ocp.gradients.objective import ClosedForm, StaticObjective
 from problems.parameters import table, unit_of
 from problems.registry import names, spec
 from problems.spec import ProblemSpec, Spec, defined
+
+if TYPE_CHECKING:
+    from ocp.gradients.objective import ClosedForm, StaticObjective
 
 _MODULES = {
     "heaviside": "problems.heaviside",
@@ -44,6 +46,8 @@ class ObjectiveSpec(Spec):
         Takes ``backend``, ``threads`` and ``block`` of :class:`dynamics.batch.BatchFunction`;
         raises as :meth:`params` does.
         """
+        from ocp.gradients.objective import StaticObjective
+
         params = self.params(values or {})
         p = ParameterTable(q for q in table(params) if q.name not in (_DECISION, _NOISE))
         field, theta = self.Params.model_fields[_DECISION], ca.SX.sym(_DECISION)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -13,11 +14,13 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Wedge
 
 from dynamics.systems.pairs import ContactForces
-from ocp.problem import Problem
-from ocp.task import Task
 from problems.drawing import ContactFrame
 from reports.style import PURPLE, VERMILLION
 from reports.view import RunView
+
+if TYPE_CHECKING:
+    from ocp.problem import Problem
+    from ocp.task import Task
 
 _LEAST = 0.02
 """Forces below this fraction of the largest are not drawn."""

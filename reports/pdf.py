@@ -6,6 +6,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,6 @@ from ocp.store import atomic
 from ocp.store.plain import plain
 from ocp.store.stored_run import StoredRun
 from problems.spec import ProblemSpec
-from reports.pages import (
-    comparison_page,
-    continuation_page,
-    estimate_page,
-    solve_page,
-    study_page,
-    sweep_page,
-    training_page,
-)
 from reports.style import literal, styled, to_svg
 from reports.view import RunView
 
@@ -37,7 +29,7 @@ def write_pdf(
 ) -> None:
     """Write a report of one run, or of several solves or trainings, to ``path``.
 
-    Friction cones are drawn where ``cones``; ``own`` is the problem in a file that a person named.
+    Friction cones are drawn where ``cones``; ``own`` is the problem of a user's file.
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
     compared, or where a problem's typst equations do not compile.
     """
@@ -55,28 +47,40 @@ def render(runs: Sequence[StoredRun], cones: bool = False, own: ProblemSpec | No
     return _typeset(template, content, drawn)
 
 
+PAGES = {
+    "solve": "solve.solve_page",
+    "continue": "continuation.continuation_page",
+    "sweep": "sweep.sweep_page",
+    "estimate": "estimate.estimate_page",
+    "figure": "study.study_page",
+    "train": "training.training_page",
+}
+"""Module below :mod:`reports.pages` and function of each kind of run, imported when it is drawn."""
+_TEMPLATES_OF = {"continue": "continuation", "figure": "study", "train": "training"}
+
+
 def _page(
     views: list[RunView], cones: bool, own: ProblemSpec | None
 ) -> tuple[str, dict[str, Any], dict[str, Figure]]:
+    """Template, content and figures of the views."""
     kinds = {view.run.kind for view in views}
-    if kinds == {"solve"}:
-        if len(views) == 1:
-            return ("solve.typ", *solve_page(views[0], cones))
+    if kinds == {"solve"} and len(views) > 1:
+        from reports.pages.comparison import comparison_page
+
         return ("comparison.typ", *comparison_page(views, cones))
-    if kinds == {"continue"} and len(views) == 1:
-        return ("continuation.typ", *continuation_page(views[0], cones))
-    if kinds == {"sweep"} and len(views) == 1:
-        return ("sweep.typ", *sweep_page(views[0]))
-    if kinds == {"estimate"} and len(views) == 1:
-        return ("estimate.typ", *estimate_page(views[0].run, own))
-    if kinds == {"figure"} and len(views) == 1:
-        return ("study.typ", *study_page(views[0].run))
-    if kinds == {"train"}:
-        return ("training.typ", *training_page(views))
-    raise InputError(
-        "only runs of ocp solve, or of ocp train, can stand side by side in a report; give the"
-        " others one by one"
-    )
+    if len(kinds) > 1 or (len(views) > 1 and kinds != {"train"}):
+        raise InputError(
+            "a report of several runs needs runs of ocp solve, or runs of ocp train; report the"
+            " others one by one"
+        )
+    (kind,) = kinds
+    module, _, name = PAGES[kind].partition(".")
+    page = getattr(import_module(f"reports.pages.{module}"), name)
+    given: dict[str, tuple[Any, ...]] = {
+        "solve": (views[0], cones), "continue": (views[0], cones), "sweep": (views[0],),
+        "estimate": (views[0].run, own), "figure": (views[0].run,), "train": (views,),
+    }  # fmt: skip
+    return (f"{_TEMPLATES_OF.get(kind, kind)}.typ", *page(*given[kind]))
 
 
 def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) -> bytes:
@@ -92,5 +96,5 @@ def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) 
             return typst.compile(str(root / template), root=folder, ignore_system_fonts=True)
         except typst.TypstError as error:
             raise InputError(
-                f"the report does not compile: {error}; check the problem's typst equations"
+                f"typst cannot compile the report: {error}; check the problem's equations"
             ) from error

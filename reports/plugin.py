@@ -29,7 +29,7 @@ def main() -> int:
 def save(solution: Solution, root: Path | str | None, tags: Sequence[str]) -> Path:
     """Store the run; its record names the script that called."""
     place = store.default_root() if root is None else root
-    return store.save(solution, place, ["python", Path(sys.argv[0]).name], tags)
+    return store.save(solution, place, ["python", Path(sys.argv[0]).name], tags).path
 
 
 def report(solution: Solution, path: Path) -> Path:

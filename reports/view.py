@@ -13,7 +13,6 @@ from dynamics.systems import Signal
 from ocp.errors import DamagedRun, InputError
 from ocp.problem import Problem
 from ocp.store.stored_run import StoredRun
-from ocp.task import Task
 from problems import ProblemSpec
 from problems.drawing import (
     Box,
@@ -27,18 +26,20 @@ from problems.drawing import (
     Spring,
 )
 from problems.plugin import known_parameters, problem_of
-from problems.tasks import registry as tasks
-from problems.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from ocp.store.stored_run import StoredRun
+    from ocp.task import Task
+    from problems.tasks.spec import TaskSpec
 
 
 def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
     """Build the task of a training again; raises as :func:`~problems.plugin.problem_of` does."""
-    found = tasks.spec(str(run.meta["problem"]))
+    from problems.tasks import registry
+
+    found = registry.spec(str(run.meta["problem"]))
     params = found.params(known_parameters(run, found))
     return found, params, found.build(params)
 

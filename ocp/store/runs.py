@@ -62,8 +62,8 @@ class RunEntry:
 
 def save(
     solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()
-) -> Path:
-    """Store a solution and return its run directory; see :func:`write` for what it raises."""
+) -> StoredRun:
+    """Store a solution and return the run; raises as :func:`write` does."""
     problem, data, meta = _parts(solution, argv, tags)
     return write(root, problem, data, meta, shown(solution.problem, data))
 
@@ -117,8 +117,8 @@ def write(
     data: xr.Dataset,
     meta: dict[str, Any],
     parts: Mapping[str, bytes] | None = None,
-) -> Path:
-    """Store ``data`` and ``meta`` as one run of ``problem`` and return its directory.
+) -> StoredRun:
+    """Store ``data`` and ``meta`` as one run of ``problem`` and return the run.
 
     ``meta`` is what :mod:`ocp.store.description` says of its ``kind``; ``tags`` are words that mark
     the run; ``parts`` are what :func:`shown` gave. Added are ``schema problem created versions
@@ -143,7 +143,7 @@ def write(
         flush(room)
         final = _rename_into(room, shelf, name)
         flush(shelf)
-    return final
+    return StoredRun(final, data, described, dict(parts or {}))
 
 
 def _completed(

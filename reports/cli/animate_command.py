@@ -1,4 +1,4 @@
-"""``ocp animate RUN -o FILE``: the motion of a stored run, plan beside replay."""
+"""``ocp animate RUN -o FILE``: the motion of a stored run, plan and replay side by side."""
 
 from __future__ import annotations
 
@@ -17,18 +17,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class AnimateOptions(RunOptions, SourceOptions):
-    """Which run, the file, and how fast."""
+    """The run, the file, and the speed."""
 
     file: Path = option(MISSING, "--output", "-o", help="The .gif, .mp4 or .html file to write.")
-    fps: int = option(25, "--fps", min=1, max=100, help="Frames a second.")
-    speed: float = option(
-        1.0, "--speed", min=1e-3, max=1e3, help="1 is real time, 0.5 half as fast."
-    )
-    cones: bool = option(False, "--cones", help="Draw friction cones too.")
+    fps: int = option(25, "--fps", min=1, max=100, help="Frames per second.")
+    speed: float = option(1.0, "--speed", min=1e-3, max=1e3, help="1 is real time, 0.5 half speed.")
+    cones: bool = option(False, "--cones", help="Draw friction cones.")
 
 
 def check(options: AnimateOptions) -> RunView:
-    """Read the run, and see that it can be drawn."""
+    """Read the run, and check that it can be drawn."""
     from reports.cli.request import check_place
     from reports.cli.runs_command import stored
     from reports.motion.animation import check_drawable, frame_times
@@ -45,7 +43,7 @@ def check(options: AnimateOptions) -> RunView:
 
 
 def run(options: AnimateOptions, view: RunView) -> int:
-    """Animate a stored run: bodies and contact forces, the plan beside its exact replay."""
+    """Animate a stored run: bodies and contact forces of the plan and of its exact replay."""
     from reports.motion.animation import Animation
     from reports.motion.movie import write
     from reports.style import styled
@@ -53,8 +51,8 @@ def run(options: AnimateOptions, view: RunView) -> int:
     output, file = options.output, options.file
     with styled():
         animation = Animation(view, options.fps, options.speed, options.cones)
-        with _progress(output, len(animation.times)) as told:
-            size = write(animation, file, told)
+        with _progress(output, len(animation.times)) as report:
+            size = write(animation, file, report)
     output.say(f"animation: {file} ({len(animation.times)} frames)")
     output.document(
         {
@@ -73,7 +71,7 @@ def run(options: AnimateOptions, view: RunView) -> int:
 
 @contextmanager
 def _progress(output: Output, frames: int) -> Iterator[Callable[[int], None]]:
-    """Yield what is called after each frame: a bar on a terminal; Ctrl-C is noticed there too."""
+    """Yield a callback for each finished frame: a bar on a terminal, and the check for Ctrl-C."""
     from rich.progress import Progress
 
     from reports.cli import interrupt
@@ -83,11 +81,11 @@ def _progress(output: Output, frames: int) -> Iterator[Callable[[int], None]]:
     with Progress(console=console, transient=True, disable=hidden) as bar:
         task = bar.add_task("frames", total=frames)
 
-        def told(done: int) -> None:
+        def report(done: int) -> None:
             interrupt.check()
             bar.update(task, completed=done)
 
-        yield told
+        yield report
 
 
 COMMAND = Command(

@@ -1,4 +1,4 @@
-"""The program ``ocp``: its commands, and how every failure becomes a sentence and an exit code."""
+"""The program ``ocp``: its commands, and the message and exit code of every failure."""
 
 from __future__ import annotations
 
@@ -127,8 +127,8 @@ def commands() -> dict[str, Any]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 done, 2 usage, 3 not converged, 4 damaged run.
 
-    A solve that Ctrl-C ended and whose best point was stored has not converged; what else Ctrl-C
-    ended gives 130. Errors go to stderr in one or two lines; ``--debug`` shows the traceback too.
+    After Ctrl-C a solve with a stored best point gives 3, everything else 130. Errors go to stderr
+    in one or two lines; ``--debug`` adds the traceback.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     streams.prepare()
@@ -149,7 +149,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"error: {message}", file=sys.stderr)
         return code
     finally:
-        # The process itself goes on to its end, where libraries still print.
+        # Not in a process of its own, where libraries still print at the end.
         if arguments is not None:
             streams.release()
     return code if isinstance(code, int) else 0
@@ -168,22 +168,22 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 def _stopped() -> int:
     streams.abandon()
-    print("stopped by the user; what was finished is kept", file=sys.stderr)
+    print("stopped by the user; finished work is kept", file=sys.stderr)
     return interrupt.EXIT_CODE
 
 
 def _explain(error: BaseException) -> tuple[str, int]:
-    """Return the sentence and the exit code of anything that was raised."""
-    # By what they have, not by type: typer brings click along under a name of its own, and to
-    # import ocp.errors would load CasADi for every ocp --help.
+    """Return the message and the exit code of an exception."""
+    # By attribute, not by type: typer has its own copy of click, and importing ocp.errors would
+    # load CasADi for every ocp --help.
     if hasattr(error, "format_message"):
         message = error.format_message()  # pyright: ignore[reportAttributeAccessIssue]
         if not message or type(error).__name__ == "NoArgsIsHelpError":
             return "", 2
-        return f"{_shortened(message).rstrip('.')}; ocp --help shows what there is", 2
+        return f"{_shortened(message).rstrip('.')}; see ocp --help", 2
     if isinstance(code := getattr(error, "exit_code", None), int):
         return _shortened(str(error)), code
-    # rich turns a pipe that broke into an exit of its own.
+    # rich turns a broken pipe into SystemExit.
     if isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
         streams.abandon()
         return "", 1
@@ -194,26 +194,26 @@ def _explain(error: BaseException) -> tuple[str, int]:
     if isinstance(error, ImportError):
         from ocp.distribution import hiding
 
-        if told := hiding():
-            return told, 2
+        if hidden := hiding():
+            return hidden, 2
     if isinstance(error, OSError) and error.filename is not None:
         reason = f"{error.strerror}; name another file or directory"
         return f"cannot use {_shortened(str(error.filename))}: {reason}", 2
     if isinstance(error, FileNotFoundError) and _folder_is_gone():
-        return "the working folder is gone; change into one that is there", 2
+        return "the working directory no longer exists; change to another one", 2
     if isinstance(error, MemoryError):
-        return "this does not fit into memory; take fewer steps, scenarios or samples", 2
+        return "not enough memory; use fewer steps, scenarios or samples", 2
     return (
-        f"internal fault, {type(error).__name__}: {_shortened(str(error))}\n"
-        "this is a defect of the workbench; --debug shows where it lies",
+        f"internal error, {type(error).__name__}: {_shortened(str(error))}\n"
+        "this is a bug in the workbench; --debug shows its location",
         1,
     )
 
 
 def _shortened(message: str) -> str:
-    """Leave out the middle of words that no name or path needs, and write what is no text so.
+    """Cut the middle of very long words, and escape control characters and invalid text.
 
-    Nothing that a message quotes reaches a terminal as a command to it.
+    So no quoted text can control the terminal.
     """
     message = message.encode("utf-8", "backslashreplace").decode()
     message = re.sub(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", lambda sign: repr(sign[0])[1:-1], message)

@@ -1,4 +1,4 @@
-"""``ocp continue PROBLEM``: follow a solution along a parameter."""
+"""``ocp continue PROBLEM``: continue a solution along a parameter."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ SCALES = {"log": "in equal ratios", "linear": "in equal steps"}
 
 @dataclass(frozen=True, kw_only=True)
 class ContinueOptions(SolverOptions):
-    """What to follow, from where to where."""
+    """The parameter, and its first and last value."""
 
     over: str = option(MISSING, "--over", help="Parameter, such as contact.mu or M.")
     start: float = option(MISSING, "--from", help="First value.")
     end: float = option(MISSING, "--to", help="Last value.")
-    steps: int = option(20, "--steps", min=1, max=100_000, help="Steps that are asked for.")
+    steps: int = option(20, "--steps", min=1, max=100_000, help="Number of steps.")
     scale: str = option("linear", "--scale", help="log or linear.")
 
 
 def check(options: ContinueOptions) -> Request:
-    """Build the session, and see that the parameter may have both values."""
+    """Build the session, and check the range of the parameter."""
     from ocp.continuation import resolve
     from ocp.continuation.walk import check_range
     from ocp.effort import check_memory, points_memory
@@ -35,52 +35,52 @@ def check(options: ContinueOptions) -> Request:
     from reports.cli.request import Request, assignments, check_places
 
     choose("scale", options.scale, SCALES)
-    asked = Request.read(options)
-    check_memory(f"--steps {options.steps}", points_memory(asked.session.problem, options.steps))
+    request = Request.read(options)
+    check_memory(f"--steps {options.steps}", points_memory(request.session.problem, options.steps))
     check_places(options.out, options.pdf)
-    name = resolve(asked.session, options.over)
+    name = resolve(request.session, options.over)
     for value in (options.start, options.end):
-        asked.check_value(name, value)
+        request.check_value(name, value)
     check_range(options.scale, options.start, options.end, options.steps)
     law, _, knob = name.rpartition(".")
     option, given = ("-c", options.law_settings) if law == "contact" else ("-p", options.params)
     if (knob if law == "contact" else name) in assignments(option, given):
-        raise InputError(f"{name} goes from --from to --to; drop {option} {knob}")
-    return asked
+        raise InputError(f"{name} is varied from --from to --to; drop {option} {knob}")
+    return request
 
 
-def run(options: ContinueOptions, asked: Request) -> int:
-    """Follow a solution along a parameter of the problem, the law or the start; store the path."""
+def run(options: ContinueOptions, request: Request) -> int:
+    """Continue a solution along a parameter of problem, law or start, and store the path."""
     from ocp import store
     from ocp.continuation import curve_dataset
     from ocp.effort import FOLLOWED
     from reports.tables import event_table
 
-    options.output.foretell(
-        f"{options.steps} steps of {asked.spec.name}",
-        options.steps * FOLLOWED * asked.session.seconds, asked.session.memory,
+    options.output.announce(
+        f"{options.steps} steps of {request.spec.name}",
+        options.steps * FOLLOWED * request.session.seconds, request.session.memory,
     )  # fmt: skip
-    path, interrupted = _followed(options, asked)
-    output, meta = options.output, _meta(options, asked, path)
-    problem, data = asked.session.problem, curve_dataset(path)
+    path, interrupted = _followed(options, request)
+    output, meta = options.output, _meta(options, request, path)
+    problem, data = request.session.problem, curve_dataset(path)
     stored = store.write(options.out, problem.name, data, meta, store.shown(problem))
     if path.events:
         output.note(event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])
-    output.finish(stored, meta, options.pdf, asked.spec)
+    output.finish(stored, meta, options.pdf, request.spec)
     if interrupted:
         raise KeyboardInterrupt
     return 0 if path.broke is None else 3
 
 
-def _followed(options: ContinueOptions, asked: Request) -> tuple[Continuation, bool]:
-    """The path, and whether Ctrl-C ended it; what was finished by then is the path."""
+def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:
+    """The path, and whether Ctrl-C ended it; the path then holds the finished points."""
     from ocp.continuation import Continuation, continue_over, resolve
     from ocp.errors import interruptible
     from reports.cli import interrupt
     from reports.tables import curve_lines
 
-    session, over, finished = asked.session, options.over, []
+    session, over, finished = request.session, options.over, []
 
     def note(point: Any) -> None:
         finished.append(point)
@@ -105,20 +105,20 @@ def _followed(options: ContinueOptions, asked: Request) -> tuple[Continuation, b
     ), True  # fmt: skip
 
 
-def _meta(options: ContinueOptions, asked: Request, path: Continuation) -> dict[str, Any]:
+def _meta(options: ContinueOptions, request: Request, path: Continuation) -> dict[str, Any]:
     return {
         "kind": "continue",
         "argv": options.argv,
         "tags": options.tags,
         "seed": options.seed,
-        "record": {**path.points[0].solution.record, **asked.origin},
-        "source_digest": asked.session.problem.source_digest,
+        "record": {**path.points[0].solution.record, **request.origin},
+        "source_digest": request.session.problem.source_digest,
         "over": path.parameter,
         "from": options.start,
         "to": options.end,
         "steps": options.steps,
         "scale": options.scale,
-        "unit": _unit(asked.session, path.parameter),
+        "unit": _unit(request.session, path.parameter),
         "points": [point.row() for point in path.points],
         "events": [event.row() for event in path.events],
         "iterations": path.iterations,
@@ -140,7 +140,7 @@ def _verdict(path: Any, end: float) -> str:
     from ocp.continuation.events import describe_events
 
     happened = describe_events(path.events, path.parameter)
-    events = f"\nOn the way {happened}." if happened else ""
+    events = f"\nAlong the path {happened}." if happened else ""
     if path.broke is not None:
         return f"The path broke {path.broke}{events}"
     first, last = path.points[0].solution, path.points[-1].solution

@@ -1,4 +1,4 @@
-"""``ocp doctor``: what this computer has, and whether the house stands on one root."""
+"""``ocp doctor``: versions, solvers and compiler here, and where the packages are installed."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ LINEAR_SOLVERS = ("mumps", "spral")
 
 @dataclass(frozen=True, kw_only=True)
 class DoctorOptions(Options):
-    """Whether to empty the cache."""
+    """Whether to clear the cache."""
 
     clear_cache: bool = option(
-        False, "--clear-cache", help="Empty the cache of compiled kernels first."
+        False, "--clear-cache", help="Clear the cache of compiled kernels first."
     )
 
 
@@ -32,19 +32,19 @@ def check(options: DoctorOptions) -> dict[str, Any]:
 
 
 def run(options: DoctorOptions, place: dict[str, Any]) -> int:
-    """Show CasADi's plugins, the compiler, threads, versions, and where the packages lie."""
+    """Show CasADi's plugins, the compiler, threads, versions, and the location of the packages."""
     cleared = {"cleared": _clear(options.output)} if options.clear_cache else {}
     found = {**place, **computer(), **cleared}
     options.output.document(found)
     if not options.as_json:
         for key, value in found.items():
             if key not in ("roots", "cleared"):
-                print(f"{key:<16} {_words(value)}")
+                print(f"{key:<16} {_text(value)}")
     return 0
 
 
 def _clear(output: Output) -> int:
-    """Empty the cache of kernels, say how many compiled objects went, and return that number."""
+    """Clear the cache of kernels; print and return the number of removed objects."""
     from dynamics.batch.engines import compiler
 
     count = compiler.clear()
@@ -53,14 +53,14 @@ def _clear(output: Output) -> int:
 
 
 def common_root(roots: dict[str, str]) -> str:
-    """Return the one root; raises InputError where another distribution shadows a package."""
+    """Return the common root; raises InputError where another distribution shadows a package."""
     from ocp.errors import InputError
 
     if len(set(roots.values())) > 1:
         places = ", ".join(f"{name} from {root}" for name, root in roots.items())
         raise InputError(
-            f"the four packages come from different places: {places}; another distribution ships"
-            " a package of that name, so install centralpath in an environment of its own"
+            f"the four packages come from different places: {places}; another distribution has a"
+            " package of the same name; install centralpath in its own environment"
         )
     return next(iter(roots.values()))
 
@@ -98,11 +98,9 @@ def _linear_solver_works(name: str) -> bool:
     return bool(solver.stats()["success"]) and abs(found - 1) < 1e-6
 
 
-def _words(value: Any) -> str:
+def _text(value: Any) -> str:
     if isinstance(value, dict):
-        return "\n                 ".join(
-            f"{key:<15} {_words(item)}" for key, item in value.items()
-        )
+        return "\n                 ".join(f"{key:<15} {_text(item)}" for key, item in value.items())
     if isinstance(value, bool):
         return "yes" if value else "no"
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -1,4 +1,4 @@
-"""``ocp estimate PROBLEM``: gradient estimators held against what is known."""
+"""``ocp estimate PROBLEM``: gradient estimators, compared with a reference gradient."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ if TYPE_CHECKING:
     from reports.cli.estimate_request import EstimateRequest
 
 BACKENDS = ("auto", "c", "numpy", "casadi")
-"""What evaluates many samples at once; auto takes the first that can be built."""
+"""Engines of batched evaluation; auto takes the first that can be built."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateOptions(ProblemOptions):
-    """Estimators, samples, noise, the sweep, and what computes."""
+    """Estimators, samples, noise, sweep and engine."""
 
     estimators: str = option(
-        "zobg,fobg,alpha", "--estimators", help="Names with commas; ocp list shows them."
+        "zobg,fobg,alpha", "--estimators", help="Names separated by commas; list with ocp list."
     )
-    samples: str = option("1e5", "--samples", "-n", help="Of each estimator.")
-    sweep: str | None = option(None, "--sweep", metavar="NAME=A:B:n[:log]", help="Go along NAME.")
-    sigma: float | None = option(None, "--sigma", help="Size of the noise.")
+    samples: str = option("1e5", "--samples", "-n", help="Samples per estimator.")
+    sweep: str | None = option(None, "--sweep", metavar="NAME=A:B:n[:log]", help="Sweep over NAME.")
+    sigma: float | None = option(None, "--sigma", help="Standard deviation of the noise.")
     reference: str = option(
         "auto", "--reference", help="auto, closed-form, quadrature, zobg or none."
     )
     reference_samples: str | None = option(
-        None, "--reference-samples", help="Of a sampled reference."
+        None, "--reference-samples", help="Samples of a sampled reference."
     )
-    at: str | None = option(None, "--at", help="A stored run whose inputs are the decision.")
+    at: str | None = option(None, "--at", help="Stored run whose inputs are the decision.")
     backend: str = option(
         "auto", "--backend", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}."
     )
@@ -40,7 +40,7 @@ class EstimateOptions(ProblemOptions):
 
 
 def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoint]:
-    """Build the objective at every point, and see that all of them would end within a year."""
+    """Build the objective at every point, and check the total time."""
     from ocp.effort import check_time
     from ocp.errors import choose
     from ocp.gradients.sweep import SweepRun
@@ -49,22 +49,24 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     from reports.cli.request import check_places
 
     choose("backend", options.backend, dict.fromkeys(BACKENDS))
-    asked = EstimateRequest.read(options)
+    request = EstimateRequest.read(options)
     check_places(options.out, options.pdf)
-    request = {**asked.decisive, "backend": options.backend}
-    checkpoint = Checkpoint(options.out, asked.spec.name, request, asked.content)
-    study = SweepRun(asked.objective, asked.sampling, asked.sweep, checkpoint, asked.rebuilt)
-    what, seconds = f"{study.samples:.3g} samples of {asked.spec.name}", study.seconds()
+    key = {**request.decisive, "backend": options.backend}
+    checkpoint = Checkpoint(options.out, request.spec.name, key, request.content)
+    study = SweepRun(
+        request.objective, request.sampling, request.sweep, checkpoint, request.rebuilt
+    )
+    what, seconds = f"{study.samples:.3g} samples of {request.spec.name}", study.seconds()
     check_time(what, seconds)
-    options.output.foretell(what, seconds)
-    return asked, study, checkpoint
+    options.output.announce(what, seconds)
+    return request, study, checkpoint
 
 
 def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Checkpoint]) -> int:
-    """Estimate the gradient of a smoothed objective, several ways, and judge each.
+    """Estimate the gradient of a smoothed objective with several estimators, and judge each.
 
     The cost of an objective, or of a problem's rollout, is averaged over Gaussian noise on the
-    decision or on the inputs. What is done is kept: the same command goes on after Ctrl-C.
+    decision or on the inputs. Finished points are kept: after Ctrl-C the same command resumes.
     """
     from ocp import store
     from ocp.errors import interruptible
@@ -72,7 +74,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
     from reports import estimates
     from reports.cli import interrupt
 
-    asked, study, checkpoint = checked
+    request, study, checkpoint = checked
     output, interrupted = options.output, False
     with checkpoint:
         for line in checkpoint.notes:
@@ -84,39 +86,39 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
             if not study.rows:
                 raise
             interrupted = True
-        meta = _meta(asked, study)
-        data = sweep_dataset(study.widest, study.rows, asked.sweep, asked.unit())
-        problem = getattr(asked.objective, "problem", None)
+        meta = _meta(request, study)
+        data = sweep_dataset(study.widest, study.rows, request.sweep, request.unit())
+        problem = getattr(request.objective, "problem", None)
         parts = {} if problem is None else store.shown(problem)
-        path = store.write(options.out, asked.spec.name, data, meta, parts)
+        stored = store.write(options.out, request.spec.name, data, meta, parts)
         if study.finished:
             checkpoint.discard()
-    swept = None if asked.sweep is None else asked.sweep.name
+    swept = None if request.sweep is None else request.sweep.name
     output.note(estimates.table(meta["estimates"], swept))
     if study.resumed:
-        output.say(f"went on from {study.resumed} points that were done before")
+        output.say(f"resumed; {study.resumed} points already complete")
     output.say(meta["verdict"])
-    output.finish(path, meta, options.pdf, asked.spec)
+    output.finish(stored, meta, options.pdf, request.spec)
     if interrupted:
         raise KeyboardInterrupt
     return 0
 
 
-def _meta(asked: EstimateRequest, study: SweepRun) -> dict[str, Any]:
-    """What is stored of the finished points beside their arrays."""
+def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
+    """Description of the stored run."""
     from ocp.gradients.sweep import overall
 
-    swept = asked.sweep
+    swept = request.sweep
     return {
         "kind": "estimate",
-        "argv": asked.options.argv,
-        "tags": asked.options.tags,
-        "problem": asked.spec.name,
-        "seed": asked.sampling.seed,
-        "record": asked.record,
-        "source_digest": getattr(asked.spec, "digest", None),
+        "argv": request.options.argv,
+        "tags": request.options.tags,
+        "problem": request.spec.name,
+        "seed": request.sampling.seed,
+        "record": request.record,
+        "source_digest": getattr(request.spec, "digest", None),
         "sweep": None if swept is None else {
-            "name": swept.name, "values": list(swept.values), "unit": asked.unit(),
+            "name": swept.name, "values": list(swept.values), "unit": request.unit(),
             "log": swept.log,
         },
         "estimates": [row for point in study.rows for row in point],

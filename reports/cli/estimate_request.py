@@ -1,4 +1,4 @@
-"""What a person asked to be estimated: the objective, the sampling, the sweep, all checked."""
+"""The checked request of ``ocp estimate``: objective, sampling and sweep."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ if TYPE_CHECKING:
     from reports.cli.estimate_command import EstimateOptions
 
 SIGMA_SHARE = 0.1
-"""Noise on a problem's inputs where none is asked for, as a share of their characteristic size."""
+"""Default noise on a problem's inputs, as a share of their characteristic size."""
 SIGMA_APART = 1e9
-"""No noise is so many times larger or smaller than the usual one: doubles would hide one of both
-sizes behind the other."""
+"""Largest ratio of noise to default noise: beyond it, rounding hides one size behind the other."""
 _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "at": "--at"}
 
 
 @dataclass(frozen=True)
 class EstimateRequest:
-    """One study, nothing unchecked: ``given`` parameters as words, ``params`` all of them."""
+    """One checked study: ``given`` parameters as typed, ``params`` all of them."""
 
     options: EstimateOptions
     spec: ObjectiveSpec | ProblemSpec
@@ -43,7 +42,7 @@ class EstimateRequest:
 
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
-        """Check the words of a command line; raises InputError for the first that does not fit."""
+        """Check the command line; raises InputError for the first word that does not fit."""
         from ocp.factories import split_policy_settings
         from ocp.gradients.estimation import Sampling
         from ocp.gradients.known_gradient import kind_of
@@ -53,7 +52,7 @@ class EstimateRequest:
         spec = named(options.problem)
         given = assignments("-p", options.params)
         if "sigma" in given and options.sigma is not None:
-            raise InputError("--sigma and -p sigma say the same; drop one of them")
+            raise InputError("--sigma and -p sigma set the same value; drop one of them")
         estimators = tuple(n.strip() for n in options.estimators.split(",") if n.strip())
         rules = _rules(split_policy_settings(assignments("-s", options.settings))[1], estimators)
         most = options.reference_samples
@@ -69,7 +68,7 @@ class EstimateRequest:
         kind = kind_of(objective, sampling.sigma, sampling.reference)
         if most is not None and kind != "zobg":
             raise InputError(
-                f"the reference of {spec.name} is not sampled; drop --reference-samples or ask for"
+                f"the reference of {spec.name} is not sampled; drop --reference-samples or choose"
                 " --reference zobg"
             )
         if "sigma" in params:
@@ -80,7 +79,7 @@ class EstimateRequest:
 
     @property
     def record(self) -> dict[str, Any]:
-        """What determines the answer."""
+        """Everything that determines the result."""
         options, sampling, swept = self.options, self.sampling, self.sweep
         path = getattr(self.spec, "path", None)
         record = {
@@ -102,30 +101,30 @@ class EstimateRequest:
 
     @property
     def decisive(self) -> dict[str, Any]:
-        """What a study that goes on must agree in, but for the content of files.
+        """What a resumed study must have in common with the stopped one, except the files.
 
-        A run at which the gradient is taken counts by its decision: ``@last`` is another each time.
+        A run of ``--at`` counts by its decision, for ``@last`` may name another run each time.
         """
         decision = hashlib.sha256(self.objective.theta.tobytes()).hexdigest()
         return {**self.record, "source": None, "at": None, "decision": decision}
 
     @property
     def content(self) -> str:
-        """Digest of the user's files that it is asked of: the problem's and a learned law's."""
+        """Digest of the user's files: the problem's and a learned law's."""
         from ocp.store.provenance import content_digest
 
         given = assignments("-c", self.options.law_settings)
         return content_digest(getattr(self.spec, "digest", None), given)
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
-        """Build the objective again at a value that shapes it, such as a number of steps."""
+        """Build the objective again at a structural value, such as a number of steps."""
         known = self.spec.Params.model_fields
         for name in changed:
             if name not in known:
                 names = dict.fromkeys(["sigma", "samples", *known, *self.objective.parameters])
                 raise InputError(
-                    f"--sweep: {self.spec.name} has nothing called {name!r}"
-                    f"{did_you_mean(name, names)}; there are {', '.join(names)}"
+                    f"--sweep: {self.spec.name} has no parameter {name!r}"
+                    f"{did_you_mean(name, names)}; available: {', '.join(names)}"
                 )
         return build(self.spec, {**self.given, **changed}, self.options)[0]
 
@@ -148,7 +147,7 @@ class EstimateRequest:
 def build(
     spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], options: EstimateOptions
 ) -> tuple[SampledObjective, dict[str, Any], float]:
-    """Return the objective, all its parameters by name, and the noise to take by default."""
+    """Return the objective, all its parameters by name, and the default noise."""
     from problems.objectives import ObjectiveSpec
 
     params = spec.params(given)
@@ -160,8 +159,7 @@ def build(
     unused += [f"-s policy.{name}" for name in _policy_settings(options)]
     if unused:
         raise InputError(
-            f"{spec.name} is an objective without dynamics, to which {unused[0]} means nothing;"
-            " drop it"
+            f"{spec.name} is an objective without dynamics, {unused[0]} has no effect; drop it"
         )
     values = params.model_dump()
     return spec.objective(given, **engine), values, float(values["sigma"])
@@ -182,8 +180,7 @@ def _rollouts(
     chosen = policy_of(options.policy, own)
     if unused := own.keys() - {"stationary"}:
         raise InputError(
-            f"-s policy.{min(unused)} would change nothing: an estimate has no gains to limit; drop"
-            " it"
+            f"-s policy.{min(unused)} has no effect: an estimate has no gains to limit; drop it"
         )
     per_step = problem.system.nu * (1 if options.policy == "open-loop" else problem.system.nx + 1)
     needed = sampling_memory(float(problem.N) * per_step, CHUNK)
@@ -192,7 +189,7 @@ def _rollouts(
     expected = problem.N * per_step if not own.get("stationary") else None
     if theta is not None and expected is not None and theta.size != expected:
         raise InputError(
-            f"--at {options.at} decides {theta.size} numbers and {spec.name} takes {expected} here;"
+            f"--at {options.at} has {theta.size} decision variables, {spec.name} needs {expected};"
             " give the parameters of that run"
         )
     try:
@@ -209,14 +206,14 @@ def _policy_settings(options: EstimateOptions) -> dict[str, str]:
 
 
 def _check_noise(name: str, sigma: float, usual: float, sweep: Sweep | None) -> None:
-    """Raise InputError for noise whose effect doubles could not tell."""
+    """Raise InputError for noise so small or large that rounding hides its effect."""
     low, high = usual / SIGMA_APART, usual * SIGMA_APART
     swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
     for value in (sigma, *swept):
         if not low <= value <= high:
             raise InputError(
-                f"sigma of {name} must be from {low:.3g} to {high:.3g}, beyond which doubles do not"
-                f" tell what it does, got {value:g}"
+                f"sigma of {name} must be from {low:.3g} to {high:.3g} (beyond, rounding errors"
+                f" dominate), got {value:g}"
             )
 
 
@@ -226,10 +223,7 @@ def _check_sweep(
     given: Mapping[str, Any],
     options: EstimateOptions,
 ) -> None:
-    """Raise InputError for a value out of its parameter's range, and for what is given beside it.
-
-    What is swept takes its values from the sweep alone.
-    """
+    """Raise InputError for a swept value out of range, and for a second value of what is swept."""
     from problems.spec import ProblemSpec
 
     law, sign, knob = swept.name.partition(".")
@@ -238,14 +232,14 @@ def _check_sweep(
     beside |= {f"contact.{name}": "-c " + name for name in assignments("-c", options.law_settings)}
     beside |= {name: f"--{name}" for name in ("sigma", "samples") if name in options.given}
     if swept.name in beside:
-        raise InputError(f"--sweep gives the values of {swept.name}; drop {beside[swept.name]}")
+        raise InputError(f"--sweep sets {swept.name}; drop {beside[swept.name]}")
     for value in swept.values:
         if swept.name in spec.Params.model_fields:
             spec.params({**given, swept.name: value})
         elif of_law:
             contact_law(options.contact, [*(options.law_settings or ()), f"{knob}={value}"])
     if isinstance(spec, ProblemSpec) and swept.name in spec.Params.model_fields:
-        # What the range of a parameter allows, mechanics may not: a user's mass below zero.
+        # The range of a parameter may allow what mechanics does not: a user's mass below zero.
         for value in (min(swept.values), max(swept.values)):
             spec.problem({**given, swept.name: value})
 
@@ -260,12 +254,14 @@ def _stored_decision(
 
     run = stored(str(options.at), options.out)
     if run.kind != "solve":
-        raise InputError(f"--at {options.at}: that is a run of ocp {run.kind}; give one of a solve")
+        raise InputError(
+            f"--at {options.at}: that is a run of ocp {run.kind}; give a run of ocp solve"
+        )
     _check_same(run, options, spec, given)
     if options.policy == "open-loop":
         return run.data["u"].values[0]
     if "K" not in run.data:
-        raise InputError(f"{options.at} holds no gains; solve it with --policy feedback")
+        raise InputError(f"{options.at} has no gains; solve it with --policy feedback")
     K, k = run.data["K"].values, run.data["k"].values
     return np.concatenate([K.reshape(len(K), -1), k], axis=1)
 
@@ -273,27 +269,24 @@ def _stored_decision(
 def _check_same(
     run: StoredRun, options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
 ) -> None:
-    """Raise InputError unless a run is of this problem, at these parameters but for what is swept.
-
-    Its plan would be rolled out where it means nothing.
-    """
+    """Raise InputError unless a run is of this problem and has all parameters but the swept."""
     from ocp.store.plain import plain
 
-    at = f"--at {options.at}: that run is of"
+    at = f"--at {options.at}: the run is of"
     if run.meta["problem"] != spec.name:
         raise InputError(
             f"{at} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}"
         )
     if run.meta.get("source_digest") != spec.digest:
         raise InputError(
-            f"{at} another {spec.name}: {spec.path or 'the problem'}, or what it imports, is not"
-            " what it was solved from; solve it again"
+            f"{at} another {spec.name}: {spec.path or 'the problem'}, or a file it imports, has"
+            " changed since; solve it again"
         )
     swept = "" if options.sweep is None else options.sweep.partition("=")[0].strip()
     kept = run.record.get("params", {})
-    asked = plain(spec.params(given).model_dump())
+    wanted = plain(spec.params(given).model_dump())
     differ = [
-        f"{name}={kept.get(name)}" for name, value in asked.items()
+        f"{name}={kept.get(name)}" for name, value in wanted.items()
         if name != swept and kept.get(name) != value
     ]  # fmt: skip
     if differ:
@@ -312,6 +305,6 @@ def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     for key, value in given.items():
         rule = choose("setting", key, known)
         if rule not in estimators:
-            raise InputError(f"-s {key} would change nothing: {rule} is not among --estimators")
+            raise InputError(f"-s {key} has no effect: {rule} is not among --estimators")
         settings.setdefault(rule, {})[key.partition(".")[2]] = read(f"-s {key}", value, float)
     return [RULES[rule](**values) for rule, values in settings.items()]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions(SourceOptions):
-    """What to export, where to, and the law if it is not the run's own."""
+    """The run or problem, the file, and the law if it is not the run's own."""
 
     what: str = argument(
         metavar="RUN|PROBLEM",
@@ -32,7 +32,7 @@ class ExportOptions(SourceOptions):
         None, "--param", "-p", metavar="K=V", help="Parameter of the problem."
     )
     contact: str | None = option(
-        None, "--contact", help="Contact law; a run's own or barrier if not said."
+        None, "--contact", help="Contact law; default: that of the run, or barrier."
     )
     law_settings: list[str] | None = option(
         None, "--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."
@@ -40,20 +40,20 @@ class ExportOptions(SourceOptions):
 
     @property
     def named_runs(self) -> list[str]:
-        """Runs that are shown, as they were named."""
+        """Runs that the command reads, as given."""
         return [] if self.is_problem else [self.what]
 
     @property
     def is_problem(self) -> bool:
-        """Whether a problem is named, by its name or its file, and no run."""
+        """Whether the argument is a problem, by its name or its file."""
         from problems import names
 
         return self.what in names() or self.what.endswith(".py")
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What is written: a problem's step under a law, and the policy of a run, if it is one."""
+class ExportRequest:
+    """A problem's step under a law, and the policy of a run, if there is one."""
 
     name: str
     title: str
@@ -63,8 +63,8 @@ class Asked:
     run: str | None = None
 
     @property
-    def acts(self) -> str | None:
-        """What the run decided: ``open-loop`` inputs or ``feedback``; None of a problem."""
+    def policy_name(self) -> str | None:
+        """``open-loop`` or ``feedback``; None for a problem."""
         if self.solution is None:
             return None
         return "open-loop" if self.solution.gains is None else "feedback"
@@ -101,27 +101,27 @@ class Asked:
         """The first lines of the file."""
         settings = ", ".join(f"{key} = {value}" for key, value in self.law.settings().items())
         law = f"contact law: {self.law.name}" + (f" ({settings})" if settings else "")
-        policy = [] if self.run is None else [f"policy: {self.acts}, of the run {self.run}"]
+        policy = [] if self.run is None else [f"policy: {self.policy_name}, of the run {self.run}"]
         wrote = f"written by ocp export, centralpath {version('centralpath')}"
         return [f"{self.name}: {self.title}", law, *policy, wrote]
 
 
-def check(options: ExportOptions) -> Asked:
-    """Find what to export; raises InputError for a law that has no C."""
+def check(options: ExportOptions) -> ExportRequest:
+    """Find the step and policy; raises InputError for a law without C code."""
     from dynamics.contact.learned_step import LearnedStep
     from ocp.errors import InputError
 
-    asked = _asked(options)
-    if isinstance(asked.step, LearnedStep):
+    request = _find(options)
+    if isinstance(request.step, LearnedStep):
         raise InputError(
-            f"contact law {asked.law.name}: a learned step is data, and has no C; name another"
-            " with --contact"
+            f"contact law {request.law.name}: a learned step cannot be exported to C; choose"
+            " another law with --contact"
         )
-    return asked
+    return request
 
 
-def _asked(options: ExportOptions) -> Asked:
-    """Find the problem or the run, and make the law; a run has its own parameters."""
+def _find(options: ExportOptions) -> ExportRequest:
+    """Find the problem or the run, and make the law."""
     from ocp.errors import InputError
     from problems import spec
     from reports.cli.request import assignments, check_place, closing_law
@@ -130,24 +130,26 @@ def _asked(options: ExportOptions) -> Asked:
     what = options.what
     if options.is_problem:
         if "out" in options.given:
-            raise InputError(f"--out says where runs are, but {what} is a problem; drop it")
+            raise InputError(f"--out is for a run, but {what} is a problem; drop it")
         if options.source is not None:
             raise InputError(f"--source is for a run, but {what} is a problem; drop it")
         found = spec(what)
         problem = found.problem(assignments("-p", options.params))
         law = closing_law(options.contact or "barrier", options.law_settings, problem.system)
-        return Asked(found.name, found.title, problem, law)
-    asked = _read_run(what, options)
+        return ExportRequest(found.name, found.title, problem, law)
+    request = _read_run(what, options)
     if options.params:
-        raise InputError(f"-p: a run has its parameters; to choose them export {asked.name}")
+        raise InputError(
+            f"-p: a run has fixed parameters; to choose them export the problem {request.name}"
+        )
     if options.contact is None and not options.law_settings:
-        return asked
-    name, system = options.contact or asked.law.name, asked.problem.system
-    return replace(asked, law=closing_law(name, options.law_settings, system))
+        return request
+    name, system = options.contact or request.law.name, request.problem.system
+    return replace(request, law=closing_law(name, options.law_settings, system))
 
 
-def _read_run(what: str, options: ExportOptions) -> Asked:
-    """Read a run; raises InputError where nothing has that name, saying what has."""
+def _read_run(what: str, options: ExportOptions) -> ExportRequest:
+    """Read a run; raises InputError, with the closest name, where there is none."""
     from ocp.errors import InputError, did_you_mean
     from problems import names
     from problems.objectives import objective_names
@@ -156,40 +158,40 @@ def _read_run(what: str, options: ExportOptions) -> Asked:
     from reports.cli.runs_command import stored
 
     if what in objective_names():
-        raise InputError(f"{what} is an objective without dynamics: there is no step to export")
+        raise InputError(f"{what} is an objective without dynamics and has no step to export")
     try:
         run = stored(what, options.out)
     except InputError as error:
         hint = did_you_mean(what, names())
-        raise InputError(f"{error}; nor is it a problem's name{hint}") from error
+        raise InputError(f"{error}; it is no problem's name either{hint}") from error
     found, _, problem = problem_of(run, options.own([run]))
     solution = run.solution(problem)
     settings = [f"{key}={value}" for key, value in run.record["contact_settings"].items()]
     law = closing_law(run.record["contact"], settings, problem.system)
-    return Asked(found.name, found.title, problem, law, solution, run.path.name)
+    return ExportRequest(found.name, found.title, problem, law, solution, run.path.name)
 
 
-def run(options: ExportOptions, asked: Asked) -> int:
+def run(options: ExportOptions, request: ExportRequest) -> int:
     """Write one step of a problem, its derivatives and a run's policy as one C11 file."""
     from dynamics.batch import exported, identifier
     from ocp.store import atomic
 
-    text = exported(asked.step, asked.values, asked.name, asked.about, asked.policy)
+    text = exported(request.step, request.values, request.name, request.about, request.policy)
     content = text.encode()
     atomic.write(options.file, content, "the C file")
-    name = identifier(asked.name)
+    name = identifier(request.name)
     functions = [f"{name}_step", f"{name}_derivatives"]
-    if asked.policy is not None:
+    if request.policy is not None:
         functions.append(f"{name}_policy")
     options.output.say(f"C file: {options.file} ({', '.join(functions)})")
     options.output.document(
         {
             "file": str(options.file),
-            "problem": asked.name,
-            "contact": asked.law.name,
-            "contact_settings": asked.law.settings(),
-            "run": asked.run,
-            "policy": asked.acts,
+            "problem": request.name,
+            "contact": request.law.name,
+            "contact_settings": request.law.settings(),
+            "run": request.run,
+            "policy": request.policy_name,
             "functions": functions,
             "bytes": len(content),
         }

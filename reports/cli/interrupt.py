@@ -1,4 +1,4 @@
-"""Ctrl-C, noticed even where compiled code swallows it."""
+"""Ctrl-C, also where compiled code swallows it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _seen, _answered = threading.Event(), threading.Event()
 
 @contextmanager
 def watched() -> Iterator[None]:
-    """Remember a Ctrl-C inside; a second one ends the process at once.
+    """Record a Ctrl-C inside; a second one ends the process at once.
 
     IPOPT's callback catches Python's KeyboardInterrupt and reports a solve that failed, after
     which a homotopy would go on: :func:`check` raises it again as soon as Python is back.
@@ -28,27 +28,27 @@ def watched() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before, told = signal.signal(signal.SIGINT, _note), sys.unraisablehook
-    sys.unraisablehook = _quiet(told)
+    before, hook = signal.signal(signal.SIGINT, _note), sys.unraisablehook
+    sys.unraisablehook = _quiet(hook)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-        sys.unraisablehook = told
+        sys.unraisablehook = hook
 
 
 def seen() -> bool:
-    """Whether Ctrl-C was pressed, whatever compiled code made of it."""
+    """Whether Ctrl-C was pressed, even if compiled code swallowed it."""
     return _seen.is_set()
 
 
 def answered() -> None:
-    """Say that a Ctrl-C was heeded, so that it ends nothing more; a second one still does."""
+    """Mark a Ctrl-C as handled, so that :func:`check` no longer raises."""
     _answered.set()
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt where Ctrl-C was pressed and did not come through."""
+    """Raise KeyboardInterrupt after a Ctrl-C that is not handled yet."""
     if seen() and not _answered.is_set():
         raise KeyboardInterrupt
 
@@ -60,11 +60,11 @@ def _note(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-def _quiet(told: Any) -> Any:
-    """Tell what could not be raised, but for Ctrl-C, which :func:`check` raises after all."""
+def _quiet(report: Any) -> Any:
+    """The hook ``report``, without Ctrl-C, which :func:`check` raises later."""
 
     def hook(unraisable: Any) -> None:
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
-            told(unraisable)
+            report(unraisable)
 
     return hook

@@ -1,4 +1,4 @@
-"""What ``-v`` and ``-vv`` show: the loggers of our four packages, on stderr."""
+"""The output of ``-v`` and ``-vv``: the loggers of our four packages, on stderr."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ PACKAGES = ("dynamics", "ocp", "problems", "reports")
 def libraries_silenced(quiet: bool) -> Iterator[None]:
     """Print warnings of our own packages as one line each, none where ``quiet``.
 
-    What libraries warn of or log, as matplotlib of a home that it cannot write to, says nothing
-    that a user could act on; ``python -W error`` still finds it.
+    Warnings and logs of libraries are hidden, for a user cannot act on them (matplotlib on a
+    read-only home, say); ``python -W error`` still finds them.
     """
     import logging
     import warnings
@@ -22,11 +22,11 @@ def libraries_silenced(quiet: bool) -> Iterator[None]:
     nowhere = logging.NullHandler()
     # A root without a handler has every library's warnings printed.
     logging.getLogger().addHandler(nowhere)
-    told = set[str]()
+    printed = set[str]()
 
     def show(message: Warning | str, category: type[Warning], *_: object) -> None:
-        if category.__module__.partition(".")[0] in PACKAGES and str(message) not in told:
-            told.add(str(message))
+        if category.__module__.partition(".")[0] in PACKAGES and str(message) not in printed:
+            printed.add(str(message))
             if not quiet:
                 print(f"warning: {message}", file=sys.stderr)
 
@@ -39,10 +39,10 @@ def libraries_silenced(quiet: bool) -> Iterator[None]:
 
 
 @contextmanager
-def shown(verbosity: int) -> Iterator[None]:
-    """Print what is logged inside: nothing at 0, INFO at 1, DEBUG from 2 on.
+def log_to_stderr(verbosity: int) -> Iterator[None]:
+    """Print log records inside: none at 0, INFO at 1, DEBUG from 2 on.
 
-    A line has the seconds since the start of the program, the module and what it says.
+    A line has the milliseconds since the start of the program, the module and the message.
     """
     if verbosity <= 0:
         yield

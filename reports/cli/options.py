@@ -45,23 +45,23 @@ def argument(default: Any = MISSING, **shown: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What every command takes; ``given`` names what stood on the command line."""
+    """Options of every command; ``given`` names those on the command line."""
 
     as_json: bool = option(False, "--json", help="Print one JSON document on stdout.")
     quiet: bool = option(False, "--quiet", "-q", help="No progress and no tables.")
     verbose: int = option(
         0, "--verbose", "-v", count=True, show_default=False,
-        help="Log what is done on stderr; -vv in every detail.",
+        help="Log to stderr; -vv for all details.",
     )  # fmt: skip
     debug: bool = option(False, "--debug", help="Show the traceback of an error.")
     given: frozenset[str] = frozenset()
 
     def check(self) -> None:
-        """Raise InputError for what every command that has these options refuses."""
+        """Raise InputError for values that all commands with these options refuse."""
 
     @property
     def output(self) -> Output:
-        """Where results and progress go."""
+        """Streams for results and progress."""
         return Output(self.as_json, self.quiet, self.verbose > 0)
 
     @property
@@ -85,42 +85,42 @@ class RunOptions(StoreOptions):
 
     @property
     def named_runs(self) -> list[str]:
-        """Runs that are shown, as they were named."""
+        """Runs that the command reads, as given."""
         return [self.run]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions(StoreOptions):
-    """Which code a run's problem may be built of: a run is data, and names none that is loaded."""
+    """The file of a run's problem: a run is data, and code that it names is never loaded."""
 
     source: str | None = option(
-        None, "--source", metavar="FILE", help="File that defines the problem of a run, if one did."
+        None, "--source", metavar="FILE", help="File that defines the problem of the run."
     )
 
     def own(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
-        """The problem in that file, None where none is named; says where it has changed since.
+        """The problem in that file, None without one; warns where it has changed since.
 
-        Raises :class:`~ocp.errors.InputError` where it cannot be read, or is none of theirs.
+        Raises :class:`~ocp.errors.InputError` where it cannot be read, or is not the runs' problem.
         """
         from problems.plugin import edited, named_file
 
         found = named_file(self.source, runs)
         for run in runs:
-            if told := edited(run, found):
-                self.output.say(told)
+            if warning := edited(run, found):
+                self.output.say(warning)
         return found
 
 
 @dataclass(frozen=True, kw_only=True)
 class TagOptions(StoreOptions):
-    """What a stored run is marked with."""
+    """Tags of the stored run."""
 
     tags: list[str] | None = option(
-        None, "--tag", metavar="WORD", help="Mark the run; ocp runs --tag WORD finds it."
+        None, "--tag", metavar="WORD", help="Tag the run; ocp runs --tag WORD finds it."
     )
 
     def check(self) -> None:
-        """Raise InputError for a tag that is no word."""
+        """Raise InputError for a tag that is not a single word."""
         from ocp.store.tags import checked
 
         super().check()
@@ -131,29 +131,29 @@ class TagOptions(StoreOptions):
 class LawOptions(StoreOptions):
     """A contact law and its settings."""
 
-    contact: str = option("barrier", "--contact", help="Contact law; ocp laws tells them.")
+    contact: str = option("barrier", "--contact", help="Contact law; list with ocp laws.")
     law_settings: list[str] | None = option(
         None, "--contact-setting", "-c", metavar="K=V",
-        help="Setting of the contact law; ocp laws tells them.",
+        help="Setting of the contact law; list with ocp laws.",
     )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemOptions(LawOptions, TagOptions):
-    """A problem under a law and a policy, and a report of what comes out."""
+    """A problem under a law and a policy, and a report of the result."""
 
     problem: str = argument(help=PROBLEM)
     params: list[str] | None = option(
         None, "--param", "-p", metavar="K=V",
-        help="Parameter of the problem; ocp show PROBLEM tells them.",
+        help="Parameter of the problem; list with ocp show PROBLEM.",
     )  # fmt: skip
     policy: str = option("open-loop", "--policy", help="open-loop or feedback.")
     settings: list[str] | None = option(
         None, "--setting", "-s", metavar="K=V",
-        help="Setting of method, policy or solver; ocp settings tells them.",
+        help="Setting of method, policy or solver; list with ocp settings.",
     )  # fmt: skip
     seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
-    pdf: Path | None = option(None, "--pdf", help="Write a report here.")
+    pdf: Path | None = option(None, "--pdf", help="Write a PDF report to this file.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,11 +166,11 @@ class SolverOptions(ProblemOptions):
 
 @dataclass(frozen=True)
 class Command(Generic[T]):
-    """One command: its options, what checks all of them before any work, and the work.
+    """One command: its options, the check before any work, and the work.
 
-    ``check(options)`` raises :class:`~ocp.errors.InputError`, or its kin, for whatever cannot be;
-    ``run(options, checked)`` returns the exit code. Its docstring is the command's help, below
-    whose options stand ``examples``, lines without ``ocp``, and what ``epilog()`` gives.
+    ``check(options)`` raises :class:`~ocp.errors.InputError` or a related error for bad input;
+    ``run(options, checked)`` returns the exit code, and its docstring is the command's help. The
+    help ends with ``examples``, lines without ``ocp``, and the text of ``epilog()``.
     """
 
     options: type[Any]
@@ -181,20 +181,17 @@ class Command(Generic[T]):
 
 
 def carry_out(command: Command[T], options: Options) -> int:
-    """Check the options of a command, then do its work; what is logged is shown if asked for."""
+    """Check the options of a command, then do its work, with its log on stderr under ``-v``."""
     if options.as_json:
         streams.reserve()
-    with logs.shown(options.verbose), _understood(getattr(options, "named_runs", ())):
+    with logs.log_to_stderr(options.verbose), _understood(getattr(options, "named_runs", ())):
         options.check()
         return work(command, options, command.check(options))
 
 
 @contextmanager
 def _understood(runs: Sequence[str]) -> Iterator[None]:
-    """Tell of a run what cannot be made of it, though its checksums agree.
-
-    What it holds was written by this program, or by whoever sent it.
-    """
+    """Report a run whose content is inconsistent, though its checksums agree, as damaged."""
     try:
         yield
     except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError,
@@ -204,14 +201,14 @@ def _understood(runs: Sequence[str]) -> Iterator[None]:
         from ocp.errors import DamagedRun
 
         raise DamagedRun(
-            f"{', '.join(runs)} cannot be shown: what it holds does not fit together"
-            f" ({type(error).__name__}: {error}); if this program wrote it, that is a defect of the"
-            " workbench, and --debug shows where it lies"
+            f"{', '.join(runs)} cannot be shown: its content is inconsistent"
+            f" ({type(error).__name__}: {error}); if this program wrote it, that is a bug in the"
+            " workbench, and --debug shows its location"
         ) from error
 
 
 def work(command: Command[T], options: Options, checked: T) -> int:
-    """Do what was asked and checked; every command passes here, and nothing is refused after."""
+    """Run a checked command; bad input is refused before, never after."""
     return command.run(options, checked)
 
 
@@ -247,7 +244,7 @@ def click_command(name: str, command: Command[Any]) -> Any:
 
 
 def _at_home(value: Any) -> Any:
-    """The value of an option, with a leading ~ of a path as the home directory."""
+    """The value of an option, with a leading ~ replaced by the home directory."""
     if isinstance(value, list):
         return [_at_home(one) for one in value]
     if not (isinstance(value, str | Path) and str(value).startswith("~")):
@@ -267,13 +264,13 @@ def _annotation(hint: Any, field: Field[Any]) -> Any:
 
 
 class Strict(TyperCommand):
-    """A command that takes each option once, texts that are not empty, and one kind of numbers."""
+    """A command that refuses repeated options, empty texts, and malformed numbers."""
 
     command: Command[Any]
     hints: dict[str, Any]
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write what stands below the options of the help, made when it is asked for."""
+        """Write the examples and the epilog below the options."""
         if self.command.examples:
             formatter.write("\nExamples:\n")
             formatter.write("".join(f"  ocp {line}\n" for line in self.command.examples))
@@ -281,7 +278,7 @@ class Strict(TyperCommand):
             formatter.write(f"\n{self.command.epilog()}\n")
 
     def make_parser(self, ctx: Any) -> Any:
-        """Return what takes the words apart; numbers among them are read as all numbers are."""
+        """Return the parser; it reads numbers as all settings are read."""
         parser = super().make_parser(ctx)
         apart = parser.parse_args
 
@@ -293,7 +290,7 @@ class Strict(TyperCommand):
         return parser
 
     def _number(self, ctx: Any, name: str, word: Any) -> Any:
-        """The word of an option as the parser of its type takes it, where it writes a number."""
+        """The word of an option, a number in the form that the parser of its type accepts."""
         hint = self.hints.get(name)
         if hint is None or not isinstance(word, str) or not word.strip():
             return word
@@ -306,7 +303,7 @@ class Strict(TyperCommand):
             return ctx.fail(f"{label} must be {error}, got {word!r}")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the words of the command line, and refuse them as a usage error."""
+        """Read the command line; bad words are usage errors."""
         raw, _, order = self.make_parser(ctx).parse_args(args=list(args))
         for parameter, times in Counter(order).items():
             label = _label(parameter)
@@ -317,14 +314,14 @@ class Strict(TyperCommand):
                 if isinstance(word, str) and not word.strip():
                     ctx.fail(f"{label} is empty; give it a value")
                 if isinstance(word, str) and not _is_text(word):
-                    ctx.fail(f"{label} holds bytes that are no UTF-8 text, which no run can record")
+                    ctx.fail(f"{label} is not valid UTF-8 text, so no run can record it")
         return super().parse_args(ctx, args)
 
 
 def _text(word: str) -> str:
-    """The word as UTF-8 has it: bytes beyond an ASCII locale reach Python as lone surrogates.
+    """The word in UTF-8; under an ASCII locale its bytes reach Python as lone surrogates.
 
-    Raises ``UnicodeError`` where they are no UTF-8.
+    Raises ``UnicodeError`` for invalid UTF-8.
     """
     return word.encode("utf-8", "surrogateescape").decode("utf-8")
 

@@ -1,4 +1,4 @@
-"""Where a command's words go: results to stdout, the rest to stderr, one document as JSON."""
+"""Output of a command: results on stdout, the rest on stderr, or one JSON document."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from ocp.store.stored_run import StoredRun
+
 GRADES = {"survives": "green", "certified": "yellow", "failed": "red"}
-"""Colour of a verdict: certified and surviving, certified alone, neither."""
+"""Colour of a verdict: certified and surviving, only certified, neither."""
 
 
 class Output:
-    """Results go to stdout, the rest to stderr; with ``--json`` stdout has JSON alone.
+    """Results go to stdout, the rest to stderr; with ``--json`` stdout has only JSON.
 
-    Where progress is ``logged`` nothing else shows it.
+    Where progress is ``logged``, no bar and no table shows it too.
     """
 
     def __init__(self, as_json: bool, quiet: bool, logged: bool = False) -> None:
@@ -25,22 +27,22 @@ class Output:
 
     @property
     def progress(self) -> bool:
-        """Whether progress is shown: not where it is logged, nor quietly."""
+        """Whether progress is shown: neither with ``--quiet`` nor where it is logged."""
         return not (self.quiet or self.logged)
 
     @property
     def table_of_stages(self) -> bool:
-        """Whether the end tells all stages: not where a line told each as it came."""
+        """Whether a table at the end lists all stages: only where no lines listed them before."""
         return self.console.is_terminal and self.progress
 
     @property
     def console(self) -> Console:
-        """Console on stderr, 80 columns where that is no terminal."""
+        """Console on stderr, 80 columns wide unless it is a terminal."""
         from rich.console import Console
 
         terminal = sys.stderr.isatty()
         width = None if terminal else 80
-        # What a run says of itself is text, whatever brackets there are in it.
+        # Brackets in a run's text are text, not markup.
         return Console(stderr=True, width=width, highlight=False, markup=False)
 
     def note(self, what: Any) -> None:
@@ -52,8 +54,8 @@ class Output:
         """Print a result line for people."""
         print(line, file=sys.stderr if self.as_json else sys.stdout)
 
-    def foretell(self, what: str, seconds: float, memory: float = 0.0) -> None:
-        """Tell on stderr, in one line, what will take long, unless quiet."""
+    def announce(self, what: str, seconds: float, memory: float = 0.0) -> None:
+        """Print on stderr one line about a long computation, unless quiet."""
         from ocp.effort import foretold
 
         line = foretold(what, seconds, memory)
@@ -61,7 +63,7 @@ class Output:
             print(line, file=sys.stderr, flush=True)
 
     def verdict(self, text: str, grade: str) -> None:
-        """Print a verdict, on a terminal its first line in its grade's colour."""
+        """Print a verdict; on a terminal its first line has the colour of its grade."""
         stream = sys.stderr if self.as_json else sys.stdout
         if not stream.isatty():
             self.say(text)
@@ -74,7 +76,7 @@ class Output:
         Console(file=stream, highlight=False).print(*lines, sep="\n")
 
     def document(self, content: dict[str, Any]) -> None:
-        """Print the one JSON document, where it was asked for."""
+        """Print the JSON document, with ``--json``."""
         if not self.as_json:
             return
         from ocp.store.plain import plain
@@ -83,16 +85,17 @@ class Output:
         text = json.dumps(plain(content), indent=1, allow_nan=False)
         print(text, file=document_stream(), flush=True)
 
-    def finish(self, run: Path, content: dict[str, Any], pdf: Path | None, own: Any = None) -> None:
-        """Say where a run was stored, write its report to ``pdf``, and print its document.
+    def finish(
+        self, run: StoredRun, content: dict[str, Any], pdf: Path | None, own: Any = None
+    ) -> None:
+        """Print where a run was stored, write its report to ``pdf``, and print its document.
 
-        ``own`` is the problem that was asked for, by which the report shows it.
+        ``own`` is the problem that was solved, whose drawing the report shows.
         """
-        self.say(f"run: {run}")
+        self.say(f"run: {run.path}")
         if pdf is not None:
-            from ocp import store
             from reports.pdf import write_pdf
 
-            write_pdf([store.load(run)], pdf, own=own)
+            write_pdf([run], pdf, own=own)
             self.say(f"PDF: {pdf}")
-        self.document({**content, "run": str(run), "pdf": None if pdf is None else str(pdf)})
+        self.document({**content, "run": str(run.path), "pdf": None if pdf is None else str(pdf)})

@@ -1,4 +1,4 @@
-"""``ocp replay RUN``: roll a stored plan out under another law."""
+"""``ocp replay RUN``: simulate a stored plan under another law."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
     from ocp.solution import Solution
     from ocp.store.stored_run import StoredRun
 
-    Asked = tuple[StoredRun, Solution, ContactLaw]
+    ReplayRequest = tuple[StoredRun, Solution, ContactLaw]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions(RunOptions, LawOptions, SourceOptions):
     """Which run, under which law."""
 
-    contact: str = option("exact", "--contact", help="Contact law; ocp list shows them.")
+    contact: str = option("exact", "--contact", help="Contact law; list with ocp laws.")
 
 
-def check(options: ReplayOptions) -> Asked:
+def check(options: ReplayOptions) -> ReplayRequest:
     """Read the run's plan, and make the law."""
     from problems.plugin import problem_of
     from reports.cli.request import closing_law
@@ -37,25 +37,25 @@ def check(options: ReplayOptions) -> Asked:
     return found, found.solution(problem), law
 
 
-def run(options: ReplayOptions, asked: Asked) -> int:
-    """Roll the inputs, or the feedback policy, of a stored run out under a contact law."""
+def run(options: ReplayOptions, request: ReplayRequest) -> int:
+    """Simulate the inputs, or the feedback policy, of a stored run under a contact law."""
     from ocp.physics.constraints import describe_violations
     from reports.console import number, small
 
-    (stored, solution, law), output = asked, options.output
+    (stored, solution, law), output = request, options.output
     rolled = solution.replay(law)
     output.say(
         f"planned cost {number(rolled.planned_cost, 8)};"
         f" under the {law.name} law {number(rolled.cost, 8)}"
     )
-    way = rolled.between
+    between = rolled.between
     output.say(
-        f"the states part by at most {small(rolled.state_gap)};"
+        f"largest state difference {small(rolled.state_gap)};"
         f" penetration {small(rolled.penetration)} m"
-        + ("" if way is None else f", between nodes {small(way.amount)} m")
+        + ("" if between is None else f", between nodes {small(between.amount)} m")
     )
-    for words in describe_violations(rolled.broken):
-        output.say(words)
+    for line in describe_violations(rolled.broken):
+        output.say(line)
     output.document(document(stored, rolled))
     return 0 if math.isfinite(rolled.cost) else NOT_CONVERGED
 
@@ -64,9 +64,9 @@ def document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:
     """Return what ``ocp replay --json`` prints.
 
     ``cost`` under the law, ``planned_cost``, ``state_gap`` max |x - x_replay|, ``penetration`` [m]
-    by true signed distance, ``between`` the deepest on the way between nodes, ``broken`` the
-    constraints that the replay breaks, ``final_state`` (scenario, state), ``inputs`` "open-loop" or
-    "feedback".
+    by true signed distance, ``between`` the deepest penetration between nodes, ``broken`` the
+    constraints that the replay violates, ``final_state`` (scenario, state), ``inputs`` "open-loop"
+    or "feedback".
     """
     return {
         "run": str(stored.path),

@@ -12,25 +12,25 @@ if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
     from problems.spec import ProblemSpec
 
-    Asked = tuple[list[StoredRun], ProblemSpec | None]
+    ReportRequest = tuple[list[StoredRun], ProblemSpec | None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions(SourceOptions):
-    """Which runs, and the file."""
+    """The runs, and the file."""
 
     runs: list[str] = argument(help="Runs: paths, or parts of their names.")
     pdf: Path = option(MISSING, "--output", "-o", help="The PDF to write.")
-    cones: bool = option(False, "--cones", help="Draw friction cones where forces act.")
+    cones: bool = option(False, "--cones", help="Draw friction cones at the contact forces.")
 
     @property
     def named_runs(self) -> list[str]:
-        """Runs that are shown, as they were named."""
+        """Runs that the command reads, as given."""
         return self.runs
 
 
-def check(options: ReportOptions) -> Asked:
-    """Read the runs, and the problem's file if one is named."""
+def check(options: ReportOptions) -> ReportRequest:
+    """Read the runs, and the problem's file if one is given."""
     from reports.cli.request import check_place
     from reports.cli.runs_command import stored
 
@@ -39,11 +39,11 @@ def check(options: ReportOptions) -> Asked:
     return runs, options.own(runs)
 
 
-def run(options: ReportOptions, asked: Asked) -> int:
+def run(options: ReportOptions, request: ReportRequest) -> int:
     """Write a PDF of one stored run, or of several side by side."""
     from reports.pdf import write_pdf
 
-    runs, own = asked
+    runs, own = request
     write_pdf(runs, options.pdf, options.cones, own)
     output = options.output
     output.say(f"PDF: {options.pdf}")

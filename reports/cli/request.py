@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,9 @@ def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
     for item in given or ():
         name, sign, value = (part.strip() for part in item.partition("="))
         if not (name and sign and value):
-            raise InputError(f"{option}: expected name=value, got {item!r}; say {option} name=1.0")
+            raise InputError(
+                f"{option}: expected name=value, got {item!r}; write {option} name=1.0"
+            )
         if name in values:
             raise InputError(f"{option}: {name} is given twice; give it once")
         values[name] = value
@@ -32,17 +35,17 @@ def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
 
 
 def contact_law(name: str, given: Iterable[str] | None) -> ContactLaw:
-    """Make the law called ``name`` from what ``-c`` gave."""
-    from ocp import choices
+    """Make the law called ``name`` from the settings of ``-c``."""
+    from ocp import factories
 
-    return choices.contact_law(name, assignments("-c", given))
+    return factories.contact_law(name, assignments("-c", given))
 
 
 def closing_law(name: str, given: Iterable[str] | None, system: ContactSystem) -> ContactLaw:
     """Make a law that can close ``system``; raises InputError where it cannot."""
-    from ocp import choices
+    from ocp import factories
 
-    return choices.closing_law(name, assignments("-c", given), system)
+    return factories.closing_law(name, assignments("-c", given), system)
 
 
 def whole(option: str, text: str) -> int:
@@ -66,7 +69,7 @@ EXAMPLES = {
 
 
 def check_places(out: Path, pdf: Path | None) -> None:
-    """Raise InputError where runs could not be stored in ``out`` or a report written to ``pdf``."""
+    """Raise InputError where no run can be stored in ``out``, or no report written to ``pdf``."""
     from ocp import store
 
     store.check_writable(out)
@@ -75,7 +78,7 @@ def check_places(out: Path, pdf: Path | None) -> None:
 
 
 def check_place(file: Path, what: str) -> None:
-    """Raise InputError where ``file``, a PDF say, could not be written."""
+    """Raise InputError where ``file``, such as a PDF, cannot be written."""
     from ocp import store
     from ocp.store import atomic
 
@@ -95,29 +98,32 @@ def check_place(file: Path, what: str) -> None:
 
 @dataclass(frozen=True)
 class Request:
-    """A problem's spec, its parameters, and the session that is to solve it."""
+    """The checked request of a command line: the problem's spec, the names given, the session."""
 
     spec: ProblemSpec
-    params: dict[str, Any]
+    given: dict[str, Any]
     session: Session
 
     @classmethod
     def read(cls, options: SolverOptions) -> Request:
-        """Check the words of a command line; raises InputError for the first that does not fit."""
+        """Check the command line; raises InputError for the first word that does not fit."""
         from ocp.solve import new_session
-        from problems.plugin import source
 
-        found = source(options.problem)
-        given = assignments("-p", options.params)
-        session = new_session(
-            found, options.contact, options.method, options.policy, options.solver,
-            assignments("-s", options.settings), params=given,
-            contact_settings=assignments("-c", options.law_settings),
-        )  # fmt: skip
-        return cls(found, found.params(given).model_dump(), session)
+        spec, given = read_names(options)
+        return cls(spec, given, new_session(spec, **given))
+
+    @cached_property
+    def params(self) -> dict[str, Any]:
+        """All parameters of the problem, by name."""
+        return self.spec.params(self.given["params"]).model_dump()
+
+    @property
+    def case(self) -> Case:
+        """The same request for another process."""
+        return case_of(self.spec, self.given)
 
     def check_value(self, name: str, value: float) -> None:
-        """Raise InputError where parameter ``name``, the law's or the problem's, cannot be so."""
+        """Raise InputError where parameter ``name``, of law or problem, cannot have ``value``."""
         from dynamics.systems import KNOB
         from ocp.continuation.walk import check_value
 
@@ -127,30 +133,32 @@ class Request:
 
     @property
     def origin(self) -> dict[str, Any]:
-        """What a run needs to find its problem again: parameters, and a user's file."""
+        """What rebuilds the problem of a run: its parameters, and a user's file."""
         source = None if self.spec.path is None else str(self.spec.path)
         return {"params": self.params, "source": source}
 
 
-def case_of(options: SolverOptions) -> Case:
-    """Read the words to a case that any process can build.
-
-    A file is named by its whole path, for workers elsewhere.
+def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
+    """The problem, and the names and settings of the rest, as :func:`ocp.solve` takes them.
 
     Raises :class:`~ocp.errors.InputError` for an unknown problem, and for words that are no
     assignments.
     """
-    from ocp.sweeps.case import Case
     from problems.plugin import source
 
-    found = source(options.problem)
-    return Case(
-        options.problem if found.path is None else str(found.path),
-        assignments("-p", options.params),
-        options.contact,
-        assignments("-c", options.law_settings),
-        options.method,
-        options.policy,
-        options.solver,
-        assignments("-s", options.settings),
-    ).of(found)
+    return source(options.problem), {
+        "params": assignments("-p", options.params),
+        "contact": options.contact,
+        "contact_settings": assignments("-c", options.law_settings),
+        "method": options.method,
+        "policy": options.policy,
+        "solver": options.solver,
+        "settings": assignments("-s", options.settings),
+    }
+
+
+def case_of(spec: ProblemSpec, given: dict[str, Any]) -> Case:
+    """The case that any process can build; a file is named by its whole path."""
+    from ocp.sweeps.case import Case
+
+    return Case(spec.name if spec.path is None else str(spec.path), **given).of(spec)

@@ -1,4 +1,4 @@
-"""``ocp show PROBLEM|FILE``: what a problem is, or what data and models of one hold."""
+"""``ocp show PROBLEM|FILE``: describe a problem, or the content of a data or model file."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ShowOptions(Options):
-    """What to show."""
+    """The problem or the file."""
 
     problem: str = argument(
-        metavar="PROBLEM|FILE", help=f"{PROBLEM[:-1]}, or a .nc of ocp collect or ocp learn."
+        metavar="PROBLEM|FILE", help=f"{PROBLEM[:-1]}, or a .nc file of ocp collect or ocp learn."
     )
 
 
@@ -39,31 +39,31 @@ def check(options: ShowOptions) -> ProblemSpec | ObjectiveSpec | Transitions | D
 def run(options: ShowOptions, found: ProblemSpec | ObjectiveSpec | Transitions | Dataset) -> int:
     """Show a problem: equations, parameters with units and defaults, citation, golden values.
 
-    Where there is a task of the same name for policies to learn, that too. Of data, and of a
-    model: where they come from, their ranges and scales, how well it fits.
+    A learning task of the same name is shown too. For data and models: origin, ranges, scales, and
+    the quality of the fit.
     """
     from problems.spec import Spec
 
-    return _named(options, found) if isinstance(found, Spec) else _file(options, found)
+    return _show_spec(options, found) if isinstance(found, Spec) else _show_file(options, found)
 
 
-def _file(options: ShowOptions, found: Transitions | Dataset) -> int:
+def _show_file(options: ShowOptions, found: Transitions | Dataset) -> int:
     from reports import learned
     from reports.console import print_table
 
-    told = learned.document(found)
-    options.output.document({"file": options.problem, **told})
+    content = learned.document(found)
+    options.output.document({"file": options.problem, **content})
     if options.as_json:
         return 0
-    for line in learned.lines(told):
+    for line in learned.lines(content):
         print(fill(line, 80))
-    for table in learned.tables(told):
+    for table in learned.tables(content):
         print()
         print_table(table)
     return 0
 
 
-def _named(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
+def _show_spec(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
     from problems.tasks import registry
 
     tasks = [registry.spec(found.name)] if found.name in registry.names() else []
@@ -78,10 +78,10 @@ def _named(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
         return 0
     print(f"{found.name}: {found.title}\n")
     _page(found)
-    _known(found)
+    _golden(found)
     _source(found)
     for task in tasks:
-        print(f"\nThe task {task.name}, for policies to learn: {task.title}\n")
+        print(f"\nThe learning task {task.name}: {task.title}\n")
         _page(task)
         _source(task)
     return 0
@@ -112,18 +112,19 @@ def _page(found: Spec) -> None:
     print_table(parameter_table(described["parameters"]))
 
 
-def _known(found: ProblemSpec | ObjectiveSpec) -> None:
-    """Best known values and what is to be said of them."""
+def _golden(found: ProblemSpec | ObjectiveSpec) -> None:
+    """Best known values and remarks on them."""
     from reports.console import print_table
     from reports.tables import golden_table
 
     if found.golden:
         print()
         print_table(golden_table(found.golden))
-    for key, known in found.golden.items():
-        if known.remarks:
-            told = f"{key}: {known.remarks}"
-            print(fill(told, 80, subsequent_indent="    ", break_on_hyphens=False))
+    for key, best in found.golden.items():
+        if best.remarks:
+            print(
+                fill(f"{key}: {best.remarks}", 80, subsequent_indent="    ", break_on_hyphens=False)
+            )
 
 
 def _source(found: Spec) -> None:

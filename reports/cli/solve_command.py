@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,44 +14,47 @@ from reports.cli.output import Output
 if TYPE_CHECKING:
     from ocp.solution import Solution, StageRecord
     from ocp.solve import Rank
+    from ocp.store.stored_run import StoredRun
     from problems.spec import ProblemSpec
     from reports.cli.request import Request
 
 NOT_CONVERGED = 3
 RANKS: dict[str, Rank] = {"planned": "planned", "exact": "exact", "referee": "referee"}
-REQUIREMENTS = {"survives": "the referee's replay stays with the plan, at h/4 too"}
+REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at h/4"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SolveOptions(SolverOptions):
-    """Where to start, and what counts as done."""
+    """Initial guess, multi-start, and the requirements on the answer."""
 
     start: str | None = option(
-        None, "--from", metavar="RUN", help="Start at a stored run of the same problem."
+        None, "--from", metavar="RUN", help="Start from a stored run of the same problem."
     )
-    starts: int = option(1, "--starts", min=1, max=10_000, help="Perturbed guesses.")
+    starts: int = option(
+        1, "--starts", min=1, max=10_000, help="Number of perturbed initial guesses."
+    )
     rank: str = option(
-        "planned", "--rank", help="Several starts by their cost: planned, exact or referee."
+        "planned", "--rank", help="Cost that ranks several starts: planned, exact or referee."
     )
     jobs: int = option(
-        1, "--jobs", "-j", min=1, max=1024, help="Starts side by side, in processes."
+        1, "--jobs", "-j", min=1, max=1024, help="Number of parallel processes for several starts."
     )
     require: str | None = option(
         None, "--require", metavar="survives", help="Exit 3 unless the plan survives."
     )
     refine: bool = option(
-        False, "--refine", help="Plan again at h/2, h/4, ... until the step no longer shows."
+        False, "--refine", help="Solve again at h/2, h/4, ... until the cost no longer changes."
     )
     plot: Path | None = option(
-        None, "--plot", metavar="FILE", help="Draw the solution into a .pdf, .svg or .png file."
+        None, "--plot", metavar="FILE", help="Draw the solution to a .pdf, .svg or .png file."
     )
 
 
 def check(options: SolveOptions) -> tuple[Request, Solution | None]:
-    """Build the session, and read the solution to start at."""
+    """Build the session, and read the solution to start from."""
+    from ocp.effort import check_memory
     from ocp.errors import InputError, choose
     from ocp.judgement import halved
-    from ocp.sweeps.sweep import check_side_by_side
     from reports.cli.request import Request, check_place, check_places
     from reports.papers.formats import format_of
 
@@ -58,39 +62,40 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     if options.require is not None:
         choose("requirement", options.require, REQUIREMENTS)
     if "rank" in options.given and options.starts == 1:
-        raise InputError("--rank orders several starts and there is one; give --starts 2 or more")
+        raise InputError("--rank needs several starts; give --starts 2 or more")
     if "jobs" in options.given and options.starts == 1:
-        raise InputError("--jobs solves several starts at a time; give --starts 2 or more")
+        raise InputError("--jobs needs several starts; give --starts 2 or more")
     if options.start is not None and options.starts > 1:
-        raise InputError("--from and several starts exclude each other; leave starts at 1")
+        raise InputError("--from excludes several starts; drop --starts")
     if options.plot is not None:
         format_of(options.plot)
         check_place(options.plot, "figure")
-    asked = Request.read(options)
+    request = Request.read(options)
     if options.refine:
-        halved(asked.session.problem, asked.session.values, 1)
-    check_side_by_side(asked.session, min(options.jobs, options.starts))
+        halved(request.session.problem, request.session.values, 1)
+    workers = min(options.jobs, options.starts)
+    check_memory(f"{workers} solves side by side", workers * request.session.memory)
     check_places(options.out, options.pdf)
-    start = None if options.start is None else _start(asked, options)
-    return asked, start
+    start = None if options.start is None else _start(request, options)
+    return request, start
 
 
-def _start(asked: Request, options: SolveOptions) -> Solution:
+def _start(request: Request, options: SolveOptions) -> Solution:
     """Return the stored solution that ``--from`` names, of this problem at its own parameters."""
     from ocp.errors import InputError
     from problems.plugin import edited, problem_of
     from reports.cli.runs_command import stored
 
-    run, name = str(options.start), asked.session.problem.name
+    run, name = str(options.start), request.session.problem.name
     found = stored(run, options.out)
     if found.meta["problem"] != name:
         raise InputError(
-            f"--from {run}: that run is of {found.meta['problem']}, not of {name}; start from a run"
-            f" of {name}"
+            f"--from {run}: the run solves {found.meta['problem']}, not {name}; start from a run of"
+            f" {name}"
         )
-    if told := edited(found, asked.spec):
-        options.output.say(f"--from {run}: {told}")
-    solution = found.solution(problem_of(found, asked.spec)[2])
+    if warning := edited(found, request.spec):
+        options.output.say(f"--from {run}: {warning}")
+    solution = found.solution(problem_of(found, request.spec)[2])
     return replace(solution, record={**solution.record, "hash": found.meta["hash"]})
 
 
@@ -98,77 +103,82 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     """Solve a problem under a contact law, audit the answer, and store the run."""
     from ocp import store
 
-    asked, start = checked
-    output, session = options.output, asked.session
-    side_by_side = min(options.jobs, options.starts)
+    request, start = checked
+    output, session = options.output, request.session
+    workers = min(options.jobs, options.starts)
     several = f" from {options.starts} starts" if options.starts > 1 else ""
-    output.foretell(
-        f"{asked.spec.name}{several}", session.seconds * options.starts / side_by_side,
-        session.memory * side_by_side,
+    output.announce(
+        f"{request.spec.name}{several}", session.seconds * options.starts / workers,
+        session.memory * workers,
     )  # fmt: skip
-    solution = _solved(options, asked, start)
-    path = store.save(solution, options.out, options.argv, options.tags or ())
+    solution = _solved(options, request, start)
+    stored = store.save(solution, options.out, options.argv, options.tags or ())
     show(output, solution)
     if solution.record["jit"] not in (None, "compiled"):
         output.say(f"jit: {solution.record['jit']}")
     output.verdict(solution.verdict, solution.grade)
-    told = document(solution, path)
+    content = document(solution, stored.meta)
     if options.plot is not None:
-        _plot(path, options.plot, asked.spec)
+        _plot(stored, options.plot, request.spec)
         output.say(f"figure: {options.plot}")
-        told["plot"] = str(options.plot)
-    output.finish(path, told, options.pdf, asked.spec)
+        content["plot"] = str(options.plot)
+    output.finish(stored, content, options.pdf, request.spec)
     survives = options.require is None or bool(solution.referee.survives)
     finite = math.isfinite(solution.cost) and math.isfinite(solution.audit.exact_cost)
     return 0 if solution.success and survives and finite else NOT_CONVERGED
 
 
-def _plot(run: Path, file: Path, own: ProblemSpec) -> None:
-    """Draw the bare figure of a stored run."""
-    from ocp import store
+def _plot(run: StoredRun, file: Path, own: ProblemSpec) -> None:
+    """Draw the bare figure of a run."""
     from ocp.store import atomic
     from reports.papers.bare import bare
     from reports.papers.formats import format_of
 
-    atomic.write(file, bare(store.load(run), format_of(file), own=own), "the figure")
+    atomic.write(file, bare(run, format_of(file), own=own), "the figure")
 
 
-def _solved(options: SolveOptions, asked: Request, start: Solution | None) -> Solution:
-    """Solve; after Ctrl-C the best point is the answer, between several starts the best of them."""
+def _solved(options: SolveOptions, request: Request, start: Solution | None) -> Solution:
+    """Solve; after Ctrl-C return the best point, or store the best of several starts and raise."""
     from ocp import store
     from ocp.asking import builder
     from ocp.programs.status import Status
     from ocp.solution import Interrupted
-    from ocp.solve import refine_from, solve_from
-    from ocp.sweeps.starts import solve_starts
+    from ocp.solve import refine_from, solve_from, solve_session
     from reports import console
     from reports.cli import interrupt
-    from reports.cli.request import case_of
 
-    with console.progress(options.output.progress, f"{asked.spec.name}: building") as report:
+    with console.progress(options.output.progress, f"{request.spec.name}: building") as report:
 
-        def told(stage: StageRecord) -> None:
+        def on_stage(stage: StageRecord) -> None:
             report(stage)
             interrupt.check()
 
         try:
             if start is not None:
-                found = solve_from(asked.session, start, options.seed, told)
+                found = solve_from(request.session, start, options.seed, on_stage)
+            elif min(options.jobs, options.starts) == 1:
+                found = solve_session(
+                    request.session, options.starts, options.seed, on_stage, RANKS[options.rank]
+                )
             else:
+                from ocp.sweeps.starts import solve_starts
+
                 found = solve_starts(
-                    asked.session, case_of(options), options.starts, options.seed, told,
+                    request.session, request.case, options.starts, options.seed, on_stage,
                     RANKS[options.rank], options.jobs,
                 )  # fmt: skip
             if not options.refine:
                 return found
-            return refine_from(asked.session, found, builder(asked.spec), options.seed, told)
+            return refine_from(
+                request.session, found, builder(request.spec), options.seed, on_stage
+            )
         except Interrupted as stop:
             if stop.solution.status is Status.INTERRUPTED:
                 interrupt.answered()
                 return stop.solution
             kept = store.save(stop.solution, options.out, options.argv, options.tags or ())
             finished = len(stop.solution.others)
-            options.output.say(f"run: {kept} (the best of {finished} finished starts)")
+            options.output.say(f"run: {kept.path} (the best of {finished} finished starts)")
             raise
 
 
@@ -190,13 +200,11 @@ def show(output: Output, solution: Solution) -> None:
         output.note(console.starts_table(solution.others))
 
 
-def document(solution: Solution, path: Path) -> dict[str, Any]:
-    """Return what ``ocp solve --json`` prints, but for where the run and its report are."""
-    from dataclasses import asdict
+def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what ``ocp solve --json`` prints, except the paths of the run and of its report.
 
-    from ocp import store
-
-    meta = store.read_meta(path)
+    ``meta`` is the description of the stored run.
+    """
     record, audit, certificate = solution.record, asdict(solution.audit), solution.certificate
     return {
         **{key: record.get(key) for key in ("problem", "contact", "method", "policy", "solver")},

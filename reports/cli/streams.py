@@ -17,21 +17,26 @@ _OUT, _ERR = 1, 2
 
 
 @dataclass(frozen=True)
-class _Kept:
-    """Python's stdout as it was, a copy of descriptor 1, and where the document goes of both."""
+class _Saved:
+    """The original stdout, a copy of descriptor 1, and the one of both that takes the document."""
 
     stdout: TextIO
     copy: int
     document: TextIO
 
 
-_kept: list[_Kept] = []
+_saved: list[_Saved] = []
 
 
 def reserve() -> None:
-    """Keep stdout for the document, until :func:`release` or the end of the process."""
+    """Reserve stdout for the document, until :func:`release` or the end of the process.
+
+    Solvers, compilers and a user's own file print anywhere, compiled code straight to descriptor 1,
+    some of it only as the process ends. So the descriptor itself is redirected to stderr, and the
+    document is written to a copy of the original.
+    """
     stdout = sys.stdout
-    if _kept or stdout is None:
+    if _saved or stdout is None:
         return
     stdout.flush()
     copy = os.dup(_OUT)
@@ -39,7 +44,7 @@ def reserve() -> None:
     if _descriptor(stdout) == _OUT:
         raw = BufferedWriter(FileIO(copy, "w", closefd=False))
         document = TextIOWrapper(raw, stdout.encoding, stdout.errors)
-    _kept.append(_Kept(stdout, copy, document))
+    _saved.append(_Saved(stdout, copy, document))
     sys.stdout = sys.stderr
     try:
         os.dup2(_ERR, _OUT)
@@ -50,14 +55,14 @@ def reserve() -> None:
 
 def document_stream() -> TextIO:
     """The stream for the document."""
-    return _kept[0].document if _kept else sys.stdout
+    return _saved[0].document if _saved else sys.stdout
 
 
 def release() -> None:
-    """Give stdout back, after what still waits in the buffers of compiled code."""
-    if not _kept:
+    """Restore stdout, after flushing the buffers of compiled code."""
+    if not _saved:
         return
-    was = _kept.pop()
+    was = _saved.pop()
     sys.stdout = was.stdout
     if _descriptor(was.stdout) == _OUT:
         was.stdout.flush()
@@ -68,7 +73,7 @@ def release() -> None:
 
 
 def _descriptor(stream: TextIO) -> int | None:
-    """Of a stream; None where Python alone has it, as a test's."""
+    """Descriptor of a stream; None for a stream that exists only in Python, as in tests."""
     try:
         return stream.fileno()
     except (UnsupportedOperation, ValueError, AttributeError):
@@ -82,7 +87,7 @@ SIGNS = {
     "ε": "epsilon", "θ": "theta", "κ": "kappa", "λ": "lam", "μ": "mu", "µ": "u", "π": "pi",
     "ρ": "rho", "σ": "sigma", "τ": "tau", "φ": "phi", "ψ": "psi", "ω": "omega", "‖": "||",
 }  # fmt: skip
-"""How a sign is written where the encoding lacks it."""
+"""Replacements for signs that an encoding lacks."""
 HANDLER = "centralpath-signs"
 
 
@@ -103,10 +108,9 @@ def _replaced(error: UnicodeError) -> tuple[str, int]:
 
 
 def prepare() -> None:
-    """Let stdout and stderr write what their encoding lacks in other words.
+    """Let stdout and stderr replace signs that their encoding lacks; UTF-8 is left alone.
 
-    UTF-8 stays as it is. A program that is asked for ``PYTHONIOENCODING=cp1252``, or finds itself
-    in an ASCII locale, must not end at the sign of complementarity.
+    Under ``PYTHONIOENCODING=cp1252`` or an ASCII locale, ``⟂`` would otherwise end the program.
     """
     codecs.register_error(HANDLER, _replaced)
     for stream in (sys.stdout, sys.stderr):
@@ -115,14 +119,14 @@ def prepare() -> None:
 
 
 def flush() -> None:
-    """Write what waits for stdout now, while its failure can still be told; raises ``OSError``."""
+    """Flush stdout while a failure can still be reported; raises ``OSError``."""
     sys.stdout.flush()
 
 
 def abandon() -> None:
-    """Let what still waits for stdout go nowhere where it cannot be written.
+    """Discard the buffers of streams that cannot be written.
 
-    Python would try it again as it ends, and print a traceback.
+    Python would flush them again as it ends, and print a traceback.
     """
     for stream in (sys.stdout, document_stream()):
         try:

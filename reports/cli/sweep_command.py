@@ -20,116 +20,119 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions(SolverOptions):
-    """What to go over, and who does the work."""
+    """The grid, and the processes that solve it."""
 
     over: list[str] | None = option(
         None, "--over", metavar="NAME=A:B:n[:log]",
-        help="Values of a parameter, of contact.mu and its like, of setting.tol.",
+        help="Values of a parameter, a law setting (contact.mu), a setting (setting.tol).",
     )  # fmt: skip
-    starts: int = option(1, "--starts", min=1, max=10_000, help="Guesses at each point.")
-    rank: str = option("planned", "--rank", help="Several starts by: planned, exact or referee.")
-    jobs: int = option(1, "--jobs", "-j", min=1, max=1024, help="Processes side by side.")
+    starts: int = option(1, "--starts", min=1, max=10_000, help="Initial guesses at each point.")
+    rank: str = option(
+        "planned", "--rank", help="Cost that ranks several starts: planned, exact or referee."
+    )
+    jobs: int = option(1, "--jobs", "-j", min=1, max=1024, help="Number of parallel processes.")
     scheduler: str | None = option(
-        None, "--scheduler", metavar="ADDRESS", help="Of a Dask cluster that takes the points."
+        None, "--scheduler", metavar="ADDRESS", help="Address of a Dask cluster for the points."
     )
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A study that can be done, its first point built, and what is kept of it."""
+class SweepRequest:
+    """A checked study, the session of its first point, and the checkpoint of finished points."""
 
     study: Study
     session: Session
     checkpoint: Checkpoint
 
 
-def check(options: SweepOptions) -> Asked:
-    """Read the grid, and build what can be known to fit before any work."""
+def check(options: SweepOptions) -> SweepRequest:
+    """Read the grid, build its first point, and check memory and places before any work."""
     from ocp.errors import InputError, choose
     from ocp.sweeps.axes import axes
     from ocp.sweeps.sweep import asked, check_points, check_side_by_side
-    from reports.cli.request import case_of, check_places
+    from reports.cli.request import case_of, check_places, read_names
 
     choose("rank", options.rank, RANKS)
     if "rank" in options.given and options.starts == 1:
-        raise InputError("--rank orders several starts and there is one; give --starts 2 or more")
+        raise InputError("--rank needs several starts; give --starts 2 or more")
     if options.scheduler is not None and "jobs" in options.given:
-        raise InputError("--jobs are processes of this computer, --scheduler others; drop one")
+        raise InputError("--jobs starts local processes, --scheduler uses a cluster; drop one")
     over = axes(options.over or ())
-    case = case_of(options)
-    study = asked(case, over, options.starts, options.seed, RANKS[options.rank])
+    study = asked(
+        case_of(*read_names(options)), over, options.starts, options.seed, RANKS[options.rank]
+    )
     session = study.checked()
     check_side_by_side(session, options.jobs)
     check_points(study, session)
     check_places(options.out, options.pdf)
-    return Asked(study, session, study.checkpoint(options.out, session.problem.name))
+    return SweepRequest(study, session, study.checkpoint(options.out, session.problem.name))
 
 
-def run(options: SweepOptions, asked: Asked) -> int:
+def run(options: SweepOptions, request: SweepRequest) -> int:
     """Solve a problem at every point of a grid, over processes or a Dask cluster.
 
-    Each point is what ocp solve gives there. Finished points are kept: the same command goes on
-    after Ctrl-C or a kill, and ends as if it had never stopped.
+    Each point is what ocp solve gives there. Finished points are kept: after Ctrl-C or a kill the
+    same command resumes, with the same result as without the stop.
     """
     from ocp import store
     from ocp.sweeps.study import dataset
     from ocp.sweeps.summary import described, rows
     from reports.sweep_tables import point_table
 
-    output, study = options.output, asked.study
-    count, session = math.prod(study.shape), asked.session
-    output.foretell(
+    output, study = options.output, request.study
+    count, session = math.prod(study.shape), request.session
+    output.announce(
         f"{count} points", count * options.starts * session.seconds / options.jobs,
         session.memory * options.jobs,
     )  # fmt: skip
-    with asked.checkpoint as checkpoint:
-        data = dataset(study, asked.session, _points(options, asked))
+    with request.checkpoint as checkpoint:
+        data = dataset(study, request.session, _points(options, request))
         meta = {
-            **described(study, asked.session, data),
+            **described(study, request.session, data),
             "argv": options.argv,
             "tags": options.tags or (),
         }
-        problem = asked.session.problem
-        path = store.write(options.out, problem.name, data, meta, store.shown(problem))
+        problem = request.session.problem
+        stored = store.write(options.out, problem.name, data, meta, store.shown(problem))
         checkpoint.discard()
     dims = [axis["name"] for axis in meta["study"]["axes"]]
     found = rows(data)
     output.note(point_table(found, dims))
     output.say(meta["verdict"])
     for failure in meta["study"]["failed"]:
-        output.note(f"to look at it: {failure['command']}")
-    output.finish(path, _document(meta, found, data), options.pdf, study.source)
+        output.note(f"to reproduce: {failure['command']}")
+    output.finish(stored, _document(meta, found, data), options.pdf, study.source)
     finite = all(math.isfinite(value) for value in data["exact_cost"].values.flat)
     return 0 if meta["success"] and finite else NOT_CONVERGED
 
 
-def _points(options: SweepOptions, asked: Asked) -> list[Point]:
-    """All points; says what was done before, and how to go on where Ctrl-C stops it."""
+def _points(options: SweepOptions, request: SweepRequest) -> list[Point]:
+    """All points; reports kept points, and after Ctrl-C how to resume."""
     from ocp.sweeps.study import dimension, kept_points
     from ocp.sweeps.summary import where
     from ocp.sweeps.sweep import followed
     from reports.cli import interrupt
     from reports.sweep_tables import live
 
-    study, output = asked.study, options.output
+    study, output = request.study, options.output
     dims = {axis.name: dimension(axis.name) for axis in study.axes}
     names = [
         where({dims[name]: value for name, value in place.items()}, [*dims.values()])
         for place in study.places
     ]
-    for line in asked.checkpoint.notes:
+    for line in request.checkpoint.notes:
         output.say(line)
-    found = kept_points(study, asked.checkpoint)
+    found = kept_points(study, request.checkpoint)
     if found:
-        output.say(f"went on: {len(found)} of {len(names)} points were done before")
+        output.say(f"resumed; {len(found)} of {len(names)} points already complete")
     try:
         with live(names, len(found), options.quiet) as ended:
             return followed(
-                study, options.jobs, options.scheduler, asked.checkpoint, found, ended,
+                study, options.jobs, options.scheduler, request.checkpoint, found, ended,
                 lambda *_: interrupt.check(),
             )  # fmt: skip
     except KeyboardInterrupt:
-        output.say(f"{len(found)} of {len(names)} points are kept; the same command goes on")
+        output.say(f"{len(found)} of {len(names)} points are kept; the same command resumes")
         raise
 
 

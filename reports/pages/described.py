@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,12 +12,14 @@ from dynamics.laws import LAWS
 from ocp.store.stored_run import StoredRun
 from problems.parameters import unit_of
 from problems.spec import Spec
-from problems.studies.study import FigureStudy
 from reports.console import number
 from reports.figures.panels import COLUMNS, Row, draw_rows
 from reports.notation import full_citation, plain
 from reports.units import in_symbols, powers, symbol
 from reports.view import RunView
+
+if TYPE_CHECKING:
+    from problems.studies.study import FigureStudy
 
 Page = tuple[dict[str, Any], dict[str, Figure]]
 _NOT_SETTINGS = (

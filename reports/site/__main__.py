@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from ocp.store.atomic import write
-from reports.site import figures, gallery, reference
+from reports.site import code_pages, figures, gallery
 from reports.site.measured import DATA, GENERATED, table_pages
 
 
 def pages() -> dict[str, str]:
     """Every generated page by its path below ``docs/generated``."""
-    return {**gallery.pages(), **figures.pages(), **table_pages(), **reference.pages()}
+    return {**gallery.pages(), **figures.pages(), **table_pages(), **code_pages.pages()}
 
 
 def main() -> None:

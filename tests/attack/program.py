@@ -152,8 +152,8 @@ def faults(end: Ended, *, expected: tuple[int, ...] = CODES) -> list[tuple[str, 
     found = []
     if "Traceback (most recent call last)" in said or "Exception ignored" in said:
         found.append(("traceback", where))
-    if "internal fault" in said:
-        found.append(("internal fault", where))
+    if "internal error" in said:
+        found.append(("internal error", where))
     if end.code not in expected and not found:
         kind = "nonsense accepted" if end.code == 0 else "strange end"
         found.append((kind, where))

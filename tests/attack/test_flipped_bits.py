@@ -131,7 +131,7 @@ def accepted(run: Path, where: str) -> list[tuple[str, str]]:
     except InputError as error:
         return [("not called damaged", f"{where}: {error}")]
     except Exception as error:
-        return [("internal fault", f"{where}: {error!r}")]
+        return [("internal error", f"{where}: {error!r}")]
     return [("altered run accepted", where)]
 
 

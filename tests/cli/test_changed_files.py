@@ -91,7 +91,7 @@ def test_a_study_goes_on_with_its_own_problem_only(
     weigh(1)
     assert main([*line, "--out", "reverted"]) == 0
     told = capsys.readouterr().out
-    assert "went on" in told and ANEW not in told
+    assert "resumed" in told and ANEW not in told
     assert not np.isclose(last("runs", what), last("reverted", what)).any()
 
 

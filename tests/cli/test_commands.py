@@ -227,7 +227,7 @@ def test_show_tells_of_the_task_of_that_name_too(ocp, name: str) -> None:
     expected = tasks.spec(name).params({}).model_dump()
     assert {p["name"]: p["value"] for p in found["parameters"]} == expected
     text = " ".join(ocp("show", name).out.split())
-    assert f"The task {name}, for policies to learn: {tasks.spec(name).title}" in text
+    assert f"The learning task {name}: {tasks.spec(name).title}" in text
     assert found["equations"]
     assert all(" ".join(line.split()) in text for line in found["equations"])
     assert "…" not in text

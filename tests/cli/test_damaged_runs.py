@@ -242,7 +242,7 @@ def test_what_does_not_fit_together_is_no_internal_fault(
         for line in ("runs {}", "replay {}", "runs export {} -o a.csv", "evaluate {}",
                      "report {} -o a.pdf"):  # fmt: skip
             done = ocp(*line.format(run).split())
-            assert done.code in (0, 2, 4) and "internal fault" not in done.err, done.err
+            assert done.code in (0, 2, 4) and "internal error" not in done.err, done.err
             assert "Traceback" not in done.err
         shutil.rmtree(run)
 

@@ -120,7 +120,7 @@ def test_a_run_has_its_own_parameters_and_a_policy(ocp, store_of_runs: Path) -> 
     runs = {store.load(path).kind: path for path in (store_of_runs / "wall-1d").iterdir()}
     done = ocp("export", str(runs["solve"]), "-o", "x.c", "-p", "m=2")
     assert done.code == 2
-    assert "a run has its parameters" in done.err
+    assert "a run has fixed parameters" in done.err
     done = ocp("export", str(runs["continue"]), "-o", "x.c")
     assert done.code == 2
     assert "continue study" in done.err

@@ -66,7 +66,7 @@ def test_figures_are_listed(ocp: Ocp) -> None:
     [
         ((), "give figures or --all"),
         (("P6", "--all"), "give figures or --all"),
-        (("--all", "-p", "m=2"), "-p belongs to one figure"),
+        (("--all", "-p", "m=2"), "-p sets a parameter of one study"),
         (("A2vv",), "unknown figure 'A2vv' (did you mean 'A2v'?); there are"),
         (("P6", "-p", "mas=2"), "unknown parameter 'mas'"),
         (("P6", "-p", "m"), "expected name=value"),
@@ -143,13 +143,13 @@ def test_a_bare_figure_that_cannot_be_is_told_before_any_work(
     [
         (["A2v", "-p", "first=3"], "first = 3 s, must not come after the latest, last = 1 s"),
         (["A2v", "-p", "last=1e-9"], "must be a number >= 0.02 [s]"),
-        (["A6", "-p", "g=1e9"], "A6 has no answer with g=1000000000.0"),
+        (["A6", "-p", "g=1e9"], "A6 has no result at g=1000000000.0"),
     ],
 )
 def test_a_study_at_values_that_have_no_answer(ocp, words: list[str], said: str) -> None:
     done = ocp("figure", *words, "--quiet")
     assert done.code == 2
-    assert said in done.err and "internal fault" not in done.err
+    assert said in done.err and "internal error" not in done.err
     assert done.err.count("\n") == 1
 
 
@@ -158,5 +158,5 @@ def test_a_study_that_fails_at_its_own_values_is_a_defect(ocp, monkeypatch) -> N
         raise ValueError("odd")
 
     monkeypatch.setattr("problems.studies.study.FigureStudy.data", fails)
-    assert "internal fault, ValueError: odd" in ocp("figure", "A1").err
-    assert "A1 has no answer with sigma=2.0 (odd)" in ocp("figure", "A1", "-p", "sigma=2").err
+    assert "internal error, ValueError: odd" in ocp("figure", "A1").err
+    assert "A1 has no result at sigma=2.0 (odd)" in ocp("figure", "A1", "-p", "sigma=2").err

@@ -54,7 +54,7 @@ def judged(runs, tmp_path, monkeypatch, capsys) -> Callable[[list[str]], int]:
         took = time.process_time() - began
         out, err = capsys.readouterr()
         assert code in (0, 2, 3, 4), err
-        assert "Traceback" not in err and "internal fault" not in err
+        assert "Traceback" not in err and "internal error" not in err
         if code == 2:
             assert out == ""
             assert err.startswith("error: ") and err.count("\n") == 1, err

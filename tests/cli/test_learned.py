@@ -217,7 +217,7 @@ def test_a_training_that_was_interrupted_goes_on(ocp: Ocp, monkeypatch: pytest.M
 LEARN = ("learn", "data.nc", "--model")
 CASES = {
     "problem": (["collect", "push-2d", "-o", "x.nc"], "did you mean 'push-1d'"),
-    "objective": (["collect", "coulomb", "-o", "x.nc"], "no steps to collect"),
+    "objective": (["collect", "coulomb", "-o", "x.nc"], "has no transitions"),
     "few samples": ([*COLLECT[:2], "-n", "20", "-o", "x.nc"], "needs at least 30, ten for each"),
     "odd samples": ([*COLLECT[:2], "-n", "2.5", "-o", "x.nc"], "--samples must be a whole number"),
     "many samples": ([*COLLECT[:2], "-n", "1e15", "-o", "x.nc"], "take fewer"),
@@ -233,7 +233,7 @@ CASES = {
     "hidden": ([*LEARN, "mlp", "--hidden", "8,x", "-o", "x.nc"], "expected whole numbers from 1"),
     "no layer": ([*LEARN, "mlp", "--hidden", "0", "-o", "x.nc"], "expected whole numbers from 1"),
     "wide": ([*LEARN, "mlp", "--hidden", "99999,99999", "-o", "x.nc"], "of memory, and this"),
-    "columns": ([*LEARN, "ewda", "--columns", "a=b", "-o", "x.nc"], "maps those of a table"),
+    "columns": ([*LEARN, "ewda", "--columns", "a=b", "-o", "x.nc"], "is for tables"),
     "another problem": (
         [*LEARN, "ewda", "--problem", "push-disc", "-o", "x.nc"],
         "the states are qu [m], qa [m], and push-disc has ox [m]",

@@ -67,7 +67,7 @@ def test_reports_of_stored_runs(ocp, store_of_runs: Path) -> None:
                 (p / "meta.json").read_text())  # fmt: skip
     assert ocp("report", str(path), "-o", "path.pdf", *out).code == 0
     mixed = ocp("report", str(path), runs[0], "-o", "mixed.pdf", *out)
-    assert mixed.code == 2 and "side by side" in mixed.err
+    assert mixed.code == 2 and "needs runs of ocp solve" in mixed.err
     assert not Path("mixed.pdf").exists()
 
 

@@ -127,7 +127,7 @@ def test_whatever_is_raised_becomes_a_sentence(raised, monkeypatch, capsys) -> N
 
     monkeypatch.setattr("typer.main.get_command", fails)
     assert main(["list"]) == 1
-    assert capsys.readouterr().err.startswith("error: internal fault")
+    assert capsys.readouterr().err.startswith("error: internal error")
 
 
 def test_a_folder_that_is_gone_is_told(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -107,11 +107,11 @@ def test_the_same_command_goes_on_after_a_kill_or_ctrl_c(
     out, err = process.communicate(timeout=120)
     assert process.returncode == (-9 if stop == signal.SIGKILL else 130)
     if stop == signal.SIGINT:
-        assert "the same command goes on" in out and "stopped by the user" in err
+        assert "the same command resumes" in out and "stopped by the user" in err
     before = len(list(kept.glob(KEPT)))
     assert before > 0
     done = ocp(*words, "--json")
-    assert done.code == 0 and f"went on: {before} of 7 points were done before" in done.err
+    assert done.code == 0 and f"resumed; {before} of 7 points already complete" in done.err
     other = ocp(*words[:-1], str(tmp_path / "other"), "--json")
     assert store.read_meta(Path(done.json["run"]))["hash"] == _hash(other.json)
     assert not list(kept.rglob(".unfinished-*"))
@@ -134,7 +134,7 @@ def _hash(told: dict[str, Any]) -> str:
          "drop one"),
         (["sweep", "push-1d", "--over", "setting.tl=1e-8:1e-6:2:log"], "tl"),
         (["sweep", "nothing", "--over", "M=1:2:2"], "unknown problem 'nothing'"),
-        (["solve", "push-1d", "--jobs", "2"], "--jobs solves several starts at a time"),
+        (["solve", "push-1d", "--jobs", "2"], "--jobs needs several starts"),
         (["solve", "push-1d", "--starts", "2", "--rank", "best"], "unknown rank 'best'"),
     ],
 )  # fmt: skip

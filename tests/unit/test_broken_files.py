@@ -34,7 +34,7 @@ def test_a_broken_file_is_refused_in_one_sentence(case, tmp_path, monkeypatch, c
     out, err = capsys.readouterr()
     assert code == 2, err
     assert err.startswith("error: ") and err.count("\n") == 1 and len(err) < 1000, err
-    assert "internal fault" not in err and "Traceback" not in err
+    assert "internal error" not in err and "Traceback" not in err
     assert all(sign.isprintable() for sign in err.rstrip("\n"))
     assert out == "" and not [*(tmp_path / "runs").rglob("*.json")]
 

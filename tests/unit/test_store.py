@@ -69,7 +69,7 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
 
 def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
     original = solution()
-    run = store.load(store.save(original, tmp_path, ["ocp", "solve", "toy"]))
+    run = store.load(store.save(original, tmp_path, ["ocp", "solve", "toy"]).path)
     again = run.solution(original.problem)
     xr.testing.assert_identical(again.data, original.data)
     assert again.stages == original.stages
@@ -89,10 +89,10 @@ def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
 
 
 def test_threads_of_a_process_may_load_and_save_at_once(tmp_path: Path) -> None:
-    kept = store.save(solution(), tmp_path, [])
+    kept = store.save(solution(), tmp_path, []).path
 
     def load(turn: int) -> bool:
-        path = store.save(solution(), tmp_path, []) if turn % 8 == 0 else kept
+        path = store.save(solution(), tmp_path, []).path if turn % 8 == 0 else kept
         return store.load(path).data.identical(solution().data)
 
     with ThreadPoolExecutor(4) as pool:
@@ -100,7 +100,7 @@ def test_threads_of_a_process_may_load_and_save_at_once(tmp_path: Path) -> None:
 
 
 def test_meta_is_strict_json(tmp_path: Path) -> None:
-    path = store.save(solution(), tmp_path, [])
+    path = store.save(solution(), tmp_path, []).path
 
     def refuse(constant: str) -> None:
         raise AssertionError(f"{constant} is not JSON")
@@ -112,7 +112,7 @@ def test_meta_is_strict_json(tmp_path: Path) -> None:
 
 def test_the_hash_tells_content_and_ignores_times(tmp_path: Path) -> None:
     def stored(what: Solution, argv: list[str]) -> str:
-        return store.load(store.save(what, tmp_path, argv)).meta["hash"]
+        return store.load(store.save(what, tmp_path, argv).path).meta["hash"]
 
     first = stored(solution(seconds=1.0), ["a"])
     assert stored(solution(seconds=9.0), ["b"]) == first
@@ -123,20 +123,20 @@ def test_the_hash_tells_content_and_ignores_times(tmp_path: Path) -> None:
 
 
 def test_identical_runs_in_one_second_are_both_kept(tmp_path: Path) -> None:
-    paths = {store.save(solution(), tmp_path, []) for _ in range(4)}
+    paths = {store.save(solution(), tmp_path, []).path for _ in range(4)}
     assert len(paths) == 4
     assert {entry.path for entry in store.list_runs(tmp_path)} == paths
 
 
 def test_nothing_but_the_two_files(tmp_path: Path) -> None:
-    path = store.save(solution(), tmp_path, [])
+    path = store.save(solution(), tmp_path, []).path
     assert {file.name for file in path.iterdir()} == {"solution.nc", "meta.json"}
     assert [child.name for child in path.parent.iterdir()] == [path.name]
 
 
 def test_a_name_cannot_leave_the_store(tmp_path: Path) -> None:
     data = dataset()
-    path = store.write(tmp_path / "runs", "../evil name/..", data, {"kind": "continue"})
+    path = store.write(tmp_path / "runs", "../evil name/..", data, {"kind": "continue"}).path
     assert path.parent.parent == tmp_path / "runs"
 
 
@@ -171,7 +171,7 @@ def sealed_with(change):
     ],
 )
 def test_damage_is_named(tmp_path: Path, file: str, harm, reason: str) -> None:
-    path = store.save(solution(), tmp_path, [])
+    path = store.save(solution(), tmp_path, []).path
     harm(path / file)
     with pytest.raises(DamagedRun) as caught:
         store.load(path)
@@ -180,14 +180,14 @@ def test_damage_is_named(tmp_path: Path, file: str, harm, reason: str) -> None:
 
 
 def test_an_unreadable_netcdf_with_the_right_checksum_is_damaged(tmp_path: Path) -> None:
-    path = store.save(solution(), tmp_path, [])
+    path = store.save(solution(), tmp_path, []).path
     reseal(path, having(), solution=b"not netCDF")
     with pytest.raises(DamagedRun, match="no readable netCDF"):
         store.load(path)
 
 
 def test_a_listing_shows_damaged_runs_with_the_reason(tmp_path: Path) -> None:
-    good, bad = (store.save(solution(), tmp_path, []) for _ in range(2))
+    good, bad = (store.save(solution(), tmp_path, []).path for _ in range(2))
     (bad / "meta.json").unlink()
     entries = {entry.path: entry for entry in store.list_runs(tmp_path)}
     assert entries[good].meta is not None
@@ -202,14 +202,14 @@ def test_a_missing_run_is_wrong_usage(tmp_path: Path) -> None:
 
 def test_a_study_is_no_solution(tmp_path: Path) -> None:
     told = {"argv": [], "record": {}, "status": "done", "verdict": "All hold.", "claims": []}
-    path = store.write(tmp_path, "toy", dataset(), {"kind": "figure", **told})
+    path = store.write(tmp_path, "toy", dataset(), {"kind": "figure", **told}).path
     with pytest.raises(InputError, match="figure"):
         store.load(path).solution(get("wall-1d"))
 
 
 @pytest.mark.parametrize("part", ["audit", "stages", "status", "iterations"])
 def test_a_solution_with_a_part_missing_is_damaged(tmp_path: Path, part: str) -> None:
-    path = store.save(solution(), tmp_path, [])
+    path = store.save(solution(), tmp_path, []).path
     reseal(path, lacking(part))
     with pytest.raises(DamagedRun, match=rf"meta\.json does not describe a run: {part} is missing"):
         store.load(path)
@@ -217,7 +217,7 @@ def test_a_solution_with_a_part_missing_is_damaged(tmp_path: Path, part: str) ->
 
 def test_the_split_of_the_time_is_stored_and_no_part_of_the_hash(tmp_path: Path) -> None:
     first, second = (
-        store.load(store.save(replace(solution(), evaluation_s=s), tmp_path, []))
+        store.load(store.save(replace(solution(), evaluation_s=s), tmp_path, []).path)
         for s in (0.25, 0.75)
     )
     assert first.solution(solution().problem).evaluation_s == 0.25
@@ -227,18 +227,20 @@ def test_the_split_of_the_time_is_stored_and_no_part_of_the_hash(tmp_path: Path)
 
 def test_multipliers_survive_the_disk_by_name(tmp_path: Path) -> None:
     solved = solve(get("push-disc"), Barrier(mu=1e-3))
-    run = store.load(store.save(solved, tmp_path, []))
+    run = store.load(store.save(solved, tmp_path, []).path)
     for name in ("lam_g_dynamics", "lam_g_gap_definition", "lam_g_contact", "lam_x_u", "lam_x_x"):
         np.testing.assert_array_equal(run.data[name].values, solved.data[name].values)
         assert "cost" in run.data[name].attrs["units"]
     assert run.data["lam_g_dynamics"].dims == ("scenario", "interval", "state")
     assert run.data["lam_x_u"].dims == ("scenario", "interval", "control")
     shifted = solved.data.assign(lam_g_contact=2 * solved.data["lam_g_contact"])
-    other = store.load(store.save(replace(solved, data=shifted), tmp_path, []))
+    other = store.load(store.save(replace(solved, data=shifted), tmp_path, []).path)
     assert other.meta["hash"] != run.meta["hash"], "they are content"
 
 
-@pytest.mark.parametrize("call", [store.check_writable, lambda r: store.save(solution(), r, [])])
+@pytest.mark.parametrize(
+    "call", [store.check_writable, lambda r: store.save(solution(), r, []).path]
+)
 def test_a_root_that_is_a_file_is_refused(tmp_path: Path, call) -> None:
     root = tmp_path / "runs"
     root.write_text("")
@@ -293,7 +295,7 @@ def test_kill_leaves_no_half_run_and_the_next_save_sweeps(tmp_path: Path) -> Non
 def test_a_removal_cut_short_leaves_no_half_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = store.save(solution(), tmp_path, [])
+    path = store.save(solution(), tmp_path, []).path
 
     def killed(place: Path) -> None:
         (place / "meta.json").unlink()

@@ -1,4 +1,4 @@
-"""``ocp collect PROBLEM --samples n -o FILE``: transitions of a problem, to learn from."""
+"""``ocp collect PROBLEM --samples n -o FILE``: transitions of a problem as training data."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class CollectOptions(Options):
-    """Of what, how much, and where to."""
+    """The problem, the number of transitions, and the file."""
 
     problem: str = argument(help=PROBLEM)
     file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
     params: list[str] | None = option(
         None, "--param", "-p", metavar="K=V", help="Parameter of the problem."
     )
-    samples: str = option("1e5", "--samples", "-n", help="Transitions.")
-    seed: int = option(0, "--seed", min=0, help="Seed of what is drawn.")
+    samples: str = option("1e5", "--samples", "-n", help="Number of transitions.")
+    seed: int = option(0, "--seed", min=0, help="Seed of the random draws.")
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A problem at parameters, where its transitions are drawn, and how many."""
+class CollectRequest:
+    """A problem at parameters, the region of its transitions, and their number."""
 
     name: str
     params: dict[str, Any]
@@ -37,8 +37,8 @@ class Asked:
     samples: int
 
 
-def check(options: CollectOptions) -> Asked:
-    """Build the problem, find its region, and see that there is room for so many rows."""
+def check(options: CollectOptions) -> CollectRequest:
+    """Build the problem, find its region, and check memory and file."""
     from dynamics.learned.transitions import LEAST
     from ocp.effort import check_memory
     from ocp.errors import InputError
@@ -49,7 +49,7 @@ def check(options: CollectOptions) -> Asked:
 
     if options.problem in objective_names():
         raise InputError(
-            f"{options.problem} is an objective without dynamics: it has no steps to collect"
+            f"{options.problem} is an objective without dynamics and has no transitions"
         )
     found = spec(options.problem)
     given = assignments("-p", options.params)
@@ -58,19 +58,19 @@ def check(options: CollectOptions) -> Asked:
     least = LEAST * (system.nx + system.nu)
     if samples < least:
         raise InputError(
-            f"--samples: {samples} transitions are too few to learn from; {found.name} needs at"
-            f" least {least}, ten for each of its states and inputs"
+            f"--samples: {samples} transitions are too few for a model; {found.name} needs at"
+            f" least {least}, ten per state and input"
         )
     check_memory(f"{samples} transitions", 32.0 * samples * (2 * system.nx + system.nu))
     region = region_of(found, params, problem)
     check_place(options.file, "data")
-    return Asked(found.name, params.model_dump(), problem, region, samples)
+    return CollectRequest(found.name, params.model_dump(), problem, region, samples)
 
 
-def run(options: CollectOptions, asked: Asked) -> int:
-    """Draw states without penetration and inputs, and step each once under the exact law.
+def run(options: CollectOptions, request: CollectRequest) -> int:
+    """Draw states without penetration and inputs, and advance each by one step of the exact law.
 
-    Half are drawn in the problem's region, half in a tube around the way from start to goal.
+    Half are drawn in the problem's region, half in a tube around the path from start to goal.
     """
     import time
 
@@ -79,12 +79,12 @@ def run(options: CollectOptions, asked: Asked) -> int:
     from ocp.store import models
     from reports import learned
 
-    began, step = time.perf_counter(), asked.problem.exact_step
-    told = {"problem": asked.name, "parameters": asked.params}
+    began, step = time.perf_counter(), request.problem.exact_step
+    origin = {"problem": request.name, "parameters": request.params}
     try:
-        data = collect(step, asked.region, asked.samples, options.seed, provenance=told)
+        data = collect(step, request.region, request.samples, options.seed, provenance=origin)
     except ValueError as error:
-        raise InputError(f"{asked.name}: {error}") from error
+        raise InputError(f"{request.name}: {error}") from error
     models.save(data.dataset(), options.file)
     document, seconds = learned.data_document(data), time.perf_counter() - began
     for line in learned.lines(document):

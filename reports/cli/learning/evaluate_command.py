@@ -1,4 +1,4 @@
-"""``ocp evaluate RUN``: a trained policy judged on fresh episodes, under any contact law."""
+"""``ocp evaluate RUN``: evaluate a trained policy on new episodes, under any contact law."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ if TYPE_CHECKING:
     from ocp.learning.protocol import Trained
     from ocp.store.stored_run import StoredRun
 
-    Asked = tuple[StoredRun, Experiment, Trained, ContactLaw]
+    EvaluateRequest = tuple[StoredRun, Experiment, Trained, ContactLaw]
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateOptions(RunOptions, LawOptions):
-    """Which policy, under which law, over how many episodes."""
+    """The policy, the law, and the number of episodes."""
 
-    contact: str = option("exact", "--contact", help="Contact law; ocp list shows them.")
-    episodes: int = option(100, "--episodes", "-n", min=1, max=1_000_000, help="How many.")
-    seed: int = option(0, "--seed", min=0, help="Seed of the first states.")
+    contact: str = option("exact", "--contact", help="Contact law; list with ocp laws.")
+    episodes: int = option(
+        100, "--episodes", "-n", min=1, max=1_000_000, help="Number of episodes."
+    )
+    seed: int = option(0, "--seed", min=0, help="Seed of the initial states.")
 
 
-def check(options: EvaluateOptions) -> Asked:
+def check(options: EvaluateOptions) -> EvaluateRequest:
     """Read the policy, build its task, and make the law."""
     from ocp.effort import check_memory
     from problems.tasks.training import rebuilt
@@ -41,17 +43,17 @@ def check(options: EvaluateOptions) -> Asked:
     return found, experiment, policy, law
 
 
-def run(options: EvaluateOptions, asked: Asked) -> int:
-    """Judge a trained policy: return, lengths, measures, and what is wrong with its episodes.
+def run(options: EvaluateOptions, request: EvaluateRequest) -> int:
+    """Evaluate a trained policy: returns, lengths, measures, and violations in its episodes.
 
-    The seed of the first states is no seed of a training; the same seed gives the same episodes.
+    The initial states differ from those of every training; the same seed gives the same episodes.
     """
     from ocp.learning.evaluation import evaluate
     from reports.trained.judgement import judgement, judgement_table, sentence
 
-    found, experiment, policy, law = asked
+    found, experiment, policy, law = request
     seen = evaluate(experiment, policy, law, options.episodes, options.seed)
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "run": str(found.path),
         "task": experiment.task.name,
         "contact": law.name,
@@ -60,11 +62,11 @@ def run(options: EvaluateOptions, asked: Asked) -> int:
         **judgement(experiment.task, seen),
         "own": found.meta["evaluation"],
     }
-    told["verdict"] = sentence(told)
+    content["verdict"] = sentence(content)
     output = options.output
-    output.say(told["verdict"])
-    output.note(judgement_table(told))
-    output.document(told)
+    output.say(content["verdict"])
+    output.note(judgement_table(content))
+    output.document(content)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""``ocp learn DATA --model NAME -o FILE``: a model of a step, from transitions."""
+"""``ocp learn DATA --model NAME -o FILE``: a model of one time step, from transitions."""
 
 from __future__ import annotations
 
@@ -22,39 +22,37 @@ NETWORK = ("hidden", "epochs")
 HELD_OUT = 0.1
 NOISE = 0.2
 _COPIES = 6
-"""Of all weights while they are trained: now and best, slopes, Adam's moments, what is to come."""
+"""Copies of all weights in training: current, best, gradient, two moments of Adam, the update."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LearnOptions(Options):
-    """From what, which model, and where to."""
+    """The data, the model, and the file."""
 
-    data: Path = argument(help="What ocp collect wrote, a .csv or a .parquet.")
+    data: Path = argument(help="A file of ocp collect, a .csv or a .parquet.")
     model: str = option(MISSING, "--model", help="ewda or mlp.")
     file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
-    noise: float = option(NOISE, "--noise", help="sigma, in normalised units; 0: clean data (mlp).")
-    hidden: str = option(
-        "128,128,128,128", "--hidden", help="Units of each hidden layer of the mlp."
-    )
-    epochs: int = option(200, "--epochs", min=1, help="Most passes of training the mlp.")
+    noise: float = option(NOISE, "--noise", help="sigma, in normalised units; 0: no noise (mlp).")
+    hidden: str = option("128,128,128,128", "--hidden", help="Units of each hidden layer (mlp).")
+    epochs: int = option(200, "--epochs", min=1, help="Largest number of epochs (mlp).")
     seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
-    problem: str | None = option(None, "--problem", help=f"Whose data they are. {PROBLEM}")
+    problem: str | None = option(None, "--problem", help=f"Problem of the data. {PROBLEM}")
     columns: str | None = option(
-        None, "--columns", metavar="NAME=COLUMN,...", help="Names in a table."
+        None, "--columns", metavar="NAME=COLUMN,...", help="Column names in a table."
     )
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Data, the recipe of a network on them where one is asked for, and where it is kept."""
+class LearnRequest:
+    """The data, the recipe of a network (None for an average), and its checkpoint."""
 
     data: Transitions
     recipe: Recipe | None
     checkpoint: Checkpoint
 
 
-def check(options: LearnOptions) -> Asked:
-    """Read the data, and see that the model can be made of them."""
+def check(options: LearnOptions) -> LearnRequest:
+    """Read the data, and check the settings of the model."""
     from ocp.errors import InputError, choose
     from ocp.store import atomic
     from ocp.store.checkpoint import Checkpoint
@@ -64,7 +62,7 @@ def check(options: LearnOptions) -> Asked:
     network = options.model == "mlp"
     foreign = [f"--{name}" for name in NETWORK if name in options.given and not network]
     if foreign:
-        raise InputError(f"{foreign[0]} belongs to a network; drop it or say --model mlp")
+        raise InputError(f"{foreign[0]} is a setting of networks; drop it or use --model mlp")
     if options.noise < 0 or (options.noise == 0 and not network):
         least = "at least 0" if network else "above 0"
         raise InputError(
@@ -73,19 +71,19 @@ def check(options: LearnOptions) -> Asked:
         )
     if options.noise > 1e3:
         raise InputError(
-            f"--noise: sigma {options.noise:g} is in standard deviations of the data, which it"
-            " would drown; give one such as 0.2"
+            f"--noise: sigma {options.noise:g} is in standard deviations of the data, at most 1000;"
+            " choose a value such as 0.2"
         )
     hidden = _hidden(options.hidden)
     data = _data(options)
     check_place(options.file, "model")
     recipe = _recipe(options, data, hidden) if network else None
-    request = {"data": data.hash, "sigma": options.noise, "hidden": hidden,
+    key = {"data": data.hash, "sigma": options.noise, "hidden": hidden,
                "epochs": options.epochs, "seed": options.seed}  # fmt: skip
     place = atomic.destination(options.file)
-    # Beside the file, and nowhere for one that is a device or a FIFO.
+    # Next to the file; none for a device or a FIFO.
     root = place.parent if network and place is not None else None
-    return Asked(data, recipe, Checkpoint(root, "", request))
+    return LearnRequest(data, recipe, Checkpoint(root, "", key))
 
 
 def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -> Recipe:
@@ -102,11 +100,11 @@ def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -
         raise InputError(str(error)) from error
 
 
-def _training(options: LearnOptions, asked: Asked, recipe: Recipe) -> Training:
+def _training(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> Training:
     from dynamics.learned.training import Training
     from ocp.errors import InputError
 
-    state, samples = asked.checkpoint.state("training"), asked.data.samples()
+    state, samples = request.checkpoint.state("training"), request.data.samples()
     try:
         return Training(samples, options.noise, recipe, options.seed, state)
     except ValueError as error:
@@ -138,16 +136,14 @@ def _data(options: LearnOptions) -> Transitions:
     signals = None if system is None else (system.states, system.inputs)
     if options.data.suffix not in TABLES:
         if options.columns is not None:
-            raise InputError(
-                f"--columns maps those of a table, and {options.data} is none; drop it"
-            )
+            raise InputError(f"--columns is for tables, and {options.data} is not a table; drop it")
         data = models.load_transitions(options.data)
     else:
         pairs = None if options.columns is None else options.columns.split(",")
         columns = assignments("--columns", pairs)
-        told = {} if spec is None else {"problem": spec.name}
+        origin = {} if spec is None else {"problem": spec.name}
         try:
-            data = read_table(options.data, columns, signals, told)
+            data = read_table(options.data, columns, signals, origin)
         except ValueError as error:
             raise InputError(str(error)) from error
     try:
@@ -165,11 +161,11 @@ def _spec(options: LearnOptions) -> ProblemSpec | None:
     return None if options.problem is None else spec(options.problem)
 
 
-def run(options: LearnOptions, asked: Asked) -> int:
-    """Learn a step from transitions: their weighted average, or a network on noised inputs.
+def run(options: LearnOptions, request: LearnRequest) -> int:
+    """Learn a time step from transitions: a weighted average, or a network on noised inputs.
 
-    A tenth of the rows is held out, and tells how well the model fits. What a network has learned
-    is kept: the same command goes on after Ctrl-C.
+    A tenth of the rows is held out to measure the fit. The state of the training is kept: after
+    Ctrl-C the same command resumes.
     """
     import time
 
@@ -177,15 +173,15 @@ def run(options: LearnOptions, asked: Asked) -> int:
     from reports import learned
 
     began, epochs, resumed = time.perf_counter(), None, 0
-    with asked.checkpoint as checkpoint:
+    with request.checkpoint as checkpoint:
         for line in checkpoint.notes:
             options.output.say(line)
-        if asked.recipe is None:
-            dataset = _described(options, asked.data, *_averaged(options, asked.data))
+        if request.recipe is None:
+            dataset = _described(options, request.data, *_averaged(options, request.data))
         else:
-            training = _training(options, asked, asked.recipe)
+            training = _training(options, request, request.recipe)
             resumed = training.epoch
-            dataset = _described(options, asked.data, *_trained(options, asked, training))
+            dataset = _described(options, request.data, *_trained(options, request, training))
             epochs = training.epoch
         models.save(dataset, options.file)
         checkpoint.discard()
@@ -194,7 +190,7 @@ def run(options: LearnOptions, asked: Asked) -> int:
         options.output.note(table(document))
     seconds = time.perf_counter() - began
     if resumed:
-        options.output.say(f"went on after epoch {resumed}")
+        options.output.say(f"resumed after epoch {resumed}")
     how = "" if epochs is None else f", {epochs} epochs"
     options.output.say(f"model: {options.file} ({options.model}{how}, {seconds:.1f} s)")
     options.output.document(
@@ -207,7 +203,7 @@ def run(options: LearnOptions, asked: Asked) -> int:
 
 
 def _described(options: LearnOptions, data: Transitions, model: Any, held_out: Any) -> xr.Dataset:
-    """A model and how well it fits."""
+    """A model and its errors on the held-out rows."""
     from dynamics.learned.fit import fit
     from reports import learned
 
@@ -216,7 +212,7 @@ def _described(options: LearnOptions, data: Transitions, model: Any, held_out: A
 
 
 def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:
-    """The average of all rows but those held out, and which those are."""
+    """The average of all rows except the held-out ones, and the numbers of those."""
     from dynamics.learned.ewda import EwdaModel
     from dynamics.learned.samples import split_rows
 
@@ -226,8 +222,8 @@ def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:
     return EwdaModel(z, y, scales, sigma, data.origin, options.seed), held_out
 
 
-def _trained(options: LearnOptions, asked: Asked, training: Training) -> tuple[Any, Any]:
-    """The network after its last epoch, and the rows that it was not trained on."""
+def _trained(options: LearnOptions, request: LearnRequest, training: Training) -> tuple[Any, Any]:
+    """The network after its last epoch, and the numbers of the held-out rows."""
     from reports import learned
     from reports.cli import interrupt
 
@@ -236,10 +232,10 @@ def _trained(options: LearnOptions, asked: Asked, training: Training) -> tuple[A
             for epoch in training.epochs():
                 report(epoch)
                 interrupt.check()
-                if asked.checkpoint.due():
-                    asked.checkpoint.save_state("training", **training.state)
+                if request.checkpoint.due():
+                    request.checkpoint.save_state("training", **training.state)
     except KeyboardInterrupt:
-        asked.checkpoint.save_state("training", **training.state)
+        request.checkpoint.save_state("training", **training.state)
         raise
     return training.model(), training.held_out
 

@@ -1,4 +1,4 @@
-"""``ocp train TASK --algorithm NAME,...``: policies through contact, over seeds."""
+"""``ocp train TASK --algorithm NAME,...``: train policies through contact, over seeds."""
 
 from __future__ import annotations
 
@@ -19,21 +19,26 @@ if TYPE_CHECKING:
     from problems.tasks.training import TrainingJob
 
 _OWN_LAW = {"adaptive": "law=quartic"}
-"""What a law is set to for training where nothing else is said, as the paper has it."""
+"""Default settings of a law in training, from the paper."""
 _ENDED = 0
-"""Place in a checkpoint of where the finished run is stored."""
+"""Index in a checkpoint of the path of the finished run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions(LawOptions, TagOptions):
-    """A task, algorithms with their settings, seeds, and where all that is computed."""
+    """A task, algorithms with their settings, seeds, and processes."""
 
     task: str = argument(help="A named task.")
     algorithm: str = option(
-        "usual", "--algorithm", "-a", help="Names with commas; usual: the one that the task has."
+        "usual",
+        "--algorithm",
+        "-a",
+        help="Names separated by commas; usual: the default of the task.",
     )
     contact: str = option(
-        "own", "--contact", help="Law to learn through; own: adaptive for fopg, exact for others."
+        "own",
+        "--contact",
+        help="Contact law in training; own: adaptive for fopg, exact for others.",
     )
     params: list[str] | None = option(
         None, "--param", "-p", metavar="K=V", help="Parameter of the task."
@@ -42,23 +47,31 @@ class TrainOptions(LawOptions, TagOptions):
         None, "--setting", "-s", metavar="K=V",
         help="Setting of all algorithms, or of one: ars.rate=0.1.",
     )  # fmt: skip
-    seeds: int = option(1, "--seeds", min=1, max=1000, help="How many, from --seed on.")
+    seeds: int = option(1, "--seeds", min=1, max=1000, help="Number of seeds, from --seed on.")
     seed: int = option(0, "--seed", min=0, help="The first seed.")
     iterations: int | None = option(
-        None, "--iterations", min=1, help="Of each training; default: 100, or what the task has."
+        None,
+        "--iterations",
+        min=1,
+        help="Iterations of each training; default: that of the task, or 100.",
     )
     jobs: int | None = option(
-        None, "--jobs", "-j", min=1, max=1024, help="Processes side by side; default: one a CPU."
+        None,
+        "--jobs",
+        "-j",
+        min=1,
+        max=1024,
+        help="Number of parallel processes; default: one per CPU.",
     )
     scheduler: str | None = option(
-        None, "--scheduler", metavar="ADDRESS", help="Of a Dask cluster that takes the trainings."
+        None, "--scheduler", metavar="ADDRESS", help="Address of a Dask cluster for the trainings."
     )
-    pdf: Path | None = option(None, "--pdf", help="Write a report here.")
+    pdf: Path | None = option(None, "--pdf", help="Write a PDF report to this file.")
 
 
 @dataclass(frozen=True)
-class Asked:
-    """All trainings, where each is kept, and how many run side by side."""
+class TrainRequest:
+    """All trainings, their checkpoints and experiments, and the number of processes."""
 
     jobs: list[TrainingJob]
     checkpoints: list[Checkpoint]
@@ -66,8 +79,8 @@ class Asked:
     workers: int
 
 
-def check(options: TrainOptions) -> Asked:
-    """Build the task and every algorithm, and see that the runs can be stored."""
+def check(options: TrainOptions) -> TrainRequest:
+    """Build the task and every algorithm, and check that the runs can be stored."""
     from ocp.errors import InputError
     from ocp.learning.effort import check_training
     from problems.tasks import registry
@@ -76,7 +89,7 @@ def check(options: TrainOptions) -> Asked:
     spec = registry.spec(options.task)
     task = spec.task(assignments("-p", options.params))
     if options.scheduler is not None and options.jobs is not None:
-        raise InputError("--jobs are processes of this computer, --scheduler others; drop one")
+        raise InputError("--jobs starts local processes, --scheduler uses a cluster; drop one")
     jobs, workers = _jobs(options, spec, task)
     check_places(options.out, options.pdf)
     built = [job.experiment(task) for job in jobs]
@@ -85,17 +98,17 @@ def check(options: TrainOptions) -> Asked:
         check_training(one, workers)
     pairs, store = zip(jobs, built, strict=True), options.out.resolve()
     checkpoints = [job.checkpoint(one, store) for job, one in pairs]
-    return Asked(jobs, checkpoints, built, workers)
+    return TrainRequest(jobs, checkpoints, built, workers)
 
 
 def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[TrainingJob], int]:
-    """Every seed of every algorithm, and how many of them run side by side."""
+    """Every seed of every algorithm, and the number of processes."""
     from problems.tasks.training import TrainingJob
-    from reports.cli.learning.training_options import algorithms, believed, is_psi
+    from reports.cli.learning.training_options import algorithms, is_psi, learned_parameters
     from reports.cli.request import assignments
 
     given = assignments("-s", options.settings)
-    psi = believed(given, task.parameters.names)
+    psi = learned_parameters(given, task.parameters.names)
     given = {key: value for key, value in given.items() if not is_psi(key)}
     names = spec.learner if options.algorithm == "usual" else options.algorithm
     chosen = algorithms(names, given, spec)
@@ -104,7 +117,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
     jobs = [
         TrainingJob(
             task=options.task, params=assignments("-p", options.params), seed=seed,
-            algorithm=psi.beside(algorithm), law=_law(options, algorithm, task),
+            algorithm=psi.wrap(algorithm), law=_law(options, algorithm, task),
             options={**own, **every}, guesses=psi.guesses,
             threads=1 if options.scheduler is not None else max(1, _cpus() // workers),
         )
@@ -115,7 +128,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
 
 
 def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
-    """The law that is asked for, or the algorithm's own."""
+    """The chosen law, or that of the algorithm."""
     from reports.cli.request import closing_law
 
     name = algorithm.contact if options.contact == "own" else options.contact
@@ -131,94 +144,94 @@ def _cpus() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def run(options: TrainOptions, asked: Asked) -> int:
-    """Train a policy through contact, several algorithms and seeds side by side.
+def run(options: TrainOptions, request: TrainRequest) -> int:
+    """Train a policy through contact, with several algorithms and seeds in parallel.
 
-    Every policy is judged under the exact law. Each training is stored as a run of its own. What is
-    done is kept: the same command goes on after Ctrl-C, and ends as if it had never stopped.
+    Every policy is evaluated under the exact law, and every training is stored as a run. After
+    Ctrl-C the same command resumes, with the same result as without the stop.
     """
     from ocp.errors import interruptible
     from problems.tasks.training import under_way
 
     output = options.output
     with ExitStack() as held:
-        for checkpoint in asked.checkpoints:
+        for checkpoint in request.checkpoints:
             held.enter_context(checkpoint)
-        stored = _stored_before(asked)
+        stored = _stored_before(request)
         if stored:
-            output.say(f"went on: {len(stored)} of {len(asked.jobs)} trainings were done before")
-        left = [place for place in range(len(asked.jobs)) if place not in stored]
+            output.say(f"resumed; {len(stored)} of {len(request.jobs)} trainings already complete")
+        left = [place for place in range(len(request.jobs)) if place not in stored]
         for place in left:
-            parts = asked.jobs[place], asked.experiments[place], asked.checkpoints[place]
+            parts = request.jobs[place], request.experiments[place], request.checkpoints[place]
             for sentence in under_way(*parts):
                 output.say(sentence)
         try:
             with interruptible():
-                failed = _trained(options, asked, left, stored)
+                failed = _trained(options, request, left, stored)
         except KeyboardInterrupt:
-            output.say("the same command goes on from what is kept")
+            output.say("the same command resumes from the last checkpoint")
             raise
         for place in stored:
-            asked.checkpoints[place].discard()
-    _tell(options, [stored[place] for place in sorted(stored)], asked, failed)
+            request.checkpoints[place].discard()
+    _print_results(options, [stored[place] for place in sorted(stored)], request, failed)
     return 0
 
 
 def _trained(
-    options: TrainOptions, asked: Asked, left: list[int], stored: dict[int, Path]
+    options: TrainOptions, request: TrainRequest, left: list[int], stored: dict[int, Path]
 ) -> dict[int, Exception]:
-    """Do what is ``left`` and add it to ``stored`` as it ends; gives what failed."""
+    """Run the trainings ``left``, add each to ``stored`` as it ends, and return the failures."""
     from ocp.scheduling import Failure, carried_out
     from problems.tasks.training import trained
     from reports.cli import interrupt
     from reports.trained.live import live
 
     failed = {}
-    jobs = [replace(asked.jobs[place], kept=asked.checkpoints[place].place) for place in left]
-    ends = {asked.jobs[place].name: asked.experiments[place].iterations for place in left}
-    with live(ends, options.quiet, interrupt.check) as heard:
-        work = carried_out(trained, jobs, asked.workers, options.scheduler, heard)
+    jobs = [replace(request.jobs[place], kept=request.checkpoints[place].place) for place in left]
+    ends = {request.jobs[place].name: request.experiments[place].iterations for place in left}
+    with live(ends, options.quiet, interrupt.check) as callback:
+        work = carried_out(trained, jobs, request.workers, options.scheduler, callback)
         with closing(work) as outcomes:
             for index, outcome in outcomes:
                 place = left[index]
                 if isinstance(outcome, Failure):
                     failed[place] = outcome.error
                 else:
-                    stored[place] = _store(options, asked, place, outcome)
+                    stored[place] = _store(options, request, place, outcome)
     return failed
 
 
-def _stored_before(asked: Asked) -> dict[int, Path]:
-    """Runs that the same command stored before it was stopped."""
+def _stored_before(request: TrainRequest) -> dict[int, Path]:
+    """Runs that the same command stored before it stopped."""
     found = {}
-    for place, checkpoint in enumerate(asked.checkpoints):
+    for place, checkpoint in enumerate(request.checkpoints):
         rows = checkpoint.rows(_ENDED)
         if rows and Path(rows[0]["run"]).is_dir():
             found[place] = Path(rows[0]["run"])
     return found
 
 
-def _store(options: TrainOptions, asked: Asked, place: int, data: Any) -> Path:
+def _store(options: TrainOptions, request: TrainRequest, place: int, data: Any) -> Path:
     from ocp import store
     from problems.tasks.training import record
     from reports.trained.summary import meta
 
-    job, experiment = asked.jobs[place], asked.experiments[place]
+    job, experiment = request.jobs[place], request.experiments[place]
     described = {
         "argv": options.argv,
         "tags": options.tags,
         "seed": job.seed,
         "record": record(experiment),
     }
-    path = store.write(options.out, job.task, data, {**described, **meta(data)})
-    asked.checkpoints[place].save_rows(_ENDED, [{"run": str(path.resolve())}])
+    path = store.write(options.out, job.task, data, {**described, **meta(data)}).path
+    request.checkpoints[place].save_rows(_ENDED, [{"run": str(path.resolve())}])
     return path
 
 
-def _tell(
-    options: TrainOptions, paths: list[Path], asked: Asked, failed: dict[int, Exception]
+def _print_results(
+    options: TrainOptions, paths: list[Path], request: TrainRequest, failed: dict[int, Exception]
 ) -> None:
-    """Print what came out; raises the first failure, after everything else if there is any."""
+    """Print the results; then raise the first failure, if there is one."""
     if not paths:
         raise next(iter(failed.values()))
     from ocp import store
@@ -235,11 +248,11 @@ def _tell(
     if options.pdf is not None:
         write_pdf(runs, options.pdf)
         output.say(f"PDF: {options.pdf}")
-    told = {asked.jobs[place].name: str(error) for place, error in failed.items()}
-    for name, sentence in told.items():
-        output.say(f"failed: {name}: {sentence}")
+    errors = {request.jobs[place].name: str(error) for place, error in failed.items()}
+    for name, message in errors.items():
+        output.say(f"failed: {name}: {message}")
     pdf = None if options.pdf is None else str(options.pdf)
-    output.document({"task": options.task, **document(found), "failed": told, "pdf": pdf})
+    output.document({"task": options.task, **document(found), "failed": errors, "pdf": pdf})
     if failed:
         raise next(iter(failed.values()))
 

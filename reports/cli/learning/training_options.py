@@ -1,4 +1,4 @@
-"""From the settings of ``ocp train`` to algorithms, to learned parameters, and to the help."""
+"""The settings of ``ocp train``: algorithms, learned physical parameters, and the help text."""
 
 from __future__ import annotations
 
@@ -24,18 +24,17 @@ OWN = {setting.name: setting.meaning for setting in declared(Experiment)}
 _SHAPES: dict[str, tuple[int, ...] | None] = {"affine": (), "open-loop": None}
 
 
-Asked = list[tuple["Algorithm", dict[str, Any]]]
-"""Algorithms, and of each what its experiment is to be, by the names of its fields."""
+Chosen = list[tuple["Algorithm", dict[str, Any]]]
+"""Algorithms, each with the fields of its experiment by name."""
 
 
-def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Asked:
+def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Chosen:
     """Make the algorithms ``names`` (with commas) from settings, for the task of ``spec``.
 
-    ``name=value`` goes to all that have it, ``ars.name=value`` to one; what is not given is as the
-    task has it, else as the algorithm has it.
+    ``name=value`` sets all that have it, ``ars.name=value`` one; defaults are those of the task,
+    then those of the algorithm.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown algorithm, and for a setting that none of
-    them has, or that cannot be.
+    Raises :class:`~ocp.errors.InputError` for an unknown algorithm or setting, and for a bad value.
     """
     from ocp.learning.algorithms import ALGORITHMS
 
@@ -44,7 +43,7 @@ def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Asked:
         raise InputError(f"--algorithm: expected names with commas, got {names!r}")
     chosen = {word: choose("algorithm", word, ALGORITHMS) for word in words}
     if len(chosen) < len(words):
-        raise InputError(f"--algorithm: {names} names one twice; name each once")
+        raise InputError(f"--algorithm: {names} has a name twice; give each once")
     values = {word: usual(spec, word, cls) for word, cls in chosen.items()}
     for key, text in given.items():
         owner, dot, name = key.rpartition(".")
@@ -58,10 +57,10 @@ def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Asked:
 
 
 def _unknown(key: str, chosen: Mapping[str, type]) -> str:
-    known = {**OWN, **{name: "" for cls in chosen.values() for name in settings_of(cls)}}
+    choices = {**OWN, **{name: "" for cls in chosen.values() for name in settings_of(cls)}}
     return (
-        f"no setting {key!r} of {', '.join(chosen)}{did_you_mean(key, known)}; there are"
-        f" {', '.join(known)}"
+        f"no setting {key!r} of {', '.join(chosen)}{did_you_mean(key, choices)}; available:"
+        f" {', '.join(choices)}"
     )
 
 
@@ -95,12 +94,12 @@ def help_text() -> str:
     specs = [registry.spec(name) for name in registry.names()]
     tasks = [(spec.name, f"{spec.title}; {spec.learner}") for spec in specs]
     shared = {field.name: field for field in fields(Experiment)}
-    parts = ["Tasks, and the algorithm that is usual:", *_table(tasks)]
+    parts = ["Tasks, and their default algorithm:", *_table(tasks)]
     parts += ["", "Settings of all algorithms, -s name=value:"]
-    parts += _table([(_shown(name, shared[name].default), OWN[name]) for name in OWN])
+    parts += _table([(_setting(name, shared[name].default), OWN[name]) for name in OWN])
     parts += [
         "",
-        "Physical parameters learned beside the policy:",
+        "Physical parameters learned with the policy:",
         *_table([*PSI_SETTINGS.items()]),
     ]
     for name, cls in ALGORITHMS.items():
@@ -108,7 +107,7 @@ def help_text() -> str:
         parts += ["", f"{name}: {cls.summary}; {cls.contact} law", _listed(own)]
     for spec in specs:
         for whose, values in spec.training.items():
-            parts += ["", f"{spec.name} has of {whose}, unless told otherwise:", _listed(values)]
+            parts += ["", f"Defaults of {spec.name} for {whose}:", _listed(values)]
     return "\n".join(parts)
 
 
@@ -118,34 +117,34 @@ def _table(rows: Sequence[tuple[str, str]]) -> list[str]:
 
 
 def _listed(values: Mapping[str, Any]) -> str:
-    told = ", ".join(_shown(name, value) for name, value in values.items())
-    return fill(told, 78, initial_indent="  ", subsequent_indent="  ")
+    text = ", ".join(_setting(name, value) for name, value in values.items())
+    return fill(text, 78, initial_indent="  ", subsequent_indent="  ")
 
 
-def _shown(name: str, value: Any) -> str:
+def _setting(name: str, value: Any) -> str:
     return f"{name}={'open-loop' if (name, value) == ('hidden', None) else default_text(value)}"
 
 
 PSI = "psi"
 PSI_SETTINGS = {
-    "psi": "parameters of the task that are learned too, names with commas",
-    "psi.NAME": "what such a parameter of the model is at first",
-    "psi.walkers": "episodes that go on in every iteration; psi.steps of each",
+    "psi": "parameters of the task to learn, names with commas",
+    "psi.NAME": "initial value of such a parameter",
+    "psi.walkers": "episodes continued in every iteration; psi.steps of each",
 }
-"""What ``-s`` takes of it; the rest are fields of PsiLearning and of its random search."""
+"""Settings of ``-s``; further ones are fields of PsiLearning and of its random search."""
 
 
 @dataclass(frozen=True)
-class Believed:
-    """``names`` are learned, ``guesses`` are values of the model's at first, by name."""
+class LearnedParameters:
+    """``names`` are learned, ``guesses`` are initial values by name."""
 
     names: tuple[str, ...] = ()
     guesses: dict[str, float] = field(default_factory=dict)
     own: dict[str, Any] = field(default_factory=dict)
     search: dict[str, Any] = field(default_factory=dict)
 
-    def beside(self, algorithm: Algorithm) -> Algorithm:
-        """The algorithm, on a model whose parameters are learned where that is asked for."""
+    def wrap(self, algorithm: Algorithm) -> Algorithm:
+        """The algorithm, on a model with learned parameters if there are any."""
         from ocp.learning.identification import RandomSearch
         from ocp.learning.identification.psi_learning import PsiLearning
 
@@ -155,10 +154,10 @@ class Believed:
         return PsiLearning(algorithm=algorithm, names=self.names, search=search, **self.own)
 
 
-def believed(given: Mapping[str, str], physical: Sequence[str]) -> Believed:
-    """Read the settings among ``given`` that begin with psi; ``physical`` are the task's.
+def learned_parameters(given: Mapping[str, str], physical: Sequence[str]) -> LearnedParameters:
+    """Read the settings among ``given`` that begin with psi; ``physical`` are the task's names.
 
-    Raises :class:`~ocp.errors.InputError` for unknown names and values that cannot be.
+    Raises :class:`~ocp.errors.InputError` for unknown names and bad values.
     """
     from ocp.learning.identification import RandomSearch
     from ocp.learning.identification.psi_learning import PsiLearning
@@ -169,15 +168,15 @@ def believed(given: Mapping[str, str], physical: Sequence[str]) -> Believed:
         {f.name: kind[f.name] for f in fields(cls) if kind[f.name] in (int, float)}
         for cls, kind in zip((PsiLearning, RandomSearch), kinds, strict=True)
     )
-    known = [*physical, *own, *search]
-    found = Believed(_physical_names(given.get(PSI, ""), physical))
+    choices = [*physical, *own, *search]
+    found = LearnedParameters(_physical_names(given.get(PSI, ""), physical))
     for key, text in given.items():
         name = key.removeprefix(f"{PSI}.")
         if not is_psi(key) or key == PSI:
             continue
-        if name not in known:
+        if name not in choices:
             raise InputError(
-                f"no setting {key!r}{did_you_mean(name, known)}; psi takes {', '.join(known)}"
+                f"no setting {key!r}{did_you_mean(name, choices)}; psi takes {', '.join(choices)}"
             )
         kind, values = (own.get(name), found.own) if name in own else (
             (search.get(name), found.search) if name in search else (float, found.guesses)
@@ -185,14 +184,14 @@ def believed(given: Mapping[str, str], physical: Sequence[str]) -> Believed:
         values[name] = read(f"setting {key}", text, kind)
     if not found.names and (found.own or found.search):
         raise InputError(
-            f"setting {PSI}.{next(iter({**found.own, **found.search}))} is of learning physical"
-            f" parameters, and none is named; say -s {PSI}={physical[0]}"
+            f"setting {PSI}.{next(iter({**found.own, **found.search}))} needs a learned physical"
+            f" parameter; add -s {PSI}={physical[0]}"
         )
     return found
 
 
 def is_psi(key: str) -> bool:
-    """Whether a setting is one of these."""
+    """Whether a setting begins with psi."""
     return key.partition(".")[0] == PSI
 
 
@@ -202,8 +201,8 @@ def _physical_names(text: str, physical: Sequence[str]) -> tuple[str, ...]:
         if name not in physical:
             raise InputError(
                 f"setting {PSI}: the task has no parameter {name!r}"
-                f"{did_you_mean(name, physical)}; there are {', '.join(physical)}"
+                f"{did_you_mean(name, physical)}; available: {', '.join(physical)}"
             )
     if len(set(names)) < len(names):
-        raise InputError(f"setting {PSI}: {text} names one twice; name each once")
+        raise InputError(f"setting {PSI}: {text} has a name twice; give each once")
     return names

@@ -61,7 +61,7 @@ def test_files_of_an_animation(tmp_path: Path) -> None:
     """Both ways in turn; the least seconds of each, layout included, solving not."""
     rows, missed = [], []
     for name, (law, what) in CASES.items():
-        run = store.load(store.save(solve(get(name), contact=law), tmp_path, []))
+        run = store.load(store.save(solve(get(name), contact=law), tmp_path, []).path)
         with styled():
             animation = moving(RunView.of(run))
             for ending in WRITERS:

@@ -17,7 +17,7 @@ REFUSED = {
     "hoper": "unknown task 'hoper' (did you mean 'hopper'?)",
     "wall-1d": "unknown task 'wall-1d'",
     "ball-throw -a fpog": "unknown algorithm 'fpog' (did you mean 'fopg'?)",
-    "ball-throw -a ars,ars": "names one twice",
+    "ball-throw -a ars,ars": "has a name twice",
     "ball-throw -a ,": "expected names with commas",
     "ball-throw -s sampels=3": "no setting 'sampels' of fopg (did you mean 'samples'?); there are",
     "ball-throw -s ars.rate=3": "no setting 'ars.rate' of fopg",
@@ -40,7 +40,7 @@ REFUSED = {
     "ball-throw -s clip=0": "clip must be",
     "ball-throw -a mbpo": "mbpo learns a policy that observes",
     "ball-throw -s psi=mass": "the task has no parameter 'mass'; there are m,",
-    "ball-throw -s psi=m,m": "names one twice",
+    "ball-throw -s psi=m,m": "has a name twice",
     "ball-throw -s psi.walkers=2": "none is named; say -s psi=m",
     "ball-throw -s psi=m -s psi.walkers=0": "walkers must be",
     "ball-throw -s psi=m -s psi.m=heavy": "psi.m must be a number",
@@ -121,4 +121,4 @@ def test_a_policy_of_another_task_is_named(ocp: Ocp, root: Path, tmp_path: Path)
 def test_runs_of_several_kinds_are_not_reported_together(ocp: Ocp, root: Path) -> None:
     both = [str(next(root.glob(f"{name}/2*"))) for name in ("ball-throw", "wall-1d")]
     done = ocp("report", *both, "-o", "a.pdf")
-    assert done.code == 2 and "only runs of ocp solve, or of ocp train" in done.err
+    assert done.code == 2 and "needs runs of ocp solve, or runs of ocp train" in done.err

@@ -83,7 +83,7 @@ def test_the_same_command_goes_on(tmp_path: Path, whole: list[xr.Dataset], how: 
     assert process.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130)
     if how == signal.SIGINT:
         assert "stopped by the user" in err and "Traceback" not in err
-        assert "the same command goes on" in out
+        assert "the same command resumes" in out
     assert store.list_runs(tmp_path / "runs") == []
     with np.load(checkpoints(tmp_path)[0]) as kept:
         done = len(kept["curve.wall_s"])
@@ -111,7 +111,7 @@ def test_a_finished_seed_is_not_trained_again(tmp_path: Path, whole: list[xr.Dat
     process.communicate(timeout=60)
     first = store.list_runs(tmp_path / "runs")[0].path
     found = finish([*LONG, "--seeds", "2", "--jobs", "1"], tmp_path)
-    assert "1 of 2 trainings were done before" in found["err"]
+    assert "1 of 2 trainings already complete" in found["err"]
     assert Path(found["runs"][0]["run"]).resolve() == first.resolve()
     assert len(store.list_runs(tmp_path / "runs")) == 2
     assert_same(results(found, tmp_path), whole)

@@ -28,7 +28,7 @@ from reports.view import RunView
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> tuple[Path, RunView]:
     problem = spec("planar-push").problem({})
-    path = store.save(solve(problem, contact=Exact()), tmp_path_factory.mktemp("runs"), [])
+    path = store.save(solve(problem, contact=Exact()), tmp_path_factory.mktemp("runs"), []).path
     return path, RunView.of(store.load(path))
 
 
@@ -74,10 +74,10 @@ def test_friction_holds_or_slips_at_its_bound(run) -> None:
 
 
 def test_json_has_the_contacts_and_the_books(run) -> None:
-    path, view = run
+    view = run[1]
     problem = view.problem
     assert problem is not None
-    told = document(view.run.solution(problem), path)
+    told = document(view.run.solution(problem), view.run.meta)
     (push,) = told["contacts"]
     assert push["steps"] == array(view, "active").sum()
     assert 0 <= told["cone_violation"] < 1e-9 and 0 <= told["dissipation_residual"] < 1e-9

@@ -45,7 +45,7 @@ def data_of(page: str) -> dict:
 def solved(tmp_path_factory: pytest.TempPathFactory) -> RunView:
     root = tmp_path_factory.mktemp("runs")
     solution = solve(get("push-1d", N=8), contact=Barrier(mu=1e-2))
-    return RunView.of(store.load(store.save(solution, root, [])))
+    return RunView.of(store.load(store.save(solution, root, []).path))
 
 
 def test_shapes_of_the_page_are_those_of_the_stored_states(solved: RunView) -> None:

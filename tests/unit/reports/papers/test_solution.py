@@ -23,7 +23,7 @@ NORMAL = np.array([[1.0, 0.0], [4.0, 0.01], [2.0, 0.0]])
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> StoredRun:
     solution = solve(get("push-1d", N=8), contact=Barrier(mu=1e-2))
-    return store.load(store.save(solution, tmp_path_factory.mktemp("runs"), []))
+    return store.load(store.save(solution, tmp_path_factory.mktemp("runs"), []).path)
 
 
 def test_every_signal_is_in_the_panel_of_its_unit(run: StoredRun) -> None:
