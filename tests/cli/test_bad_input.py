@@ -116,7 +116,7 @@ CASES = {
         ["did you mean 'max_iterations'"],
     ),
     "option given twice": ([*SOLVE, "--solver", "snopt", "--solver", "ipopt"], ["given 2 times"]),
-    "no text": ([*SOLVE, "--pdf", "\udcff.pdf"], ["--pdf holds bytes", "UTF-8"]),
+    "no text": ([*SOLVE, "--pdf", "\udcff.pdf"], ["--pdf is not valid UTF-8", "UTF-8"]),
     "no text for a command": (["\udcff"], ["No such command"]),
     "empty option": ([*SOLVE, "--out", ""], ["--out is empty"]),
     "long name": (["solve", "a" * 9000], ["unknown problem", "aaa...aaa"]),
