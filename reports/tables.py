@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 from rich.text import Text
 
-from reports.console import knob_title, number, small, table_of
+from reports.console import stage_title, number, small, table_of
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
@@ -88,7 +88,7 @@ def _inline(value: Any) -> str:
 def curve_lines(name: str, rows: Sequence[Mapping[str, Any]], heads: bool) -> Iterator[str]:
     """Points of a continuation, one line of at most 80 columns each, with ``heads`` on top."""
     if heads:
-        yield _cells(knob_title(name), "cost", "exact cost", "lam·gap", "iter")
+        yield _cells(stage_title(name), "cost", "exact cost", "lam·gap", "iter")
     for row in rows:
         yield _cells(
             f"{row['value']:.5g}", number(row["cost"], 7), number(row["exact_cost"], 7),
@@ -113,7 +113,7 @@ def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]
 
 def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
     """The events of a continuation."""
-    return table_of(("", "right"), (knob_title(name), "right"), ("event", "left"), ("", "left"),
+    return table_of(("", "right"), (stage_title(name), "right"), ("event", "left"), ("", "left"),
                     ("steps", "left"), ("cost", "right"), rows=event_rows(events))  # fmt: skip
 
 
