@@ -6,8 +6,8 @@ import casadi as ca
 
 from dynamics.contact import ContactLaw
 from dynamics.contact.closure import Schedule
-from dynamics.contact.law import knob, positive
-from dynamics.systems import KNOB, ContactSystem, ParameterTable
+from dynamics.contact.law import law_parameter, positive
+from dynamics.systems import LAW_PREFIX, ContactSystem, ParameterTable
 
 
 def softplus(t: ca.SX) -> ca.SX:
@@ -32,15 +32,16 @@ class Logistic(ContactLaw):
     def __init__(self, width: float = 0.01) -> None:
         self.width = positive(self.name, "width", width, "for width = 0 use the exact law")
 
-    def knobs(self, system: ContactSystem) -> ParameterTable:
+    def parameters(self, system: ContactSystem) -> ParameterTable:
         """``contact.width``."""
-        return ParameterTable([knob("width", self.width, system.gap_unit, "scale of the noise")])
+        width = law_parameter("width", self.width, system.gap_unit, "scale of the noise")
+        return ParameterTable([width])
 
     def schedule(self, impulse: float, gap: float) -> Schedule:
         """Along ``contact.width``, gently, since narrow noise sees nothing far."""
-        return Schedule(KNOB + "width", 3 * gap, 0.5)
+        return Schedule(LAW_PREFIX + "width", 3 * gap, 0.5)
 
-    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """mu of every contact, by its own compliance."""
-        width = knobs[KNOB + "width"]
+        width = p[LAW_PREFIX + "width"]
         return width**2 / ca.diag(F) * softplus(-z / width) * softplus(z / width)

@@ -75,7 +75,7 @@ def stages(problem: Problem, law: ContactLaw | None = None) -> float:
     """How often the stage stands in a program: over steps, scenarios and nodes of the law."""
     nodes = 1
     if law is not None:
-        nodes = len(law.nodes(problem.system, law.knobs(problem.system)))
+        nodes = len(law.nodes(problem.system, law.parameters(problem.system)))
     return float(problem.N) * problem.scenarios.n * nodes
 
 

@@ -60,7 +60,7 @@ def closing_law(
     """Make a law that can close ``system``; raises InputError where it cannot."""
     law = contact_law(contact, values)
     try:
-        law.knobs(system)
+        law.parameters(system)
     except ValueError as error:
         raise InputError(str(error)) from error
     return law

@@ -92,7 +92,7 @@ def roll_out(
 ) -> Rollout:
     """Roll out ``inputs`` (S or 1, N, nu), or gains, under ``law`` (the exact one if not said).
 
-    ``values`` are parameter values by name; a law brings its own knobs, a closed step takes them
+    ``values`` are parameter values by name; a law brings its own, a closed step takes them
     from ``values``. ``x0`` (S, nx) are initial states, by default the problem's scenarios; inputs
     from gains are clipped to the bounds on u, as an actuator would.
 
@@ -160,7 +160,7 @@ def step_values(
 ) -> np.ndarray:
     """Values of a step's parameters: by name, and the law's own where ``values`` has none.
 
-    Without ``own`` the law's knobs are taken as the law was given them, whatever ``values`` says.
+    Without ``own`` the law's parameters are its settings, whatever ``values`` holds.
     """
     known = values if own else {k: v for k, v in values.items() if k in problem.parameters}
     return step.p.pack(known)

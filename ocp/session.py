@@ -137,7 +137,7 @@ class Session:
         if self.step.exact and self.homotopy is not False:
             return self._rolled(follower, guess, nlp)
         schedule, path = self.path()
-        value = self.values[schedule.knob] if schedule else 0.0
+        value = self.values[schedule.parameter] if schedule else 0.0
         result, nlp, finished = follower.follow(path, self.first_point(nlp, guess))
         if len(path.values) > 1 and self.step.branches == 1:
             exact = self._absorbed(self.helper(Exact(), Direct()), follower, guess)
@@ -156,7 +156,7 @@ class Session:
         schedule = None if self.step.exact or self.homotopy is False else self.schedule()
         if schedule is None:
             return None, HomotopyPath([0.0], lambda _: HomotopyStage(self.step.law.name, 0.0))
-        value = self.values[schedule.knob]
+        value = self.values[schedule.parameter]
         return schedule, law_path(schedule, value, self.start_value, self.factor)
 
     @property
@@ -178,7 +178,7 @@ class Session:
         return solve_memory(self.problem, self.policy, self.law)
 
     def schedule(self) -> Schedule | None:
-        """How the law's knob is followed down, if it has one."""
+        """How the law's parameter is followed down, if it has one."""
         sizes = self.problem.sizes
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 

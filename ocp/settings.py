@@ -24,20 +24,20 @@ class Settings:
 
     homotopy: Annotated[
         bool | None,
-        "follow a law's knob down from a wide start; not given: where the law smooths. Exact law in"
-        " shooting: true follows the barrier law down, false is the gradient method alone, not"
-        " given rolls out the plan of the direct transcription",
+        "follow a law's smoothing down from a wide start; not given: where the law smooths. Exact"
+        " law in shooting: true follows the barrier law down, false is the gradient method alone,"
+        " not given rolls out the plan of the direct transcription",
     ] = None
     strategy: Annotated[
         str, f"how a direct transcription meets exact complementarity: {', '.join(STRATEGIES)}"
     ] = DEFAULT_STRATEGY
     factor: Annotated[
         Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None,
-        "by which the homotopy's knob shrinks, between 0 and 1; not given: the law's own",
+        "by which the homotopy's parameter shrinks, between 0 and 1; not given: the law's own",
     ] = None
     start: Annotated[
         Annotated[float, Field(gt=0, allow_inf_nan=False)] | None,
-        "first value of the homotopy's knob; not given: from the sizes of the problem",
+        "first value of the homotopy's parameter; not given: from the sizes of the problem",
     ] = None
     jit: Annotated[bool, "evaluate by compiled C, cached, where a compiler is found"] = False
     options: dict[str, Any] = field(default_factory=dict)

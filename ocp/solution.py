@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
-from dynamics.systems import KNOB
+from dynamics.systems import LAW_PREFIX
 from ocp.errors import InputError
 from ocp.factories import closing_law
 from ocp.judges.findings import Audit, RefereeFindings
@@ -122,7 +122,7 @@ class Solution:
         self,
         law: ContactLaw | str = "exact",
         contact_settings: Mapping[str, Any] | None = None,
-        **knobs: Any,
+        **parameters: Any,
     ) -> Replay:
         """Roll the plan out under another law, a name with its settings or an object.
 
@@ -131,7 +131,7 @@ class Solution:
         Raises :class:`~ocp.errors.InputError` for a law that is none, or cannot close the system,
         and :class:`~ocp.errors.NotConverged` where one of its steps did not solve.
         """
-        settings = {**(contact_settings or {}), **knobs}
+        settings = {**(contact_settings or {}), **parameters}
         made = closing_law(law, settings, self.problem.system)
         return replayed(self.problem, self.data, self.cost, self.gains, self.values, made)
 
@@ -172,10 +172,9 @@ class Solution:
 
     def __repr__(self) -> str:
         asked = self.record
-        knobs = "".join(
-            f" {name.removeprefix(KNOB)}={value:g}" for name, value in asked["knobs"].items()
-        )
-        law = f"{asked['contact']}{knobs}"
+        given = asked["law_parameters"].items()
+        parameters = "".join(f" {name.removeprefix(LAW_PREFIX)}={v:g}" for name, v in given)
+        law = f"{asked['contact']}{parameters}"
         how = f"{asked['problem']}, {law}, {asked['method']}, {asked['policy']}"
         return f"<Solution of {how}: {headline(self)}>"
 

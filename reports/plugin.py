@@ -88,10 +88,11 @@ def html(solution: Solution) -> str:
 
 def _numbers(solution: Solution) -> dict[str, str]:
     record = solution.record
-    knobs = ", ".join(f"{name} = {value:g}" for name, value in record["knobs"].items())
+    given = record["law_parameters"].items()
+    parameters = ", ".join(f"{name} = {value:g}" for name, value in given)
     return {
         "problem": f"{record['problem']}, N = {record['N']}",
-        "law": f"{record['contact']}{f', {knobs}' if knobs else ''}",
+        "law": f"{record['contact']}{f', {parameters}' if parameters else ''}",
         "method, policy": f"{record['method']}, {record['policy']}",
         "solver": f"{record['solver']}, {solution.iterations} iterations,"
         f" {solution.build_s + solution.solve_s:.2f} s",

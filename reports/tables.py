@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 from rich.text import Text
 
-from reports.console import stage_title, number, small, table_of
+from reports.console import number, small, stage_title, table_of
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
@@ -145,9 +145,9 @@ def outcome(row: Row) -> str:
 
 
 def law(row: Row) -> str:
-    """A law with its knobs: ``barrier mu=0.001``."""
-    knobs = row["contact_settings"] or {}
-    values = (f"{name}={_word(value)}" for name, value in knobs.items() if value is not None)
+    """A law with its parameters: ``barrier mu=0.001``."""
+    parameters = row["contact_settings"] or {}
+    values = (f"{name}={_word(value)}" for name, value in parameters.items() if value is not None)
     return " ".join([row["contact"], *values])
 
 

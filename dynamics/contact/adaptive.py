@@ -9,7 +9,7 @@ import casadi as ca
 
 from dynamics.contact.closure import Schedule
 from dynamics.contact.interior_point import scalar_solution
-from dynamics.contact.law import ContactLaw, by_mu, by_sigma, knob, positive
+from dynamics.contact.law import ContactLaw, by_mu, by_sigma, law_parameter, positive
 from dynamics.contact.normal import expected_excess
 from dynamics.systems import ContactSystem, ParameterTable
 
@@ -18,11 +18,11 @@ MU_FLOOR = 1e-10
 _ACTIVE_IMPULSE = 1.0
 _QUARTIC = {"mu_max": 1e-2, "scale": 100.0, "power": 4.0}
 _USUAL = {"gaussian": {"sigma": 0.02}, "quartic": _QUARTIC, "quartic-per-contact": _QUARTIC}
-"""The laws by name, with the values of their knobs where none are given."""
+"""The laws by name, with the values of their parameters where none are given."""
 
 
-def _knob_of(law: str, knob: str, meaning: str) -> str:
-    return f"{law}: {meaning}; {_USUAL[law][knob]:g} if not given"
+def _described(law: str, parameter: str, meaning: str) -> str:
+    return f"{law}: {meaning}; {_USUAL[law][parameter]:g} if not given"
 
 
 _GRADIENTS = ("total", "frozen")
@@ -51,9 +51,9 @@ def quartic_mu(
 class Adaptive(ContactLaw):
     """``lam_i gap_i = mu_i(z)`` with z the gap at lam = 0, a function of state and input.
 
-    ``law="gaussian"``: :func:`gaussian_mu` of each contact, knob ``contact.sigma`` [m].
+    ``law="gaussian"``: :func:`gaussian_mu` of each contact, parameter ``contact.sigma`` [m].
     ``law="quartic"``: :func:`quartic_mu` of the least |z| over the contacts that are inactive,
-    knobs ``contact.mu_max``, ``contact.scale``, ``contact.power``. The paper calls a contact
+    parameters ``contact.mu_max``, ``contact.scale``, ``contact.power``. The paper calls a contact
     active when its softened impulse exceeds 1 N s, which depends on mu itself; here that impulse
     is the one contact's own closed form at ``mu_max``, known before the step. Without an inactive
     contact mu is 1e-10. ``law="quartic-per-contact"`` takes each contact's own |z|.
@@ -73,16 +73,16 @@ class Adaptive(ContactLaw):
             str | Callable[[ca.SX, ca.SX], ca.SX], f"mu(z): {' or '.join(_USUAL)}"
         ] = "gaussian",
         sigma: Annotated[
-            float | None, _knob_of("gaussian", "sigma", "width of the noise [m]")
+            float | None, _described("gaussian", "sigma", "width of the noise [m]")
         ] = None,
         mu_max: Annotated[
-            float | None, _knob_of("quartic", "mu_max", "mu at a distance of 0 [N s m]")
+            float | None, _described("quartic", "mu_max", "mu at a distance of 0 [N s m]")
         ] = None,
         scale: Annotated[
-            float | None, _knob_of("quartic", "scale", "times the distance squared [1/m²]")
+            float | None, _described("quartic", "scale", "times the distance squared [1/m²]")
         ] = None,
         power: Annotated[
-            float | None, _knob_of("quartic", "power", "by which mu falls with it")
+            float | None, _described("quartic", "power", "by which mu falls with it")
         ] = None,
         gradient: Annotated[
             str, f"of mu: {' or '.join(_GRADIENTS)}; frozen holds mu, which shooting alone takes"
@@ -116,33 +116,33 @@ class Adaptive(ContactLaw):
         return by_mu("mu_max", impulse, gap) if self.values else None
 
     def settings(self) -> dict[str, float | int | str]:
-        """Law, gradient and knob values."""
+        """Law, gradient and parameter values."""
         label = self.law if isinstance(self.law, str) else getattr(self.law, "__name__", "user")
         return {"law": label, "gradient": self.gradient, **self.values}
 
     def at(self, **values: float) -> Adaptive:
-        """Return the same law with other knob values."""
+        """Return the same law with other parameter values."""
         return Adaptive(law=self.law, gradient=self.gradient, **{**self.values, **values})
 
-    def knobs(self, system: ContactSystem) -> ParameterTable:
-        """Knobs of the chosen law."""
+    def parameters(self, system: ContactSystem) -> ParameterTable:
+        """Parameters of the chosen law."""
         meaning = {
             "sigma": (system.gap_unit, "standard deviation of the matched noise on the gap"),
             "mu_max": ("N s m", "mu at zero distance"),
             "scale": ("1/m^2", "how fast mu falls with distance"),
             "power": ("1", "decay exponent"),
         }
-        return ParameterTable(knob(n, v, *meaning[n]) for n, v in self.values.items())
+        return ParameterTable(law_parameter(n, v, *meaning[n]) for n, v in self.values.items())
 
-    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """Return mu(z) per contact."""
         if callable(self.law):
             mu = self.law(z, F)
             return ca.SX.ones(z.numel()) * mu if mu.numel() == 1 else mu
         diagonal = ca.diag(F)
         if self.law == "gaussian":
-            return gaussian_mu(z, diagonal, knobs["contact.sigma"])
-        arguments = [knobs[f"contact.{name}"] for name in ("mu_max", "scale", "power")]
+            return gaussian_mu(z, diagonal, p["contact.sigma"])
+        arguments = [p[f"contact.{name}"] for name in ("mu_max", "scale", "power")]
         if self.law == "quartic-per-contact":
             return quartic_mu(ca.fabs(z), *arguments)
         impulse = scalar_solution(z, diagonal, arguments[0])

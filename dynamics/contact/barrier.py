@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import casadi as ca
 
 from dynamics.contact.closure import Schedule
-from dynamics.contact.law import ContactLaw, by_mu, knob, positive
+from dynamics.contact.law import ContactLaw, by_mu, law_parameter, positive
 from dynamics.systems import ContactSystem, ParameterTable
 
 _USUAL_MU = 1e-3
@@ -47,24 +47,24 @@ class Barrier(ContactLaw):
         self.kappa = None if kappa is None else positive("barrier", "kappa", kappa)
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
-        """Along ``contact.mu``; none where kappa is the knob, since it grows instead of falling."""
+        """Along ``contact.mu``; none along kappa, which grows towards the exact law."""
         return by_mu("mu", impulse, gap) if self.mu is not None else None
 
-    def knobs(self, system: ContactSystem) -> ParameterTable:
+    def parameters(self, system: ContactSystem) -> ParameterTable:
         """``contact.mu`` or ``contact.kappa``."""
         if self.mu is not None:
-            return ParameterTable([knob("mu", self.mu, "N s m", "central-path parameter")])
+            return ParameterTable([law_parameter("mu", self.mu, "N s m", "central-path parameter")])
         if system.mu_per_kappa is None:
             raise ValueError(
                 f"barrier: system {system.name!r} has no log-barrier energy that converts kappa;"
                 " give mu instead"
             )
         assert self.kappa is not None
-        return ParameterTable([knob("kappa", self.kappa, "1/J", "log-barrier weight")])
+        return ParameterTable([law_parameter("kappa", self.kappa, "1/J", "log-barrier weight")])
 
-    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """``mu``, the same for all contacts."""
-        if "contact.mu" in knobs:
-            return ca.SX.ones(z.numel()) * knobs["contact.mu"]
+        if "contact.mu" in p:
+            return ca.SX.ones(z.numel()) * p["contact.mu"]
         assert system.mu_per_kappa is not None
-        return ca.SX.ones(z.numel()) * system.mu_per_kappa / knobs["contact.kappa"]
+        return ca.SX.ones(z.numel()) * system.mu_per_kappa / p["contact.kappa"]

@@ -22,12 +22,12 @@ class Branch:
 
 @dataclass(frozen=True)
 class Schedule:
-    """The knob that leads a law to the exact one: followed from ``wide`` down by ``factor``.
+    """The smoothing parameter of a homotopy to the exact law, from ``wide`` down by ``factor``.
 
-    ``is_mu`` says that the knob is the central-path parameter itself.
+    ``is_mu`` says that the parameter is the central-path parameter itself.
     """
 
-    knob: str
+    parameter: str
     wide: float
     factor: float
     is_mu: bool = False
@@ -44,7 +44,7 @@ class Closure(ABC):
     exact: ClassVar[bool] = False
 
     @abstractmethod
-    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """Return mu, shape (nlam, 1), from the gap at lam = 0 ``z`` and the compliance ``F``."""
 
     @property
@@ -55,12 +55,12 @@ class Closure(ABC):
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
         """How the law is followed down to the exact one, from a problem's characteristic sizes.
 
-        ``impulse`` and ``gap`` are in the units of a pair's members. None where no knob leads there
-        as it falls to zero.
+        ``impulse`` and ``gap`` are in the units of a pair's members. None where no parameter leads
+        there as it falls to zero.
         """
         return None
 
-    def nodes(self, system: ContactSystem, knobs: ParameterTable) -> list[Branch]:
+    def nodes(self, system: ContactSystem, p: ParameterTable) -> list[Branch]:
         """Disturbances at which the contact is solved, with their weights; one without noise."""
         zero_x, zero_u = ca.SX.zeros(system.nx), ca.SX.zeros(system.nu)
         return [Branch(1.0, zero_x, zero_u)]

@@ -17,10 +17,10 @@ class Exact(ContactLaw):
     summary: ClassVar[str] = "0 <= lam ⟂ gap >= 0, no smoothing"
     exact: ClassVar[bool] = True
 
-    def knobs(self, system: ContactSystem) -> ParameterTable:
-        """No knobs."""
+    def parameters(self, system: ContactSystem) -> ParameterTable:
+        """No parameters."""
         return ParameterTable()
 
-    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """Zero."""
         return ca.SX.zeros(z.numel())

@@ -12,29 +12,29 @@ from dynamics.contact.affine_step import AffineStep
 from dynamics.contact.closure import Branch, Closure, Schedule
 from dynamics.contact.implicit_step import ImplicitStep
 from dynamics.contact.step import Step
-from dynamics.systems import KNOB, ContactSystem, Parameter, ParameterTable
+from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTable
 
 
-def by_mu(knob: str, impulse: float, gap: float) -> Schedule:
+def by_mu(parameter: str, impulse: float, gap: float) -> Schedule:
     """Follow a central-path parameter from where impulse and gap have their own sizes."""
-    return Schedule(KNOB + knob, impulse * gap, 0.2, knob == "mu")
+    return Schedule(LAW_PREFIX + parameter, impulse * gap, 0.2, parameter == "mu")
 
 
 def by_sigma(gap: float) -> Schedule:
     """Follow a width of noise, gently: its tail is Gaussian, so narrow noise sees nothing far."""
-    return Schedule(KNOB + "sigma", 3 * gap, 0.55)
+    return Schedule(LAW_PREFIX + "sigma", 3 * gap, 0.55)
 
 
 class ContactLaw(Closure):
-    """A closure with settings: which of its knobs a study may turn, and the step that it makes.
+    """A closure with settings, its parameters, and the step that it makes.
 
-    Each of its :meth:`knobs` is named ``contact.<knob>`` and a parameter of every graph.
+    Each of its :meth:`parameters` is named ``contact.<name>`` and a parameter of every graph.
     """
 
     summary: ClassVar[str]
 
     @abstractmethod
-    def knobs(self, system: ContactSystem) -> ParameterTable:
+    def parameters(self, system: ContactSystem) -> ParameterTable:
         """Parameters of the law for this system, with units and values."""
 
     def settings(self) -> dict[str, float | int | str]:
@@ -43,15 +43,15 @@ class ContactLaw(Closure):
 
     def close(self, system: ContactSystem) -> Step:
         """Close the contact of ``system``; raises ``ValueError`` where the law cannot take it."""
-        knobs = self.knobs(system)
-        return self.closed(system, self, knobs, tuple(self.nodes(system, knobs)))
+        p = self.parameters(system)
+        return self.closed(system, self, p, tuple(self.nodes(system, p)))
 
     def closed(
-        self, system: ContactSystem, law: Closure, knobs: ParameterTable, nodes: tuple[Branch, ...]
+        self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]
     ) -> Step:
         """The step that this law makes at ``nodes``, for ``law``: itself, or its average."""
         made = AffineStep if system.linear else ImplicitStep
-        return made(system, law, knobs, nodes)
+        return made(system, law, p, nodes)
 
     def at(self, **values: float) -> ContactLaw:
         """Return the same law with other values of its settings."""
@@ -59,12 +59,12 @@ class ContactLaw(Closure):
         return type(self)(**arguments)  # pyright: ignore[reportCallIssue]
 
 
-def knob(name: str, value: float, unit: str, description: str) -> Parameter:
+def law_parameter(name: str, value: float, unit: str, description: str) -> Parameter:
     """Make the parameter ``contact.<name>`` of a law.
 
     Raises ``ValueError`` unless ``value`` is positive and finite.
     """
-    return Parameter(KNOB + name, positive("contact", name, value), unit, description)
+    return Parameter(LAW_PREFIX + name, positive("contact", name, value), unit, description)
 
 
 def positive(law: str, name: str, value: float, hint: str = "") -> float:

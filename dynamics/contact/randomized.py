@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.contact.closure import Branch, Closure, Schedule
 from dynamics.contact.exact import Exact
-from dynamics.contact.law import ContactLaw, by_sigma, knob, positive, whole
+from dynamics.contact.law import ContactLaw, by_sigma, law_parameter, positive, whole
 from dynamics.contact.step import Step
 from dynamics.systems import ContactSystem, ParameterTable
 
@@ -79,13 +79,13 @@ class Randomized(ContactLaw):
         return by_sigma(gap)
 
     def settings(self) -> dict[str, float | int | str]:
-        """Knobs, sampling, and the base law's own settings as ``base.<name>``."""
+        """Parameters, sampling, and the base law's own settings as ``base.<name>``."""
         own = {key: value for key, value in vars(self).items() if key != "base"}
         inner = {f"base.{key}": value for key, value in self.base.settings().items()}
         return {**own, "base": self.base.name, **inner}
 
     def at(self, **values: float) -> Randomized:
-        """Return the same law with another sigma, or with other knobs of the base law."""
+        """Return the same law with another sigma, or with other parameters of the base law."""
         own = dict(vars(self))
         for_base = {name: value for name, value in values.items() if name not in own}
         if for_base:
@@ -93,12 +93,12 @@ class Randomized(ContactLaw):
         ours = {name: value for name, value in values.items() if name in own}
         return Randomized(**{**own, **ours})  # pyright: ignore[reportArgumentType]
 
-    def knobs(self, system: ContactSystem) -> ParameterTable:
-        """``contact.sigma`` and the base law's knobs."""
-        own = knob(
+    def parameters(self, system: ContactSystem) -> ParameterTable:
+        """``contact.sigma`` and the base law's parameters."""
+        own = law_parameter(
             "sigma", self.sigma, "SI", f"standard deviation of the noise on the {self.noise}"
         )
-        inner = self.base.knobs(system)
+        inner = self.base.parameters(system)
         if "contact.sigma" in inner:
             raise ValueError(
                 "randomized: the base law has a sigma of its own; use barrier or exact"
@@ -106,20 +106,20 @@ class Randomized(ContactLaw):
         return ParameterTable([own]) + inner
 
     def closed(
-        self, system: ContactSystem, law: Closure, knobs: ParameterTable, nodes: tuple[Branch, ...]
+        self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]
     ) -> Step:
         """The base law's step at all nodes."""
-        return self.base.closed(system, law, knobs, nodes)
+        return self.base.closed(system, law, p, nodes)
 
-    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """Return the base law's mu at one node."""
-        return self.base.target(system, z, F, knobs)
+        return self.base.target(system, z, F, p)
 
-    def nodes(self, system: ContactSystem, knobs: ParameterTable) -> list[Branch]:
+    def nodes(self, system: ContactSystem, p: ParameterTable) -> list[Branch]:
         """Disturbed states or inputs with their weights."""
         dimension = system.nu if self.noise == "input" else system.nx
         points, weights = standard_normal_nodes(dimension, self.samples, self.seed, self.scheme)
-        sigma = knobs["contact.sigma"]
+        sigma = p["contact.sigma"]
         branches = []
         for point, weight in zip(points, weights, strict=True):
             shift = sigma * ca.SX(ca.DM(point))

@@ -26,7 +26,7 @@ class Step(ABC):
 
     gap and mu (n, 1), mu zero for the exact law. ``inner`` are the unknowns that
     derivatives go through: every branch's next state, ``states``, where the step keeps those, and
-    then ``lam``. ``p`` holds the system's parameters and then the law's knobs.
+    then ``lam``. ``p`` holds the system's parameters and then the law's parameters.
 
     ``residual`` (nx, 1) and ``gap`` (n, 1) are the same relation in implicit form, in
     ``(x, u, x_next, lam, p)``, for transcriptions that keep x_next and lam as unknowns.
@@ -34,13 +34,13 @@ class Step(ABC):
 
     system: ContactSystem
     law: Closure
-    knobs: ParameterTable
+    law_parameters: ParameterTable
     nodes: tuple[Branch, ...]
 
     @cached_property
     def p(self) -> ParameterTable:
-        """The system's parameters, then the law's knobs."""
-        return self.system.parameters + self.knobs
+        """The system's parameters, then the law's parameters."""
+        return self.system.parameters + self.law_parameters
 
     @cached_property
     def lam(self) -> ca.SX:
@@ -105,8 +105,8 @@ class Step(ABC):
         z, F = self.at(node, [system.reduced.z, system.reduced.F])
         chosen = sorted(set(system.deciding))
         if len(chosen) == system.nlam:
-            return ca.densify(self.law.target(system, z, F, self.knobs))
-        mu = ca.densify(self.law.target(system, z[chosen], F[chosen, chosen], self.knobs))
+            return ca.densify(self.law.target(system, z, F, self.law_parameters))
+        mu = ca.densify(self.law.target(system, z[chosen], F[chosen, chosen], self.law_parameters))
         return ca.vertcat(*(mu[chosen.index(pair)] for pair in system.deciding))
 
     @cached_property
@@ -267,12 +267,12 @@ class Step(ABC):
 
         On the path with ``inner = lam`` this is ``-(diag(gap) + diag(lam) F)^-1 (diag(lam)
         dgap/dw - dmu/dw)``; the printed abs, eq. A.26 drops the coupling between contacts. Where
-        the law freezes mu, ``dmu/dw`` of the state and input is left out; its own knobs keep
+        the law freezes mu, ``dmu/dw`` of the state and input is left out; its own parameters keep
         theirs.
         """
-        own_knobs = variable is self.inputs[2]
+        by_parameters = variable is self.inputs[2]
         relation = self.differentiable_relation
-        if own_knobs:
+        if by_parameters:
             relation = ca.vertcat(self.motion, self.contact_relation())
         partial = ca.jacobian(relation, variable)
         return -self.solve_relation(partial)

@@ -15,7 +15,7 @@ from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.step import Step
 from dynamics.learned.files import read_model
 from dynamics.learned.origin import Origin
-from dynamics.systems import KNOB, ContactSystem, Parameter, ParameterTable
+from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTable
 
 
 @runtime_checkable
@@ -64,7 +64,7 @@ class LearnedLaw(ContactLaw):
         """Return the same law with other values of its settings."""
         return type(self)(**{**self.settings(), "model": self.source, **values})
 
-    def knobs(self, system: ContactSystem) -> ParameterTable:
+    def parameters(self, system: ContactSystem) -> ParameterTable:
         """None; raises ``ValueError`` where the model is of another system's states or inputs."""
         for what, own, asked in (
             ("states", self.model.origin.y, system.states),
@@ -92,17 +92,17 @@ class LearnedLaw(ContactLaw):
             and then[name] != values[name]
         }
 
-    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """Nothing: no pairs are left."""
         return ca.SX(0, 1)
 
     def closed(
-        self, system: ContactSystem, law: Closure, knobs: ParameterTable, nodes: tuple[Branch, ...]
+        self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]
     ) -> Step:
         """The model's step."""
-        name = KNOB + "trust"
-        trust = knobs[name] if name in knobs.names else None
-        return LearnedStep(system, law, knobs, nodes, self._map, trust)
+        name = LAW_PREFIX + "trust"
+        trust = p[name] if name in p.names else None
+        return LearnedStep(system, law, p, nodes, self._map, trust)
 
 
 class Ewda(LearnedLaw):
@@ -129,11 +129,11 @@ class Ewda(LearnedLaw):
         """The model and the weight of its density."""
         return {**super().settings(), "trust": self.trust}
 
-    def knobs(self, system: ContactSystem) -> ParameterTable:
+    def parameters(self, system: ContactSystem) -> ParameterTable:
         """``contact.trust``."""
         meaning = "weight of -log p of the data in the stage cost"
-        weight = Parameter(KNOB + "trust", self.trust, "1", meaning)
-        return super().knobs(system) + ParameterTable([weight])
+        weight = Parameter(LAW_PREFIX + "trust", self.trust, "1", meaning)
+        return super().parameters(system) + ParameterTable([weight])
 
 
 class Mlp(LearnedLaw):

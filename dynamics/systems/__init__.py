@@ -4,7 +4,14 @@ from dynamics.systems.chain import Chain
 from dynamics.systems.lcs import is_p_matrix, lcs, linearise
 from dynamics.systems.machine import Machine, Part, Sphere
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
-from dynamics.systems.parameters import KNOB, Parameter, ParameterTable, Signal, entries, signals
+from dynamics.systems.parameters import (
+    LAW_PREFIX,
+    Parameter,
+    ParameterTable,
+    Signal,
+    entries,
+    signals,
+)
 from dynamics.systems.planar import Link
 from dynamics.systems.quasidynamic import quasi_dynamic
 from dynamics.systems.sharp import Sharp
@@ -12,7 +19,7 @@ from dynamics.systems.system import ContactSystem, ReducedContact
 from dynamics.systems.timestepping import time_stepping
 
 __all__ = [
-    "KNOB",
+    "LAW_PREFIX",
     "Chain",
     "ContactForces",
     "ContactSystem",

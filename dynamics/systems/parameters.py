@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-KNOB = "contact."
+LAW_PREFIX = "contact."
 """What the name of a parameter of a contact law begins with, unlike those of a problem."""
 
 
@@ -59,7 +59,7 @@ class ParameterTable:
     """An ordered set of parameters, read by name, as one symbolic vector or as its values.
 
     Values travel by name as mappings, which :meth:`pack` makes the vector's and :meth:`unpack`
-    reads back from it. Knobs of a contact law are called ``contact.<name>``; the entries of a
+    reads back from it. Parameters of a contact law are called ``contact.<name>``; the entries of a
     matrix, ``F[i,j]``, are also read and given together as ``F``.
     """
 
@@ -121,17 +121,17 @@ class ParameterTable:
         """Default values, by name."""
         return self.unpack(self.values)
 
-    def pack(self, values: Mapping[str, ArrayLike] | None = None, **knobs: ArrayLike) -> np.ndarray:
+    def pack(self, values: Mapping[str, ArrayLike] | None = None, **law: ArrayLike) -> np.ndarray:
         """Values by name in the order of :attr:`vector`, (n,); who has none keeps its default.
 
-        ``knobs`` of a contact law go without their prefix. Values may be arrays over samples, (k,)
-        for a number or (k, rows, columns) for a matrix; then the result is (k, n). Names of other
-        tables' parameters are passed over, unknown knobs raise ``KeyError``.
+        ``law`` are parameters of a contact law, without prefix. Values may be arrays over samples,
+        (k,) for a number or (k, rows, columns) for a matrix; then the result is (k, n). Names of
+        other tables' parameters are ignored, unknown parameters of a law raise ``KeyError``.
         """
-        for name in knobs:
-            if KNOB + name not in self:
-                raise KeyError(f"there is no knob {name!r}; parameters are {', '.join(self.names)}")
-        given = {**(values or {}), **{KNOB + name: value for name, value in knobs.items()}}
+        for name in law:
+            if LAW_PREFIX + name not in self:
+                raise KeyError(f"no law parameter {name!r}; available: {', '.join(self.names)}")
+        given = {**(values or {}), **{LAW_PREFIX + name: value for name, value in law.items()}}
         found = [self._given(parameter, given) for parameter in self]
         try:
             return np.array(found, dtype=float).T

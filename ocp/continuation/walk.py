@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.systems import KNOB
+from dynamics.systems import LAW_PREFIX
 from ocp.continuation.events import LOCATED, PAIRS, Event, joined
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose
@@ -83,7 +83,7 @@ def resolve(session: Session, over: str) -> str:
             f" them; solve at each, from the last, with ocp solve {session.problem.name} -p"
             f" {name}=... --from @last, or all of them with ocp sweep"
         )
-    known = {one.removeprefix(KNOB): one for one in names} | {one: one for one in names}
+    known = {one.removeprefix(LAW_PREFIX): one for one in names} | {one: one for one in names}
     return choose("parameter", name, known)
 
 
@@ -293,12 +293,12 @@ def _why(failed: CurvePoint) -> str:
 
 
 def check_value(session: Session, name: str, value: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` where a knob or parameter cannot have this value."""
-    if not name.startswith(KNOB):
+    """Raise :class:`~ocp.errors.InputError` where a parameter cannot have this value."""
+    if not name.startswith(LAW_PREFIX):
         session.problem.check_physics({**session.values, name: value})
         return
     try:
-        session.law.at(**{name.removeprefix(KNOB): value})
+        session.law.at(**{name.removeprefix(LAW_PREFIX): value})
     except ValueError as error:
         raise InputError(str(error)) from error
 

@@ -28,7 +28,7 @@ class RolloutObjective(SampledObjective):
     it is the problem's guess, with K = 0. Bounds on inputs do not clip: the estimators' theory is
     about the unclipped policy. With several scenarios sample i starts in scenario i modulo their
     number, so the mean over samples is the mean over scenarios too. ``parameters`` are those of the
-    problem and the knobs of the law, ``contact.mu`` and the like.
+    problem and the parameters of the law, ``contact.mu`` and the like.
 
     Raises ``ValueError`` where the law cannot close the system.
     """

@@ -258,7 +258,7 @@ def record(session: Session, seed: int) -> dict[str, Any]:
             **{name: session.values[name] for name in problem.parameters.names},
             **problem.settings,
         },
-        "knobs": {name: session.values[name] for name in session.step.p.names
+        "law_parameters": {name: session.values[name] for name in session.step.p.names
                   if name not in problem.parameters},
         "N": problem.N,
         "learned_at": learned.learned_at(problem.system, session.values) if learned else {},

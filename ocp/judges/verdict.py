@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Literal
 
-from dynamics.systems import KNOB
+from dynamics.systems import LAW_PREFIX
 from ocp.judges.jumps import jumps_of
 from ocp.judges.referee import PENETRATION_SHARE, seen_gap
 from ocp.physics.constraints import describe_violations
@@ -186,7 +186,7 @@ def _replay(found: Solution) -> str:
 
 def _narrower(found: Solution) -> str:
     """Which mu to take where the one given is as large as impulse times distance themselves."""
-    mu, own = found.values.get(f"{KNOB}mu", 0.0), found.problem.sizes.mu
+    mu, own = found.values.get(f"{LAW_PREFIX}mu", 0.0), found.problem.sizes.mu
     if mu < _BLURRED * own:
         return ""
     return (

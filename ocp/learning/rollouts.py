@@ -27,7 +27,7 @@ from ocp.task import Task
 class TaskRollouts:
     """Returns of ``horizon`` steps of a task under a contact law, and their gradients.
 
-    ``parameters`` are the task's, the law's knobs (``contact.mu``), ``discount``, and ``mean[i]``
+    ``parameters`` are the task's, the law's (``contact.mu``), ``discount``, and ``mean[i]``
     and ``scale[i]`` of the observations where the policy normalises them. What the task gives at
     the end of an episode counts where ``horizon`` is a whole one.
 

@@ -1,4 +1,4 @@
-"""A smoothing law's own path: its knob from wide to wanted, and the way back from the exact law."""
+"""A law's own path: its smoothing parameter from wide to wanted, and back from the exact law."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.contact.law import Schedule
-from dynamics.systems import KNOB
+from dynamics.systems import LAW_PREFIX
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import PRIMAL, Homotopy, HomotopyPath, HomotopyStage, geometric
@@ -24,9 +24,9 @@ _NEAR = {**PRIMAL, **_PUSH}
 def law_path(
     schedule: Schedule, target: float, start: float | None = None, factor: float | None = None
 ) -> HomotopyPath:
-    """The law's knob from its schedule's wide start (or ``start``) down to ``target``."""
+    """The law's parameter from its schedule's wide start (or ``start``) down to ``target``."""
     values = geometric(start or schedule.wide, target, factor or schedule.factor)
-    label = schedule.knob.removeprefix(KNOB)
+    label = schedule.parameter.removeprefix(LAW_PREFIX)
 
     def stage(value: float) -> HomotopyStage:
         options: dict[str, Any] = {}
@@ -35,7 +35,7 @@ def law_path(
         last = value == target
         if not last:
             options |= {"tol": 1e-6, "max_iter": STAGE_ITERATIONS}
-        turned = {schedule.knob: value}
+        turned = {schedule.parameter: value}
         return HomotopyStage(label, value, parameters=turned, options=options, partial=not last)
 
     return HomotopyPath(values, stage)

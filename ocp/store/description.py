@@ -33,7 +33,7 @@ class Record(TypedDict, total=False):
     solver_options: Given
     strategy: str | None
     jit: str | None
-    knobs: dict[str, float]
+    law_parameters: dict[str, float]
     N: float
     learned_at: dict[str, Any]
     seed: int | None

@@ -93,7 +93,7 @@ class StoredRun:
     def solution(self, problem: Problem) -> Solution:
         """Return the solution as it was solved, of ``problem`` built again at its parameters.
 
-        Its ``values`` are the problem's alone: a replay takes the knobs of the law it is given.
+        Its ``values`` are the problem's alone: a replay takes the parameters of its own law.
 
         Raises :class:`~ocp.errors.DamagedRun` where ``meta.json`` lacks a part of it, and
         :class:`~ocp.errors.InputError` for a run that is no solve.

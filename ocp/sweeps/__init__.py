@@ -1,4 +1,4 @@
-"""Many solves: over grids of parameters, knobs and settings, and from many guesses."""
+"""Many solves: over grids of parameters and settings, and from many guesses."""
 
 from ocp.sweeps.sweep import sweep
 

@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 
 from dynamics.contact import ContactLaw, Step
-from dynamics.systems import KNOB, ParameterTable
+from dynamics.systems import LAW_PREFIX, ParameterTable
 from ocp.asking import Source
 from ocp.problem import Problem
 from ocp.session import Session
@@ -87,11 +87,11 @@ def _digest(function: ca.Function) -> str:
 
 
 def _settings(law: ContactLaw, p: ParameterTable) -> list[Any]:
-    """What a law was made with, but for knobs, which are parameters of its graphs."""
+    """The settings of a law that are no parameters of its graphs."""
     found = [
         (key, _settings(value, p) if isinstance(value, ContactLaw) else value)
         for key, value in law.settings().items()
-        if KNOB + key not in p
+        if LAW_PREFIX + key not in p
     ]
     return [type(law), *found]
 

@@ -64,7 +64,7 @@ def _constant(study: Study, session: Session) -> dict[str, Any]:
     """What was asked and is the same at all points."""
     told = record(session, study.seed)
     swept = {axis.name for axis in study.axes}
-    groups = {"params": "problem.", "contact_settings": "contact.", "knobs": "",
+    groups = {"params": "problem.", "contact_settings": "contact.", "law_parameters": "",
               "solver_options": "setting.", "policy_settings": "policy."}  # fmt: skip
     for group, head in groups.items():
         told[group] = {k: v for k, v in told[group].items() if f"{head}{k}" not in swept}

@@ -28,7 +28,7 @@ class NLP(Program):
     """The program of a transcribed problem, with the way back to trajectories.
 
     The parameter vector p is ``values`` (problem and law parameters by name, then ``penalty`` and
-    ``relaxation``, the knobs of the strategies for exact complementarity) followed by ``data`` (the
+    ``relaxation``, those of the strategies for exact complementarity) followed by ``data`` (the
     initial states of all scenarios and the input before the first).
 
     ``trajectories`` maps (x, p) to states, inputs, lam and gap where states are no variables,

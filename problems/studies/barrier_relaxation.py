@@ -12,7 +12,7 @@ from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.study import Claim, StudyParams, listed, quantity_of, setting
 
 NOTES = (
-    "The barrier weight and the central-path parameter are one knob: mu = h/kappa for a gap in"
+    "The barrier weight and the central-path parameter are the same: mu = h/kappa for a gap in"
     " position, and lam is an impulse.",
     "The text calls kappa the weight of the barrier; the weight is 1/kappa.",
 )

@@ -42,10 +42,10 @@ def check(options: ContinueOptions) -> Request:
     for value in (options.start, options.end):
         request.check_value(name, value)
     check_range(options.scale, options.start, options.end, options.steps)
-    law, _, knob = name.rpartition(".")
+    law, _, parameter = name.rpartition(".")
     option, given = ("-c", options.law_settings) if law == "contact" else ("-p", options.params)
-    if (knob if law == "contact" else name) in assignments(option, given):
-        raise InputError(f"{name} is varied from --from to --to; drop {option} {knob}")
+    if (parameter if law == "contact" else name) in assignments(option, given):
+        raise InputError(f"{name} is varied from --from to --to; drop {option} {parameter}")
     return request
 
 

@@ -226,7 +226,7 @@ def _check_sweep(
     """Raise InputError for a swept value out of range, and for a second value of what is swept."""
     from problems.spec import ProblemSpec
 
-    law, sign, knob = swept.name.partition(".")
+    law, sign, parameter = swept.name.partition(".")
     of_law = (law, sign) == ("contact", ".")
     beside = {name: "-p " + name for name in given}
     beside |= {f"contact.{name}": "-c " + name for name in assignments("-c", options.law_settings)}
@@ -237,7 +237,7 @@ def _check_sweep(
         if swept.name in spec.Params.model_fields:
             spec.params({**given, swept.name: value})
         elif of_law:
-            contact_law(options.contact, [*(options.law_settings or ()), f"{knob}={value}"])
+            contact_law(options.contact, [*(options.law_settings or ()), f"{parameter}={value}"])
     if isinstance(spec, ProblemSpec) and swept.name in spec.Params.model_fields:
         # The range of a parameter may allow what mechanics does not: a user's mass below zero.
         for value in (min(swept.values), max(swept.values)):

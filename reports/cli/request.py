@@ -124,10 +124,10 @@ class Request:
 
     def check_value(self, name: str, value: float) -> None:
         """Raise InputError where parameter ``name``, of law or problem, cannot have ``value``."""
-        from dynamics.systems import KNOB
+        from dynamics.systems import LAW_PREFIX
         from ocp.continuation.walk import check_value
 
-        if not name.startswith(KNOB):
+        if not name.startswith(LAW_PREFIX):
             self.spec.params({**self.params, name.removeprefix("problem."): value})
         check_value(self.session, name, value)
 

@@ -29,8 +29,8 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     said by ``info["unsolved"]``; it is *truncated* after ``horizon`` steps otherwise. ``info`` has
     the task's measures too. A throw is one action: it flies for the whole episode.
 
-    ``contact`` is any law by name with its ``knobs``; other keywords are parameters of the task,
-    such as ``horizon``. ``render_mode`` may be ``"rgb_array"``.
+    ``contact`` is any law by name with ``contact_settings``; other keywords are parameters of the
+    task, such as ``horizon``. ``render_mode`` may be ``"rgb_array"``.
 
     Raises :class:`~ocp.errors.InputError` for what is unknown or out of range, and
     :class:`gymnasium.error.ResetNeeded` for a step before :meth:`reset`.
@@ -42,12 +42,12 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self,
         task: str,
         contact: str = "exact",
-        knobs: Mapping[str, Any] | None = None,
+        contact_settings: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         **params: Any,
     ) -> None:
         self.render_mode = checked_mode(render_mode)
-        self.world = World(task, contact, knobs, params)
+        self.world = World(task, contact, contact_settings, params)
         self.metadata = {**METADATA, "render_fps": round(1 / self.world.seconds)}
         self.action_space = self.world.action_space
         self.observation_space = self.world.observation_space

@@ -42,7 +42,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         task: str,
         num_envs: int = 1,
         contact: str = "exact",
-        knobs: Mapping[str, Any] | None = None,
+        contact_settings: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         backend: str = "auto",
         threads: int | None = None,
@@ -51,7 +51,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise InputError(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
         self.num_envs, self.render_mode = num_envs, checked_mode(render_mode)
-        self.world = world = World(task, contact, knobs, params)
+        self.world = world = World(task, contact, contact_settings, params)
         self.metadata = {**_METADATA, "render_fps": round(1 / world.seconds)}
         self.single_action_space = world.action_space
         self.single_observation_space = world.observation_space

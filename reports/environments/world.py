@@ -49,22 +49,22 @@ class Outcome:
 
 
 class World:
-    """The task ``name`` at ``params`` under the contact law ``contact`` with ``knobs``.
+    """The task ``name`` at ``params`` under the contact law ``contact`` with ``settings``.
 
     Actions lie in [-1, 1], which the task's bounds of inputs are the ends of; what is beyond is
     clamped. An action acts for one step, or, where only the first few inputs of an episode matter
     (:attr:`~problems.tasks.spec.TaskSpec.decisions`), until the next decision or the end.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown task or law and bad parameters or knobs.
+    Raises :class:`~ocp.errors.InputError` for an unknown task or law, bad parameters or settings.
     """
 
     def __init__(
-        self, name: str, contact: str, knobs: Mapping[str, Any] | None, params: Mapping[str, Any]
+        self, name: str, contact: str, settings: Mapping[str, Any] | None, params: Mapping[str, Any]
     ) -> None:
         self.spec = spec(name)
         self.params = self.spec.params(params)
         self.task = task = self.spec.build(self.params)
-        given = [f"{key}={value}" for key, value in (knobs or {}).items()]
+        given = [f"{key}={value}" for key, value in (settings or {}).items()]
         self.law = closing_law(contact, given, task.system)
         self.step: Step = self.law.close(task.system)
         self.p = self.step.p.pack(task.parameters.defaults)

@@ -14,7 +14,7 @@ from reports.view import RunView
 
 _IN_ORDER = ("problem", "contact", "method", "policy", "solver", "strategy")
 _GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
-_UNTOLD = ("source", "versions", "citation", "audit_s", "knobs", "jit", "learned_at")
+_UNTOLD = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at")
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:

@@ -103,8 +103,8 @@ def _warm_starts() -> Iterator[Measured]:
     """Iterations from nothing, and from the run before, which the same folder holds."""
     table = json.loads((DATA / "warm-starts.json").read_text(encoding="utf-8"))
     for law, *cells in table["rows"]:
-        contact, knobs = warm.LAWS[law]
-        words = " ".join([contact, *(f"-c {name}={value:g}" for name, value in knobs.items())])
+        contact, parameters = warm.LAWS[law]
+        words = " ".join([contact, *(f"-c {name}={value:g}" for name, value in parameters.items())])
         for change, cell in zip(table["columns"][1:], cells, strict=True):
             first, then = (
                 " ".join([_solve("push-disc", words), *(f"-p {n}={v:g}" for n, v in one.items())])

@@ -84,7 +84,7 @@ CASES = {
     "run to report": (["report", "nothing", "-o", "x.pdf"], ["no run 'nothing'"]),
     "report without a file": (["report", "nothing"], ["--output"]),
     "PDF in a directory's place": ([*SOLVE, "--pdf", "."], ["is a directory"]),
-    "knob": (
+    "parameter of a law": (
         ["continue", "wall-1d", "--over", "contact.nu", "--from", "1", "--to", "2"],
         ["did you mean 'contact.mu'", "goal_x"],
     ),

@@ -118,7 +118,7 @@ def test_methods(ocp) -> None:
     assert "feedback (-s policy.NAME=VALUE)" in ocp("methods").out
 
 
-def test_a_knob_may_be_called_without_its_room(ocp) -> None:
+def test_a_setting_may_be_called_without_its_prefix(ocp) -> None:
     path = ["--from", "1e-2", "--to", "1e-3", "--steps", "1", "--json", "--quiet"]
     short = ocp("continue", "wall-1d", "--over", "mu", *path).json
     assert short["over"] == "contact.mu"

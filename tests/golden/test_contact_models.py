@@ -67,11 +67,11 @@ EXACT_WALL = [(0.0, 0.0, 0.0), (0.0, -0.5, 0.8), (0.05, -5.0, 0.0)]
 
 
 @pytest.mark.parametrize(("given", "values", "derivatives"), BARRIER)
-@pytest.mark.parametrize("knob", ["kappa", "mu"])
-def test_a_barrier_on_the_wall(given, values, derivatives, knob):
+@pytest.mark.parametrize("parameter", ["kappa", "mu"])
+def test_a_barrier_on_the_wall(given, values, derivatives, parameter):
     x, v, u, m, h, kappa = given
     x_next, v_next, lam, mu = values
-    law = Barrier(kappa=kappa) if knob == "kappa" else Barrier(mu=mu)
+    law = Barrier(kappa=kappa) if parameter == "kappa" else Barrier(mu=mu)
     got = one_step(wall(m, h), law, [x, v], u)
     assert np.allclose(got["x"].ravel(), [x_next, v_next], rtol=1e-10, atol=1e-12)
     assert got["lam"] == pytest.approx(lam, rel=1e-10)
@@ -135,11 +135,11 @@ def test_the_exact_pusher(u, expected):
 
 
 @pytest.mark.parametrize(("given", "expected"), PUSH_BARRIER.items())
-@pytest.mark.parametrize("knob", ["kappa", "mu"])
-def test_a_barrier_on_the_pusher(given, expected, knob):
+@pytest.mark.parametrize("parameter", ["kappa", "mu"])
+def test_a_barrier_on_the_pusher(given, expected, parameter):
     u, mu = given
     # quasi-dynamics: mu = 1/kappa, since the objective of its QP is in J s
-    law = Barrier(kappa=1 / mu) if knob == "kappa" else Barrier(mu=mu)
+    law = Barrier(kappa=1 / mu) if parameter == "kappa" else Barrier(mu=mu)
     got = one_step(pusher(1, 1000, 0.1), law, [0.5, 0], u)
     values = [*got["x"].ravel(), got["lam"].item(), got["du"][0, 0]]
     assert np.allclose(values, expected, rtol=1e-10, atol=0)

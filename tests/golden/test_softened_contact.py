@@ -26,14 +26,14 @@ def contact(F, law: ContactLaw) -> tuple[ca.Function, np.ndarray]:
 
 
 def derivatives(F, law: ContactLaw, z) -> dict[str, np.ndarray]:
-    """lam, d lam/dz, d lam/d(knobs) and, for one contact, d² lam/dz² by our step map."""
-    step, knobs = contact(F, law)
-    x, p = ca.MX.sym("z", len(F)), ca.MX.sym("p", len(knobs))
+    """lam, d lam/dz, d lam/d(parameters) and, for one contact, d² lam/dz² by our step map."""
+    step, parameters = contact(F, law)
+    x, p = ca.MX.sym("z", len(F)), ca.MX.sym("p", len(parameters))
     lam = step(x, 0, p)[1]
     outputs = {"lam": lam, "jac": ca.jacobian(lam, x), "dmu": ca.jacobian(lam, p)}
     if len(F) == 1:
         outputs["dzz"] = ca.hessian(lam, x)[0]
-    values = ca.Function("d", [x, p], list(outputs.values()))(z, knobs)
+    values = ca.Function("d", [x, p], list(outputs.values()))(z, parameters)
     return {key: np.array(value) for key, value in zip(outputs, values, strict=True)}
 
 
@@ -194,8 +194,8 @@ def test_every_contact_may_have_its_own_mu():
 )
 def test_quartic_mu(d, mu):
     assert float(quartic_mu(d, 1e-2, 100, 4)) == pytest.approx(mu, rel=1e-12)
-    step, knobs = contact([[1.0]], Adaptive(law="quartic"))
-    lam = float(step(d, 0, knobs)[1])
+    step, parameters = contact([[1.0]], Adaptive(law="quartic"))
+    lam = float(step(d, 0, parameters)[1])
     assert lam * (d + lam) == pytest.approx(mu, rel=1e-9)
 
 

@@ -27,22 +27,22 @@ compliances = st.floats(0.05, 5)
 
 @cache
 def scalar(law: str) -> ca.Function:
-    """``(z, F, knob) -> (lam, dlam/dz, d²lam/dz²)`` of one contact, by the step map."""
+    """``(z, F, parameter) -> (lam, dlam/dz, d²lam/dz²)`` of one contact, by the step map."""
     table = ParameterTable([Parameter("F", 1.0)])
     eye, zero = np.eye(1), np.zeros((1, 1))
     system = lcs(
         "contact", A=zero, B=zero, C=eye, D=eye, E=zero, F=ca.SX(table["F"]), parameters=table
     )
     laws = {"exact": Exact(), "barrier": Barrier(), "gaussian": Adaptive()}
-    z, F, knob = ca.MX.sym("z"), ca.MX.sym("F"), ca.MX.sym("knob")
-    p = F if law == "exact" else ca.vertcat(F, knob)
+    z, F, parameter = ca.MX.sym("z"), ca.MX.sym("F"), ca.MX.sym("parameter")
+    p = F if law == "exact" else ca.vertcat(F, parameter)
     lam = laws[law].close(system).map(z, 0, p)[1]
     slope = ca.jacobian(lam, z)
-    return ca.Function(law, [z, F, knob], [lam, slope, ca.jacobian(slope, z)])
+    return ca.Function(law, [z, F, parameter], [lam, slope, ca.jacobian(slope, z)])
 
 
-def value(law: str, z: float, F: float, knob: float, order: int = 0) -> float:
-    return float(scalar(law)(z, F, knob)[order])
+def value(law: str, z: float, F: float, parameter: float, order: int = 0) -> float:
+    return float(scalar(law)(z, F, parameter)[order])
 
 
 @settings(max_examples=25)

@@ -10,7 +10,7 @@ import pytest
 
 import problems
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
-from dynamics.contact.law import knob
+from dynamics.contact.law import law_parameter
 from dynamics.laws import LAWS
 
 
@@ -47,10 +47,10 @@ def test_bad_settings_get_their_sentence(make, sentence):
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
-def test_a_laws_own_knob_is_positive_and_finite(value):
+def test_a_laws_own_parameter_is_positive_and_finite(value):
     with pytest.raises(ValueError, match="contact: rigidity must be positive and finite, got"):
-        knob("rigidity", value, "N/m", "of a user's law")
-    assert knob("rigidity", 2.5, "N/m", "of a user's law").value == 2.5
+        law_parameter("rigidity", value, "N/m", "of a user's law")
+    assert law_parameter("rigidity", 2.5, "N/m", "of a user's law").value == 2.5
 
 
 def test_laws_that_a_system_cannot_take_say_why():
@@ -83,17 +83,17 @@ def test_laws_describe_themselves(law):
     assert LAWS[chosen.name] is law
     assert chosen.summary
     system = problems.get("wall-1d").system
-    knobs = chosen.knobs(system)
-    assert all(name.startswith("contact.") for name in knobs.names)
-    assert np.all(knobs.values > 0)
+    parameters = chosen.parameters(system)
+    assert all(name.startswith("contact.") for name in parameters.names)
+    assert np.all(parameters.values > 0)
     schedule = chosen.schedule(1.0, 0.1)
-    assert schedule is None or schedule.knob in knobs
+    assert schedule is None or schedule.parameter in parameters
     again = chosen.at()
     assert again.settings() == chosen.settings()
 
 
 @pytest.mark.parametrize(
-    ("law", "knob", "value"),
+    ("law", "parameter", "value"),
     [
         (Barrier(mu=1e-3), "mu", 1e-5),
         (Barrier(kappa=100), "kappa", 1e4),
@@ -102,11 +102,11 @@ def test_laws_describe_themselves(law):
         (Randomized(sigma=0.1, samples=8, seed=3), "sigma", 0.01),
     ],
 )
-def test_a_law_at_another_knob(law, knob, value):
-    moved = law.at(**{knob: value})
+def test_a_law_at_another_parameter(law, parameter, value):
+    moved = law.at(**{parameter: value})
     assert type(moved) is type(law)
-    assert moved.settings() == {**law.settings(), knob: value}
-    # the knob is a symbol: the step built once gives the same with the other value
+    assert moved.settings() == {**law.settings(), parameter: value}
+    # the parameter is a symbol: the step built once gives the same with the other value
     system = problems.get("wall-1d").system
     step, other = law.close(system), moved.close(system)
     assert other.p.names == step.p.names
@@ -120,11 +120,11 @@ def test_the_quartic_law_measures_the_nearest_inactive_contact():
     system = problems.get("cart-walls").system
     law = Adaptive(law="quartic")
     z, F = ca.SX.sym("z", 2), ca.SX.sym("F", 2, 2)
-    knobs = law.knobs(system)
-    mu = ca.Function("mu", [z, F, knobs.vector], [law.target(system, z, F, knobs)])
+    parameters = law.parameters(system)
+    mu = ca.Function("mu", [z, F, parameters.vector], [law.target(system, z, F, parameters)])
 
     def at(*gaps: float) -> np.ndarray:
-        return np.array(mu(list(gaps), np.eye(2), knobs.values)).ravel()
+        return np.array(mu(list(gaps), np.eye(2), parameters.values)).ravel()
 
     def quartic(d: float) -> float:
         return 1e-2 * (100 * d**2 + 1) ** -4
@@ -135,15 +135,16 @@ def test_the_quartic_law_measures_the_nearest_inactive_contact():
     assert np.allclose(at(-5.0, 0.4), quartic(0.4), rtol=1e-12)
     assert np.allclose(at(-5.0, -5.0), 1e-10, rtol=1e-12)
     own = Adaptive(law="quartic-per-contact")
-    per_contact = ca.Function("mu", [z, F, knobs.vector], [own.target(system, z, F, knobs)])
-    got = np.array(per_contact([0.1, 0.4], np.eye(2), knobs.values)).ravel()
+    target = own.target(system, z, F, parameters)
+    per_contact = ca.Function("mu", [z, F, parameters.vector], [target])
+    got = np.array(per_contact([0.1, 0.4], np.eye(2), parameters.values)).ravel()
     assert np.allclose(got, [quartic(0.1), quartic(0.4)], rtol=1e-12)
 
 
-def test_the_exact_law_has_no_knobs_and_says_so():
+def test_the_exact_law_has_no_parameters_and_says_so():
     law = Exact()
     assert law.exact
-    assert len(law.knobs(problems.get("wall-1d").system)) == 0
+    assert len(law.parameters(problems.get("wall-1d").system)) == 0
     assert not Barrier().exact
     assert Randomized().exact
     assert not Randomized(base=Barrier()).exact

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynamics.systems import KNOB, Parameter, ParameterTable, entries
+from dynamics.systems import LAW_PREFIX, Parameter, ParameterTable, entries
 
 FINITE = st.floats(-1e6, 1e6)
 
 
 def table() -> ParameterTable:
     mixed = [Parameter("m", 2.0, "kg"), *entries("F", [[1.0, 2.0], [3.0, 4.0]], "m/(N s)")]
-    return ParameterTable([*mixed, Parameter(KNOB + "mu", 1e-3, "N s m")])
+    return ParameterTable([*mixed, Parameter(LAW_PREFIX + "mu", 1e-3, "N s m")])
 
 
 @given(st.lists(FINITE, min_size=6, max_size=6))
@@ -49,8 +49,8 @@ def test_samples_make_rows() -> None:
         np.testing.assert_array_equal(row, table().pack({"F": F[k], "m": k + 1.0}, mu=1e-2))
 
 
-def test_a_knob_is_no_parameter_of_the_problem() -> None:
-    both = ParameterTable([Parameter("mu", 1.0), Parameter(KNOB + "mu", 2.0)])
+def test_a_law_parameter_is_no_parameter_of_the_problem() -> None:
+    both = ParameterTable([Parameter("mu", 1.0), Parameter(LAW_PREFIX + "mu", 2.0)])
     assert both.unpack(both.pack({"mu": 3.0})) == {"mu": 3.0, "contact.mu": 2.0}
     assert both.unpack(both.pack(mu=3.0)) == {"mu": 1.0, "contact.mu": 3.0}
     with pytest.raises(KeyError, match="kappa"):

@@ -52,7 +52,8 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
         worst=[Violation("dynamics", "q", 0, 2, 1e-12)],
     )  # fmt: skip
     stage = StageRecord("contact.mu", 1e-3, 2.5, 1e-3, 1e-9, 7, seconds, "solved")
-    record = {"problem": "toy", "contact": "exact", "seed": 4, "knobs": {"contact.mu": 1e-3}}
+    record = {"problem": "toy", "contact": "exact", "seed": 4,
+              "law_parameters": {"contact.mu": 1e-3}}  # fmt: skip
     problem = get("wall-1d")
     values = dict(zip(problem.parameters.names, problem.parameters.values.tolist(), strict=True))
     certificate = Certificate("not", moves=[ContactChange("opening contact", "wall", 0, 2, 4)])

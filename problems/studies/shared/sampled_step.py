@@ -57,15 +57,15 @@ class SampledStep:
 
     def __call__(
         self, x: ArrayLike, u: ArrayLike, values: Mapping[str, ArrayLike] | None = None,
-        **knobs: ArrayLike,
+        **law: ArrayLike,
     ) -> StepValues:  # fmt: skip
         """Evaluate at ``x`` (n, nx) and ``u`` (n, nu), either shared by all points as one row.
 
-        ``values`` of parameters and ``knobs`` of the law replace those of the step, each a number,
+        ``values`` of parameters and ``law`` of the law's replace those of the step, each a number,
         or one for each point, see :meth:`dynamics.systems.ParameterTable.pack`.
         """
         system = self._step.system
-        states, inputs, p = self._rows(x, u, self._step.p.pack(values, **knobs))
+        states, inputs, p = self._rows(x, u, self._step.p.pack(values, **law))
         n = len(states)
         x_next, lam, gap, _ = self._solve(states, inputs, p)
         mu, by_x, by_u, lam_by_x = self._derive(states, inputs, p, lam)

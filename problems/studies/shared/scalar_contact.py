@@ -25,7 +25,7 @@ class ScalarContact:
 
 
 _BARRIER, _GAUSSIAN = Barrier(mu=1.0), Adaptive(sigma=1.0)
-"""One object each, since a law is compiled once an object; their knobs are parameters."""
+"""One object each, since a law is compiled once an object; their own parameters are inputs."""
 
 
 def barrier_contact(z: ArrayLike, F: ArrayLike, mu: ArrayLike) -> ScalarContact:
@@ -39,16 +39,16 @@ def gaussian_contact(z: ArrayLike, F: ArrayLike, sigma: ArrayLike) -> ScalarCont
 
 
 def scalar_contact(
-    law: ContactLaw, z: ArrayLike, F: ArrayLike, **knobs: ArrayLike
+    law: ContactLaw, z: ArrayLike, F: ArrayLike, **law_values: ArrayLike
 ) -> ScalarContact:
     """Evaluate ``0 <= lam ⟂ z + F lam >= 0`` as ``law`` closes it, at gaps ``z`` (n,) [m].
 
-    lam is an impulse [N s]; F [m/(N s)] and ``knobs`` of the law (``mu``, ``sigma``) are numbers
+    lam is an impulse [N s]; F [m/(N s)] and ``law_values`` (``mu``, ``sigma``) are numbers
     or (n,). The system is ``x+ = lam`` with the gap as its state.
     """
     solve, derive, p = _built(law)
     points, none = np.reshape(np.asarray(z, dtype=float), (-1, 1)), np.zeros(1)
-    values = np.broadcast_to(p.pack({"F": F}, **knobs), (len(points), len(p)))
+    values = np.broadcast_to(p.pack({"F": F}, **law_values), (len(points), len(p)))
     _, impulse, _, _ = solve(points, none, values)
     found = derive(points, none, values, impulse)
     return ScalarContact(*(array[:, 0] for array in (impulse, *found)))

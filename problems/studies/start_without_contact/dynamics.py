@@ -72,19 +72,19 @@ class Bundled(ContactLaw):
     def __init__(self, bundle: Bundle) -> None:
         self.bundle = bundle
 
-    def knobs(self, system: ContactSystem) -> ParameterTable:
+    def parameters(self, system: ContactSystem) -> ParameterTable:
         """None."""
         return ParameterTable()
 
-    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, knobs: ParameterTable) -> ca.SX:
+    def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """Nothing: the pairs were solved at every draw."""
         return ca.SX(0, 1)
 
     def closed(
-        self, system: ContactSystem, law: Closure, knobs: ParameterTable, nodes: tuple[Branch, ...]
+        self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]
     ) -> Step:
         """The step."""
-        return LearnedStep(system, law, knobs, nodes, CasadiMap(self.bundle))
+        return LearnedStep(system, law, p, nodes, CasadiMap(self.bundle))
 
 
 def dynamics(

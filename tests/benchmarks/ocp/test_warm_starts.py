@@ -24,10 +24,10 @@ CHANGES = {
 def test_a_run_before_saves_iterations() -> None:
     """Each pair ends at the same cost, and from the run before it takes fewer iterations."""
     rows = []
-    for law, (contact, knobs) in LAWS.items():
+    for law, (contact, parameters) in LAWS.items():
         row = [law]
         for before, after in CHANGES.values():
-            asked = {"contact": contact, "contact_settings": knobs}
+            asked = {"contact": contact, "contact_settings": parameters}
             cold = solve("push-disc", params=after, **asked)
             start = solve("push-disc", params=before, **asked)
             warm = solve("push-disc", params=after, start=start, **asked)

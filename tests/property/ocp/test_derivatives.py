@@ -90,9 +90,9 @@ def switching(found: Session, x: np.ndarray, p: np.ndarray) -> float:
     x0 = nlp.data.unpack(p[len(nlp.names) :])["x0"]
     before = np.concatenate([x0[:, None], states["x"]], axis=1)[:, :-1]
     inputs = np.broadcast_to(states["u"], (*before.shape[:2], states["u"].shape[2]))
-    knobs = [found.values[name] for name in found.step.p.names]
+    p = [found.values[name] for name in found.step.p.names]
     flat = (before.reshape(-1, before.shape[2]).T, inputs.reshape(-1, inputs.shape[2]).T)
-    _, lam, gap, _ = (np.array(v) for v in found.step.solve.map(flat[0].shape[1])(*flat, knobs))
+    _, lam, gap, _ = (np.array(v) for v in found.step.solve.map(flat[0].shape[1])(*flat, p))
     return float(np.abs(lam - gap).min())
 
 

@@ -156,7 +156,7 @@ def test_random_search_leaves_idle_weights_alone() -> None:
 
 
 def law_parameters() -> ca.SX:
-    """Symbols as many as the law has knobs."""
+    """Symbols as many as the law has parameters."""
     return LAW.close(system(0, 0)).p.vector
 
 

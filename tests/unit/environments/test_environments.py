@@ -151,8 +151,8 @@ def test_returns_are_those_of_the_engines_episodes():
 
 
 @pytest.mark.parametrize("contact", ["exact", *SOFT])
-def test_any_law_by_name_and_its_knobs(contact: str):
-    given = {"contact": contact, "knobs": SOFT.get(contact)}
+def test_any_law_by_name_and_its_settings(contact: str):
+    given = {"contact": contact, "contact_settings": SOFT.get(contact)}
     env, together = made("ball-throw", **given), many("ball-throw", 3, **given)
     law = LAWS[contact](**SOFT.get(contact, {}))
     assert env.unwrapped.world.law.settings() == law.settings()
@@ -170,7 +170,7 @@ def test_any_law_by_name_and_its_knobs(contact: str):
 
 def test_laws_differ_where_the_ball_bounces():
     ends = []
-    for given in ({}, {"contact": "barrier", "knobs": {"mu": 1e-2}}):
+    for given in ({}, {"contact": "barrier", "contact_settings": {"mu": 1e-2}}):
         env = made("ball-throw", **given)
         env.reset(seed=0)
         ends.append(env.step(np.array([0.4, -0.4]))[0])
@@ -343,8 +343,8 @@ def test_pictures_show_the_body_and_the_ground():
     ("given", "told"),
     [
         ({"contact": "exct"}, "unknown contact law 'exct'.*did you mean 'exact'"),
-        ({"contact": "barrier", "knobs": {"mu": -1.0}}, "mu must be positive"),
-        ({"contact": "barrier", "knobs": {"nu": 1.0}}, "no setting 'nu'"),
+        ({"contact": "barrier", "contact_settings": {"mu": -1.0}}, "mu must be positive"),
+        ({"contact": "barrier", "contact_settings": {"nu": 1.0}}, "no setting 'nu'"),
         ({"horizon": 0}, "horizon"),
         ({"horizn": 5}, "unknown parameter 'horizn'.*did you mean 'horizon'"),
         ({"task": "hoper"}, "unknown task 'hoper'"),

@@ -176,8 +176,8 @@ def test_the_table_of_a_solve_tells_the_whole_way() -> None:
     )
     path = [line.value for line in found.stages if line.label == "mu"]
     np.testing.assert_allclose(path, np.geomspace(1e-2, 1e-6, 5))
-    knobs = [line.label for line in found.stages]
-    assert knobs[-1] == "from exact" and "active set" in knobs
+    labels = [line.label for line in found.stages]
+    assert labels[-1] == "from exact" and "active set" in labels
     np.testing.assert_array_equal(found.data["stage_value"], [line.value for line in found.stages])
     np.testing.assert_array_equal(found.data["stage_cost"], [line.cost for line in found.stages])
     assert found.iterations == sum(line.iterations for line in found.stages)

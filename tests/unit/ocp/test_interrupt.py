@@ -139,7 +139,7 @@ def test_handlers_are_as_before() -> None:
     assert found == [[]], "other threads get no signals"
 
 
-def test_a_replay_under_a_law_takes_that_laws_knob() -> None:
+def test_a_replay_under_a_law_takes_that_laws_parameter() -> None:
     """A soft replay of a hard plan must be the soft law's, not the plan's own mu again."""
     found = solve(get("push-1d"), Barrier(mu=1e-6))
     soft, own = found.replay(Barrier(mu=1e-1)), found.replay(Barrier(mu=1e-6))

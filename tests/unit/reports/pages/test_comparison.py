@@ -17,7 +17,7 @@ from reports.units import in_symbols, label, powers, symbol
 def run(place: int, **asked: Any) -> StoredRun:
     record = {"problem": "push-disc", "contact": "barrier", "contact_settings": {"mu": 1e-3},
               "method": "direct", "policy": "open-loop", "params": {"M": 1.0, "h": 0.1},
-              "audit_s": 0.1 * place, "knobs": {"contact.mu": place}, **asked}  # fmt: skip
+              "audit_s": 0.1 * place, "law_parameters": {"contact.mu": place}, **asked}  # fmt: skip
     return StoredRun(
         Path(f"runs/{place}"), xr.Dataset(), {"record": record, "hash": f"h{place}abcde"}
     )
