@@ -1,6 +1,6 @@
-"""From names to laws, methods and policies, with their settings; unknown ones list the choices.
+"""Make laws, methods and policies from names and settings; errors list the valid names.
 
-The command line and :func:`ocp.solve` choose here, so that both take and say the same.
+The command line and :func:`ocp.solve` both use these functions.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) ->
         if key not in takes:
             raise InputError(
                 f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
-                f" it takes {', '.join(takes) or 'none'}; {where} tells them"
+                f" it takes {', '.join(takes) or 'none'}; list them with {where}"
             )
     from ocp.words.typed import read
 

@@ -54,7 +54,7 @@ class Replay:
     def __repr__(self) -> str:
         return (
             f"<Replay of {self.problem} under {self.law.name}, {self.inputs}:"
-            f" cost {self.cost:.6g}, planned {self.planned_cost:.6g}; the states part by at most"
+            f" cost {self.cost:.6g}, planned {self.planned_cost:.6g}; the states differ by at most"
             f" {self.state_gap:.2g}, penetration {self.penetration:.2g} m{self._broken}>"
         )
 

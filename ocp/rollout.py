@@ -51,10 +51,10 @@ class Rollout:
 
 @dataclass(frozen=True)
 class Unsolved:
-    """A step whose path could not be followed to its end: where, and how far its worst pair is off.
+    """A step that did not converge: where, and how far its worst pair is off.
 
-    ``contact`` names that pair; ``violation`` is the step solver's scaled error, infinite where it
-    came to no number.
+    ``contact`` names that pair; ``violation`` is the step solver's scaled error, infinite where
+    it is NaN.
     """
 
     step: int
@@ -65,11 +65,11 @@ class Unsolved:
     @property
     def brief(self) -> str:
         """Step and contact alone."""
-        return f"step {self.step} did not solve, contact {self.contact!r}"
+        return f"step {self.step} did not converge, contact {self.contact!r}"
 
     def __str__(self) -> str:
         return (
-            f"contact {self.contact!r} was not solved at step {self.step} of scenario"
+            f"contact {self.contact!r} did not converge at step {self.step} of scenario"
             f" {self.scenario}: violation {self.violation:.1e}; the state there may be far out of"
             " range"
         )
@@ -90,7 +90,7 @@ def roll_out(
     law: ContactLaw | Step | None = None,
     x0: np.ndarray | None = None,
 ) -> Rollout:
-    """Roll out ``inputs`` (S or 1, N, nu), or gains, under ``law`` (the exact one if not said).
+    """Roll out ``inputs`` (S or 1, N, nu), or gains, under ``law``, by default the exact one.
 
     ``values`` are parameter values by name; a law brings its own, a closed step takes them
     from ``values``. ``x0`` (S, nx) are initial states, by default the problem's scenarios; inputs
@@ -172,8 +172,8 @@ def _ahead(
     """Roll on by inputs u (K, nu), each held for ``count`` steps.
 
     Returns, by input, the state after its steps (K, nx), lam and gap of the last (K, n), and the
-    largest error of any (K, n). That is infinite where a step came to no number: a single contact,
-    solved in closed form, has no error of its own that would tell.
+    largest error of any (K, n). That is infinite where a state is NaN: a single contact, solved in
+    closed form, has no error of its own.
     """
     K = len(u)
     found = step.solve.mapaccum(K * count)(x, np.repeat(u, count, axis=0).T, p)

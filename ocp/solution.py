@@ -188,12 +188,12 @@ class Solution:
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C in a solve: ``solution`` is the best that there is.
+    """Ctrl-C in a solve: ``solution`` is the best so far.
 
-    Of several starts that is the best one finished; where none is, the best point of the first, its
-    status :attr:`~ocp.programs.status.Status.INTERRUPTED`.
+    Of several starts that is the best finished one; if none has finished, the best point of the
+    first, with status :attr:`~ocp.programs.status.Status.INTERRUPTED`.
     """
 
     def __init__(self, solution: Solution) -> None:
-        super().__init__("interrupted; the best that there is is kept")
+        super().__init__("interrupted; the best point so far is kept")
         self.solution = solution

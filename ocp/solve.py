@@ -89,7 +89,7 @@ def solve(
         method=method, params=params, contact_settings=contact_settings, **keywords,
     )  # fmt: skip
     if start is not None and starts != 1:
-        raise InputError("a start and several starts exclude each other; leave starts at 1")
+        raise InputError("start cannot be combined with several starts; leave starts at 1")
     if refine:
         halved(session.problem, session.values, 1)
     if start is None:
@@ -184,7 +184,7 @@ def new_session(
     from ocp.settings import Settings
 
     if method is not None and transcription != "direct":
-        raise InputError("method and transcription say the same; give one of them")
+        raise InputError("method and transcription are one argument; give one of them")
     for_policy, own = split_policy_settings(settings or {})
     made, for_law = asked(problem, contact, params, contact_settings, keywords, solver)
     way = method_of(transcription if method is None else method)
@@ -226,7 +226,7 @@ def _check_use(session: Session, given: set[str]) -> None:
     if unused:
         instead = f"; {', '.join(sorted(used))} would" if used else ""
         raise InputError(
-            f"{' and '.join(unused)} would change nothing for the {session.law.name} law by"
+            f"{' and '.join(unused)} would have no effect for the {session.law.name} law by"
             f" {session.method.name}{instead}; drop {'it' if len(unused) == 1 else 'them'}"
         )
     # Now, so that a path of too many stages is refused before any work.

@@ -43,7 +43,7 @@ def node_times(
 ) -> np.ndarray:
     """Times [s] of the nodes at parameter values ``physical``, shape (N+1,).
 
-    ``start`` (nx,) is the first state, which tells the step size where it is a state.
+    ``start`` (nx,) is the first state, which holds the step size where that is a state.
     """
     h = ca.Function("h", [problem.system.x, problem.parameters.vector], [ca.SX(problem.system.h)])
     first = problem.initial_states(physical)[0] if start is None else start
@@ -159,7 +159,7 @@ def _check(solution: Solution, nlp: NLP) -> None:
         )
     if not all(np.isfinite(solution.data[key].values).all() for key in ("x", "u")):
         raise InputError(
-            "the run to start from ended in no numbers"
+            "the run to start from has NaN or infinite trajectories"
             f" ({solution.status.label}); start from a solved one"
         )
     for what, dimension, signals in (

@@ -205,11 +205,11 @@ def _undetermined(found: Nonuniqueness | None, sizes: Sizes) -> str:
         return ""
     mu, unit = _SHARP * sizes.mu, found.unit.removeprefix("1")
     return (
-        f"the contact forces at step {found.step} are not determined by the model"
-        f" ({', '.join(found.contacts)}): from the same state and input {found.state} may as"
-        f" well end {found.distance:.2g} {unit}".rstrip()
-        + " away; plan against it through a"
-        f" step with one end: --method multiple-shooting --contact barrier -c mu={mu:.0e}"
+        f"the contact forces at step {found.step} are not unique"
+        f" ({', '.join(found.contacts)}): from the same state and input, {found.state} can"
+        f" also end {found.distance:.2g} {unit}".rstrip()
+        + " away; plan with a unique step"
+        f" instead: --method multiple-shooting --contact barrier -c mu={mu:.0e}"
     )
 
 

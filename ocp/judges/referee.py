@@ -1,4 +1,4 @@
-"""What a plan is worth under the sharpest contact: its referee, its measures, its survival."""
+"""Replay a plan under the sharpest contact, measure it, and decide whether it survives."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def place_of(symbol: ca.SX | float, among: ca.SX) -> int | None:
 
 @dataclass(frozen=True)
 class RefereeReport:
-    """All that is to be said of a plan's physics, see :func:`evaluate`.
+    """Physics of a plan and of its replay, see :func:`evaluate`.
 
     ``reasons`` are those why the plan does not survive, see :func:`survival`, ``refined_reasons``
     those why it does not at h/4, see :func:`survival_refined`. ``planned`` and ``replayed`` measure
@@ -181,7 +181,7 @@ def seen_gap(problem: Problem, x: np.ndarray) -> float:
 def survival(
     problem: Problem, plan: Rollout, outcome: Referee, physics: Physics, broken: Sequence[Broken]
 ) -> tuple[str, ...]:
-    """Reasons why a refereed plan does not survive, each half a sentence; none where it does.
+    """Reasons why a refereed plan does not survive, each half a sentence; empty where it does.
 
     It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
     the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
@@ -198,9 +198,9 @@ def survival(
     if outcome.failed is not None:
         reasons.append(outcome.failed.brief)
     elif not math.isfinite(share):
-        reasons.append("it leads to states that are no numbers")
+        reasons.append("the replay has NaN or infinite states")
     elif not math.isfinite(outcome.cost):
-        reasons.append("its cost is no number there")
+        reasons.append("the cost of the replay is NaN or infinite")
     if excess > COST_SHARE:
         reasons.append(f"it costs {outcome.cost:.6g} instead of {plan.cost:.6g}")
     if share > STATE_SHARE:
@@ -221,7 +221,7 @@ def survival(
 def survival_refined(
     problem: Problem, plan: Rollout, outcome: Referee, values: dict[str, float]
 ) -> tuple[str, ...]:
-    """Reasons why the replay at h/4 does not hold, each half a sentence; none where h is no step.
+    """Reasons why the replay at h/4 fails, each half a sentence; none without such a replay.
 
     It holds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps
     constraints and bodies apart to :data:`STATE_SHARE` and :data:`PENETRATION_SHARE`. States are
@@ -232,9 +232,9 @@ def survival_refined(
     if there is None:
         return ()
     if outcome.refined_note:
-        return (f"it is not replayed: {outcome.refined_note}",)
+        return (f"the replay stops: {outcome.refined_note}",)
     if not math.isfinite(there.cost):
-        return ("its cost is no number",)
+        return ("the cost is NaN or infinite",)
     reasons, least = [], LEAST_COST * problem.sizes.cost
     if there.cost - plan.cost > COST_SHARE * max(abs(plan.cost), least):
         reasons.append(f"it costs {there.cost:.6g}")
@@ -244,5 +244,5 @@ def survival_refined(
     if problem.signed_distance is not None:
         deep = -float(np.nanmin(distances(problem, there.x, physical), initial=0.0))
         if deep > PENETRATION_SHARE * seen_gap(problem, plan.x):
-            reasons.append(f"bodies are {deep:.2g} in one another")
+            reasons.append(f"bodies penetrate by {deep:.2g}")
     return tuple(reasons)

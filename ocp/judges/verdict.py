@@ -1,4 +1,4 @@
-"""Words for what three judges found: certificate and referee first, the solver's word last."""
+"""The verdict in sentences: certificate and referee first, the solver's status last."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from ocp.solution import Solution
 
 Grade = Literal["survives", "certified", "failed"]
-"""Certified and surviving, at h/4 too; certified alone, or between jumps of cost or constraints
-alone; neither. Shown green, amber and red."""
+"""Certified and surviving, at h/4 too; certified only, or only between jumps of cost or
+constraints; neither. Shown green, amber and red."""
 _SAME = 1e-5
 _NOTABLE, _DEEP = 0.1, 0.3
 _BLURRED, _CLEAR = 0.5, 1e-2
-"""Shares of the characteristic mu from which on nothing is seen clearly, and at which most is."""
+"""Shares of the characteristic mu that are too large, and that are recommended."""
 _FEASIBLE = ("not-optimal", "undecided")
-"""Of plans that are no answers, those of which it is worth saying that they survive."""
+"""Statuses of unsuccessful plans whose survival is reported."""
 
 
 def verdict(found: Solution) -> str:
@@ -31,7 +31,7 @@ def verdict(found: Solution) -> str:
 
 
 def headline(found: Solution) -> str:
-    """Status, cost under the law, under the model's exact law and under the referee; survival."""
+    """Status, cost under the law, the exact law and the referee, and survival."""
     word = found.status.value.partition(":")[0]
     first = f"{word.capitalize()}: cost {found.cost:.6g}"
     if not math.isfinite(found.cost):
@@ -50,7 +50,7 @@ def _exact(found: Solution) -> str:
     cost = found.audit.exact_cost
     if math.isfinite(cost):
         return f"exact law {cost:.6g}"
-    return "exact law not replayed" if found.audit.replay_failed else "exact law without a number"
+    return "exact law not replayed" if found.audit.replay_failed else "exact law cost not finite"
 
 
 def _refereed(found: Solution) -> str:
@@ -59,16 +59,16 @@ def _refereed(found: Solution) -> str:
     cost, gap = found.referee.cost, found.referee.gap
     if math.isfinite(cost):
         return f"referee {cost:.6g}"
-    return "referee without a number" if math.isfinite(gap) else "referee not replayed"
+    return "referee cost not finite" if math.isfinite(gap) else "referee not replayed"
 
 
 def findings(found: Solution) -> list[str]:
-    """What stands behind the headline, each in a sentence."""
+    """Explain the headline, one sentence a finding."""
     explained = found.status.value.partition(": ")[2]
     if not math.isfinite(found.cost):
         return [
-            "The cost is no number where the solver stopped: give a guess at which it is one, and"
-            " bounds that keep the states where it stays one."
+            "The cost is NaN or infinite at the last iterate: give a guess with a finite cost, and"
+            " bounds that keep the states where the cost is finite."
         ]
     lines = [] if found.success or not explained else [_sentence(explained)]
     forceless = math.isnan(found.audit.complementarity)
@@ -78,38 +78,40 @@ def findings(found: Solution) -> list[str]:
         lines.append(_sentence(found.certificate.sentence))
         if jumps := jumps_of(found.problem):
             lines.append(
-                f"Derivatives do not see jumps ({', '.join(jumps)}): the certificate holds only"
-                " between them."
+                f"Cost or constraints jump ({', '.join(jumps)}), which derivatives do not show: the"
+                " certificate holds only between jumps."
             )
     if ways := found.record.get("ways"):
-        lines.append(f"Standing still is the best that was found by {ways} ways.")
+        lines.append(f"Standing still is the best of {ways} solution attempts.")
     gaps = found.problem.system.gaps
     model = "" if gaps is None else f"the model's gaps are {gaps}"
     if forceless:
-        model = "the law is learned from data and knows no forces" + (model and f"; {model}")
+        model = "the law is learned from data and has no contact forces" + (model and f"; {model}")
     others = found.record.get("learned_at", {}).items()
     differs = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in others)
-    model += f"; its data were taken at {differs}" if differs else ""
-    said = (model, _referee(found), _replay(found), _broken(found), found.referee.nonuniqueness)
-    lines += [_sentence(line) for line in said if line]
+    model += f"; its training data have {differs}" if differs else ""
+    parts = (model, _referee(found), _replay(found), _broken(found), found.referee.nonuniqueness)
+    lines += [_sentence(line) for line in parts if line]
     if steps := found.record.get("refined"):
         lines.append(_refined(steps["levels"], steps["stopped"]))
     if cut := sum(stage.status in TIMED_OUT for stage in found.stages):
         runs = f"{cut} of {len(found.stages)} runs of the solver"
-        lines.append(f"The time limit that was set cut {runs}: without one the answer may differ.")
+        lines.append(f"The time limit stopped {runs}: without it the answer may differ.")
     if not found.record.get("resumed", True):
         lines.append(
-            "The solver did not converge from the run it started at; this is a cold solve with"
-            " that run's trajectories as the guess."
+            "The solver did not converge from the stored run; this is a cold solve with that run's"
+            " trajectories as the guess."
         )
     solver = found.record.get("solver", "ipopt")
     if not found.success and solver != "ipopt":
-        lines.append(f"The solver was {solver}; ipopt, the default, solves more: --solver ipopt.")
+        lines.append(
+            f"The solver was {solver}; the default, ipopt, solves more: --solver ipopt."
+        )
     return lines
 
 
 UNJUDGED = "the point is not feasible"
-"""The certificate's reason where there was nothing to certify."""
+"""The certificate's reason for a point that is not feasible."""
 
 
 def _referee(found: Solution) -> str:
@@ -129,19 +131,19 @@ def _referee(found: Solution) -> str:
 
 
 def _cut(found: Solution) -> str:
-    """How deep the replay cuts into a body between nodes, from 30 % of the tolerance on."""
+    """How deep the replay penetrates between nodes, from 30 % of the tolerance on."""
     cut, gap = found.referee.replay_between, seen_gap(found.problem, found.data["x"].values)
     tolerance = PENETRATION_SHARE * gap
     if cut is None or cut.amount <= _DEEP * tolerance:
         return ""
     return (
-        f"; straight motion between nodes cuts {cut.amount:.2g} m into {cut.contact} in step"
+        f"; straight motion between nodes penetrates {cut.contact} by {cut.amount:.2g} m in step"
         f" {cut.step}, within the tolerance of {tolerance:.2g} m"
     )
 
 
 def _refined(levels: list[dict[str, Any]], stopped: str) -> str:
-    """Where refining the step ended, and why where that was no agreement."""
+    """Where refinement of the step ended, and why where costs do not agree."""
     last = levels[-1]
     end = stopped or "they agree"
     return (
@@ -151,52 +153,53 @@ def _refined(levels: list[dict[str, Any]], stopped: str) -> str:
 
 
 def _planned(found: Solution) -> str:
-    """Lengths of the plan itself that no body has: what a plan that does not survive leans on."""
+    """Lengths of the plan itself that no body has: what a plan that does not survive relies on."""
     far, through = found.referee.force_distance, found.referee.between
-    least, said = _NOTABLE * found.problem.sizes.gap, ""
+    least, text = _NOTABLE * found.problem.sizes.gap, ""
     if found.record.get("contact") == "exact" and far is not None and far.amount > least:
-        said += f"; planned, {far.contact} acts from {far.amount:.2g} m away at step {far.step}"
+        text += f"; in the plan {far.contact} acts at a distance of {far.amount:.2g} m"
+        text += f" at step {far.step}"
     if through is not None and through.amount > least:
-        said += f"; planned, {through.contact} is passed through by {through.amount:.2g} m"
-        said += f" in step {through.step}"
-    return said
+        text += f"; in the plan {through.contact} is penetrated by {through.amount:.2g} m"
+        text += f" within step {through.step}"
+    return text
 
 
 def _replay(found: Solution) -> str:
-    """What the model's own exact law makes of the plan, where that is worth a sentence."""
+    """How the model's own exact law changes the plan, if it does noticeably."""
     audit, off = found.audit, found.audit.exact_cost - found.cost
     if audit.replay_failed:
         return f"not replayed under the exact law: {audit.replay_failed}"
     if not math.isfinite(audit.exact_cost):
-        return "replayed under the exact law, the cost is no number"
+        return "under the exact law the cost of the replay is NaN or infinite"
     infeasible = found.certificate.reason == UNJUDGED
     least = max(_NOTABLE * abs(found.cost), _SAME * found.problem.sizes.cost)
     if infeasible or found.referee.nonuniqueness or abs(off) <= least:
         return ""
     if found.record.get("contact") == "exact":
         remedy = "" if found.record.get("policy") == "feedback" else (
-            "; feedback gains may hold it (--policy feedback)"
+            "; feedback gains may stabilise it (--policy feedback)"
         )  # fmt: skip
-        return f"the motion is unstable: replayed, it parts from the plan{remedy}"
+        return f"the motion is unstable: the replay diverges from the plan{remedy}"
     return (
-        f"the plan leans on the smoothing: under the exact law it costs {audit.exact_cost:.6g}"
+        f"the plan relies on the smoothing: under the exact law it costs {audit.exact_cost:.6g}"
         f" instead of {found.cost:.6g}{_narrower(found)}"
     )
 
 
 def _narrower(found: Solution) -> str:
-    """Which mu to take where the one given is as large as impulse times distance themselves."""
+    """Propose a smaller mu where mu is as large as typical impulse times gap."""
     mu, own = found.values.get(f"{LAW_PREFIX}mu", 0.0), found.problem.sizes.mu
     if mu < _BLURRED * own:
         return ""
     return (
-        f"; mu = {mu:g} blurs all there is, impulses and distances being about {own:.0e} N s m"
-        f" together: take -c mu={_CLEAR * own:.0e}"
+        f"; mu = {mu:g} is as large as the problem's typical impulse times gap, {own:.0e} N s m:"
+        f" take -c mu={_CLEAR * own:.0e}"
     )
 
 
 def _broken(found: Solution) -> str:
-    """Constraints that the exact replay breaks, where the referee has not told of its own."""
+    """Constraints that the exact replay violates, unless the referee lists its own."""
     if found.referee.word == "does not survive" or not found.audit.replay_broken:
         return ""
     return "replayed under the exact law, its " + ", its ".join(
@@ -205,7 +208,7 @@ def _broken(found: Solution) -> str:
 
 
 def grade(found: Solution) -> Grade:
-    """What the verdict is coloured by."""
+    """The grade that colours the verdict."""
     if not found.success:
         return "failed"
     return "survives" if found.referee.survives and not jumps_of(found.problem) else "certified"

@@ -1,4 +1,4 @@
-"""What a trajectory does to a problem's constraints, and words for what it breaks."""
+"""Which of a problem's constraints a trajectory violates, and by how much."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def seen_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
 def travelled(problem: Problem, x: np.ndarray) -> np.ndarray:
     """The most that any state of the same unit moves in x (S, N+1, nx), for every state (nx,).
 
-    Infinite where nothing of that unit moves, or is no number.
+    Infinite where nothing of that unit moves, or states are NaN.
     """
     units = np.array([signal.unit for signal in problem.system.states])
     with np.errstate(invalid="ignore"):
@@ -81,7 +81,7 @@ def broken_constraints(
     """Find what trajectories x (S, N+1, nx), u (S, N, nu) violate, each entry where it is worst.
 
     Bounds of states and inputs, path and terminal constraints, and the periodicity of a start that
-    is chosen; the worst first. What is no number is no violation: say that it was not replayed.
+    is chosen; the worst first. NaN is no violation: report that the replay failed.
     ``sizes`` (nx,) are those of the states, by default the problem's.
     """
     u_low, u_high, x_low, x_high = (np.array(v).ravel() for v in problem.limits(physical)[2:])
@@ -117,12 +117,12 @@ def noticeable(broken: Sequence[Broken], share: float = CONSTRAINT_SHARE) -> lis
 
 
 def describe_violations(broken: Sequence[Violation]) -> list[str]:
-    """Say of every violation what is broken, by how much and at which step, half a sentence each.
+    """Describe every violation: which constraint, by how much, at which step; half a sentence each.
 
-    They begin with the constraint's name: "terminal constraint end is broken by 0.3 at step 20".
+    They begin with the constraint's name: "terminal constraint end is violated by 0.3 at step 20".
     """
     return [
-        f"{_KINDS[v.name]} {v.component} is broken by {v.amount:.2g} at step {v.step}"
+        f"{_KINDS[v.name]} {v.component} is violated by {v.amount:.2g} at step {v.step}"
         for v in broken
     ]
 

@@ -232,13 +232,13 @@ def geometric(start: float, end: float, factor: float) -> list[float]:
         return [end]
     ratio = end / start
     if ratio < sys.float_info.min:
-        raise InputError(f"{end:g} is too far below {start:g} to be followed down to; take nearer"
-                         " ones")  # fmt: skip
+        raise InputError(f"{end:g} is too far below {start:g} for a homotopy; take values closer"
+                         " together")  # fmt: skip
     # A hair less, or rounding adds a stage where the factor goes into the way exactly.
     count = max(1, math.ceil(math.log(ratio) / math.log(factor) - 1e-9))
     if count > MOST_STAGES:
         raise InputError(
             f"a factor of {factor!r} makes {count:.3g} stages from {start:g} down to {end:g}, and"
-            f" {MOST_STAGES} are the most; take a smaller one"
+            f" {MOST_STAGES} is the maximum; take a smaller factor"
         )
     return [start * ratio ** (i / count) for i in range(count)] + [end]

@@ -1,4 +1,4 @@
-"""Whether a point is stationary for the problem that was asked, whatever a solver says."""
+"""Whether a point is stationary for the problem as posed, independent of the solver's status."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Certificate:
             return "stationary: no first-order move lowers the cost"
         if self.stationarity == "undecided":
             return f"stationarity undecided: {self.reason}"
-        how = " and ".join(str(move) for move in self.moves[:3]) or "moving on as the contacts are"
+        how = " and ".join(str(move) for move in self.moves[:3]) or "moving with the same contacts"
         more = f" (and {len(self.moves) - 3} more)" if len(self.moves) > 3 else ""
         return (
             f"not stationary: {how}{more} would lower the cost by about {self.gain:.2g}"
@@ -142,13 +142,15 @@ def certify(
 
     ``cost_span`` is what the cost changes by over characteristic sizes. A direction that gains less
     than 1e-9 of that and of the cost, curvature counted, is none: at a cost of zero nothing else
-    tells a gradient from rounding.
+    distinguishes a gradient from rounding.
     """
     began = time.perf_counter()
     f, complementary = nlp.values(x, p)[0], nlp.reformulation == "none"
     model = linear_model(nlp, x, p, bounds)
     if not (np.isfinite(f) and model.finite):
-        return Certificate("undecided", reason="a function or derivative is no number there")
+        return Certificate(
+            "undecided", reason="a function or derivative is NaN or infinite at the point"
+        )
     slope = float(np.abs(model.cost).sum())
     tolerance = tolerance_of(model, f)
     verdict, strong, descent = _search(model, multipliers, tolerance)
@@ -211,7 +213,7 @@ def _search(
             if found.decrease <= tolerance:
                 return "B", not branching, found
     if np.isnan(found.decrease):
-        return "undecided", False, Descent(np.nan, trouble=f"HiGHS says {found.trouble!r}")
+        return "undecided", False, Descent(np.nan, trouble=f"HiGHS reports {found.trouble!r}")
     return "not", False, found
 
 

@@ -123,10 +123,10 @@ CASES = {
     "long run": (["replay", "a" * 9000], ["aaa...aaa"]),
     "long file": ([*SOLVE, "--pdf", "a" * 9000 + ".pdf"], ["aaa...aaa"]),
     "horizon beyond memory": ([*SOLVE, "-p", "N=100000000"], ["2.72e+03 GB of memory"]),
-    "strategy without pairs": ([*SOLVE, "-s", "strategy=l1"], ["strategy would change nothing"]),
+    "strategy without pairs": ([*SOLVE, "-s", "strategy=l1"], ["strategy would have no effect"]),
     "factor without a path": (
         [*SOLVE, "-s", "homotopy=false", "-s", "factor=0.5"],
-        ["factor would change nothing"],
+        ["factor would have no effect"],
     ),
     "figure beyond memory": (["figure", "P1", "-p", "n_samples=1000000000000"], ["GB of memory"]),
     "rank of one": ([*SOLVE, "--rank", "referee"], ["--starts 2"]),

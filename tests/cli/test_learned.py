@@ -109,7 +109,7 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     solved = ocp("solve", "push-1d", *words, "--pdf", "plan.pdf", "--json", "-q")
     assert solved.code in (0, 3) and solved.json["contact"] == model
     assert solved.json["complementarity"] is None and solved.json["exact_cost"] > 0
-    assert "learned from data and knows no forces" in solved.json["verdict"]
+    assert "learned from data and has no contact forces" in solved.json["verdict"]
     assert Path("plan.pdf").read_bytes().startswith(b"%PDF")
     run = solved.json["run"]
     assert ocp("replay", run, "--quiet").code == 0

@@ -163,7 +163,7 @@ def test_what_is_wrong_is_told_in_the_same_words(ocp, line, python) -> None:
         ),
         ({"problem": get("wall-1d"), "m": 2.0}, "the problem is made already; give m to problems"),
         ({"problem": get("wall-1d"), "params": {"m": 2.0}}, "m cannot be set: wall-1d is built"),
-        ({"method": "direct", "transcription": MultipleShooting()}, "say the same; give one"),
+        ({"method": "direct", "transcription": MultipleShooting()}, "are one argument; give one"),
         ({"problem": 3}, "a problem is a name, a file or an ocp.Problem, got int"),
         (
             {"policy": Feedback(), "settings": {"policy.penalty": 1.0}},

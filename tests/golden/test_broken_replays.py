@@ -37,13 +37,13 @@ def test_a_hard_end_that_only_smoothing_meets_is_named(moved: bool) -> None:
     broken = abs(found.data["x_referee"].values[0, -1, 0] - 0.3)
     assert broken > 0.1
     assert headline(found).endswith("; does not survive.")
-    assert f"its terminal constraint at is broken by {broken:.2g} at step 20" in found.verdict
+    assert f"its terminal constraint at is violated by {broken:.2g} at step 20" in found.verdict
     replay = found.replay()
     (off,) = replay.broken
     assert (off.name, off.component, off.step) == ("terminal", "at", 20)
     assert off.amount == pytest.approx(abs(replay.data["x"].values[0, -1, 0] - 0.3), rel=1e-9)
     assert repr(replay).endswith(
-        f"terminal constraint at is broken by {off.amount:.2g} at step 20>"
+        f"terminal constraint at is violated by {off.amount:.2g} at step 20>"
     )
     sharp = solve(problem, Barrier(mu=1e-3))
     assert sharp.grade == "survives" and sharp.replay().broken == []
@@ -68,7 +68,7 @@ def test_a_hard_end_of_a_system_without_geometry_is_named_too() -> None:
     assert (off.component, off.step) == ("end", 6)
     assert off.amount == pytest.approx(0.3 - 6 * u, abs=1e-5)
     assert (
-        f"Replayed under the exact law, its terminal constraint end is broken by {off.amount:.2g}"
+        f"Replayed under the exact law, its terminal constraint end is violated by {off.amount:.2g}"
         " at step 6."
     ) in found.verdict
 
@@ -78,7 +78,7 @@ def test_planar_push_leaves_its_reach_bound_in_the_replay() -> None:
     assert found.grade == "certified" and headline(found).endswith("; does not survive.")
     reach = next(v for v in found.referee.broken if v.component == "reach[0]")
     assert reach.amount > 0.01
-    assert f"its constraint reach[0] is broken by {reach.amount:.2g} at step {reach.step}" in (
+    assert f"its constraint reach[0] is violated by {reach.amount:.2g} at step {reach.step}" in (
         found.verdict
     )
     assert found.audit.constraint_violation < 1e-6, "the plan keeps it"

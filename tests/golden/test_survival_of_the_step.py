@@ -82,9 +82,9 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
     assert reasons() == reasons((1 + 0.99 * COST_SHARE) * found.cost) == ""
     dear = (1 + 1.01 * COST_SHARE) * found.cost
     assert reasons(dear) == f"it costs {dear:.6g}"
-    assert reasons(np.nan) == "its cost is no number"
-    assert reasons(note="step 3") == "it is not replayed: step 3"
-    assert "in one another" in reasons(low=own.x[0, 4, 1] + 0.2)
+    assert reasons(np.nan) == "the cost is NaN or infinite"
+    assert reasons(note="step 3") == "the replay stops: step 3"
+    assert "bodies penetrate by" in reasons(low=own.x[0, 4, 1] + 0.2)
 
 
 def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:

@@ -73,8 +73,9 @@ def test_a_disc_pulled_round_a_post_is_certified_and_does_not_survive() -> None:
     x = found.data["x"].values[0, far.step + 1]
     by_hand = {"push": np.hypot(*(x[:2] - x[2:])) - 0.3, "post": np.hypot(*x[:2]) - 0.5}
     assert far.amount == pytest.approx(by_hand[far.contact], rel=1e-9)
-    assert f"planned, {far.contact} acts from {far.amount:.2g} m away at step {far.step}" in (
-        found.verdict
+    assert (
+        f"in the plan {far.contact} acts at a distance of {far.amount:.2g} m at step {far.step}"
+        in (found.verdict)
     )
 
 
@@ -89,7 +90,7 @@ def test_a_plan_that_passes_through_a_body_between_nodes_is_told() -> None:
     through = found.referee.between
     assert through is not None and through.amount > 0.02
     assert found.grade == "certified" and headline(found).endswith("; does not survive.")
-    said = f"planned, {through.contact} is passed through by {through.amount:.2g} m in step"
+    said = f"in the plan {through.contact} is penetrated by {through.amount:.2g} m within step"
     assert f"{said} {through.step}" in found.verdict
 
 
@@ -141,7 +142,7 @@ def test_a_puck_too_fast_for_its_fence_never_survives() -> None:
         assert outside > 0.5, "the model lets it out"
         assert found.referee.survives is False and found.grade != "survives"
         assert "referee not replayed; does not survive." in headline(found)
-        assert "step 0 did not solve, contact 'ring'" in found.verdict
+        assert "step 0 did not converge, contact 'ring'" in found.verdict
 
 
 # --- contact that the model leaves open --------------------------------------------------------
@@ -152,7 +153,7 @@ def test_the_rough_slopes_freedom_is_named_with_step_and_contacts() -> None:
     assert (found.status, found.grade) == (Status.SOLVED, "certified")
     assert found.referee.cost > 2 * found.cost
     assert headline(found).endswith("; does not survive.")
-    assert "are not determined by the model (slope, face): from the same state" in found.verdict
+    assert "are not unique (slope, face): from the same state" in found.verdict
     assert "unstable" not in found.verdict and "runs away" not in found.verdict
     step = int(found.referee.nonuniqueness.partition("at step ")[2].split()[0])
     x, u = found.data["x"].values[0], found.data["u"].values[0]
@@ -228,7 +229,7 @@ def test_a_replay_without_solution_is_not_replayed() -> None:
     )  # fmt: skip
     found = solve(to_a_goal(both, 0.5), Exact())
     assert np.isnan(found.audit.exact_cost)
-    where, contact = found.audit.replay_failed.split(" did not solve, contact ")
+    where, contact = found.audit.replay_failed.split(" did not converge, contact ")
     assert where.startswith("step ") and contact.startswith("'contact")
     assert "exact law not replayed" in headline(found)
     assert f"Not replayed under the exact law: {found.audit.replay_failed}." in found.verdict
@@ -250,11 +251,11 @@ def test_a_cost_that_is_no_number_in_the_replay_does_not_survive() -> None:
     assert np.isnan(found.referee.cost) and np.isfinite(found.referee.gap)
     assert found.referee.survives is False and found.grade == "certified"
     assert headline(found) == (
-        f"Solved: cost {found.cost:.6g}, exact law without a number, referee without a number;"
+        f"Solved: cost {found.cost:.6g}, exact law cost not finite, referee cost not finite;"
         " does not survive."
     )
-    assert "its cost is no number there" in found.verdict
-    assert "Replayed under the exact law, the cost is no number." in found.verdict
+    assert "the cost of the replay is NaN or infinite" in found.verdict
+    assert "Under the exact law the cost of the replay is NaN or infinite." in found.verdict
 
 
 @pytest.mark.parametrize("method", [Direct(), MultipleShooting(), SingleShooting()])
@@ -266,8 +267,8 @@ def test_a_guess_without_a_cost_is_one_sentence(law, method, capfd) -> None:
     assert (found.status, found.grade) == (Status.DIVERGED, "failed")
     assert found.verdict.split("\n") == [
         "Not converged: cost -inf.",
-        "The cost is no number where the solver stopped: give a guess at which it is one, and"
-        " bounds that keep the states where it stays one.",
+        "The cost is NaN or infinite at the last iterate: give a guess with a finite cost, and"
+        " bounds that keep the states where the cost is finite.",
     ]
     assert found.referee.survives is False
     assert capfd.readouterr() == ("", ""), "and no warning beside it"

@@ -239,13 +239,13 @@ def test_a_mu_as_large_as_the_problem_is_told_with_one_that_is_not() -> None:
     light = get("ball-bounce", m=0.01, u_max=0.15, w_u=100.0)
     blurred = solve(light, Barrier())
     assert blurred.referee.survives is False
-    assert "mu = 0.001 blurs all there is" in blurred.verdict
+    assert "mu = 0.001 is as large as the problem's typical impulse times gap" in blurred.verdict
     assert blurred.verdict.count("take -c mu=1e-05.") == 1
     clear = solve(light, Barrier(mu=1e-5))
     known = in_si("ball-bounce", soft=True)
     assert clear.cost == pytest.approx(known.cost, rel=1e-6)
     assert clear.audit.exact_cost == pytest.approx(known.audit.exact_cost, rel=1e-4)
-    assert "blurs" not in clear.verdict and "leans on the smoothing" in known.verdict
+    assert "is as large as" not in clear.verdict and "relies on the smoothing" in known.verdict
 
 
 @pytest.mark.parametrize("problem", CONSISTENT)

@@ -181,5 +181,5 @@ def test_a_verdict_says_where_the_data_were_taken_at_other_parameters():
     told = {"friction": 0.5, "m": 5.0, "w_du": 1.0}
     model.origin = replace(model.origin, parameters=told)
     answer = solve(PROBLEM, contact=Ewda(model))
-    assert "its data were taken at friction = 0.5, not 0.666667." in answer.verdict
+    assert "its training data have friction = 0.5, not 0.666667." in answer.verdict
     assert answer.record["learned_at"] == {"friction": (0.5, 2 / 3)}

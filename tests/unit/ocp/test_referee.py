@@ -150,7 +150,7 @@ def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
     assert report.planned.penetration.amount == pytest.approx(radius - 1.0, rel=1e-12)
     assert radius > 2.0
     assert report.referee.failed is not None
-    assert report.reasons[0] == "step 0 did not solve, contact 'ring'"
+    assert report.reasons[0] == "step 0 did not converge, contact 'ring'"
     slow = ring(h=0.01, speed=2.0)
     judged = referee(slow, np.zeros((1, slow.N, 2)), defaults(slow), x0 * [1, 1, 1, 0.1])
     assert judged.failed is None
@@ -192,7 +192,7 @@ def test_a_replay_that_fails_is_kept_up_to_there() -> None:
         roll_out(problem, inputs, values, problem.referee_step, x0)
     plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
     reasons = survival(problem, plan, report, measured(problem, report), [])
-    assert reasons[0].startswith("step 7 did not solve, contact 'push")
+    assert reasons[0].startswith("step 7 did not converge, contact 'push")
 
 
 def measured(problem: Problem, report: Referee):
@@ -320,7 +320,7 @@ def test_what_survives_is_within_its_shares() -> None:
         assert len(broken) == 1
         reasons = verdict(clean, broken)
         assert len(reasons) == count
-        assert reasons in ((), ("its bound on ux is broken by 0.03 at step 2",))
+        assert reasons in ((), ("its bound on ux is violated by 0.03 at step 2",))
 
 
 def test_bodies_in_one_another_do_not_survive() -> None:

@@ -118,7 +118,7 @@ def test_an_answer_that_another_solver_did_not_find_says_what_to_do() -> None:
     given = {"settings": {"max_iterations": 2, "homotopy": False}}
     found = solve(get("push-disc"), Barrier(mu=1e-3), solver="uno", **given)
     assert not found.success
-    assert found.verdict.endswith("The solver was uno; ipopt, the default, solves more: --solver"
+    assert found.verdict.endswith("The solver was uno; the default, ipopt, solves more: --solver"
                                   " ipopt.")  # fmt: skip
 
 

@@ -52,4 +52,4 @@ def test_a_hard_end_that_only_smoothing_meets_is_named_at_any_size(length: float
     )  # fmt: skip
     found = solve(problem, Barrier(mu=0.1 * length**2))
     assert found.success and found.referee.survives is False
-    assert "its terminal constraint at is broken by" in found.verdict
+    assert "its terminal constraint at is violated by" in found.verdict

@@ -155,7 +155,7 @@ def test_replay_under_another_law_is_that_laws_rollout() -> None:
     np.testing.assert_array_equal(exact.data["x"], found.data["x_replay"])
     assert exact.cost > found.cost * 1.001, "a thick barrier's plan leans on it"
     assert f"exact law {exact.cost:.6g}" in found.verdict
-    assert "leans on the smoothing" in found.verdict
+    assert "relies on the smoothing" in found.verdict
 
 
 def test_the_policy_of_a_feedback_answer_is_what_it_did() -> None:

@@ -246,7 +246,7 @@ def test_what_does_not_fit_is_refused(pushed: Solution) -> None:
     with pytest.raises(InputError, match="has states a, b, c, d, but push-disc has ox, oy"):
         solve(get("push-disc"), Barrier(mu=1e-3), start=other)
     lost = replace(pushed, data=pushed.data.assign(x=pushed.data["x"] * np.nan))
-    with pytest.raises(InputError, match="no numbers"):
+    with pytest.raises(InputError, match="NaN or infinite"):
         solve(get("push-disc"), Barrier(mu=1e-3), start=lost)
     with pytest.raises(InputError, match="several starts"):
         solve(get("push-disc"), Barrier(mu=1e-3), start=pushed, starts=2)
