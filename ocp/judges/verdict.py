@@ -104,9 +104,7 @@ def findings(found: Solution) -> list[str]:
         )
     solver = found.record.get("solver", "ipopt")
     if not found.success and solver != "ipopt":
-        lines.append(
-            f"The solver was {solver}; the default, ipopt, solves more: --solver ipopt."
-        )
+        lines.append(f"The solver was {solver}; the default, ipopt, solves more: --solver ipopt.")
     return lines
 
 
