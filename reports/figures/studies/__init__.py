@@ -1,69 +1,38 @@
-"""Drawings of the studies, by the study's identifier: each has a ``caption`` and a ``draw``."""
+"""Drawings of the studies, by the study's identifier."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Protocol
-
-import xarray as xr
-from matplotlib.figure import Figure
-
-from reports.figures.policies import (
-    convergence_bound,
-    model_learning,
-    smoothing_ablation,
-    thrown_ball,
-    trained_policies,
-    unroll_variance,
-)
 from reports.figures.studies import (
-    adaptive_mu,
-    audited_theory,
-    barrier_relaxation,
-    bouncing_ball,
-    friction_bias,
-    heaviside_bias,
-    impact_and_friction,
-    interpolated_gradients,
-    jumping_objectives,
-    landing_variance,
+    model_learning,
     noised_contact,
+    pathologies,
+    policies,
+    smoothing,
     smoothings_compared,
     start_without_contact,
-    stiff_pushing,
     theory_of_noising,
-    wall_corner,
 )
-
-
-class Drawing(Protocol):
-    """What a study's data look like, and the words below it."""
-
-    caption: str
-    draw: Callable[[xr.Dataset], Figure]
-
+from reports.figures.studies.panels import Drawing
 
 DRAWINGS: dict[str, Drawing] = {
-    "N0": theory_of_noising,
-    "N1": noised_contact,
-    "N2": start_without_contact,
-    "N3": smoothings_compared,
-    "P1": jumping_objectives,
-    "P2": heaviside_bias,
-    "P3": friction_bias,
-    "P4": wall_corner,
-    "P5": stiff_pushing,
-    "P6": barrier_relaxation,
-    "P7": interpolated_gradients,
-    "A1": adaptive_mu,
-    "A2": bouncing_ball,
-    "A2v": landing_variance,
-    "A3": unroll_variance,
-    "A4": trained_policies,
-    "A5": smoothing_ablation,
-    "A6": impact_and_friction,
-    "A7": thrown_ball,
-    "AM": model_learning,
-    "AT": convergence_bound,
-    "T1": audited_theory,
+    "N0": theory_of_noising.DRAWING,
+    "N1": noised_contact.DRAWING,
+    "N2": start_without_contact.DRAWING,
+    "N3": smoothings_compared.DRAWING,
+    "P1": pathologies.P1,
+    "P2": pathologies.P2,
+    "P3": pathologies.P3,
+    "P4": pathologies.P4,
+    "P5": pathologies.P5,
+    "P6": pathologies.P6,
+    "P7": pathologies.P7,
+    "A1": smoothing.A1,
+    "A2": smoothing.A2,
+    "A2v": smoothing.A2V,
+    "A3": policies.A3,
+    "A4": policies.A4,
+    "A5": policies.A5,
+    "A6": smoothing.A6,
+    "A7": policies.A7,
+    "AM": model_learning.DRAWING,
+    "AT": policies.AT,
+    "T1": smoothing.T1,
 }

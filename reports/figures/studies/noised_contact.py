@@ -8,19 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from reports.figures.studies.panels import Drawing
 from reports.style import BLUE, FAINT, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
 
-caption = (
-    "Left: a pusher is sent to u, and the block is found at y; f is the exact step, the dots are "
-    "Monte Carlo of f_sigma. Right: a block at x between walls at -1 m and 1 m; hatched: "
-    "penetration, where no data are; thin dashed: no motion. Ticks below: the data (of the dense "
-    "ones every tenth). Bottom: rollouts of the average and of the network from penetration, "
-    "dense data, as cobwebs: up to the map, across to the diagonal, and again."
-)
 _EDGE = 1.0
 
 
-def draw(data: xr.Dataset) -> Figure:
+def _draw(data: xr.Dataset) -> Figure:
     """Rows: what is learned, sparse data, dense data, rollouts; pusher left, block right."""
     figure = Figure(figsize=(WIDTH, 7.7))
     rows = figure.subplots(4, 2, height_ratios=(0.42, 1, 1, 1))
@@ -132,3 +126,13 @@ def _cobweb(axis: Axes, at: xr.Dataset, name: str) -> None:
     axis.set_title(f"rollouts of ${name[0]}_\\sigma$ from penetration")
     axis.set_xlabel("block $x$ [m]")
     axis.set_ylabel("block after a step [m]")
+
+
+DRAWING = Drawing(
+    _draw,
+    "Left: a pusher is sent to u, and the block is found at y; f is the exact step, the dots are "
+    "Monte Carlo of f_sigma. Right: a block at x between walls at -1 m and 1 m; hatched: "
+    "penetration, where no data are; thin dashed: no motion. Ticks below: the data (of the dense "
+    "ones every tenth). Bottom: rollouts of the average and of the network from penetration, "
+    "dense data, as cobwebs: up to the map, across to the diagonal, and again.",
+)

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import matplotlib as mpl
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from reports.style import BLUE, GREY, INK, VERMILLION
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What a study's data look like, and the caption below."""
+
+    draw: Callable[[xr.Dataset], Figure]
+    caption: str
 
 
 def light_to_dark(number: int, first: float = 0.85, last: float = 0.05) -> np.ndarray:
@@ -32,3 +45,17 @@ def gradient_panel(
 def impulse_arrow(axis: Axes, place: float, start: float, end: float) -> None:
     """Let an arrow from ``start`` to ``end`` stand for an impulse, too high to be drawn."""
     axis.annotate("", (place, end), (place, start), arrowprops={"arrowstyle": "->", "color": INK})
+
+
+def quartile_curve(
+    axis: Axes,
+    x: ArrayLike,
+    values: np.ndarray,
+    color: str,
+    style: str = "-",
+    label: str | None = None,
+) -> None:
+    """Draw the median over runs of ``values`` (runs, n), and the band of the middle half."""
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)
+    axis.plot(x, middle, style, color=color, label=label)
+    axis.fill_between(x, low, high, color=color, alpha=0.12, linewidth=0)

@@ -12,23 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from problems.studies.smoothings_compared.data import ANALYTIC, WITHIN, described, excess, gap
+from reports.figures.studies.panels import Drawing
 from reports.smoothings import dearer, seconds_of, short
 from reports.style import CYCLE, GREY, INK, WIDTH
 
-caption = (
-    "Top left: what the plan of every law costs when it is replayed under the exact law, over the "
-    "exact law's own optimum; blue within 10 %, red beyond. Small: what the plan promised on its "
-    "own model, over the same optimum; a check mark: the referee lets the plan survive. Top right: "
-    "seconds of the processor, collecting and training included. Medians over seeds, how many "
-    "of them survive. Bottom: the average of data with trust over its weight beta, as a share of a "
-    "step's cost at rest, median and range over seeds; left how much dearer the replay is than the "
-    "plan, right what the replay costs, as a share of standing still."
-)
 _LEAST, _MOST = 1e-3, 100.0
 """Excesses at which the colours end."""
 
 
-def draw(data: xr.Dataset) -> Figure:
+def _draw(data: xr.Dataset) -> Figure:
     """The table, and below it what trust does."""
     figure = Figure(figsize=(WIDTH, 7.6))
     parts: Any = figure.subfigures(2, 1, height_ratios=(2.5, 1))
@@ -107,3 +99,15 @@ def _over_share(axis: Axes, data: xr.Dataset, values: xr.DataArray, label: str) 
     axis.yaxis.set_minor_locator(NullLocator())
     axis.set_xticks(places, [f"{share:g}" for share in shares])
     axis.set(xlabel="weight of trust", ylabel=label)
+
+
+DRAWING = Drawing(
+    _draw,
+    "Top left: what the plan of every law costs when it is replayed under the exact law, over the "
+    "exact law's own optimum; blue within 10 %, red beyond. Small: what the plan promised on its "
+    "own model, over the same optimum; a check mark: the referee lets the plan survive. Top right: "
+    "seconds of the processor, collecting and training included. Medians over seeds, how many "
+    "of them survive. Bottom: the average of data with trust over its weight beta, as a share of a "
+    "step's cost at rest, median and range over seeds; left how much dearer the replay is than the "
+    "plan, right what the replay costs, as a share of standing still.",
+)

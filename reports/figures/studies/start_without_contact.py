@@ -10,18 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from problems.registry import spec
+from reports.figures.studies.panels import Drawing
 from reports.strobe import draw_motion
 from reports.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 
-caption = (
-    "Top: cost over Adam's iterations through each of the five dynamics, thin on the model, thick "
-    "replayed under the exact law, medians over seeds and their range; circles at the right are "
-    "gains by IPOPT, open on the model, full replayed. Then: what the last "
-    "policies do under the exact law. Then: final exact cost of policies learned through the "
-    "average of data and through the noised network, over the width of the noise and the amount "
-    "of data, as a multiple of what standing still costs: less is blue, more is red. Bottom: the "
-    "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed."
-)
 _COLORS = {"f": GREY, "f_sigma": GREEN, "g_sigma": BLUE, "h": ORANGE, "h_sigma": VERMILLION}
 _LABELS = {
     "f": "$f$", "f_sigma": r"$f_\sigma$", "g_sigma": r"$g_\sigma$", "h": "$h$",
@@ -29,7 +21,7 @@ _LABELS = {
 }  # fmt: skip
 
 
-def draw(data: xr.Dataset) -> Figure:
+def _draw(data: xr.Dataset) -> Figure:
     """Curves, strobes, heat maps and bars, two problems each."""
     figure = Figure(figsize=(WIDTH, 8.2), layout="constrained")
     parts: Any = figure.subfigures(4, 1, height_ratios=(2.2, 2.6, 1.7, 1.7))
@@ -112,3 +104,15 @@ def _costs(axis: Axes, data: xr.Dataset) -> None:
     axis.set_yscale("log")
     axis.set_ylim(1, 8 * float(data["cost"].max()))
     axis.set_xticks(places, [str(law) for law in data["law"].values])
+
+
+DRAWING = Drawing(
+    _draw,
+    "Top: cost over Adam's iterations through each of the five dynamics, thin on the model, thick "
+    "replayed under the exact law, medians over seeds and their range; circles at the right are "
+    "gains by IPOPT, open on the model, full replayed. Then: what the last "
+    "policies do under the exact law. Then: final exact cost of policies learned through the "
+    "average of data and through the noised network, over the width of the noise and the amount "
+    "of data, as a multiple of what standing still costs: less is blue, more is red. Bottom: the "
+    "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed.",
+)

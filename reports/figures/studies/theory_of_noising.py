@@ -7,21 +7,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reports.figures.studies.panels import light_to_dark
+from reports.figures.studies.panels import Drawing, light_to_dark
 from reports.style import BLUE, CYCLE, GREY, INK, VERMILLION, WIDTH
 
-caption = (
-    "Lines: theory, marks: computed. Lemma 1: largest distance of g from f_sigma over the spacing "
-    "D of uniform data. Lemmas 2 and 3: noised risk of g perturbed by p, above that of g. Walls: "
-    "how far inside a penetrating state is put, and the slope there, over the penetration s. Ends: "
-    "g against f_sigma near the last datum. Networks: distance of h from g over the number of "
-    "noised pairs, medians, and the rate -1/2. Neighbours: effective number of data in an average "
-    "of g; diamonds: planar-push (7) and planar-hand (11) in the tube, at sigma = 0.2 of the "
-    "deviation, open: data in ranges, filled: half of them in the tube."
-)
 
-
-def draw(data: xr.Dataset) -> Figure:
+def _draw(data: xr.Dataset) -> Figure:
     """Six panels: lemmas, walls, ends, networks and neighbours."""
     figure = Figure(figsize=(WIDTH, 7.2))
     panels = figure.subplots(3, 2).ravel()
@@ -124,3 +114,15 @@ def _neighbours(axis: Axes, data: xr.Dataset) -> None:
     axis.set_xlabel("dimensions")
     axis.set_ylabel("effective neighbours")
     axis.legend(fontsize=7)
+
+
+DRAWING = Drawing(
+    _draw,
+    "Lines: theory, marks: computed. Lemma 1: largest distance of g from f_sigma over the spacing "
+    "D of uniform data. Lemmas 2 and 3: noised risk of g perturbed by p, above that of g. Walls: "
+    "how far inside a penetrating state is put, and the slope there, over the penetration s. Ends: "
+    "g against f_sigma near the last datum. Networks: distance of h from g over the number of "
+    "noised pairs, medians, and the rate -1/2. Neighbours: effective number of data in an average "
+    "of g; diamonds: planar-push (7) and planar-hand (11) in the tube, at sigma = 0.2 of the "
+    "deviation, open: data in ranges, filled: half of them in the tube.",
+)

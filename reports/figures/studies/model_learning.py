@@ -7,23 +7,15 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from reports.figures.studies.panels import Drawing
 from reports.style import BLUE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 
-caption = (
-    "Top left: error of the next state on held-out transitions of random policies over the number "
-    "learned from, of the physical model with learned psi and of a network; lines: median over "
-    "starts, bands: range; dashed: those that end in contact, dotted: nothing moves. Top right: "
-    "the same at the full number, where transitions are exact, noisy, or of a hopper with a drag "
-    "that the model lacks. Middle: mean of the random search's candidates, from one start; the "
-    "second pass begins where psi moves again. Bottom: psi over its truth with 95 % intervals, all "
-    "starts; what leaves the axis is cut at its edge."
-)
 _COLORS = {"psi": BLUE, "network": VERMILLION}
 _KINDS = {"exact": BLUE, "noise": GREEN, "drag": ORANGE}
 _REACH = (0.2, 5.0)
 
 
-def draw(data: xr.Dataset) -> Figure:
+def _draw(data: xr.Dataset) -> Figure:
     """Errors above, the search in the middle, psi below."""
     figure = Figure(figsize=(WIDTH, 7.4))
     grid = figure.add_gridspec(3, 2, height_ratios=(1.2, 0.9, 1.0))
@@ -110,3 +102,15 @@ def _values(axis: Axes, data: xr.Dataset) -> None:
 def _plain(axis: Axes, ticks: tuple[float, ...]) -> None:
     axis.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axis.minorticks_off()
+
+
+DRAWING = Drawing(
+    _draw,
+    "Top left: error of the next state on held-out transitions of random policies over the number "
+    "learned from, of the physical model with learned psi and of a network; lines: median over "
+    "starts, bands: range; dashed: those that end in contact, dotted: nothing moves. Top right: "
+    "the same at the full number, where transitions are exact, noisy, or of a hopper with a drag "
+    "that the model lacks. Middle: mean of the random search's candidates, from one start; the "
+    "second pass begins where psi moves again. Bottom: psi over its truth with 95 % intervals, all "
+    "starts; what leaves the axis is cut at its edge.",
+)

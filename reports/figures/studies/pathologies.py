@@ -1,0 +1,272 @@
+"""Drawings of the studies of [pathologies]: P1 to P7."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.patches import Arc, Rectangle
+from matplotlib.ticker import NullFormatter
+
+from reports.figures.studies.panels import Drawing, gradient_panel, light_to_dark, unbroken
+from reports.style import BLUE, CYCLE, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
+
+_PANELS = (
+    ("drop", "A. dropped ball", "drop at $\\theta$ [m]", "minus height [m]", "[m/m]"),
+    ("throw", "B. throw past a wall", "angle $\\theta$ [rad]", "minus distance$^2$ [m$^2$]",
+     "[m$^2$/rad]"),
+    ("pivot", "C. pivoted bar", "angle $\\theta$ [rad]", "$-\\omega^2$ [s$^{-2}$]",
+     "[s$^{-2}$/rad]"),
+)  # fmt: skip
+
+
+def _p1(data: xr.Dataset) -> Figure:
+    """Objectives above gradients, one column a system."""
+    figure = Figure(figsize=(WIDTH, 4.6))
+    axes = figure.subplots(2, 3)
+    for column, (name, title, decision, objective, unit) in enumerate(_PANELS):
+        top, bottom = axes[:, column]
+        theta = data[f"theta_{name}"].values
+        f = data[f"f_{name}"].values
+        top.plot(data[f"fine_{name}"], unbroken(f, 0.05 * np.ptp(f)), color=INK, label="$f$")
+        top.plot(theta, data[f"F_{name}"], color=VERMILLION, label="$F$")
+        estimates = (data[f"{order}_{name}"][:, 0] for order in ("first", "zeroth"))
+        gradient_panel(bottom, theta, data[f"slope_{name}"], *estimates)
+        top.set_title(title)
+        top.set_ylabel(objective)
+        bottom.set(xlabel=decision, ylabel=f"gradient {unit}")
+    axes[0, 0].legend()
+    axes[1, 1].legend(loc="lower right")
+    return figure
+
+
+P1 = Drawing(
+    _p1,
+    "Top: the objective (black) and its smoothing over the decision. Bottom: the gradient of the "
+    "smoothed objective by quadrature (grey), and the estimates from equally many samples.",
+)
+
+
+_MARKS = {"zobg": "o", "zobg-zero-noise": "^", "zobg-mean": "s", "fobg": "x"}
+
+
+def _p2(data: xr.Dataset) -> Figure:
+    """Objective, gradient and variance over theta."""
+    figure = Figure(figsize=(WIDTH, 2.6))
+    left, middle, right = figure.subplots(1, 3)
+    theta = data["theta"].values
+    left.step(theta, data["f"], where="mid", color=INK, label="f")
+    left.plot(theta, data["F"], color=CYCLE[0], label="F")
+    left.plot(theta, data["F_sampled"], ".", color=CYCLE[0], markersize=3)
+    left.set_ylabel("objective")
+    left.legend()
+    middle.plot(theta, data["gradient"], color=INK)
+    right.plot(theta, data["zobg_variance"], color=INK, label="closed form")
+    for color, (name, mark) in zip(CYCLE, _MARKS.items(), strict=False):
+        one = data.sel(estimator=name)
+        if name in ("zobg", "fobg"):
+            middle.plot(theta, one["mean"], mark, color=color)
+        right.plot(theta, one["variance"], mark, color=color, label=name, markersize=3)
+    middle.set_ylabel("gradient")
+    right.set_ylabel("variance of one sample")
+    right.set_ylim(0, 1.5 * float(data["variance"].max()))
+    right.legend(ncols=2, fontsize=6.5, columnspacing=0.8, handletextpad=0.2)
+    for axis in (left, middle, right):
+        axis.set_xlabel("$\\theta$")
+    return figure
+
+
+P2 = Drawing(
+    _p2,
+    "Heaviside objective and its smoothed form, gradient estimates and the empirical variance of "
+    "one sample over the decision; lines: closed forms, marks: samples.",
+)
+
+
+def _p3(data: xr.Dataset) -> Figure:
+    """Friction, running estimates, and variances over the tolerance."""
+    figure = Figure(figsize=(WIDTH, 4.8))
+    (friction, running), (variance, block) = figure.subplots(2, 2)
+    slip = data["slip"].values
+    for color, nu in zip(CYCLE, data["width"].values, strict=False):
+        one = data.sel(width=nu)
+        friction.plot(slip, one["friction"], color=color, label=f"$\\nu$ = {nu:g} m/s")
+        friction.plot(slip, one["block_impulse"], "--", color=color)
+    friction.set(xlabel="sliding velocity [m/s]", ylabel="share of the limit")
+    friction.legend()
+    for color, name in zip(CYCLE, data["order"].values, strict=False):
+        running.plot(data["n"], data["running_mean"].sel(order=name), color=color, label=str(name))
+        few = data["variance"].sel(order=name).values
+        shown = few > 0
+        variance.loglog(data["nu"][shown], few[shown], ".", color=color, label=str(name))
+        variance.loglog(data["nu"], data[f"{name}_variance"], color=color)
+        for axis, grid, mark, many in (
+            (variance, "coarse", "x", "wide_variance"),
+            (block, "block_nu", "x-", "block_variance"),
+        ):
+            values = data[many].sel(order=name).values
+            axis.loglog(data[grid], np.where(values > 0, values, np.nan), mark, color=color)
+    running.axhline(float(data["truth"]), color=INK, linewidth=0.8, linestyle="--")
+    running.set_ylim(-5, 4 * float(data["truth"]))
+    running.set(xlabel="samples", ylabel="gradient [s/m]")
+    running.legend()
+    variance.set_ylabel("variance of one sample [s$^2$/m$^2$]")
+    variance.set_title("relaxed friction")
+    block.set_title("block on a belt")
+    for axis in (variance, block):
+        axis.set_xlabel("slip tolerance $\\nu$ [m/s]")
+    return figure
+
+
+P3 = Drawing(
+    _p3,
+    "Relaxed friction over sliding velocity, and the impulse on a block behind it (dashed); "
+    "estimates over sample count; empirical variance over slip tolerance (marks: 1000 samples, "
+    "crosses: many, lines: closed forms), and that of the block.",
+)
+
+
+_COLORS = (GREEN, PURPLE)
+
+
+def _p4(data: xr.Dataset) -> Figure:
+    """Paths, objective, variance, gradients."""
+    figure = Figure(figsize=(WIDTH, 6.6))
+    paths, (objective, variance), gradients = figure.subplots(3, 2)
+    place, width, height = (data.attrs[name] for name in ("place", "width", "height"))
+    fine = data["fine"].values
+    for index, (color, name) in enumerate(zip(_COLORS, data["shape"].values, strict=True)):
+        axis = paths[index]
+        axis.add_patch(Rectangle((place - width / 2, 0), width, height, color=GREY, alpha=0.4))
+        if index:
+            axis.add_patch(Arc((place, height), width, width, theta1=0, theta2=180, color=INK))
+        for path in data["path"].values[index]:
+            axis.plot(path[:, 0], path[:, 1], color=color, linewidth=0.8)
+        axis.set_xlim(1.35, 1.6)
+        axis.set_ylim(0.45, 0.55)
+        axis.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
+        axis.set_title(str(name))
+        f = unbroken(data["f"].values[index], 0.05)
+        objective.plot(fine, f, color=color, linewidth=2.6 - 1.6 * index, label=str(name))
+        gradient, theta = gradients[index], data["theta"].values
+        estimates = (data[order][index, :, 0] for order in ("first", "zeroth"))
+        gradient_panel(gradient, theta, data["slope"][index], *estimates)
+        gradient.set(xlabel="angle $\\theta$ [rad]", ylabel="gradient [m/rad]")
+    wide = data["width"].values
+    variance.loglog(wide, data["narrow_variance_first"], "o-", color=BLUE, label="FoBG")
+    variance.loglog(wide, data["narrow_variance_zeroth"], "s-", color=VERMILLION, label="ZoBG")
+    variance.set_xticks(wide[::2], [f"{value:.3g}" for value in wide[::2]])
+    for scale in (variance.xaxis, variance.yaxis):
+        scale.set_minor_formatter(NullFormatter())
+    variance.set(xlabel="diameter of the dome [m]", ylabel="variance [m$^2$/rad$^2$]")
+    objective.set(xlabel="angle $\\theta$ [rad]", ylabel="minus distance [m]")
+    for axis in (objective, variance, gradients[0]):
+        axis.legend()
+    return figure
+
+
+P4 = Drawing(
+    _p4,
+    "Top: throws past the corner of the rectangle (left) and of the dome (right). Middle: minus "
+    "the distance over the angle (left); variance of one sample's gradient at the corner's angle "
+    "as the dome shrinks (right). Bottom: gradient of the smoothed objective by quadrature (grey) "
+    "and estimates, at the rectangle (left) and the dome (right).",
+)
+
+
+def _p5(data: xr.Dataset) -> Figure:
+    """Variance over k."""
+    figure = Figure(figsize=(WIDTH, 3.6))
+    axis = figure.subplots()
+    k = data["k"].values
+    axis.loglog(k, data["first_order"], "o-", color=BLUE, label="FoBG, spring")
+    axis.loglog(k, data["zeroth_order"], "s-", color=VERMILLION, label="ZoBG, spring")
+    implicit = data["implicit_first"].values
+    axis.axhline(implicit[0], color=GREEN, label="FoBG, implicit time stepping")
+    for value in implicit[1:]:
+        axis.axhline(value, color=GREEN, linestyle=":", linewidth=1.0)
+    limit = float(data["limit"])
+    axis.axvline(limit, color=INK, linestyle="--", linewidth=0.9)
+    axis.text(limit * 0.93, 1e12, "$m (1 + c)/h^2$", rotation=90, ha="right", va="center")
+    finite = np.concatenate((data["first_order"].values, implicit))
+    axis.set_ylim(np.nanmin(finite) / 3, 1e20)
+    axis.set(xlabel="stiffness $k$ [N/m]", ylabel="variance [m$^4$/N$^2$]")
+    axis.legend(loc="upper left")
+    return figure
+
+
+P5 = Drawing(
+    _p5,
+    "Variance of the gradient by all inputs over the stiffness of the spring; the vertical line is "
+    "the analytic limit of semi-implicit integration. Horizontal: implicit time stepping, which "
+    "has no stiffness, under the exact law (full) and softened (dotted).",
+)
+
+
+def _p6(data: xr.Dataset) -> Figure:
+    """Next position, and its derivative, over the input."""
+    figure = Figure(figsize=(WIDTH, 3.0))
+    left, right = figure.subplots(1, 2)
+    u, kappas = data["u"].values, data["kappa"].values
+    shades = light_to_dark(len(kappas))
+    for index, (kappa, shade) in enumerate(zip(kappas, shades, strict=True)):
+        left.plot(
+            u, data["x_barrier"][index], color=shade, label=f"$\\kappa$ = {kappa:g} J$^{{-1}}$"
+        )
+        left.plot(u[::10], data["x_eq5"][index][::10], ".", color=shade, markersize=3)
+        right.plot(u, data["slope_barrier"][index], color=shade)
+    for axis, name in ((left, "x_qp"), (right, "slope_exact")):
+        axis.plot(
+            u, data[name], "--", color=INK, linewidth=1.0, label="QP" if axis is left else None
+        )
+        axis.set_xlabel("input impulse $u$ [N s]")
+    left.set_ylabel("next position $x^+$ [m]")
+    right.set_ylabel("$\\partial x^+ / \\partial u$ [m/(N s)]")
+    left.legend()
+    return figure
+
+
+P6 = Drawing(
+    _p6,
+    "Next position and its slope over the input impulse at (x, v) = 0: the QP of eq. 3 (dashed) "
+    "and the log barrier of eq. 4 (lines: contact law; dots: closed form of eq. 5).",
+)
+
+
+_MARKS_P7 = ("o", "x", "^", "s", "D")
+_UNITS = {"heaviside": "", "coulomb": " [m/s]", "ball-wall": " [rad]"}
+
+
+def _p7(data: xr.Dataset) -> Figure:
+    """Estimates and weights of the three cases."""
+    figure = Figure(figsize=(WIDTH, 4.2))
+    rows = figure.subplots(2, 3, sharex="col", height_ratios=(1.6, 1))
+    for k, case in enumerate(map(str, data["case"].values)):
+        one, (top, bottom) = data.sel(case=case), rows[:, k]
+        theta, truth = one["theta"].values, one["truth"].values
+        band = float(one["gamma_of_case"])
+        top.plot(theta, truth, color=INK)
+        top.fill_between(theta, truth - band, truth + band, color=INK, alpha=0.12, linewidth=0)
+        for color, mark, name in zip(CYCLE, _MARKS_P7, data["estimator"].values, strict=False):
+            label = str(name) if k == 0 else None
+            estimate = one.sel(estimator=name)
+            top.plot(theta, estimate["mean"][:, 0], mark, color=color, markersize=3, label=label)
+            if np.isfinite(estimate["alpha"]).all():
+                bottom.plot(theta, estimate["alpha"].mean("run"), f"{mark}-", color=color,
+                            markersize=3)  # fmt: skip
+        reach = np.abs(truth).max()
+        top.set_ylim(truth.min() - 0.7 * reach, truth.max() + 0.7 * reach)
+        top.set_title(case)
+        bottom.set_ylim(-0.05, 1.05)
+        bottom.set_xlabel(f"$\\theta${_UNITS[case]}")
+    rows[0, 0].set_ylabel("gradient")
+    rows[1, 0].set_ylabel("weight alpha")
+    figure.legend(loc="outside upper center", ncols=5)
+    return figure
+
+
+P7 = Drawing(
+    _p7,
+    "Above: gradient estimates of one run over the decision (line: the gradient, band: the allowed "
+    "error). Below: mean weight of the first order over all runs.",
+)

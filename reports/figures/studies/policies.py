@@ -1,0 +1,211 @@
+"""Drawings of the studies of policy gradients: A3, A4, A5, A7 and AT."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from problems.studies.convergence_bound import bound
+from problems.studies.trained_policies.data import METHODS, MODEL_BASED
+from problems.studies.unroll_variance import growth
+from reports.figures.studies.panels import Drawing, quartile_curve
+from reports.style import CYCLE, INK, WIDTH
+
+
+def _a3(data: xr.Dataset) -> Figure:
+    """Variances over the length, and growth rates by law."""
+    figure = Figure(figsize=(WIDTH, 4.6))
+    tasks, laws = list(map(str, data["task"].values)), list(map(str, data["law"].values))
+    panels = figure.subplots(len(tasks), 2, width_ratios=(1.6, 1))
+    lengths = data["length"].values
+    for (curves, rates), task in zip(panels, tasks, strict=True):
+        for k, (law, color) in enumerate(zip(laws, CYCLE, strict=False)):
+            values = data["variance"].sel(task=task, law=law).values
+            style = "--" if law == "adaptive" else "-"
+            label = law if task == tasks[0] else None
+            curves.semilogy(lengths, np.nanmean(values, axis=0), style, color=color, label=label)
+            curves.fill_between(lengths, np.nanmin(values, axis=0), np.nanmax(values, axis=0),
+                                color=color, alpha=0.07, linewidth=0)  # fmt: skip
+            found = growth(data, task, law)
+            rates.errorbar([k], [found.rate], yerr=[[found.rate - found.low]], fmt="o",
+                           color=color, markersize=4)  # fmt: skip
+        rates.axhline(0, color=INK, linewidth=0.6)
+        rates.set_xticks(range(len(laws)), laws, rotation=45)
+        curves.set_title(task)
+        curves.set_ylabel("variance")
+        rates.set_ylabel("growth [1/step]")
+    panels[-1][0].set_xlabel("unroll length H")
+    figure.legend(loc="outside upper center", ncols=6)
+    return figure
+
+
+A3 = Drawing(
+    _a3,
+    "Left: variance of one unroll's gradient, mean over the policies of a training (band: their "
+    "range). Right: growth of its logarithm a step from H = 5 on, with twice its standard error.",
+)
+
+
+def _a4(data: xr.Dataset) -> Figure:
+    """Curves over steps and over time, a row a task; then shares of the best plan."""
+    figure = Figure(figsize=(WIDTH, 7.2))
+    tasks = list(map(str, data["task"].values))
+    parts: Any = figure.subfigures(2, 1, height_ratios=[2 * len(tasks), 1.6])
+    above, below = parts
+    rows = above.subplots(len(tasks), 3, squeeze=False, sharey="row", width_ratios=[2, 0.9, 1.3])
+    for row, task in zip(rows, tasks, strict=True):
+        one, first = data.sel(task=task), task == tasks[0]
+        curves(row[0], one["by_steps"].drop_sel(algorithm=MODEL_BASED), "steps", named=first)
+        alone = one["model_based"].expand_dims(algorithm=[MODEL_BASED])
+        curves(row[1], alone, "few", named=first)
+        curves(row[2], one["by_time"], "wall", named=False)
+        row[0].set_ylabel("exact return")
+        row[0].set_title(task)
+        row[0].set_xlabel("simulated steps")
+        row[1].set_xlabel("steps of MBPO")
+        row[2].set_xlabel("wall time [s]")
+    for axes, task in zip(below.subplots(1, len(tasks), sharey=True), tasks, strict=True):
+        shares(axes, data.sel(task=task))
+        axes.set_title(task)
+        axes.set_xlabel("share of the best plan's return")
+    above.legend(loc="outside upper center", ncols=4)
+    return figure
+
+
+def shares(axes: Axes, one: xr.Dataset) -> None:
+    """Every run's share of the best plan, a line an algorithm, the median as a stroke."""
+    best = one["replayed"].max("guess").mean("start")
+    found = (one["reached"].mean("start") / best).transpose("algorithm", "run").values
+    for k, of in enumerate(found):
+        axes.plot(of, np.full(of.shape, k), "o", color=CYCLE[k % len(CYCLE)], ms=3, alpha=0.6)
+        axes.plot(np.median(of), k, "|", color=CYCLE[k % len(CYCLE)], ms=9)
+    axes.axvline(1.0, color="0.6", linewidth=0.8)
+    axes.set_yticks(range(len(found)), [str(name) for name in one["algorithm"].values])
+    axes.set_ylim(len(found) - 0.5, -0.5)
+
+
+def curves(axes: Axes, data: xr.DataArray, along: str, named: bool) -> None:
+    """Median and middle half over runs of ``data`` (algorithm, run, along), where all have been."""
+    for name in map(str, data["algorithm"].values):
+        values = data.sel(algorithm=name).transpose("run", along).values
+        been = np.isfinite(values).all(axis=0)
+        k = list(METHODS).index(name)
+        style, color = "-" if k < len(CYCLE) else "--", CYCLE[k % len(CYCLE)]
+        at = data[along].values[been]
+        quartile_curve(axes, at, values[:, been], color, style, name if named else None)
+
+
+A4 = Drawing(
+    _a4,
+    "Returns of whole episodes under the exact law: median over seeds, and the range of the middle "
+    "half, over the simulated steps that all spend, over MBPO's own and over wall time. Below, "
+    "every seed's policy over the steps of a plan from the same starts, as a share of what the "
+    "best plan's inputs return.",
+)
+
+
+def _a5(data: xr.Dataset) -> Figure:
+    """Returns and gradient variances over iterations."""
+    figure = Figure(figsize=(WIDTH, 3.2))
+    returns, spread = figure.subplots(1, 2, width_ratios=(1.4, 1))
+    iterations = data["iteration"].values
+    for law, color in zip(map(str, data["law"].values), CYCLE, strict=False):
+        one = data.sel(law=law)
+        quartile_curve(returns, iterations, one["exact_return"].values, color, label=law)
+        spread.semilogy(np.nanmedian(one["variance"].values, axis=0), color=color)
+    returns.set_xlabel("iteration")
+    returns.set_ylabel("exact return")
+    spread.set_xlabel("iteration")
+    spread.set_ylabel("variance of the gradient")
+    figure.legend(loc="outside upper center", ncols=6)
+    return figure
+
+
+A5 = Drawing(
+    _a5,
+    "Left: return of whole episodes under the exact law, median over seeds and middle half. Right: "
+    "variance of one unroll's gradient, median over seeds.",
+)
+
+
+_SHOWN = (("FOPG", "exact"), ("BS 0.01", "barrier, 1e-2"), ("ABS quartic", "adaptive"))
+_LEAST = 1e-5
+
+
+def _a7(data: xr.Dataset) -> Figure:
+    """Curves of all methods beside the landscapes of three laws."""
+    figure = Figure(figsize=(WIDTH, 5.2))
+    grid = figure.add_gridspec(2, 3, height_ratios=(1.1, 1))
+    curves = figure.add_subplot(grid[0, :])
+    colors = {str(m): CYCLE[k % len(CYCLE)] for k, m in enumerate(data["algorithm"].values)}
+    for k, (method, color) in enumerate(colors.items()):
+        lost = np.maximum(-data["exact_return"].sel(algorithm=method).values, _LEAST)
+        style = "-" if k < len(CYCLE) else "--"
+        quartile_curve(curves, np.arange(lost.shape[-1]), lost, color, style, method)
+    curves.set_yscale("log")
+    curves.set_xlabel("iteration")
+    curves.set_ylabel("minus return [$m^2$]")
+    curves.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    whole = -data["landscape"].sel(law=[law for law, _ in _SHOWN]).values
+    levels = np.geomspace(max(whole.min(), 1e-2), whole.max(), 12)
+    for k, (law, title) in enumerate(_SHOWN):
+        axes = figure.add_subplot(grid[1, k])
+        lost = np.maximum(-data["landscape"].sel(law=law).values, levels[0])
+        axes.contourf(data["theta"], data["s"], np.log10(lost).T, levels=np.log10(levels),
+                      cmap="Greys")  # fmt: skip
+        way = data.sel(algorithm=law).isel(run=0)
+        axes.plot(way["angle"], way["speed"], ".-", color=colors[law], markersize=2, linewidth=0.8)
+        axes.plot(way["angle"][-1], way["speed"][-1], "o", color=colors[law], markersize=5)
+        axes.plot([0.6], [3.0], "+", color=INK, markersize=7)
+        axes.set_xlim(float(data["theta"].min()), float(data["theta"].max()))
+        axes.set_ylim(float(data["s"].min()), float(data["s"].max()))
+        axes.set_title(title)
+        axes.set_xlabel("angle [rad]")
+        if k == 0:
+            axes.set_ylabel("speed [m/s]")
+    return figure
+
+
+A7 = Drawing(
+    _a7,
+    "Above: how much exact return a decision lacks over iterations, median and quartiles over "
+    "runs. Below: the return over angle and speed under three laws, light where it is high, with "
+    "the iterates of one run, its end (dot) and the goal's throw (cross).",
+)
+
+
+def _at(data: xr.Dataset) -> Figure:
+    """Norms, bias and variance over steps, and both sides of the bound."""
+    figure = Figure(figsize=(WIDTH, 3.0))
+    norms, terms, sides = figure.subplots(1, 3, width_ratios=(1.2, 1.2, 1))
+    laws = [str(law) for law in data["law"].values]
+    for law, color in zip(laws, CYCLE, strict=False):
+        one = data.sel(law=law)
+        norms.semilogy((one["slope"] ** 2).mean("run"), color=color, label=law)
+        terms.semilogy(one["bias"].mean("run"), "-", color=color)
+        terms.semilogy(one["variance"].mean("run"), ":", color=color)
+    norms.set_xlabel("step")
+    norms.set_ylabel("mean square gradient [$m^4$]")
+    terms.set_xlabel("step")
+    terms.set_ylabel("bias (line), variance (dots)")
+    both = np.array([bound(data, law) for law in laws])
+    places = np.arange(len(laws))
+    sides.bar(places, both[:, 1], color=list(CYCLE[: len(laws)]), alpha=0.4)
+    sides.plot(places, both[:, 0], "o", color=INK)
+    sides.set_yscale("log")
+    sides.set_xticks(places, laws, rotation=60)
+    sides.set_ylabel("[$m^4$]")
+    figure.legend(*norms.get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    return figure
+
+
+AT = Drawing(
+    _at,
+    "Left: mean square norm of the gradient of J over the steps of ascent, mean over runs. Middle: "
+    "bias and variance of the batch's gradient, means over runs. Right: the smallest mean square "
+    "norm (dot) and the bound on it (bar).",
+)
