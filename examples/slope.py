@@ -40,7 +40,7 @@ def scene(p):
     return Scene(
         [
             Pusher("cart", Disc(r), at=on_slope(p, -0.4, r), mass=p["cart"],
-                   along=on_slope(p, 1, 0)),
+                   axis=on_slope(p, 1, 0)),
             Body("block", block, at=on_slope(p, 0, p["high"]), angle=p["angle"], mass=p["m"],
                  inertia=p["m"] * (p["half"] ** 2 + p["high"] ** 2) / 3),
             Obstacle("slope", HalfPlane(normal=on_slope(p, 0, 1)), at=(0.0, 0.0)),

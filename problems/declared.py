@@ -15,8 +15,8 @@ from pydantic import AfterValidator, BaseModel, Field
 from ocp.errors import InputError
 from ocp.words.given import Line, checked
 from problems.drawing import ContactFrame, Shape
-from problems.own_code import own
 from problems.spec import Citation, Golden, ProblemSpec, defined
+from problems.user_code import guarded
 
 _REQUIRED = ("name", "title", "Params", "build")
 _LONGEST = 100
@@ -97,4 +97,4 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
 
 def _own(key: str, function: Callable[..., Any], file: Path) -> Callable[..., Any]:
     call, kind = _RETURNED[key]
-    return own(function, call, file, kind and (lambda value: checked("it", value, kind)))
+    return guarded(function, call, file, kind and (lambda value: checked("it", value, kind)))

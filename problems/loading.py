@@ -19,9 +19,9 @@ from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.provenance import file_digest
 from ocp.words.given import Line, Recorded, checked
-from problems.own_code import reason, told
 from problems.source_digest import folder_modules, open_to_imports
 from problems.spec import ProblemSpec, describe
+from problems.user_code import reason, user_code
 
 
 def import_file(path: Path) -> ModuleType:
@@ -42,7 +42,7 @@ def import_file(path: Path) -> ModuleType:
     sys.modules[spec.name] = module
     open_to_imports(path.parent)
     _forget_others(path)
-    with told("the file raised at", path), _no_bytecode():
+    with user_code("the file raised at", path), _no_bytecode():
         spec.loader.exec_module(module)
     return module
 
@@ -104,8 +104,8 @@ def check(spec: ProblemSpec) -> None:
         try:
             evaluate()
         except Exception as error:
-            said = reason(error).removeprefix(f"{spec.path}: ")
-            raise InputError(f"{spec.path}: the {what} does not fit: {said}") from error
+            message = reason(error).removeprefix(f"{spec.path}: ")
+            raise InputError(f"{spec.path}: the {what} does not fit: {message}") from error
     start = problem.initial_states(p)
     if not np.all(np.isfinite(start)):
         raise InputError(f"{spec.path}: x0 is not finite: {start[0]}")
@@ -115,9 +115,9 @@ def check(spec: ProblemSpec) -> None:
     if not np.all(np.isfinite(_step(problem, start[0], p))):
         raise InputError(f"{spec.path}: residual or gap is not finite at x0, u = 0 and lam = 0")
     params = spec.params({})
-    for look in (spec.draw, spec.frames):
-        if look is not None:
-            look(params, start[0])
+    for drawing in (spec.draw, spec.frames):
+        if drawing is not None:
+            drawing(params, start[0])
     _check_words(spec, params)
 
 

@@ -19,9 +19,9 @@ from ocp.problem import Problem
 from ocp.words.given import Count, Index, Line, Number, Positive
 from ocp.words.numbers import typed
 from problems.drawing import ContactFrame, Shape
-from problems.own_code import own, told
 from problems.parameters import natural_units, range_of, unit_of
 from problems.shown import Shown
+from problems.user_code import guarded, user_code
 
 S = TypeVar("S", bound="Spec")
 
@@ -121,7 +121,7 @@ class ProblemSpec(Spec):
         """Check ``values`` and fill in the defaults; raises as :meth:`Spec.params` does."""
         if self.path is None:
             return super().params(values)
-        with told("Params failed:", self.path, through=InputError):
+        with user_code("Params failed:", self.path, through=InputError):
             return super().params(values)
 
     def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
@@ -142,7 +142,7 @@ class ProblemSpec(Spec):
         problem.check_physics()
         guess = problem.guess
         if guess is not None and self.path is not None:
-            guess = own(guess, "guess(problem, p)", self.path)
+            guess = guarded(guess, "guess(problem, p)", self.path)
         return replace(
             problem,
             guess=guess,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from ocp.store.stored_run import StoredRun
     from ocp.task import Task
-    from problems.tasks.spec import TaskSpec
+    from problems.tasks.registry import TaskSpec
 
 
 def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:

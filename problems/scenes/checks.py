@@ -72,7 +72,7 @@ def _known(name: str, names: list[str], who: str) -> None:
         raise InputError(f"{who} {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}")
 
 
-def told(pusher: Pusher, value: Scalar | None, what: str, where: str) -> Scalar:
+def required(pusher: Pusher, value: Scalar | None, what: str, where: str) -> Scalar:
     """The pusher's ``value``, which what is built of it needs."""
     if value is None:
         raise InputError(
@@ -99,8 +99,8 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
                 raise InputError(
                     f"{thing.name!r} has the {what} {value(number):g}; expected a positive number"
                 )
-        if isinstance(thing, Pusher) and thing.along is not None:
-            _check_unit(f"the rail of {thing.name!r} runs along", thing.along, value)
+        if isinstance(thing, Pusher) and thing.axis is not None:
+            _check_unit(f"the rail of {thing.name!r} runs along", thing.axis, value)
     for i, touch in enumerate(scene.touches):
         if value(scene.friction[i]) < 0:
             raise InputError(

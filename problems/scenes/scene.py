@@ -18,8 +18,8 @@ from dynamics.systems import (
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Pose
 from dynamics.systems.contacts.pose import Point, Scalar, column
-from problems.scenes.books import books
-from problems.scenes.checks import check_names, check_numbers, told
+from problems.scenes.checks import check_names, check_numbers, required
+from problems.scenes.energy import energy_book
 from problems.scenes.things import Body, Goal, Pusher, Thing
 from problems.scenes.touching import Touch, touches
 
@@ -140,7 +140,7 @@ class Scene:
         values, such as things that start inside each other.
         """
         stiffness = [
-            ca.SX(told(p, p.stiffness, "stiffness", "a quasi-dynamic scene"))
+            ca.SX(required(p, p.stiffness, "stiffness", "a quasi-dynamic scene"))
             for p in self.pushers
             for _ in p.coordinates
         ]
@@ -181,7 +181,7 @@ class Scene:
         :func:`~dynamics.systems.timestepping.time_stepping`; raises as :meth:`quasi_dynamic` does.
         """
         masses = [
-            ca.SX(told(p, p.mass, "mass", "a scene with velocities"))
+            ca.SX(required(p, p.mass, "mass", "a scene with velocities"))
             for p in self.pushers
             for _ in p.coordinates
         ]
@@ -209,7 +209,7 @@ class Scene:
             cone=cone,
             linearised=linearised,
             parameters=parameters,
-            book=books(self, M, M * falling, h),
+            book=energy_book(self, M, M * falling, h),
         )
 
     def _commands(self, unit: str, what: str) -> tuple[Signal, ...]:

@@ -88,34 +88,34 @@ class Pusher(Thing):
 
     In a quasi-dynamic scene a spring of ``stiffness`` [N/m] draws it to the commanded place, in one
     with velocities it has a ``mass`` [kg] and is pushed by a force. It moves in the plane, or on a
-    rail ``along`` a unit vector, with the way gone from ``at`` [m] as its one coordinate.
+    rail along the unit vector ``axis``, with the way gone from ``at`` [m] as its one coordinate.
     """
 
     stiffness: Scalar | None = None
     mass: Scalar | None = None
-    along: Point | None = None
+    axis: Point | None = None
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
         """``<name>_x`` and ``<name>_y``, or the way gone ``<name>``."""
-        if self.along is None:
+        if self.axis is None:
             return _places(self.name)
         return (Signal(self.name, "m", f"way of {self.name} along its rail"),)
 
     @property
     def start(self) -> ca.SX:
         """``at``, or no way gone."""
-        return column(self.at) if self.along is None else ca.SX.zeros(1)
+        return column(self.at) if self.axis is None else ca.SX.zeros(1)
 
     def pose(self, q: ca.SX) -> Pose:
         """Where it is at its own coordinates ``q``."""
-        place = q if self.along is None else column(self.at) + q * column(self.along)
+        place = q if self.axis is None else column(self.at) + q * column(self.axis)
         return Pose(place, -ca.SX(self.angle))
 
     @property
     def directions(self) -> ca.SX:
         """Unit vectors in which its coordinates move it, as columns."""
-        return ca.SX.eye(2) if self.along is None else column(self.along)
+        return ca.SX.eye(2) if self.axis is None else column(self.axis)
 
 
 @dataclass(frozen=True, eq=False)

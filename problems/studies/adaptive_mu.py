@@ -8,16 +8,18 @@ from scipy.integrate import quad
 from scipy.stats import t as student_t
 
 from dynamics.contact import Adaptive, Exact
-from problems.studies.shared.noise import (
+from problems.studies.shared.scalar_contact import (
     averaged_exact,
+    barrier_contact,
     gaussian,
+    gaussian_contact,
     linearisations,
     misfit,
     ordinary_kappa,
     printed_kappa,
+    scalar_contact,
     student,
 )
-from problems.studies.shared.scalar_contact import barrier_contact, gaussian_contact, scalar_contact
 from problems.studies.study import Claim, StudyParams, listed, over, quantity_of, setting
 
 NOTES = (

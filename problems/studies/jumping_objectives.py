@@ -13,7 +13,7 @@ from scipy.stats import norm
 from dynamics.contact.interior_point import exact_scalar_solution
 from dynamics.systems import ParameterTable, Signal
 from ocp.gradients.objective import StaticObjective
-from problems.studies.shared.along_decision import along
+from problems.studies.shared.decision_sweep import sweep_decision
 from problems.studies.study import CODE, Claim, StudyParams, listed, quantity_of, setting
 
 NOTES = (
@@ -60,7 +60,9 @@ def run(params: Params) -> xr.Dataset:
         theta = np.linspace(least, reach, params.points)
         fine = np.linspace(least, reach, 100 * (params.points - 1) + 1)
         sigma = getattr(params, f"sigma_{name}")
-        found = along(objective, theta, sigma, params.n_samples, params.seed + 1000 * index)
+        found = sweep_decision(
+            objective, theta, sigma, params.n_samples, params.seed + 1000 * index
+        )
         place, dense = f"theta_{name}", f"fine_{name}"
         slope = f"{unit}/{per}"
         variables |= {

@@ -79,7 +79,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     still, touched = np.empty((len(DATA), len(WHERE))), np.empty(len(DATA))
     flight = np.empty(len(PSI))
     for i, kind in enumerate(DATA):
-        source = Source.of(kind, params, sizes[-1])
+        source = TransitionData.of(kind, params, sizes[-1])
         still[i], touched[i] = source.still, source.touched.mean()
         if kind == DATA[0]:
             flight = pieces.get("flight", partial(in_flight, source))["high"]
@@ -141,7 +141,7 @@ JUDGES = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class TransitionData:
     """Transitions of one kind: ``pool`` to learn from in random order, ``held`` to judge by.
 
     ``held`` is always exact; ``touched`` (n,) says where bodies touch in its next states, and
@@ -155,7 +155,7 @@ class Source:
     touched: np.ndarray
 
     @classmethod
-    def of(cls, kind: str, params: Params, most: int) -> Source:
+    def of(cls, kind: str, params: Params, most: int) -> TransitionData:
         """``most`` transitions of ``kind``, and those to judge by."""
         task = get("hopper")
         explorer = Explorer(task, values={"base_damping": DRAG} if kind == "drag" else None)
@@ -189,7 +189,7 @@ class Source:
         return np.array([self.task.parameters.defaults[name] for name in PSI])
 
 
-def by_psi(source: Source, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
+def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
     """Learn psi from the first ``n`` transitions; errors, values, intervals, and the way there."""
     seen = source.pool[:n]
     step = Exact().close(source.task.system)
@@ -208,7 +208,7 @@ def by_psi(source: Source, n: int, seed: int, params: Params) -> dict[str, np.nd
     }  # fmt: skip
 
 
-def in_flight(source: Source) -> dict[str, np.ndarray]:
+def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
     """Upper ends over the truth of intervals there, of transitions in which nothing touches."""
     flying = source.pool[np.flatnonzero(~source.landed)[:JUDGES]]
     scale = OneStepLoss.increments(source.pool)
@@ -216,7 +216,7 @@ def in_flight(source: Source) -> dict[str, np.ndarray]:
     return {"high": intervals(loss, np.log(source.truth), flying).high / source.truth}
 
 
-def by_network(source: Source, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
+def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
     """Train four layers on the first ``n`` transitions, next state from state and input."""
     seen, held, system = source.pool[:n], source.held, source.task.system
     origin = Origin((*system.states, *system.inputs), system.states)

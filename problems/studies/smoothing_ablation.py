@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
-from problems.studies.shared.compared_runs import area, difference, least
-from problems.studies.shared.trainings import curves, job
+from problems.studies.shared.trainings import area, curves, difference, job, least
 from problems.studies.study import Claim, Pieces, StudyParams, over, quantity_of, setting
 
 NOTES = (

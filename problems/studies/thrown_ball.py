@@ -11,7 +11,7 @@ from ocp.learning.protocol import Algorithm
 from ocp.learning.unrolls.fopg import FOPG, SHARP
 from ocp.learning.unrolls.zopg import ZOPG
 from ocp.task import Task
-from problems.studies.shared.compared_runs import area, difference, least
+from problems.studies.shared.trainings import area, difference, least
 from problems.studies.study import Claim, StudyParams, over, quantity_of, setting
 from problems.tasks.registry import get
 

@@ -11,7 +11,7 @@ import xarray as xr
 from dynamics.batch import BatchFunction, Gaussian
 from dynamics.systems import Signal
 from ocp.gradients.objective import SampledObjective, Samples
-from problems.studies.shared.along_decision import along, both_orders
+from problems.studies.shared.decision_sweep import both_orders, sweep_decision
 from problems.studies.study import CODE, Claim, StudyParams, listed, over, quantity_of, setting
 
 NOTES = (
@@ -197,7 +197,7 @@ def run(params: Params) -> xr.Dataset:
     balls = {name: thrown(params, name == "dome") for name in SHAPES}
     cost = {name: ball.costs(fine[:, None]) for name, ball in balls.items()}
     found = {
-        name: along(ball, theta, params.sigma, params.n_samples, params.seed + index)
+        name: sweep_decision(ball, theta, params.sigma, params.n_samples, params.seed + index)
         for index, (name, ball) in enumerate(balls.items())
     }
     smooth = params.model_copy(update={"h": params.h / _FINER, "T": params.T * _FINER})

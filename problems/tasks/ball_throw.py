@@ -17,7 +17,7 @@ title = "Ball throw: arrive at a goal by way of the floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 7a; numbers are ours")
 axes = problem.axes
 decisions = 1
-known = {"hand": (0.0, 1.0)}
+observation_bounds = {"hand": (0.0, 1.0)}
 training = {"all": {"hidden": None, "unroll": 1000, "rate": 0.05}, "ars": {"rate": 0.1}}
 equations = r"""
 max -norm(q_N - q_"goal")^2 - w_v norm(v_N - v_"goal")^2, quad "dynamics as the problem ball-throw"

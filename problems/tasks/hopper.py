@@ -42,7 +42,9 @@ q_0 = q_"upright" + (0, 0.25 "m", 0, dots) + 0.005 xi, quad v_0 = 0.005 xi', qua
 """
 _LOWEST, _STEEPEST, _WILDEST, _FASTEST_SEEN = 0.7, 0.2, 100.0, 10.0
 _MACHINE = machine_of()
-known = {signal.name: (-_FASTEST_SEEN, _FASTEST_SEEN) for signal in _MACHINE.chain().velocities}
+observation_bounds = {
+    signal.name: (-_FASTEST_SEEN, _FASTEST_SEEN) for signal in _MACHINE.chain().velocities
+}
 _ORDER = ("all", "outer", "foot")
 
 

@@ -1,15 +1,53 @@
-"""Every task by name."""
+"""Every task by name: what it is made of, and the settings by which algorithms learn it."""
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import Field, dataclass, field, fields
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ocp.errors import choose
+import numpy as np
+
+from ocp.errors import InputError, choose
 from ocp.task import Task
-from problems.spec import defined
-from problems.tasks.spec import TaskSpec
+from problems.drawing import ContactFrame, Shape
+from problems.spec import Spec, defined
+
+if TYPE_CHECKING:
+    from ocp.learning.protocol import Algorithm
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskSpec(Spec):
+    """One named task, at any parameters.
+
+    ``build(params)`` gives the :class:`~ocp.task.Task`; ``draw(params, state)`` the shapes at one
+    state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes`` label
+    the drawing. ``decisions`` is the number of inputs that matter in an episode (of a throw: the
+    first), None for one per step. ``observation_bounds`` are the finite ranges of observations, by
+    name. ``training`` are the settings of each algorithm for this task, and under ``"all"`` those
+    of every algorithm; other settings keep their own defaults. ``learner`` is the default
+    algorithm.
+    """
+
+    build: Callable[[Any], Task]
+    draw: Callable[[Any, np.ndarray], list[Shape]]
+    frames: Callable[[Any, np.ndarray], list[ContactFrame]]
+    axes: tuple[str, str]
+    decisions: int | None = None
+    observation_bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    training: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    learner: str = "fopg"
+
+    def task(self, values: Mapping[str, Any] | None = None) -> Task:
+        """Build the task at ``values``, the rest at their defaults.
+
+        Raises :class:`~ocp.errors.InputError` for a bad parameter.
+        """
+        return self.build(self.params(values or {}))
+
 
 _MODULES = {
     "ball-throw": "problems.tasks.ball_throw",
@@ -39,3 +77,30 @@ def get(name: str, **params: Any) -> Task:
 @cache
 def _registered(module: str) -> TaskSpec:
     return defined(TaskSpec, importlib.import_module(module))
+
+
+def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
+    """What the task has of the settings of the algorithm ``word``, and of its experiment's."""
+    from ocp.learning.experiment import Experiment
+
+    settings = {**spec.training.get("all", {}), **spec.training.get(word, {})}
+    fields_of = {**settings_of(cls), **settings_of(Experiment)}
+    return {name: value for name, value in settings.items() if name in fields_of}
+
+
+def make_algorithm(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dict[str, Any]]:
+    """The algorithm of its own settings among ``values``, and the others, its experiment's.
+
+    Raises :class:`~ocp.errors.InputError` where they cannot be.
+    """
+    own = {name: value for name, value in values.items() if name in settings_of(cls)}
+    try:
+        algorithm = cls(**own)
+    except (TypeError, ValueError) as error:
+        raise InputError(str(error)) from error
+    return algorithm, {name: value for name, value in values.items() if name not in own}
+
+
+def settings_of(cls: type) -> dict[str, Field[Any]]:
+    """Fields that may be given, by name."""
+    return {field.name: field for field in fields(cls) if field.init}

@@ -33,10 +33,9 @@ KIND = "train"
 class TrainingJob:
     """One training: an algorithm with its settings at one seed on a named task.
 
-    ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``kept`` is the place of
-    the checkpoint that whoever gave the job holds, which workers elsewhere may see too; results do
-    not depend on it, nor on ``threads``. ``guesses`` are physical parameters of the model that are
-    not the task's own.
+    ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``kept`` is the folder
+    of the checkpoint, which other workers may share; results depend neither on it nor on ``threads``.
+    ``model_params`` are the model's physical parameters that differ from the task's.
     """
 
     task: str
@@ -46,7 +45,7 @@ class TrainingJob:
     seed: int
     kept: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
-    guesses: Mapping[str, float] = field(default_factory=dict)
+    model_params: Mapping[str, float] = field(default_factory=dict)
     threads: int | None = None
 
     @property
@@ -60,7 +59,7 @@ class TrainingJob:
         spec = registry.spec(self.task)
         params = spec.params(self.params)
         task = task or spec.build(params)
-        psi = task.parameters.pack(self.guesses) if self.guesses else None
+        psi = task.parameters.pack(self.model_params) if self.model_params else None
         return Experiment(
             task=task,
             psi=psi,

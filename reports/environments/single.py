@@ -11,10 +11,10 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from ocp.errors import InputError
-from reports.environments.world import Outcome, World
+from reports.environments.world import StepResult, World
 
 if TYPE_CHECKING:
-    from reports.environments.picture import Picture
+    from reports.environments.renderer import Renderer
 
 RENDER_MODE = "rgb_array"
 METADATA: dict[str, Any] = {"render_modes": [RENDER_MODE]}
@@ -83,7 +83,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         seen = world.observed(found.x)[0]
         return seen, float(found.reward[0]), terminated, truncated, self._info(found)
 
-    def _info(self, found: Outcome) -> dict[str, Any]:
+    def _info(self, found: StepResult) -> dict[str, Any]:
         names = (measure.signal.name for measure in self.world.task.measures)
         told = dict(zip(names, found.measures[0].tolist(), strict=True))
         return {**told, "unsolved": bool(found.unsolved[0])}
@@ -94,13 +94,13 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not self._trail:
             raise ResetNeeded("there is nothing to draw yet; call reset() before render()")
         seconds = self.world.seconds / self.world.hold * int(self._t[0])
-        return self._picture.of([x[0] for x in self._trail[-self.world.hold :]], seconds)
+        return self._renderer.of([x[0] for x in self._trail[-self.world.hold :]], seconds)
 
     @cached_property
-    def _picture(self) -> Picture:
-        from reports.environments.picture import Picture
+    def _renderer(self) -> Renderer:
+        from reports.environments.renderer import Renderer
 
-        return Picture(self.world.spec, self.world.params)
+        return Renderer(self.world.spec, self.world.params)
 
 
 def checked_mode(mode: str | None) -> str | None:

@@ -17,7 +17,7 @@ from reports.environments.single import METADATA, check_renders, checked_mode
 from reports.environments.world import World
 
 if TYPE_CHECKING:
-    from reports.environments.picture import Picture
+    from reports.environments.renderer import Renderer
 
 
 _METADATA = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -132,14 +132,14 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         shown = self._trail[-self.world.hold :]
         return tuple(
             picture.of([x[i] for x in shown], float(seconds[i]))
-            for i, picture in enumerate(self._pictures)
+            for i, picture in enumerate(self._renderers)
         )
 
     @cached_property
-    def _pictures(self) -> list[Picture]:
-        from reports.environments.picture import Picture
+    def _renderers(self) -> list[Renderer]:
+        from reports.environments.renderer import Renderer
 
-        return [Picture(self.world.spec, self.world.params) for _ in range(self.num_envs)]
+        return [Renderer(self.world.spec, self.world.params) for _ in range(self.num_envs)]
 
 
 def _put(whole: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ Solver = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StepResult:
     """What one action led to in n episodes; every array has n rows.
 
     ``trail`` holds the states (n, nx) after each of the steps that the action took, the first of
@@ -53,7 +53,7 @@ class World:
 
     Actions lie in [-1, 1], which the task's bounds of inputs are the ends of; what is beyond is
     clamped. An action acts for one step, or, where only the first few inputs of an episode matter
-    (:attr:`~problems.tasks.spec.TaskSpec.decisions`), until the next decision or the end.
+    (:attr:`~problems.tasks.registry.TaskSpec.decisions`), until the next decision or the end.
 
     Raises :class:`~ocp.errors.InputError` for an unknown task or law, bad parameters or settings.
     """
@@ -71,7 +71,9 @@ class World:
         decisions = self.spec.decisions
         self.hold = 1 if decisions is None else -(-task.horizon // decisions)
         self.action_space = Box(-1.0, 1.0, (task.system.nu,), np.float64)
-        ends = [self.spec.known.get(o.name, (-LARGEST, LARGEST)) for o in task.observations]
+        ends = [
+            self.spec.observation_bounds.get(o.name, (-LARGEST, LARGEST)) for o in task.observations
+        ]
         low, high = np.array(ends).T
         self.observation_space = Box(low, high, dtype=np.float64)
 
@@ -105,7 +107,9 @@ class World:
         half = (task.upper - task.lower) / 2
         return task.lower + half + half * np.clip(given, -1.0, 1.0)
 
-    def advance(self, solver: Solver, x: np.ndarray, t: np.ndarray, actions: np.ndarray) -> Outcome:
+    def advance(
+        self, solver: Solver, x: np.ndarray, t: np.ndarray, actions: np.ndarray
+    ) -> StepResult:
         """Act in n episodes at states ``x`` (n, nx) after ``t`` (n,) steps each."""
         task, n = self.task, len(x)
         u, p, trail, t = self.inputs(actions), task.parameters.values, [x], t.copy()
@@ -128,7 +132,7 @@ class World:
         if self._has_final:
             reward[full] += self._final(x[full], p)[:, 0]
         terminated = over | unsolved | (full & self._has_final)
-        return Outcome(trail, t, reward, terminated, full & ~terminated, unsolved, measures)
+        return StepResult(trail, t, reward, terminated, full & ~terminated, unsolved, measures)
 
     def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve step by step, from other starts too where the first is in vain; a Solver."""

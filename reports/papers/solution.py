@@ -29,7 +29,7 @@ _LINE = 0.14
 
 
 @dataclass(frozen=True)
-class Group:
+class SignalGroup:
     """Quantities of one unit: names, planned values (S, n, k), and replayed ones or None."""
 
     title: str
@@ -75,7 +75,7 @@ def solution_figure(view: RunView) -> Figure:
     return figure
 
 
-def groups(view: RunView) -> list[Group]:
+def groups(view: RunView) -> list[SignalGroup]:
     """States and inputs unit by unit in the order of the system, then the contacts that act."""
     found = [
         group
@@ -86,14 +86,14 @@ def groups(view: RunView) -> list[Group]:
     return found if pushed is None else [*found, pushed]
 
 
-def _by_unit(view: RunView, kind: str, name: str) -> Iterable[Group]:
+def _by_unit(view: RunView, kind: str, name: str) -> Iterable[SignalGroup]:
     values, again = view.array(name), view.array(f"{name}_replay")
     if values is None:
         return
     signals = view.signals(kind)
     for unit in dict.fromkeys(signal.unit for signal in signals):
         own = [i for i, signal in enumerate(signals) if signal.unit == unit]
-        yield Group(
+        yield SignalGroup(
             label(kind, unit),
             [signals[i].name for i in own],
             values[..., own],
@@ -101,7 +101,7 @@ def _by_unit(view: RunView, kind: str, name: str) -> Iterable[Group]:
         )
 
 
-def _pushed(view: RunView) -> Group | None:
+def _pushed(view: RunView) -> SignalGroup | None:
     """Size of the force of every contact that acts, in scenario 0."""
     forces, again = forces_of(view), forces_of(view, "_replay")
     if forces is None:
@@ -118,12 +118,12 @@ def _pushed(view: RunView) -> Group | None:
         names = [str(name) for name in view.run.data["point"].values]
     planned, *replayed = (size[None][..., acting] for size in sizes)
     what = "impulses" if forces.unit == "N s" else "contact forces"
-    return Group(
+    return SignalGroup(
         label(what, forces.unit), [names[i] for i in acting], planned, *(replayed or [None])
     )
 
 
-def _draw(axis: Axes, time: np.ndarray, group: Group) -> None:
+def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
     for values, dash in zip((group.planned, group.replayed), _DASHES, strict=True):
         if values is None:
             continue

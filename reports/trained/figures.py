@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from reports.strobe import drawable, strobe, strobe_rows
 from reports.style import CYCLE, GREY, INK, WIDTH
-from reports.trained.summary import Group, measures
+from reports.trained.summary import SeedGroup, measures
 from reports.units import label
 from reports.view import RunView
 
@@ -23,7 +23,7 @@ _TOLD = {
 }
 
 
-def learning(found: Sequence[Group]) -> Figure:
+def learning(found: Sequence[SeedGroup]) -> Figure:
     """Return under the exact law, and what the task measures, over steps and over time."""
     names = ["return", *measures(found[0].runs[0].meta["evaluation"])][:3]
     figure = Figure(figsize=(WIDTH, 1.75 * len(names) + 0.5))
@@ -41,7 +41,7 @@ def learning(found: Sequence[Group]) -> Figure:
     return figure
 
 
-def signals(found: Sequence[Group]) -> Figure | None:
+def signals(found: Sequence[SeedGroup]) -> Figure | None:
     """What the iterations told: returns of samples, gradients; None where nothing is told."""
     names = [name for name in _TOLD if any(_known(group, name) for group in found)]
     if not names:
@@ -60,7 +60,7 @@ def signals(found: Sequence[Group]) -> Figure | None:
     return figure
 
 
-def strobes(found: Sequence[Group]) -> list[Figure]:
+def strobes(found: Sequence[SeedGroup]) -> list[Figure]:
     """An episode of the best policy of each group, from faint to dark, in rows of pictures."""
     views = [(group, RunView.of(group.best)) for group in found]
     shown = [(group, view) for group, view in views if drawable(view)]
@@ -69,7 +69,7 @@ def strobes(found: Sequence[Group]) -> list[Figure]:
     return strobe_rows([(_told(group), view) for group, view in shown])[0]
 
 
-def _told(group: Group) -> str:
+def _told(group: SeedGroup) -> str:
     seed = f"seed {group.best.meta['seed']}" if len(group.runs) > 1 else ""
     return ", ".join(filter(None, [group.label, seed]))
 
@@ -78,11 +78,11 @@ def _color(place: int) -> str:
     return _COLORS[place % len(_COLORS)]
 
 
-def _known(group: Group, name: str) -> bool:
+def _known(group: SeedGroup, name: str) -> bool:
     return all(name in run.data and np.isfinite(run.data[name]).any() for run in group.runs)
 
 
-def _banded(axis: Axes, group: Group, over: str, name: str, color: str) -> None:
+def _banded(axis: Axes, group: SeedGroup, over: str, name: str, color: str) -> None:
     """The mean over seeds, and a band from the lowest to the highest of them.
 
     At iterations that all of them told; what is drawn ``over`` is the mean over seeds too.
@@ -97,7 +97,7 @@ def _banded(axis: Axes, group: Group, over: str, name: str, color: str) -> None:
     axis.plot(place[told], values[:, told].mean(axis=0), color=color)
 
 
-def _legend(figure: Figure, found: Sequence[Group]) -> None:
+def _legend(figure: Figure, found: Sequence[SeedGroup]) -> None:
     if len(found) == 1 and len(found[0].runs) == 1:
         return
     handles = [Line2D([], [], color=_color(i), label=group.label) for i, group in enumerate(found)]

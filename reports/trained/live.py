@@ -9,13 +9,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 
 from reports.console import number, small, table_of
-from reports.trained.sparks import plot, sparkline
 
-Heard = Callable[[int, Mapping[str, float]], None]
+Callback = Callable[[int, Mapping[str, float]], None]
 _EVERY_S = {True: 0.2, False: 10.0}
 _ROWS, _COLUMNS, _PLOT, _SPARK = 5, 6, (56, 6), 20
 _ELSEWHERE = ("iteration", "wall_s", "env_steps", "evaluation_return_deviation",
@@ -24,7 +24,7 @@ _ELSEWHERE = ("iteration", "wall_s", "env_steps", "evaluation_return_deviation",
 
 
 @dataclass
-class Curve:
+class LearningCurve:
     """What one training has told so far: its rows, of iteration 0 up to ``iterations``."""
 
     name: str
@@ -56,7 +56,9 @@ class Curve:
 
 
 @contextmanager
-def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -> Iterator[Heard]:
+def live(
+    trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]
+) -> Iterator[Callback]:
     """Yield what is called with the place of a training and each row that it tells.
 
     ``trainings`` are their iterations by name.
@@ -64,12 +66,12 @@ def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -
     On a terminal it shows all of them, else one line where a policy was judged, and then not more
     often than every ten seconds. ``check`` is called each time.
     """
-    curves = [Curve(name, iterations) for name, iterations in trainings.items()]
+    curves = [LearningCurve(name, iterations) for name, iterations in trainings.items()]
     console = Console(stderr=True, highlight=False)
     terminal, last = console.is_terminal, -float("inf")
     screen = Live(console=console, auto_refresh=False, transient=True)
 
-    def heard(place: int, row: Mapping[str, float]) -> None:
+    def callback(place: int, row: Mapping[str, float]) -> None:
         nonlocal last
         check()
         one = curves[place]
@@ -86,13 +88,13 @@ def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -
         last = now
 
     if quiet or not terminal:
-        yield heard
+        yield callback
         return
     with screen:
-        yield heard
+        yield callback
 
 
-def line(one: Curve) -> str:
+def line(one: LearningCurve) -> str:
     """Where a training stands, in at most 80 columns."""
     row = one.rows[-1]
     parts = [f"{one.name}  {row['iteration']:.0f}/{one.iterations}"]
@@ -108,7 +110,7 @@ _TOLD: tuple[tuple[str, str, Callable[[float], str]], ...] = (
 )
 
 
-def picture(curves: Sequence[Curve]) -> RenderableType:
+def picture(curves: Sequence[LearningCurve]) -> RenderableType:
     """A line each; of a single training its curve and its last rows too."""
     table = table_of(
         ("training", "left"), ("iteration", "right"), ("exact return", "right"),
@@ -122,7 +124,7 @@ def picture(curves: Sequence[Curve]) -> RenderableType:
     return Group(table, "", drawn, "", rows_table(one.rows[-_ROWS:]))
 
 
-def _cells(one: Curve) -> tuple[str, ...]:
+def _cells(one: LearningCurve) -> tuple[str, ...]:
     if not one.rows:
         return (one.name, f"–/{one.iterations}", "", "", "", "", "")
     row, left = one.rows[-1], one.left
@@ -144,3 +146,41 @@ def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
         [f"{row['iteration']:.0f}", *(number(row.get(name), 4) for name in names)] for row in rows
     )
     return table_of(("iteration", "right"), *((title, "right") for title in titles), rows=cells)
+
+
+_EIGHTHS = " ▁▂▃▄▅▆▇█"
+
+
+def sparkline(values: Sequence[float], width: int) -> str:
+    """At most ``width`` letters from ▁, the least, to █, the largest; spaces are no numbers."""
+    shown, low, high = _columns(values, width)
+    return "".join(_EIGHTHS[1 + round(7 * _height(v, low, high))] if np.isfinite(v) else " "
+                   for v in shown)  # fmt: skip
+
+
+def plot(values: Sequence[float], width: int, height: int) -> list[str]:
+    """Columns of ``height`` lines, the largest value first, with the ends told on the left."""
+    shown, low, high = _columns(values, width)
+    eighths = [
+        1 + round((8 * height - 1) * _height(v, low, high)) if np.isfinite(v) else 0 for v in shown
+    ]
+    ends = {height - 1: f"{high:.4g}", 0: f"{low:.4g}"}
+    margin = max(map(len, ends.values()))
+    return [
+        f"{ends.get(row, ''):>{margin}} ┤"
+        + "".join(_EIGHTHS[min(8, max(0, count - 8 * row))] for count in eighths).rstrip()
+        for row in reversed(range(height))
+    ]
+
+
+def _columns(values: Sequence[float], width: int) -> tuple[np.ndarray, float, float]:
+    """One value a letter: the last of those that share it; and the least and the largest."""
+    known = np.asarray(values, dtype=float)
+    if len(known) > width:
+        known = known[np.linspace(0, len(known) - 1, width).round().astype(int)]
+    finite = known[np.isfinite(known)]
+    return known, *((float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0))
+
+
+def _height(value: float, low: float, high: float) -> float:
+    return (value - low) / (high - low) if high > low else 0.5

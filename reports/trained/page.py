@@ -11,7 +11,7 @@ from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from reports.console import number
 from reports.trained.figures import learning, signals, strobes
-from reports.trained.summary import Group, groups, measures, summary_rows, verdict
+from reports.trained.summary import SeedGroup, groups, measures, summary_rows, verdict
 from reports.units import label
 from reports.view import RunView
 
@@ -71,7 +71,7 @@ def _titled(run: StoredRun, name: str) -> str:
     return label(name, unit)
 
 
-def _learned(group: Group) -> list[list[str]]:
+def _learned(group: SeedGroup) -> list[list[str]]:
     """Parameters of the model that were learned beside the policy, and the task's own."""
     view = RunView.of(group.best)
     if view.problem is None or "psi" not in view.run.data:

@@ -61,7 +61,7 @@ def measures(row: Mapping[str, Any]) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Group:
+class SeedGroup:
     """Runs that differ in their seeds alone, and what tells them from the others shown."""
 
     label: str
@@ -78,7 +78,7 @@ class Group:
         return self.runs[int(np.argmax(self.returns))]
 
 
-def groups(runs: Sequence[StoredRun]) -> list[Group]:
+def groups(runs: Sequence[StoredRun]) -> list[SeedGroup]:
     """Runs grouped by what was asked of them, in the order of the first of each group."""
     asked = [_flat(run) for run in runs]
     order: dict[str, list[int]] = {}
@@ -86,7 +86,7 @@ def groups(runs: Sequence[StoredRun]) -> list[Group]:
         order.setdefault(repr(sorted(one.items())), []).append(place)
     firsts = [asked[places[0]] for places in order.values()]
     return [
-        Group(_label(asked[places[0]], firsts), [runs[place] for place in places])
+        SeedGroup(_label(asked[places[0]], firsts), [runs[place] for place in places])
         for places in order.values()
     ]
 
@@ -126,7 +126,7 @@ def _short(value: Any) -> str:
     return number(value, 3) if isinstance(value, float) else str(value)
 
 
-def verdict(group: Group) -> str:
+def verdict(group: SeedGroup) -> str:
     """One sentence over the seeds: the return, from the lowest to the highest, and measures."""
     if len(group.runs) == 1:
         told = str(group.runs[0].meta["verdict"])
@@ -142,7 +142,7 @@ def verdict(group: Group) -> str:
     return f"{told}."
 
 
-def document(found: Sequence[Group]) -> dict[str, Any]:
+def document(found: Sequence[SeedGroup]) -> dict[str, Any]:
     """What ``ocp train --json`` prints: ``runs``, ``groups`` of seeds, each with its returns."""
     keys = ("return", "evaluation", "untrained", "last", "best_iteration", "env_steps", "wall_s",
             "verdict", "seed", "hash")  # fmt: skip
@@ -160,7 +160,7 @@ def document(found: Sequence[Group]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def summary_rows(found: Sequence[Group]) -> tuple[list[str], list[list[str]]]:
+def summary_rows(found: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]]:
     """Heads and cells: a line a run."""
     names = measures(found[0].runs[0].meta["evaluation"]) if found else []
     units = {name: found[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}

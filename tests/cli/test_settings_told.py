@@ -17,7 +17,7 @@ from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS
 from ocp.settings import OWN, Setting, Settings, declared
 from ocp.transcription import METHODS
-from problems.tasks.usual import settings_of
+from problems.tasks.registry import settings_of
 from reports.settings import training
 
 if TYPE_CHECKING:

@@ -115,7 +115,7 @@ def test_every_corner_has_its_height_over_a_slope(turn, height, slope) -> None:
 def three() -> tuple[Scene, ca.Function]:
     """A pusher on a rail, one in the plane, a body that turns, one that does not, a wall."""
     made = Scene([
-        Pusher("cart", Box((0.2, 0.1)), at=(-1.0, 0.0), along=(0.6, 0.8), mass=2.0, stiffness=40.0),
+        Pusher("cart", Box((0.2, 0.1)), at=(-1.0, 0.0), axis=(0.6, 0.8), mass=2.0, stiffness=40.0),
         Body("block", Box((0.15, 0.25), 0.05), at=(0.0, 0.1), mass=1.5, inertia=0.07),
         Body("puck", Disc(0.2), at=(0.7, 0.3), mass=0.5),
         Pusher("hand", Disc(0.1), at=(0.2, 0.9), mass=0.7, stiffness=60.0),
@@ -285,7 +285,7 @@ def moving(friction: float, rail: bool = False) -> ContactSystem:
     return Scene([
         Body("one", Box((0.2, 0.2), 0.05), at=(0.0, 0.0), mass=1.5, inertia=0.07),
         Body("two", Disc(0.2), at=(0.41, 0.1), mass=0.5, inertia=0.01),
-        Pusher("cart", Disc(0.1), at=(0.0, -0.35), mass=1.0, along=along),
+        Pusher("cart", Disc(0.1), at=(0.0, -0.35), mass=1.0, axis=along),
     ], friction=friction).time_stepping("moving", NOTHING, h=0.01)  # fmt: skip
 
 

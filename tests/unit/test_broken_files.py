@@ -13,7 +13,7 @@ import pytest
 
 import problems
 from ocp.errors import InputError
-from problems.own_code import own, told
+from problems.user_code import guarded, user_code
 from reports.cli.app import main
 from tests.attack.broken_files import GOOD, Broken, every, particular, sample
 
@@ -80,9 +80,9 @@ def test_only_a_pressed_ctrl_c_goes_through(tmp_path: Path) -> None:
     before = signal.signal(signal.SIGINT, handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            own(module["press"], "press()", file)()
+            guarded(module["press"], "press()", file)()
         with pytest.raises(InputError, match=r"claim\(\) failed: line 3: KeyboardInterrupt"):
-            own(module["claim"], "claim()", file)()
+            guarded(module["claim"], "claim()", file)()
     finally:
         signal.signal(signal.SIGINT, before)
 
@@ -91,7 +91,7 @@ def test_a_folder_left_for_good_is_no_fault(tmp_path: Path, monkeypatch) -> None
     gone = tmp_path / "gone"
     gone.mkdir()
     monkeypatch.chdir(gone)
-    with told("it failed:", tmp_path / "x.py"):
+    with user_code("it failed:", tmp_path / "x.py"):
         os.chdir(tmp_path)
         gone.rmdir()
     assert Path.cwd() == tmp_path

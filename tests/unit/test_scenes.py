@@ -59,7 +59,7 @@ def one(**changed: object) -> Body:
         ([HAND, one()], {"apart": [("hand", "post")]}, "a pair names 'post'"),
         ([Pusher("hand", Disc(0.1), at=(-1, 0)), one()], {}, "'hand' has no stiffness"),
         (
-            [Pusher("hand", Disc(0.1), at=(-1, 0), stiffness=1.0, along=(1, 1)), one()],
+            [Pusher("hand", Disc(0.1), at=(-1, 0), stiffness=1.0, axis=(1, 1)), one()],
             {}, "the rail of 'hand' runs along (1, 1) of length 1.41421",
         ),
     ],
@@ -84,7 +84,7 @@ def test_pairs_that_are_apart_have_no_contact_and_obstacles_never() -> None:
 
 
 def test_coordinates_are_those_of_bodies_then_of_pushers() -> None:
-    cart = Pusher("cart", Disc(0.1), at=(0.0, 2.0), along=(1.0, 0.0), stiffness=9.0, mass=3.0)
+    cart = Pusher("cart", Disc(0.1), at=(0.0, 2.0), axis=(1.0, 0.0), stiffness=9.0, mass=3.0)
     scene = Scene([HAND, cart, one(inertia=0.1), Body("puck", Disc(0.2), at=(3.0, 4.0))])
     slow = scene.quasi_dynamic("slow", ParameterTable(), h=0.1)
     assert [signal.name for signal in slow.states] == [

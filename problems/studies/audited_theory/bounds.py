@@ -15,16 +15,17 @@ from dynamics.contact import Barrier, Exact, Step
 from dynamics.systems import ParameterTable, entries, lcs
 from dynamics.systems.lcs import is_p_matrix
 from problems.registry import get
-from problems.studies.shared.noise import (
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.shared.scalar_contact import (
     averaged_exact,
+    barrier_contact,
     gaussian,
+    gaussian_contact,
     least_residual,
     misfit,
     printed_kappa,
     student,
 )
-from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.shared.scalar_contact import barrier_contact, gaussian_contact
 
 GROWTH_NOISE = 0.1
 """Noise of the policy in :func:`growth`, over a standard normal one."""

@@ -10,7 +10,7 @@ import xarray as xr
 
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.mlp import MlpModel
-from problems.studies.shared.noised_line import Pusher, Walls, answers, average_of, network_of
+from problems.studies.shared.noised_line import LinePusher, Walls, answers, average_of, network_of
 from problems.studies.study import CODE, StudyParams, quantity_of, setting
 
 REGIMES = ("sparse", "dense")
@@ -41,7 +41,7 @@ class Params(StudyParams):
 
 def run(params: Params) -> xr.Dataset:
     """Curves of fig. 1 and rollouts; sampling errors over many sets of data beside them."""
-    pusher, walls, sigma = Pusher(params.rho), Walls(), params.sigma
+    pusher, walls, sigma = LinePusher(params.rho), Walls(), params.sigma
     rng = np.random.default_rng([params.seed, 0])
     u, x = np.linspace(-1.4, 1.4, 421), np.linspace(-2, 2, 401)
     commands = {"sparse": rng.uniform(-1, 1, params.sparse),
@@ -143,7 +143,7 @@ DEPTHS = np.array([0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0])
 """Penetration [m]."""
 
 
-def many_sets(pusher: Pusher, sparse: int, dense: int, seed: int) -> dict[str, Any]:
+def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[str, Any]:
     """Distance of g_sigma from f_sigma over its standard error, slopes, states in penetration.
 
     A weighted mean of random data has the standard error ``|w (y - g)|/sum w``; over it g_sigma
@@ -191,7 +191,7 @@ def _with_error(
     return g, spread / weight.sum(axis=1)
 
 
-def _slopes(pusher: Pusher, z: np.ndarray, sigma: float) -> tuple[float, float]:
+def _slopes(pusher: LinePusher, z: np.ndarray, sigma: float) -> tuple[float, float]:
     """Largest and least slope over rho, in contact from sigma on and between first and last."""
     model = average_of(z, pusher.step(z), sigma)
     at = np.linspace(pusher.c + sigma, z.max(), 400)

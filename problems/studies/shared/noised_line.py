@@ -27,7 +27,7 @@ _METRES = Normalisation(np.zeros(1), np.ones(1))
 
 
 @dataclass(frozen=True)
-class Pusher:
+class LinePusher:
     """``q+ = q + rho max(0, u - c)``: where a block at q is after a pusher was sent to u.
 
     The pusher meets it at c; ``rho = h² K/(m + h² K)`` is what a mass m leaves of the command of a

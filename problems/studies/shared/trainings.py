@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,17 +15,17 @@ from ocp.learning.algorithms import ALGORITHMS
 from ocp.scheduling import Failure, Function, Tell, carried_out
 from problems.studies.study import Pieces
 from problems.tasks import registry
+from problems.tasks.registry import default_settings, make_algorithm
 from problems.tasks.training import TrainingJob, trained
-from problems.tasks.usual import made, usual
 
 Curves = dict[str, np.ndarray]
 
 
 def job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -> TrainingJob:
-    """A training at the settings that are usual for the task, but for those ``changed``."""
+    """A training at the task's default settings, except those ``changed``."""
     cls = choose("algorithm", algorithm, ALGORITHMS)
-    values = {**usual(registry.spec(task), algorithm, cls), **changed}
-    chosen, options = made(cls, values)
+    values = {**default_settings(registry.spec(task), algorithm, cls), **changed}
+    chosen, options = make_algorithm(cls, values)
     return TrainingJob(
         task=task, params={}, algorithm=chosen, law=law, seed=seed, options=options, threads=1
     )
@@ -60,10 +61,61 @@ def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) ->
     return {key: arrays for key, arrays in found.items() if arrays is not None}
 
 
-def at(grid: np.ndarray, along: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """``values`` over ``along``, where they are told, at the points of ``grid`` (n,).
+def interpolated(grid: np.ndarray, steps: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """``values`` over ``steps``, interpolated at the points of ``grid`` (n,).
 
-    Linear from one judgement to the next; before the first and after the last there is none.
+    Linear from one evaluation to the next; NaN before the first and after the last.
     """
-    told = np.isfinite(values) & np.isfinite(along)
-    return np.interp(grid, along[told], values[told], left=np.nan, right=np.nan)
+    measured = np.isfinite(values) & np.isfinite(steps)
+    return np.interp(grid, steps[measured], values[measured], left=np.nan, right=np.nan)
+
+
+RESAMPLES = 4000
+"""How often the runs are drawn again."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Mean of one over that of the other, and the interval that holds it with 95 %."""
+
+    mean: float
+    low: float
+    high: float
+
+    @property
+    def better(self) -> bool:
+        """Whether zero lies below the interval."""
+        return self.low > 0
+
+    @property
+    def margin(self) -> float:
+        """The mean in standard errors, of which a normal interval of 95 % holds 3.92."""
+        width = self.high - self.low
+        return self.mean / (width / 3.92) if width > 0 else float(np.copysign(np.inf, self.mean))
+
+    def __str__(self) -> str:
+        return f"{self.mean:+.3g} ({self.low:+.3g} to {self.high:+.3g})"
+
+
+def difference(one: np.ndarray, other: np.ndarray, paired: bool = True) -> Difference:
+    """``mean(one) - mean(other)`` of runs (n,) with its percentile bootstrap.
+
+    ``paired`` runs have seeds and starts in common and are drawn again together. Drawn out of seed
+    0, so that the same runs give the same interval.
+    """
+    rng = np.random.default_rng(0)
+    chosen = rng.integers(len(one), size=(RESAMPLES, len(one)))
+    others = chosen if paired else rng.integers(len(other), size=(RESAMPLES, len(other)))
+    drawn = one[chosen].mean(axis=1) - other[others].mean(axis=1)
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return Difference(float(one.mean() - other.mean()), float(low), float(high))
+
+
+def least(gains: Iterable[Difference]) -> float:
+    """The margin of the sentence that all of ``gains`` are gains."""
+    return min(gain.margin for gain in gains)
+
+
+def area(curve: np.ndarray) -> np.ndarray:
+    """Mean height of curves (..., iterations): the area under them over their length."""
+    return (curve[..., 1:] + curve[..., :-1]).mean(axis=-1) / 2

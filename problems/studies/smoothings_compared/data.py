@@ -44,7 +44,7 @@ class Params(StudyParams):
     seeds: int = setting(3, "1", "seeds of data, networks and noise", least=1, most=50)
 
 
-class Source:
+class TaskData:
     """One problem and one seed: data, and laws made of them, when first asked for."""
 
     def __init__(self, name: str, seed: int, params: Params) -> None:
@@ -120,7 +120,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     for i, name in enumerate(PROBLEMS):
         for k in range(params.seeds):
             seed = params.seed + k
-            source = Source(name, seed, params)
+            source = TaskData(name, seed, params)
             for j, law in enumerate(LAWS):
                 if law == "trusting ewda":
                     continue

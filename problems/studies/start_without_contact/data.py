@@ -53,7 +53,7 @@ class Params(StudyParams):
     epochs: int = setting(20, "1", "passes over the data in training", least=1)
 
 
-class _Source:
+class _TaskData:
     """Transitions and laws of one problem, made when first asked for."""
 
     def __init__(self, name: str, params: Params) -> None:
@@ -76,7 +76,7 @@ class _Source:
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """All pieces of the study, those that are kept not anew."""
     variables, coordinates = labelled(pieces.get("plans", lambda: planned(params)))
-    sources = {name: _Source(name, params) for name in PROBLEMS}
+    sources = {name: _TaskData(name, params) for name in PROBLEMS}
     variables |= _learned(params, pieces, sources) | _swept(params, pieces, sources)
     coordinates |= {
         "dynamics": list(DYNAMICS),
@@ -93,7 +93,7 @@ def _amounts(params: Params) -> list[int]:
     return [max(1000, params.data // 100), max(1000, params.data // 10), params.data]
 
 
-def _learned(params: Params, pieces: Pieces, sources: dict[str, _Source]) -> dict[str, Any]:
+def _learned(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dict[str, Any]:
     """Adam's costs over iterations and seeds, the object's in the end, and IPOPT's gains."""
     records, nodes = params.steps // EVERY + 1, 21
     shape = len(PROBLEMS), len(DYNAMICS)
@@ -124,7 +124,7 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _Source]) -> dic
 
 
 def _descent(
-    pieces: Pieces, source: _Source, kind: str, sigma: float, n: int, seed: int
+    pieces: Pieces, source: _TaskData, kind: str, sigma: float, n: int, seed: int
 ) -> dict[str, np.ndarray]:
     params = source.params
 
@@ -135,7 +135,7 @@ def _descent(
     return pieces.get(f"adam-{source.name}-{kind}-{sigma:g}-{n}-{seed}", make)
 
 
-def _ipopt(source: _Source, kind: str) -> Callable[[], dict[str, np.ndarray]]:
+def _ipopt(source: _TaskData, kind: str) -> Callable[[], dict[str, np.ndarray]]:
     params = source.params
 
     def make() -> dict[str, np.ndarray]:
@@ -148,7 +148,7 @@ def _ipopt(source: _Source, kind: str) -> Callable[[], dict[str, np.ndarray]]:
     return make
 
 
-def _swept(params: Params, pieces: Pieces, sources: dict[str, _Source]) -> dict[str, Any]:
+def _swept(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dict[str, Any]:
     """Final exact cost of the learned dynamics over width of noise and amount of data."""
     amounts = _amounts(params)
     final = np.full((len(PROBLEMS), len(SWEPT), len(WIDTHS), len(amounts)), np.nan)

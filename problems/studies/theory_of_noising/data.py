@@ -15,7 +15,7 @@ from dynamics.learned.transitions import Transitions
 from dynamics.systems.parameters import Signal
 from problems.regions import region_of
 from problems.registry import spec
-from problems.studies.shared.noised_line import Pusher, answers, average_of, network_of
+from problems.studies.shared.noised_line import LinePusher, answers, average_of, network_of
 from problems.studies.study import CODE, StudyParams, quantity_of, setting
 from problems.studies.theory_of_noising import lemmas
 
@@ -83,7 +83,7 @@ def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> 
 
     Every network sees another draw of ``n`` noised pairs, all of them in each step.
     """
-    pusher, rng = Pusher(rho), np.random.default_rng([seed, 4])
+    pusher, rng = LinePusher(rho), np.random.default_rng([seed, 4])
     u = rng.uniform(-1, 1, _DATA)
     model = average_of(u, pusher.step(u), sigma)
     at = rng.choice(u, _QUERIES) + sigma * rng.standard_normal(_QUERIES)

@@ -11,7 +11,7 @@ from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.normalisation import Normalisation
 from dynamics.learned.origin import Origin
 from dynamics.systems.parameters import Signal
-from problems.studies.shared.noised_line import Pusher, Walls, answers, average_of
+from problems.studies.shared.noised_line import LinePusher, Walls, answers, average_of
 from problems.studies.study import quantity_of
 
 WIDTHS = np.array([0.05, 0.1, 0.2])
@@ -43,7 +43,7 @@ def uniform_data() -> dict[str, Any]:
     for index in np.ndindex(off.shape):
         every = zip((COMMANDS, WIDTHS, PLACES, SPACINGS), index, strict=True)
         rho, sigma, place, spacing = (float(own[i]) for own, i in every)
-        pusher, most = Pusher(rho), round(14 / spacing)
+        pusher, most = LinePusher(rho), round(14 / spacing)
         u = (np.arange(-most, most + 1) + place) * spacing * sigma
         g = answers(average_of(u, pusher.step(u), sigma), at * sigma)
         off[index] = np.abs(g - pusher.smoothed(at * sigma, sigma)).max() / (rho * sigma)
@@ -62,7 +62,7 @@ def risks(rho: float, seed: int) -> dict[str, Any]:
 
     The expectation over the noise is a trapezoidal sum, exact to rounding for what is smooth.
     """
-    pusher, rng = Pusher(rho), np.random.default_rng([seed, 1])
+    pusher, rng = LinePusher(rho), np.random.default_rng([seed, 1])
     higher = np.empty((len(CASES), len(WIDTHS), len(CHANGES), _PERTURBATIONS))
     others, risk = np.empty((len(CASES), len(WIDTHS), len(CANDIDATES))), np.empty(higher.shape[:2])
     for row, case in enumerate(CASES):
@@ -254,7 +254,7 @@ def climbing(sigma: float, seed: int) -> dict[str, Any]:
 
 def near_the_ends(rho: float) -> dict[str, Any]:
     """``(g_sigma - f_sigma)/(rho sigma)`` at distances from both ends of uniform data, 2 m long."""
-    pusher, block = Pusher(rho), Walls()
+    pusher, block = LinePusher(rho), Walls()
     bias = np.empty((len(ENDS), len(WIDTHS), len(DISTANCES)))
     for column, sigma in enumerate(WIDTHS):
         for row, end in enumerate((block.high, block.low)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.shared.compared_runs import Difference, area, difference, least
+from problems.studies.shared.trainings import Difference, area, difference, least
 from problems.studies.study import Claim, over
 from problems.studies.trained_policies.data import MODEL_BASED, NETWORK, SHOWN, STEPS
 

@@ -19,7 +19,7 @@ from ocp.learning.plans.planned import planned_return
 from ocp.learning.protocol import Trained
 from ocp.learning.unrolls.fopg import FOPG
 from ocp.scheduling import Tell
-from problems.studies.shared.trainings import Curves, at, curves, job, side_by_side
+from problems.studies.shared.trainings import Curves, curves, interpolated, job, side_by_side
 from problems.studies.study import Pieces, StudyParams, quantity_of, setting
 from problems.tasks import registry
 from problems.tasks.episodes import policy_of
@@ -85,7 +85,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     wall = np.linspace(0, max(float(np.nanmax(f["wall_s"])) for f in found.values()), POINTS)
 
     def table(along: str, grid: np.ndarray, of: Mapping[str, Curves] = found) -> np.ndarray:
-        rows = [at(grid, f[along], f["evaluation_return"]) for f in of.values()]
+        rows = [interpolated(grid, f[along], f["evaluation_return"]) for f in of.values()]
         return np.reshape(rows, (len(TASKS), -1, params.runs, POINTS))
 
     def best(of: str) -> np.ndarray:

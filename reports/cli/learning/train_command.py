@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ocp.learning.protocol import Algorithm
     from ocp.store.checkpoint import Checkpoint
     from ocp.task import Task
-    from problems.tasks.spec import TaskSpec
+    from problems.tasks.registry import TaskSpec
     from problems.tasks.training import TrainingJob
 
 _OWN_LAW = {"adaptive": "law=quartic"}
@@ -118,7 +118,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
         TrainingJob(
             task=options.task, params=assignments("-p", options.params), seed=seed,
             algorithm=psi.wrap(algorithm), law=_law(options, algorithm, task),
-            options={**own, **every}, guesses=psi.guesses,
+            options={**own, **every}, model_params=psi.guesses,
             threads=1 if options.scheduler is not None else max(1, _cpus() // workers),
         )
         for algorithm, own in chosen

@@ -11,12 +11,12 @@ from ocp.errors import InputError, choose, did_you_mean
 from ocp.learning.experiment import Experiment
 from ocp.settings import declared
 from ocp.words.numbers import whole
-from problems.tasks.usual import made, settings_of, usual
+from problems.tasks.registry import default_settings, make_algorithm, settings_of
 from reports.settings import default_text
 
 if TYPE_CHECKING:
     from ocp.learning.protocol import Algorithm
-    from problems.tasks.spec import TaskSpec
+    from problems.tasks.registry import TaskSpec
 
 
 OWN = {setting.name: setting.meaning for setting in declared(Experiment)}
@@ -44,7 +44,7 @@ def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Chosen:
     chosen = {word: choose("algorithm", word, ALGORITHMS) for word in words}
     if len(chosen) < len(words):
         raise InputError(f"--algorithm: {names} has a name twice; give each once")
-    values = {word: usual(spec, word, cls) for word, cls in chosen.items()}
+    values = {word: default_settings(spec, word, cls) for word, cls in chosen.items()}
     for key, text in given.items():
         owner, dot, name = key.rpartition(".")
         alone = [word for word in chosen if not dot or word == owner]
@@ -53,7 +53,7 @@ def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Chosen:
             raise InputError(_unknown(key, chosen))
         for word in takers:
             values[word][name] = _value(key, name, text, chosen[word])
-    return [made(chosen[word], values[word]) for word in chosen]
+    return [make_algorithm(chosen[word], values[word]) for word in chosen]
 
 
 def _unknown(key: str, chosen: Mapping[str, type]) -> str:

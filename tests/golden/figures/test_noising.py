@@ -17,7 +17,7 @@ from ocp.errors import InputError
 from problems import get, studies
 from problems.studies.noised_contact.data import many_sets
 from problems.studies.shared.noised_line import (
-    Pusher,
+    LinePusher,
     Walls,
     answers,
     average_of,
@@ -42,13 +42,13 @@ def test_the_pusher_is_the_exact_step_of_push_1d() -> None:
     after = SampledStep(Exact().close(problem.system))(
         start, u[:, None], {"M": 1.0, "K": 500.0, "h": 0.05}
     )
-    pusher = Pusher(1.25 / 2.25, q=0.5, c=0.3)
+    pusher = LinePusher(1.25 / 2.25, q=0.5, c=0.3)
     assert after.x_next[:, 0] == pytest.approx(pusher.step(u), abs=1e-10)
 
 
 @pytest.mark.parametrize("u", [-1.3, -0.2, 0.31, 0.9, 1.6])
 def test_averages_of_the_pusher_are_those_of_quadrature(u: float) -> None:
-    pusher, sigma = Pusher(0.556, q=0.5, c=0.3), 0.2
+    pusher, sigma = LinePusher(0.556, q=0.5, c=0.3), 0.2
 
     def bell(t: float) -> float:
         return float(norm.pdf(t, u, sigma))
@@ -115,7 +115,7 @@ def test_lemmas_hold_and_what_is_no_minimum_is_seen() -> None:
 
 
 def test_sets_of_data_are_as_far_off_as_their_standard_errors() -> None:
-    found = many_sets(Pusher(), 10, 1000, 5)
+    found = many_sets(LinePusher(), 10, 1000, 5)
     assert found["score_square"][1].mean() == pytest.approx(1, abs=0.4)
     # sqrt(2/pi) rho sigma, over the standard error of half a Gaussian of data: many deviations.
     assert np.all(found["end_score"][1] < -5)

@@ -19,16 +19,16 @@ from problems.studies.impact_and_friction import (
     softened_box,
 )
 from problems.studies.jumping_objectives import drop, pivot, throw_wall
-from problems.studies.shared.noise import (
+from problems.studies.shared.sampled_step import SampledStep
+from problems.studies.shared.scalar_contact import (
     averaged_exact,
     gaussian,
     least_residual,
     linearisations,
     printed_kappa,
+    scalar_contact,
     student,
 )
-from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.shared.scalar_contact import scalar_contact
 from problems.studies.stiff_pushing import Params as PushParams
 from problems.studies.stiff_pushing import limit, pushing_system
 from problems.studies.wall_corner import ThrownBall, Wall

@@ -18,7 +18,7 @@ from problems.studies.smoothings_compared.data import (
     SHARES,
     TRUSTED,
     Params,
-    Source,
+    TaskData,
     excess,
     gap,
     rest_cost,
@@ -60,7 +60,7 @@ def test_standing_still_costs_what_the_sum_of_its_stages_does() -> None:
 
 
 def test_plans_of_known_laws_have_known_costs() -> None:
-    source, golden = Source("push-1d", 0, SETTINGS), spec("push-1d").golden
+    source, golden = TaskData("push-1d", 0, SETTINGS), spec("push-1d").golden
     plan, replay, survives, _, learning, _ = source.planned("exact")["told"]
     assert plan == pytest.approx(golden["exact"].cost, rel=1e-6)
     assert replay == pytest.approx(plan, rel=1e-6)
@@ -72,7 +72,7 @@ def test_plans_of_known_laws_have_known_costs() -> None:
 
 
 def test_a_trusting_plan_starts_at_the_other_and_pays_for_the_data() -> None:
-    source = Source("push-1d", 0, Params(data=5000))
+    source = TaskData("push-1d", 0, Params(data=5000))
     bare = source.planned("ewda")["told"]
     same, trusting = (source.trusting(share)["told"] for share in (1e-9, 0.1))
     assert same[:2] == pytest.approx(bare[:2], rel=1e-3)

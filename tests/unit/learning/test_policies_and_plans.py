@@ -13,7 +13,7 @@ from ocp.learning.evaluation import evaluate_from
 from ocp.learning.experiment import EXACT
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Trained
-from problems.studies.shared.trainings import at, side_by_side
+from problems.studies.shared.trainings import interpolated, side_by_side
 from problems.studies.study import Pieces
 from problems.studies.trained_policies import data
 from problems.studies.trained_policies.claims import claims
@@ -120,7 +120,7 @@ def test_curves_end_where_steps_were_spent(monkeypatch: pytest.MonkeyPatch):
 
 def test_between_judgements_lines_are_straight_and_beyond_them_there_is_nothing():
     values = np.array([1.0, np.nan, 5.0, np.nan])
-    found = at(np.linspace(0, 60, 7), np.array([10.0, 20.0, 50.0, 70.0]), values)
+    found = interpolated(np.linspace(0, 60, 7), np.array([10.0, 20.0, 50.0, 70.0]), values)
     np.testing.assert_array_equal(found, [np.nan, 1, 2, 3, 4, 5, np.nan])
 
 

@@ -13,8 +13,7 @@ from rich.console import Console
 
 from ocp.store.stored_run import StoredRun
 from reports.trained import figures
-from reports.trained.live import Curve, line, live, picture
-from reports.trained.sparks import plot, sparkline
+from reports.trained.live import LearningCurve, line, live, picture, plot, sparkline
 from reports.trained.summary import groups, meta, summary_rows, verdict
 
 
@@ -60,12 +59,12 @@ def test_a_plot_is_as_high_as_its_values() -> None:
 def test_a_training_under_way_in_one_line() -> None:
     rows = [{"iteration": k, "wall_s": 2.0 * k, "return_mean": float(k)} for k in range(5)]
     rows[2]["evaluation_return"] = 7.5
-    one = Curve("fopg seed 0", 20, rows)
+    one = LearningCurve("fopg seed 0", 20, rows)
     assert line(one) == "fopg seed 0  4/20  exact 7.5  return 4  8 s"
     assert one.left == pytest.approx(32.0)
     assert one.curve == [0, 1, 2, 3, 4]
     drawn = io.StringIO()
-    Console(file=drawn, width=80).print(picture([one, Curve("ars seed 0", 9)]))
+    Console(file=drawn, width=80).print(picture([one, LearningCurve("ars seed 0", 9)]))
     text = drawn.getvalue()
     assert "4/20" in text and "–/9" in text and "▁" in text
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Book = Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], EnergyBook]
 
 
-def books(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Book:
+def energy_book(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Book:
     """Keep the book of a scene with ``masses`` (nq, 1) under ``weight`` (nq, 1) [N, N m].
 
     Energy is ``1/2 v' M v - weight' q``. What pushes at the momentum ``sum m v`` from outside are

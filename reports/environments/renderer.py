@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from problems.drawing import HalfPlane, Shape
-from problems.tasks.spec import TaskSpec
+from problems.tasks.registry import TaskSpec
 from reports.shapes import Camera, bounds, draw
 from reports.strobe import draw_motion
 from reports.style import INK, styled
@@ -18,7 +18,7 @@ _INCHES, _DPI = (6.4, 4.0), 100
 _AROUND, _BELOW = 2.2, 0.1
 
 
-class Picture:
+class Renderer:
     """Pictures of one size, (400, 640, 3), whose view goes along with the bodies."""
 
     def __init__(self, spec: TaskSpec, params: object) -> None:

@@ -16,7 +16,7 @@ _NODES = 4001
 
 
 @dataclass(frozen=True)
-class Along:
+class DecisionSweep:
     """Everything over theta, (k,) each: f, its smoothing F and F' by quadrature, and estimates.
 
     ``first``, ``zeroth`` (k, 2) hold mean and standard error of FoBG and of ZoBG with the mean as
@@ -43,7 +43,9 @@ def both_orders(
     ]
 
 
-def along(objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, seed: int) -> Along:
+def sweep_decision(
+    objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, seed: int
+) -> DecisionSweep:
     """Evaluate ``objective``, whose noise is added to its one decision, at ``theta`` (k,).
 
     F and F' by quadrature over +-6 sigma: ``F' = E[f w]/sigma²``, which needs no derivative.
@@ -65,7 +67,7 @@ def along(objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, 
         ])  # fmt: skip
     f, F, slope, *estimates = np.transpose(rows)
     first, first_error, first_variance, zeroth, zeroth_error, zeroth_variance = estimates
-    return Along(
+    return DecisionSweep(
         f, F, slope, np.stack((first, first_error), 1), np.stack((zeroth, zeroth_error), 1),
         first_variance, zeroth_variance,
     )  # fmt: skip

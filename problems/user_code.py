@@ -20,26 +20,26 @@ from ocp.errors import InputError
 Function = Callable[..., Any]
 
 
-def own(function: Function, what: str, path: Path, check: Function | None = None) -> Function:
+def guarded(function: Function, what: str, path: Path, check: Function | None = None) -> Function:
     """Return ``function`` of the file at ``path`` so that it raises nothing but sentences.
 
     ``check(value)`` is what it returns, or raises :class:`~ocp.errors.InputError`.
     """
 
     @functools.wraps(function)
-    def guarded(*given: Any, **named: Any) -> Any:
-        with told(f"{what} failed:", path):
+    def call(*given: Any, **named: Any) -> Any:
+        with user_code(f"{what} failed:", path):
             value = function(*given, **named)
         try:
             return value if check is None else check(value)
         except InputError as error:
             raise InputError(f"{path}: {what} returned what does not fit: {error}") from error
 
-    return guarded
+    return call
 
 
 @contextmanager
-def told(what: str, path: Path, through: type[Exception] | tuple[()] = ()) -> Iterator[None]:
+def user_code(what: str, path: Path, through: type[Exception] | tuple[()] = ()) -> Iterator[None]:
     """Run code of the file at ``path``; what it sets for the whole process is set back.
 
     Raises :class:`~ocp.errors.InputError` with ``what``, the line and the reason for whatever is
