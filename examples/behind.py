@@ -3,7 +3,7 @@
 import casadi as ca
 
 from ocp import solve
-from ocp.problem import Constraint, Problem, Reference
+from ocp.problem import Constraint, Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
 from problems.scenes import Body, Disc, Goal, Obstacle, Pusher, Scene, pictured
 
@@ -61,7 +61,7 @@ def build(params: Params) -> Problem:
         du=du,
         u_before=things.hold,
         path=[Constraint("reach", stretch, -p["reach"], p["reach"])],
-        reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )
 
 

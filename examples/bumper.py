@@ -3,7 +3,7 @@
 import casadi as ca
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.parameters import Parameters, quantity, table
 
 name, title = "bumper", "A mass that brakes against a wall"
@@ -30,5 +30,5 @@ def build(params: Params) -> Problem:
     return Problem(
         name, system, N=20, stage_cost=0.1 * system.u**2, parameters=p,
         terminal_cost=10 * (x - p["goal"]) ** 2 + 10 * v**2, x0=ca.vertcat(1.0, p["v0"]),
-        u_lower=-0.1, u_upper=0.1, reference=Reference(impulse=1.0, gap=0.1),
+        u_lower=-0.1, u_upper=0.1, scaling=Scaling(impulse=1.0, gap=0.1),
     )  # fmt: skip

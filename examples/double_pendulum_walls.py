@@ -6,7 +6,7 @@ import numpy as np
 from dynamics.systems import Chain, Link, signals, time_stepping
 from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose
 from ocp import solve
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems import drawing
 from problems.parameters import Parameters, quantity, structure, table
 
@@ -80,7 +80,7 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         guess=turning,
-        reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=2.0),
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=2.0),
     )
 
 

@@ -3,7 +3,7 @@
 import casadi as ca
 
 from ocp import solve
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
 from problems.scenes import Body, Box, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, pictured
 
@@ -74,7 +74,7 @@ def build(params: Params) -> Problem:
         u_upper=40,
         # The block is 0.2 m high: with a characteristic gap of half of that the first, wide stage
         # lets it fly, and tumble.
-        reference=Reference(impulse=0.5, gap=0.02, x=0.5, u=5.0),
+        scaling=Scaling(impulse=0.5, gap=0.02, x=0.5, u=5.0),
     )
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from ocp.distribution import version  # first: it sees to it that what follows is ours
 from ocp.errors import DamagedRun, InputError, NotConverged
 from ocp.policy import Feedback, OpenLoop
-from ocp.problem import Constraint, Problem, Reference, Scenarios
+from ocp.problem import Constraint, Problem, Scaling, Scenarios
 from ocp.programs.status import Status
 from ocp.replay import Replay
 from ocp.rollout import Gains, Rollout, roll_out
@@ -28,9 +28,9 @@ __all__ = [
     "NotConverged",
     "OpenLoop",
     "Problem",
-    "Reference",
     "Replay",
     "Rollout",
+    "Scaling",
     "Scenarios",
     "SingleShooting",
     "Solution",

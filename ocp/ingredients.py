@@ -38,13 +38,13 @@ class Constraint:
 
 
 @dataclass(frozen=True)
-class Reference:
+class Scaling:
     """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
 
     ``x`` and ``u`` scale the perturbation
     of guesses in a multi-start and normalise what the audit compares. All are multiples of the
     natural ``units`` of their signals, so that none depends on the units of the parameters;
-    :meth:`~Problem.sizes` gives them in SI.
+    :meth:`~Problem.scales` gives them in SI.
 
     Raises :class:`~ocp.errors.InputError` for a size that is not positive and finite.
     """
@@ -57,7 +57,7 @@ class Reference:
 
     def __post_init__(self) -> None:
         sizes = dict.fromkeys(("impulse", "gap", "x", "u"), Positive)
-        check_fields(self, "reference", **sizes, units=InstanceOf[Units] | None)
+        check_fields(self, "scaling", **sizes, units=InstanceOf[Units] | None)
 
     @property
     def mu(self) -> float:
@@ -66,7 +66,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Sizes:
+class Scales:
     """Characteristic sizes in SI: impulse, gap, states (nx,) and inputs (nu,); and of the cost."""
 
     impulse: float

@@ -15,11 +15,11 @@ from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError, shown
 from ocp.expressions import check_symbols, column
-from ocp.ingredients import Constraint, FreeStart, Reference, Scenarios, Sizes
+from ocp.ingredients import Constraint, FreeStart, Scales, Scaling, Scenarios
 from ocp.programs.units import band
 from ocp.words.given import Count, Line, Recorded, checked
 
-__all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Reference", "Scenarios", "Sizes"]
+__all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
 
 Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
@@ -66,7 +66,7 @@ class Problem:
     scenarios: Scenarios = field(default_factory=Scenarios)
     start: FreeStart | None = None
     guess: Guess | None = None
-    reference: Reference = field(default_factory=Reference)
+    scaling: Scaling = field(default_factory=Scaling)
     settings: dict[str, float | int | str] = field(default_factory=dict)
     citation: str = ""
     source: str | None = None
@@ -200,15 +200,15 @@ class Problem:
         return [self.system.x, self.system.u, du, self.parameters.vector]
 
     @cached_property
-    def sizes(self) -> Sizes:
+    def scales(self) -> Scales:
         """The reference's characteristic sizes in SI, signal by signal."""
-        reference, units = self.reference, self.reference.units
+        scaling, units = self.scaling, self.scaling.units
         states, inputs = (
             np.array([units.of(signal.unit) for signal in part])
             for part in (self.system.states, self.system.inputs)
         )
-        return Sizes(reference.impulse * units.of("N s"), reference.gap * units.of("m"),
-                     reference.x * states, reference.u * inputs, units.cost * self._cost_band,
+        return Scales(scaling.impulse * units.of("N s"), scaling.gap * units.of("m"),
+                     scaling.x * states, scaling.u * inputs, units.cost * self._cost_band,
                      )  # fmt: skip
 
     @property
@@ -239,11 +239,11 @@ class Problem:
         Its span is what it changes by as all states and inputs, standing still at the start, move
         by their characteristic sizes.
         """
-        reference, units = self.reference, self.reference.units
+        scaling, units = self.scaling, self.scaling.units
         p = np.array([one.value / units.of(one.unit) for one in self.parameters])
         x, u = (np.array(v).ravel() for v in self.limits(p)[:2])
         costs = [
-            np.ravel(self.cost_terms(x + s * reference.x, u + s * reference.u, s * reference.u, p))
+            np.ravel(self.cost_terms(x + s * scaling.x, u + s * scaling.u, s * scaling.u, p))
             for s in (0.0, -1.0, 1.0)
         ]
         changes = np.abs(np.array(costs[1:], dtype=float) - costs[0]) @ (self.N, 1.0)
@@ -328,7 +328,7 @@ _KINDS: dict[str, Any] = {
     "parameters": InstanceOf[ParameterTable], "path": tuple[InstanceOf[Constraint], ...],
     "terminal": tuple[InstanceOf[Constraint], ...], "scenarios": InstanceOf[Scenarios],
     "start": InstanceOf[FreeStart] | None, "guess": Callable[..., Any] | None,
-    "reference": InstanceOf[Reference], "settings": dict[Line, Recorded], "citation": Line,
+    "scaling": InstanceOf[Scaling], "settings": dict[Line, Recorded], "citation": Line,
 }  # fmt: skip
 _BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
 

@@ -210,7 +210,7 @@ def initial_guesses(
     The noise has 0.3 characteristic units, each guess its own stream of the seed.
     """
     X, U = first if first is not None else problem.initial_guess(problem.parameters.pack(values))
-    found, sizes = [(X, U)], problem.sizes
+    found, sizes = [(X, U)], problem.scales
     for stream in np.random.SeedSequence(seed).spawn(count - 1):
         noise = np.random.default_rng(stream)
         moved = X + _SPREAD * sizes.x * noise.standard_normal(X.shape)

@@ -179,7 +179,7 @@ class Session:
 
     def schedule(self) -> Schedule | None:
         """How the law's parameter is followed down, if it has one."""
-        sizes = self.problem.sizes
+        sizes = self.problem.scales
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 
     def _absorbed(self, helper: Session, follower: Homotopy, guess: InitialGuess | None) -> Outcome:
@@ -256,7 +256,7 @@ class Session:
     def _route(self, guess: InitialGuess | None, number: int) -> Route:
         """How the exact law is reached: as asked, or by the default for many or for few pairs."""
         strategy = choose("strategy", self.strategy, STRATEGIES)
-        asked = Route(strategy, self.problem.reference, partial(self.first_point, guess=guess))
+        asked = Route(strategy, self.problem.scaling, partial(self.first_point, guess=guess))
         if self.strategy != DEFAULT_STRATEGY:
             return asked
         own = guess or self.problem.initial_guess(self.problem.parameters.pack(self.values))
@@ -298,7 +298,7 @@ class Session:
         nlp = self.nlp_of("product")
         stages = [HomotopyStage(self.step.law.name, 0.0, options=options) for options in tries]
         if self.complementary:
-            t = share * self.problem.reference.mu
+            t = share * self.problem.scaling.mu
             stages = [relaxed(t, {**keep, "mu_init": max(t / 10, 1e-9)})]
         result = follower.solve_stage(stages[0], nlp, start, True)
         for stage in stages[1:]:
@@ -319,7 +319,7 @@ class Session:
         if isinstance(self.policy, Feedback):
             blocks["k"] = U[:1] if self.policy.stationary else U
         if "lam" in nlp.variables:
-            reference, units = self.problem.reference, nlp.variables.unpack(nlp.natural.x)
+            reference, units = self.problem.scaling, nlp.variables.unpack(nlp.natural.x)
             mu = reference.mu
             free = self._free_gaps(X, U) / units["gap"][0]
             gap = np.maximum(free, np.sqrt(mu * reference.gap))

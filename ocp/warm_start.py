@@ -285,7 +285,7 @@ class _Carrier:
         self, lam: np.ndarray, gap: np.ndarray, mu: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Keep the larger of each pair, in characteristic sizes; the other follows from mu."""
-        size = self.problem.sizes
+        size = self.problem.scales
         mu = np.maximum(mu, _LEAST * size.impulse * size.gap)
         active = lam / size.impulse > gap / size.gap
         share = np.sqrt(mu / (size.impulse * size.gap))

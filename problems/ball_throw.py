@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Disc, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
@@ -95,7 +95,7 @@ def build(params: Params) -> Problem:
         u_lower=ca.SX([-1.5, 0]),
         u_upper=ca.vertcat(1.5, p["speed_max"]),
         guess=_guess(params),
-        reference=Reference(impulse=1.0, gap=0.1, x=0.5, u=1.0),
+        scaling=Scaling(impulse=1.0, gap=0.1, x=0.5, u=1.0),
     )
 
 

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
@@ -77,7 +77,7 @@ def build(params: Params) -> Problem:
         parameters=p,
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
-        reference=Reference(impulse=0.05, gap=0.25, x=1.0, u=5.0),
+        scaling=Scaling(impulse=0.05, gap=0.25, x=1.0, u=5.0),
     )
 
 

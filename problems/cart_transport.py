@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
@@ -101,7 +101,7 @@ def build(params: Params) -> Problem:
         u_upper=p["u_max"],
         x_lower=ca.vertcat(-ca.inf, -p["reach"], -ca.inf, -ca.inf),
         x_upper=ca.vertcat(ca.inf, p["reach"], ca.inf, ca.inf),
-        reference=Reference(impulse=0.03, gap=0.02, x=0.5, u=5.0),
+        scaling=Scaling(impulse=0.03, gap=0.02, x=0.5, u=5.0),
     )
 
 

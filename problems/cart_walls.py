@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, Mark, Segment, Shape, Spring
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
@@ -84,7 +84,7 @@ def build(params: Params) -> Problem:
         parameters=p,
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
-        reference=Reference(impulse=10.0, gap=0.01, x=0.2, u=2.0),
+        scaling=Scaling(impulse=10.0, gap=0.01, x=0.2, u=2.0),
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
-from ocp.problem import Constraint, FreeStart, Problem, Reference
+from ocp.problem import Constraint, FreeStart, Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.machines.half_cheetah import half_cheetah as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
@@ -122,7 +122,7 @@ def build(params: Params) -> Problem:
             periodic=tuple(range(1, 2 * nq)),
         ),
         guess=_glide,
-        reference=Reference(impulse=2.0, gap=0.1, x=0.1, u=0.1),
+        scaling=Scaling(impulse=2.0, gap=0.1, x=0.1, u=0.1),
     )
 
 

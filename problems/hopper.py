@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.hopper import hopper as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
@@ -114,7 +114,7 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         guess=_glide,
-        reference=Reference(impulse=5.0, gap=0.1, x=0.1, u=0.1),
+        scaling=Scaling(impulse=5.0, gap=0.1, x=0.1, u=0.1),
     )
 
 

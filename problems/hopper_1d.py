@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, Disc, HalfPlane, Segment, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
@@ -118,7 +118,7 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         guess=_standing,
-        reference=Reference(impulse=1.0, gap=0.01, x=0.5, u=50.0),
+        scaling=Scaling(impulse=1.0, gap=0.01, x=0.5, u=50.0),
     )
 
 

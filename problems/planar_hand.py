@@ -12,7 +12,7 @@ from pydantic import model_validator
 
 from dynamics.learned.region import Region
 from dynamics.systems import ParameterTable, Signal, contacts, quasi_dynamic, signals
-from ocp.problem import Constraint, Problem, Reference, Scenarios
+from ocp.problem import Constraint, Problem, Scaling, Scenarios
 from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
@@ -236,7 +236,7 @@ def build(params: Params) -> Problem:
             (std, std, params.scenario_angle_std, 0.0, 0.0, 0.0, 0.0),
             params.scenario_seed,
         ),
-        reference=Reference(impulse=0.3, gap=0.05, x=0.3, u=0.3),
+        scaling=Scaling(impulse=0.3, gap=0.05, x=0.3, u=0.3),
     )
 
 

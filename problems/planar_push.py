@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from dynamics.learned.region import Region
 from dynamics.systems import contacts, quasi_dynamic, signals
-from ocp.problem import Constraint, Problem, Reference, Scenarios
+from ocp.problem import Constraint, Problem, Scaling, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
@@ -143,7 +143,7 @@ def build(params: Params) -> Problem:
         scenarios=Scenarios(
             params.scenarios, (std, std, params.scenario_angle_std, 0.0, 0.0), params.scenario_seed
         ),
-        reference=Reference(impulse=1.0, gap=0.1, x=0.5, u=0.5),
+        scaling=Scaling(impulse=1.0, gap=0.1, x=0.5, u=0.5),
     )
 
 

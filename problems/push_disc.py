@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, signals
-from ocp.problem import Problem, Reference, Scenarios
+from ocp.problem import Problem, Scaling, Scenarios
 from problems.drawing import ContactFrame, Disc, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
@@ -107,7 +107,7 @@ def build(params: Params) -> Problem:
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         scenarios=Scenarios(params.scenarios, (std, std, 0.0, 0.0), params.scenario_seed),
-        reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )
 
 

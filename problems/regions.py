@@ -43,7 +43,7 @@ def around_task(problem: Problem) -> Region:
     by their reference size; states keep to their bounds. A state that no step changes, such as a
     step size that is chosen, has what its start may be, and in the tube what the guess has.
     """
-    p, sizes, system = problem.parameters.values, problem.sizes, problem.system
+    p, sizes, system = problem.parameters.values, problem.scales, problem.system
     x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p))
     u_low, u_high, x_low, x_high = bounds
     X, U = problem.initial_guess(p)

@@ -146,7 +146,7 @@ class ProblemSpec(Spec):
         return replace(
             problem,
             guess=guess,
-            reference=replace(problem.reference, units=natural_units(params, problem)),
+            scaling=replace(problem.scaling, units=natural_units(params, problem)),
             settings={**_fixed(params, problem), **problem.settings},
             citation=problem.citation or (self.citation.key if self.citation else ""),
             source=None if self.path is None else str(self.path),

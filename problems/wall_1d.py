@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
@@ -73,7 +73,7 @@ def build(params: Params) -> Problem:
         parameters=p,
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
-        reference=Reference(impulse=1.0, gap=0.1, x=1.0, u=0.5),
+        scaling=Scaling(impulse=1.0, gap=0.1, x=1.0, u=0.5),
     )
 
 

@@ -19,7 +19,7 @@ from ocp.judges.referee import RefereeReport, evaluate
 from ocp.judges.verdict import UNJUDGED
 from ocp.physics.constraints import broken_constraints
 from ocp.physics.nonuniqueness import Nonuniqueness
-from ocp.problem import Problem, Sizes
+from ocp.problem import Problem, Scales
 from ocp.programs.solver import Point
 from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
@@ -79,7 +79,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
         audit=found,
         certificate=certificate,
-        referee=referee_findings(report, rolled, session.problem.sizes),
+        referee=referee_findings(report, rolled, session.problem.scales),
         idle_cost=idle,
         stages=outcome.trace.records,
         iterations=outcome.trace.iterations,
@@ -113,7 +113,7 @@ def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
 
     They move freely, not along a motion, so that no instability enters.
     """
-    sizes = problem.sizes
+    sizes = problem.scales
     costs = [
         trajectory_costs(problem, plan.x + s * sizes.x, plan.u + s * sizes.u, physical)
         for s in (-1.0, 1.0)
@@ -147,7 +147,7 @@ def _still_cost(session: Session, plan: Rollout) -> float:
     physical = problem.parameters.pack(values)
     before = np.array(problem.limits(physical)[1]).ravel()
     x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(before, (len(plan.x), N, 1))
-    limit, S = _STILL * problem.sizes.x / N, len(x)
+    limit, S = _STILL * problem.scales.x / N, len(x)
     if not all(_holds(session, x[s, 0], plan.u[s], limit) for s in range(S)):
         return float("nan")
     costs = trajectory_costs(problem, x, u, physical)
@@ -163,7 +163,7 @@ def _state_slope(problem: Problem, x: np.ndarray, physical: np.ndarray) -> float
     before = problem.limits(physical)[1]
     stage, end = problem.state_slopes(x, before, 0 * before, physical)
     slopes = np.abs(problem.N * np.array(stage) + np.array(end)).ravel()
-    return float((problem.sizes.x * slopes).max(initial=0.0))
+    return float((problem.scales.x * slopes).max(initial=0.0))
 
 
 def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: np.ndarray) -> bool:
@@ -174,7 +174,7 @@ def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: np.ndarra
     return bool(np.any(np.all(np.abs(after - start) <= limit[:, None], axis=0)))
 
 
-def referee_findings(report: RefereeReport, plan: Rollout, sizes: Sizes) -> RefereeFindings:
+def referee_findings(report: RefereeReport, plan: Rollout, sizes: Scales) -> RefereeFindings:
     """What a run keeps of the referee's hearing; without geometry there is no referee."""
     referee = report.referee
     nonuniqueness = _undetermined(report.nonuniqueness, sizes)
@@ -200,7 +200,7 @@ def referee_findings(report: RefereeReport, plan: Rollout, sizes: Sizes) -> Refe
     )
 
 
-def _undetermined(found: Nonuniqueness | None, sizes: Sizes) -> str:
+def _undetermined(found: Nonuniqueness | None, sizes: Scales) -> str:
     if found is None:
         return ""
     mu, unit = _SHARP * sizes.mu, found.unit.removeprefix("1")
@@ -227,7 +227,7 @@ def status_of(
         return Status.INEXACT if result.ok else result.status
     # A force from afar moves what its exact replay does not: that is smoothing, and no dead end.
     # And where standing still breaks constraints that the plan keeps, the plan is better.
-    own = found.state_gap <= _STILL * outcome.nlp.problem.sizes.x.max() and np.isfinite(idle)
+    own = found.state_gap <= _STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
     blind = found.active_steps == 0 and found.task_gradient < _FLAT and own
     wants = certificate.slope > _CONTENT * span
     if blind or (wants and cost >= idle - _IDLE * abs(idle)):

@@ -42,7 +42,7 @@ class Level:
         x0, h = found.data["x"].values[:, 0], float(found.data["time"][1])
         replay, _ = refined_replay(found.problem, _inputs(found), found.values, x0, by=2)
         replayed = float("nan") if replay is None else replay.cost
-        share = AGREED * max(abs(found.cost), LEAST_COST * found.problem.sizes.cost)
+        share = AGREED * max(abs(found.cost), LEAST_COST * found.problem.scales.cost)
         agreed = abs(replayed - found.cost) <= share
         return cls(h, found.problem.N, found.status.label, found.cost, replayed, agreed)
 
@@ -56,7 +56,7 @@ def growth(found: Solution) -> float:
 
     By differences of replays, a state at a time, in characteristic sizes.
     """
-    sizes, x0 = found.problem.sizes.x, found.data["x"].values[0, 0]
+    sizes, x0 = found.problem.scales.x, found.data["x"].values[0, 0]
     starts = x0 + _SMALL * np.vstack([0 * sizes, np.diag(sizes)])
     inputs, problem = _inputs(found), found.problem
     inputs = inputs if isinstance(inputs, Gains) else inputs[:1]

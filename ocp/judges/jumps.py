@@ -24,7 +24,7 @@ _SEEN, _ROUNDING = 1e-9, 1e-12
 @lru_cache(maxsize=16)
 def jumps_of(problem: Problem) -> tuple[str, ...]:
     """Operations at which costs or constraints jump, ``floor in stage_cost`` and the like."""
-    system, sizes = problem.system, problem.sizes
+    system, sizes = problem.system, problem.scales
     du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
     of = {"stage_cost": problem.stage_cost, "terminal_cost": problem.terminal_cost}
     of |= {one.name: one.expression for one in (*problem.path, *problem.terminal)}

@@ -170,7 +170,7 @@ def evaluate(
 
 def seen_gap(problem: Problem, x: np.ndarray) -> float:
     """Characteristic gap [m] to judge a plan x (S, N+1, nx): at most a third of the way it goes."""
-    own = problem.sizes.gap
+    own = problem.scales.gap
     way = [
         size for size, signal in zip(travelled(problem, x), problem.system.states, strict=True)
         if signal.unit == "m"
@@ -190,7 +190,7 @@ def survival(
     the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`).
     ``physics`` and ``broken`` are those of the replay.
     """
-    excess = (outcome.cost - plan.cost) / max(abs(plan.cost), LEAST_COST * problem.sizes.cost)
+    excess = (outcome.cost - plan.cost) / max(abs(plan.cost), LEAST_COST * problem.scales.cost)
     off = np.abs(outcome.replay.x - plan.x)
     shares = off / seen_sizes(problem, plan.x)
     share = float(shares.max())
@@ -235,7 +235,7 @@ def survival_refined(
         return (f"the replay stops: {outcome.refined_note}",)
     if not math.isfinite(there.cost):
         return ("the cost is NaN or infinite",)
-    reasons, least = [], LEAST_COST * problem.sizes.cost
+    reasons, least = [], LEAST_COST * problem.scales.cost
     if there.cost - plan.cost > COST_SHARE * max(abs(plan.cost), least):
         reasons.append(f"it costs {there.cost:.6g}")
     seen = seen_sizes(problem, plan.x)

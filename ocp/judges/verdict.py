@@ -153,7 +153,7 @@ def _refined(levels: list[dict[str, Any]], stopped: str) -> str:
 def _planned(found: Solution) -> str:
     """Lengths of the plan itself that no body has: what a plan that does not survive relies on."""
     far, through = found.referee.force_distance, found.referee.between
-    least, text = _NOTABLE * found.problem.sizes.gap, ""
+    least, text = _NOTABLE * found.problem.scales.gap, ""
     if found.record.get("contact") == "exact" and far is not None and far.amount > least:
         text += f"; in the plan {far.contact} acts at a distance of {far.amount:.2g} m"
         text += f" at step {far.step}"
@@ -171,7 +171,7 @@ def _replay(found: Solution) -> str:
     if not math.isfinite(audit.exact_cost):
         return "under the exact law the cost of the replay is NaN or infinite"
     infeasible = found.certificate.reason == UNJUDGED
-    least = max(_NOTABLE * abs(found.cost), _SAME * found.problem.sizes.cost)
+    least = max(_NOTABLE * abs(found.cost), _SAME * found.problem.scales.cost)
     if infeasible or found.referee.nonuniqueness or abs(off) <= least:
         return ""
     if found.record.get("contact") == "exact":
@@ -187,7 +187,7 @@ def _replay(found: Solution) -> str:
 
 def _narrower(found: Solution) -> str:
     """Propose a smaller mu where mu is as large as typical impulse times gap."""
-    mu, own = found.values.get(f"{LAW_PREFIX}mu", 0.0), found.problem.sizes.mu
+    mu, own = found.values.get(f"{LAW_PREFIX}mu", 0.0), found.problem.scales.mu
     if mu < _BLURRED * own:
         return ""
     return (

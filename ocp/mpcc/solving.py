@@ -12,7 +12,7 @@ from ocp.errors import InputError, choose
 from ocp.judges.audit import TOLERANCES
 from ocp.mpcc.programs import MPCCProgram, programs_of
 from ocp.mpcc.statement import MPCC, sized
-from ocp.problem import Reference
+from ocp.problem import Scaling
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Solver
 from ocp.programs.status import Status
@@ -96,10 +96,10 @@ def solve(
     programs = programs_of(mpcc, given, inside)
     values = {"penalty": 0.0, "relaxation": 0.0}
     follower = Homotopy(programs, Solver(solver, dict(options or {})), values)
-    reference = Reference(impulse=1.0, gap=1.0)
+    scaling = Scaling(impulse=1.0, gap=1.0)
     best: MPCCSolution | None = None
     for name in strategies:
-        route = Route(STRATEGIES[name], reference, lambda program: Point(program.extended(inside)))
+        route = Route(STRATEGIES[name], scaling, lambda program: Point(program.extended(inside)))
         result, program, _ = solve_pairs(follower, route)
         found = _judged(programs("none"), program, result, inside, name)
         if best is None or _rank(found) < _rank(best):

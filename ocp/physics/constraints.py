@@ -58,7 +58,7 @@ def seen_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
     less, down to a thousandth of its own: sizes that are stated for metres, or not at all, say
     nothing of millimetres.
     """
-    sizes = problem.sizes.x
+    sizes = problem.scales.x
     return np.clip(_FAR * travelled(problem, x), _LEAST * sizes, sizes)
 
 
@@ -85,12 +85,12 @@ def broken_constraints(
     ``sizes`` (nx,) are those of the states, by default the problem's.
     """
     u_low, u_high, x_low, x_high = (np.array(v).ravel() for v in problem.limits(physical)[2:])
-    system, of_x = problem.system, problem.sizes.x if sizes is None else sizes
+    system, of_x = problem.system, problem.scales.x if sizes is None else sizes
     states, inputs = ([signal.name for signal in part] for part in (system.states, system.inputs))
     after = x[:, 1:]
     found = [
         *_worst_entries("bound on x", states, _off(after, x_low, x_high), of_x, 1),
-        *_worst_entries("bound on u", inputs, _off(u, u_low, u_high), problem.sizes.u),
+        *_worst_entries("bound on u", inputs, _off(u, u_low, u_high), problem.scales.u),
     ]
     for kind, constraints in (("path", problem.path), ("terminal", problem.terminal)):
         if constraints:
@@ -160,7 +160,7 @@ def _constraints_off(
         ))
         for ends in ([c.lower for c in constraints], [c.upper for c in constraints])
     )  # fmt: skip
-    size = _row_sizes(value, system.x, of_x) + _row_sizes(value, system.u, problem.sizes.u)
+    size = _row_sizes(value, system.x, of_x) + _row_sizes(value, system.u, problem.scales.u)
     function = ca.Function(
         "constraints",
         [system.x, system.u, problem.parameters.vector],

@@ -10,7 +10,7 @@ import numpy as np
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem, EnergyBook
 from ocp.physics.evaluation import TrajectoryEvaluator, mean_multipliers
-from ocp.problem import Problem, Sizes
+from ocp.problem import Problem, Scales
 
 _ACTIVE = 1e-6
 """Share of the characteristic impulse above which a contact counts as acting."""
@@ -90,10 +90,10 @@ def contact_report(
         normal, tangential, slip, friction = at(
             forces.normal, forces.tangential, forces.slip, forces.friction
         )
-    degenerate = _degenerate_steps(system, problem.sizes, lam, gap, len(names))
+    degenerate = _degenerate_steps(system, problem.scales, lam, gap, len(names))
     h = at(ca.SX(system.h))[0]
-    active = normal > _ACTIVE * problem.sizes.impulse
-    slipping = active & (np.abs(slip) * h > _SLIPS * problem.sizes.gap)
+    active = normal > _ACTIVE * problem.scales.impulse
+    slipping = active & (np.abs(slip) * h > _SLIPS * problem.scales.gap)
     # A multiplier in newton is a force already.
     are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
     force = normal if are_forces else normal / h
@@ -108,7 +108,7 @@ def contact_report(
 
 
 def _degenerate_steps(
-    system: ContactSystem, reference: Sizes, lam: np.ndarray, gap: np.ndarray, points: int
+    system: ContactSystem, reference: Scales, lam: np.ndarray, gap: np.ndarray, points: int
 ) -> np.ndarray:
     """Whether a pair of the contact has both members near zero, (S, N, points)."""
     pairs = system.pairs

@@ -56,7 +56,7 @@ def measure(
     phi, names = distances(problem, x, physical), problem.system.distance_names
     impulse = normal_impulses(problem, step, x, u, lam, physical)
     after = phi[:, 1:, : impulse.shape[2]]
-    acting = np.where(impulse > ACTIVE * problem.sizes.impulse, after, 0.0)
+    acting = np.where(impulse > ACTIVE * problem.scales.impulse, after, 0.0)
     return Physics(
         _worst(-phi, names),
         between(problem, x, physical),

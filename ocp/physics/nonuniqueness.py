@@ -55,14 +55,14 @@ def find_nonuniqueness(
         return None
     x_next, other, _, error = at_steps(step.solve, x[:, :-1], u, p=step.p.pack(values))
     apart = np.abs(x_next - x[:, 1:])
-    distance = (apart / problem.sizes.x).max(axis=2)
+    distance = (apart / problem.scales.x).max(axis=2)
     solved = np.all(error <= SATISFIED, axis=2)
     two = solved & _obeys(problem, x, u, lam, values) & (distance > APART)
     if not two.any():
         return None
     k = int(np.flatnonzero(two.any(axis=0))[0])
     s = int(np.flatnonzero(two[:, k])[0])
-    i = int((apart[s, k] / problem.sizes.x).argmax())
+    i = int((apart[s, k] / problem.scales.x).argmax())
     signal = problem.system.states[i]
     contacts = _differing(problem, lam[s, k], other[s, k])
     return Nonuniqueness(k, s, contacts, float(apart[s, k, i]), signal.name, signal.unit)
@@ -72,7 +72,7 @@ def _obeys(
     problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
 ) -> np.ndarray:
     """Whether the plan's own steps obey the exact relation, (S, N)."""
-    system, reference = problem.system, problem.sizes
+    system, reference = problem.system, problem.scales
     physical = problem.parameters.pack(values)
     residual, gap = TrajectoryEvaluator(problem, system, x, u, lam, physical)(
         system.residual, system.gap
@@ -86,7 +86,7 @@ def _obeys(
 def _differing(problem: Problem, one: np.ndarray, other: np.ndarray) -> tuple[str, ...]:
     """Names of the contacts whose impulses, each (nlam,), are not the same."""
     system = problem.system
-    apart = np.abs(one - other) > APART * problem.sizes.impulse
+    apart = np.abs(one - other) > APART * problem.scales.impulse
     names = [signal.name for signal in system.contacts]
     first = {pair.contact: i for i, pair in reversed(list(enumerate(system.pairs)))}
     called = {

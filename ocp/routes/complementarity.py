@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ocp.problem import Reference
+from ocp.problem import Scaling
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches, polish
@@ -34,7 +34,7 @@ class Route:
     """
 
     strategy: Strategy
-    reference: Reference
+    reference: Scaling
     start: Callable[[Any], Point]
     fallback: Strategy | None = None
     alternatives: Sequence[Strategy] = ()

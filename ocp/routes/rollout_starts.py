@@ -39,7 +39,7 @@ class RolloutStarts:
         averages out. Their size is log-uniform from 0.03 to 3 characteristic units, seed 0; inputs
         keep their bounds.
         """
-        sizes, N = self.problem.sizes, self.problem.N
+        sizes, N = self.problem.scales, self.problem.N
         physical = self.problem.parameters.pack(self.values)
         lower, upper = (np.array(v).ravel() for v in self.problem.limits(physical)[2:4])
         rng, (least, most) = np.random.default_rng(0), np.log(_SIZES)

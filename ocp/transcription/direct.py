@@ -224,6 +224,6 @@ def gain_penalty(graph: Graph, variables: Layout) -> list[Stage]:
     index = variables["K"].index.reshape(graph.gain_steps, -1)
     gains = ca.SX.sym("gains", index.shape[1])
     repeats = graph.problem.N / graph.gain_steps
-    cost = graph.problem.sizes.cost * graph.policy.penalty * repeats * ca.sumsqr(gains)
+    cost = graph.problem.scales.cost * graph.policy.penalty * repeats * ca.sumsqr(gains)
     rows = np.zeros((graph.gain_steps, 0), dtype=int)
     return [Stage("gains", gains, graph.p, cost, ca.SX(0, 1), index, rows)]

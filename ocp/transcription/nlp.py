@@ -105,7 +105,7 @@ class NLP(Program):
         States and inputs have theirs; an impulse or a gap its own, the two exchanged for a slip
         pair, whose multiplier is a way and whose gap an impulse; gains are inputs over states.
         """
-        reference = self.problem.reference
+        reference = self.problem.scaling
         slips = [pair.kind == "slip" for pair in self.problem.system.pairs] * self.step.branches
         impulse = np.where(slips, reference.gap, reference.impulse)
         gap = np.where(slips, reference.impulse, reference.gap)
@@ -122,8 +122,8 @@ class NLP(Program):
         """
         import scipy.sparse as sp
 
-        units, table = self.problem.reference.units, self.problem.parameters + self.step.p
-        cost = self.problem.sizes.cost
+        units, table = self.problem.scaling.units, self.problem.parameters + self.step.p
+        cost = self.problem.scales.cost
         if units.plain or "gap" not in self.variables:
             return None if cost == 1 else Scale.none(self.n, self.m, cost)
         system = self.problem.system
@@ -153,7 +153,7 @@ class NLP(Program):
         """
         own = super().active_sets(x)
         first, second = (x / self.natural.x)[self.pairs]
-        other = first / self.problem.reference.impulse > second / self.problem.reference.gap
+        other = first / self.problem.scaling.impulse > second / self.problem.scaling.gap
         return own if np.array_equal(own[0], other) else [other, *own]
 
     @property
@@ -174,7 +174,7 @@ class NLP(Program):
     def _largest_multipliers(self) -> np.ndarray:
         """No bound, but for the slip of a contact: without a normal force nothing else holds it."""
         kinds = [pair.kind for pair in self.problem.system.pairs] * self.step.branches
-        far = _SLIP * self.problem.sizes.gap
+        far = _SLIP * self.problem.scales.gap
         return np.array([far if kind == "slip" else np.inf for kind in kinds])
 
     def _constraint_bounds(

@@ -192,7 +192,7 @@ class _Condensed:
         policy = self.graph.policy
         if not isinstance(policy, Feedback):
             return ca.MX(0)
-        weight = self.graph.problem.sizes.cost * policy.penalty * self.N / self.graph.gain_steps
+        weight = self.graph.problem.scales.cost * policy.penalty * self.N / self.graph.gain_steps
         return weight * ca.sumsqr(theta[self.variables["K"].index.ravel().tolist()])
 
     def _arranged(self, rows: ca.MX, end: ca.MX) -> ca.MX:

@@ -196,7 +196,7 @@ def _rollouts(
         objective = RolloutObjective(problem, law, chosen, theta, **engine)
     except ValueError as error:
         raise InputError(str(error)) from error
-    return objective, SIGMA_SHARE * float(problem.sizes.u.max())
+    return objective, SIGMA_SHARE * float(problem.scales.u.max())
 
 
 def _policy_settings(options: EstimateOptions) -> dict[str, str]:

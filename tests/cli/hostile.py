@@ -3,7 +3,7 @@
 import casadi as ca
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from problems.drawing import Box, HalfPlane
 from problems.parameters import Parameters, quantity, table
 
@@ -28,7 +28,7 @@ def build(params: Params) -> Problem:
     return Problem(
         name, system, N=8, stage_cost=0.1 * system.u**2, parameters=p,
         terminal_cost=10 * (x - p["goal"]) ** 2 + 10 * v**2, x0=ca.vertcat(0.5, -1.0),
-        reference=Reference(impulse=1.0, gap=0.1),
+        scaling=Scaling(impulse=1.0, gap=0.1),
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from dynamics.contact import Exact
 from dynamics.systems import lcs
-from ocp import InputError, Problem, Reference, Solution, Status, solve
+from ocp import InputError, Problem, Scaling, Solution, Status, solve
 from ocp.judgement import halved, refined
 from ocp.judgement.refinement import AGREED, HALVINGS, Level, growth
 from ocp.rollout import roll_out
@@ -104,7 +104,7 @@ def test_growth_is_that_of_a_linear_system() -> None:
                  F=[[1.0]], d=[1.0])  # fmt: skip
     problem = Problem(
         "fall", system, 20, stage_cost=ca.sumsqr(system.u), terminal_cost=ca.sumsqr(system.x),
-        x0=ca.DM([0.1, 0.0]), parameters=system.parameters, reference=Reference(x=0.5),
+        x0=ca.DM([0.1, 0.0]), parameters=system.parameters, scaling=Scaling(x=0.5),
     )  # fmt: skip
     found = solve(problem, Exact())
     powers = [np.linalg.matrix_power(A, k) for k in range(21)]

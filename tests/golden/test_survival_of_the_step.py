@@ -105,4 +105,4 @@ def test_a_cut_between_nodes_is_told_with_its_tolerance() -> None:
     said = f"cuts {cut.amount:.2g} m into {cut.contact} in step {cut.step}, within the tolerance"
     assert said in found.verdict
     tolerance = float(found.verdict.partition("within the tolerance of ")[2].split()[0])
-    assert cut.amount < tolerance <= 0.1 * found.problem.sizes.gap
+    assert cut.amount < tolerance <= 0.1 * found.problem.scales.gap

@@ -14,7 +14,7 @@ from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.systems import ParameterTable, lcs, signals, time_stepping
 from ocp import Direct, MultipleShooting, Problem, SingleShooting, Solution, solve
 from ocp.errors import InputError
-from ocp.problem import Reference
+from ocp.problem import Scaling
 from ocp.programs.status import Status
 from ocp.rollout import roll_out
 from ocp.solve import new_session, solve_session
@@ -38,7 +38,7 @@ def to_a_goal(system, goal: float) -> Problem:
     """Six steps of a scalar system from 0.5, cheap to move."""
     return Problem(
         system.name, system, 6, 0.1 * ca.sumsqr(system.u), 10 * (system.x[0] - goal) ** 2,
-        ca.SX([0.5]), ParameterTable([]), reference=Reference(1.0, 1.0, 1.0, 1.0),
+        ca.SX([0.5]), ParameterTable([]), scaling=Scaling(1.0, 1.0, 1.0, 1.0),
     )  # fmt: skip
 
 

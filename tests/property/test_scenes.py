@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.systems import ContactSystem, Parameter, ParameterTable
 from dynamics.systems.contacts import Shape
-from ocp import Problem, Reference, Solution, solve
+from ocp import Problem, Scaling, Solution, solve
 from problems.scenes import Body, Box, Capsule, Disc, HalfPlane, Obstacle, Pusher, Scene
 from problems.scenes.things import Thing
 
@@ -257,7 +257,7 @@ def test_a_mirrored_task_has_the_mirrored_plan() -> None:
         return solve(Problem(
             "mirror", system, 20, stage_cost=0.1 * ca.sumsqr(du),
             terminal_cost=10 * ca.sumsqr(off), x0=scene.at_rest(system), parameters=NOTHING,
-            du=du, u_before=scene.hold, reference=Reference(0.5, 0.1, 0.5, 0.5),
+            du=du, u_before=scene.hold, scaling=Scaling(0.5, 0.1, 0.5, 0.5),
         ), Exact())  # fmt: skip
 
     up, down = planned(1), planned(-1)

@@ -60,7 +60,7 @@ def _beside(
     lower, upper = (np.array(end).ravel() for end in limits[2:4])
     gains = tracking_gains(plan, scenario) if plan.gains is None else plan.gains
     x = np.repeat(plan.data["x"].values[scenario, :-1], copies, axis=0)
-    moved = x + spread * problem.sizes.x * rng.standard_normal(x.shape)
+    moved = x + spread * problem.scales.x * rng.standard_normal(x.shape)
     asked = [gains.input(at // copies, state) for at, state in enumerate(moved)]
     return moved, np.clip(asked, lower, upper)
 
@@ -75,7 +75,7 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
 
     Raises :class:`~ocp.errors.NotConverged` where such a step is not solved.
     """
-    problem, sizes = plan.problem, plan.problem.sizes
+    problem, sizes = plan.problem, plan.problem.scales
     x = plan.data["x"].values[scenario]
     all_inputs = plan.data["u"].values
     u = all_inputs[min(scenario, len(all_inputs) - 1)]

@@ -11,7 +11,7 @@ from dynamics.batch import BatchFunction
 from ocp.judgement import judged
 from ocp.learning.experiment import EXACT
 from ocp.learning.plans.problem import planned_problem
-from ocp.problem import Guess, Reference
+from ocp.problem import Guess, Scaling
 from ocp.programs.solver import Point
 from ocp.rollout import InitialGuess, roll_on
 from ocp.routes.branches import Branches
@@ -76,7 +76,7 @@ def planned_return(
     task: Task,
     x0: np.ndarray,
     *guesses: Guess,
-    reference: Reference | None = None,
+    scaling: Scaling | None = None,
     settings: dict[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> Planned:
@@ -86,11 +86,11 @@ def planned_return(
     is a motion under the exact law is solved on its own branch and improved from there, which
     keeps to it; any other, or where that comes to nothing, is solved by the default route. The best
     certified plan is returned, or where none is certified the best of the others.
-    ``reference`` has the characteristic sizes, ``settings`` are those of :func:`ocp.solve`.
+    ``scaling`` has the characteristic sizes, ``settings`` are those of :func:`ocp.solve`.
 
     Raises as :func:`~ocp.learning.plans.problem.planned_problem` does.
     """
-    problem = planned_problem(task, x0, reference=reference)
+    problem = planned_problem(task, x0, scaling=scaling)
     session = new_session(problem, EXACT, settings=settings)
     p = problem.parameters.values
     begun = [guess(problem, p) for guess in guesses] or [problem.initial_guess(p)]
@@ -110,7 +110,7 @@ def _polished(session: Session, guess: InitialGuess, progress: Progress | None) 
     states, inputs = guess
     problem = session.problem
     rolled, unsolved = roll_on(problem, inputs[None], session.values, session.step)
-    off = np.abs(rolled.x[0] - states) / problem.sizes.x
+    off = np.abs(rolled.x[0] - states) / problem.scales.x
     if unsolved is not None or not np.all(off <= _SAME):
         return None
     follower = Homotopy(session.nlp_of, session.solver, session.values, progress)

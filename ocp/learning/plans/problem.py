@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.problem import Constraint, Guess, Problem, Reference
+from ocp.problem import Constraint, Guess, Problem, Scaling
 from ocp.task import Task
 
 MARGIN = 1e-6
@@ -15,7 +15,7 @@ ends on the border itself and a solver keeps its constraints up to 1e-8."""
 
 
 def planned_problem(
-    task: Task, x0: np.ndarray, guess: Guess | None = None, reference: Reference | None = None
+    task: Task, x0: np.ndarray, guess: Guess | None = None, scaling: Scaling | None = None
 ) -> Problem:
     """Minimise minus the return of an episode of full length that starts at ``x0`` (nx,).
 
@@ -56,7 +56,7 @@ def planned_problem(
         path=lasting,
         terminal=() if final.is_zero() else lasting,
         guess=guess,
-        reference=reference or Reference(),
+        scaling=scaling or Scaling(),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from dynamics.systems import ParameterTable, lcs
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from ocp.session import Session
 from ocp.solve import new_session
 from problems import get
@@ -42,7 +42,7 @@ def random_lcs(N: int, seed: int = 7) -> Problem:
         parameters=ParameterTable(),
         u_lower=-5.0,
         u_upper=5.0,
-        reference=Reference(impulse=1.0, gap=0.1),
+        scaling=Scaling(impulse=1.0, gap=0.1),
     )
 
 

@@ -76,7 +76,7 @@ def alone(instance: Instance) -> Answer:
 
     def run(session: Session) -> Outcome:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        route = Route(CentralPath(), session.problem.reference, session.first_point)
+        route = Route(CentralPath(), session.problem.scaling, session.first_point)
         ended = by_strategy(follower, route, route.strategy)
         return Outcome(*ended, follower.trace)
 

@@ -35,7 +35,7 @@ def objective(name: str, backend: str) -> RolloutObjective:
 def sigma(name: str) -> np.ndarray:
     """A tenth of every input's scale, rounded to a power of 2: dividing by it is then exact."""
     problem = get(name)
-    scale = np.broadcast_to(problem.reference.u, (problem.system.nu,))
+    scale = np.broadcast_to(problem.scaling.u, (problem.system.nu,))
     return 2.0 ** np.round(np.log2(0.1 * scale))
 
 

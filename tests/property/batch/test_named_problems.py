@@ -50,7 +50,7 @@ def prepared(name: str, law: str):
         x, last = step.map(x, u, step.p.values)[0], u
     cost += costs[1](x, step.p.values)
     reference = ca.Function("reference", [start, inputs], [cost, ca.gradient(cost, inputs)])
-    return made, reference, x0, before if change else None, problem.reference
+    return made, reference, x0, before if change else None, problem.scaling
 
 
 def reference_values(

@@ -46,7 +46,7 @@ def perturbed(session: Session, seed: int) -> Rollout:
     _, U = problem.initial_guess(physical)
     lower, upper = (np.array(v).ravel() for v in problem.limits(physical)[2:4])
     noise = np.random.default_rng(seed).standard_normal(U.shape)
-    inputs = np.clip(U + 0.1 * problem.reference.u * noise, lower, upper)
+    inputs = np.clip(U + 0.1 * problem.scaling.u * noise, lower, upper)
     return roll_out(problem, inputs[None], values, session.step)
 
 

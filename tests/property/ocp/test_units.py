@@ -252,11 +252,11 @@ def test_a_mu_as_large_as_the_problem_is_told_with_one_that_is_not() -> None:
 def test_units_are_found_from_the_numbers(problem: str) -> None:
     for units in OTHER:
         params = stated(problem, units)
-        found = get(problem, **params).reference.units
+        found = get(problem, **params).scaling.units
         for unit in ("N s", "m", "m/s", "N"):
             if problem != "planar-push" or unit == "m":
                 assert found.of(unit) == pytest.approx(units.of(unit), rel=1e-6)
-        assert get(problem).reference.units == Units()
+        assert get(problem).scaling.units == Units()
 
 
 def test_one_parameter_that_leaves_the_others_is_outvoted() -> None:

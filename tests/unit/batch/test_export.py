@@ -81,7 +81,7 @@ def case(problem: str, law: str) -> tuple[Step, np.ndarray, np.ndarray]:
     by_x, by_u = ca.jacobian(x_next, x), ca.jacobian(x_next, u)
     wanted = ca.Function("wanted", [x, u], [x_next, lam, by_x.T, by_u.T])
     start, before = (np.array(v)[:, 0] for v in made.limits(made.parameters.values)[:2])
-    rng, sizes = np.random.default_rng(3), made.reference
+    rng, sizes = np.random.default_rng(3), made.scaling
     shaken = [signal.name != "h" for signal in made.system.states]
     far = np.repeat([0.2, 1.5], 8)[:, None]
     rows = np.hstack([

@@ -116,7 +116,7 @@ def test_first_order_gradients_equal_differences(name, backend):
     problem = get(name, **SHORT.get(name, {}))
     objective = RolloutObjective(problem, Barrier(mu=1e-3), backend=backend)
     rng = np.random.default_rng(5)
-    scale = objective.problem.reference.u
+    scale = objective.problem.scaling.u
     objective.theta = objective.theta + 0.2 * scale * rng.standard_normal(len(objective.theta))
     noise = Gaussian(0.1 * scale, seed=2)
     n = 3

@@ -16,7 +16,7 @@ DIGITS = 60
 
 
 @dataclass(frozen=True)
-class Reference:
+class Scaling:
     """``(g, log p)`` (ny + 1,), its Jacobian (ny + 1, nz), and contracted curvature (nz, nz)."""
 
     values: np.ndarray
@@ -41,13 +41,13 @@ def _unit(n: int) -> Normalisation:
     return Normalisation(np.zeros(n), np.ones(n))
 
 
-def reference(model: EwdaModel, query: np.ndarray, weights: np.ndarray) -> Reference:
+def reference(model: EwdaModel, query: np.ndarray, weights: np.ndarray) -> Scaling:
     """At one query (nz,): normalised as float64 does it, everything after that in 60 digits."""
     with mp.workdps(DIGITS):
         return _reference(model, query, weights)
 
 
-def _reference(model: EwdaModel, query: np.ndarray, weights: np.ndarray) -> Reference:
+def _reference(model: EwdaModel, query: np.ndarray, weights: np.ndarray) -> Scaling:
     z = _exact(model.scales.normalised(model.z))
     q, y = _exact(model.scales.normalised(query)), _exact(model.y)
     scale, nu = _exact(model.scales.scale), _exact(weights)
@@ -65,7 +65,7 @@ def _reference(model: EwdaModel, query: np.ndarray, weights: np.ndarray) -> Refe
     third = (d * (w * (e @ nu[:-1]))[:, None]).T @ d
     second = (d * w[:, None]).T @ d / variance - _exact(np.eye(len(q)))
     bends = third / variance**2 + nu[-1] * second / variance
-    return Reference(np.append(mean_y, log_p), slopes / scale, bends / (scale[:, None] * scale))
+    return Scaling(np.append(mean_y, log_p), slopes / scale, bends / (scale[:, None] * scale))
 
 
 def _exact(array: np.ndarray) -> np.ndarray:

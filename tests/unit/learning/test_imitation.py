@@ -22,7 +22,7 @@ from ocp.learning.plans.problem import planned_problem
 from ocp.learning.protocol import Trained
 from ocp.learning.training import train
 from ocp.learning.unrolls.fopg import FOPG
-from ocp.problem import Reference
+from ocp.problem import Scaling
 from ocp.task import Task
 
 H = 0.1
@@ -80,8 +80,8 @@ def test_the_affine_policy_is_the_regulator(found: list[Solution]):
 
 def test_gains_along_a_plan_are_those_of_the_riccati_recursion():
     task = regulated(horizon=150)
-    reference = Reference(x=0.5, u=2.0)
-    problem = planned_problem(task, np.array([1.0, -0.5]), reference=reference)
+    scaling = Scaling(x=0.5, u=2.0)
+    problem = planned_problem(task, np.array([1.0, -0.5]), scaling=scaling)
     plan = solve(problem, Exact())
     gains = tracking_gains(plan)
     weights = np.eye(2) / 0.5**2, np.eye(1) / 2.0**2

@@ -161,7 +161,7 @@ def test_translation_keeps_what_both_forms_have() -> None:
 
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_every_strategy_starts_at_sizes_of_the_problem_and_ends_tight(name: str) -> None:
-    reference = get("cart-walls").reference
+    reference = get("cart-walls").scaling
     paths = STRATEGIES[name].paths(reference)
     for path in paths:
         values = list(path.values)

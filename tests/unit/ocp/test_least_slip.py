@@ -8,7 +8,7 @@ import pytest
 
 from dynamics.systems import ParameterTable, signals, time_stepping
 from ocp import Direct, solve
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 
 H, G, FRICTION, N = 0.1, 10.0, 0.5, 4
 
@@ -27,7 +27,7 @@ def thrown(cone: str) -> Problem:
         "thrown", system, N=N, stage_cost=ca.sumsqr(system.u),
         terminal_cost=0.01 * system.x[0] ** 2, parameters=ParameterTable(),
         x0=ca.SX([0.0, 0.8, -2.0, 0.0]),
-        u_lower=-0.01, u_upper=0.01, reference=Reference(impulse=1.0, gap=0.2),
+        u_lower=-0.01, u_upper=0.01, scaling=Scaling(impulse=1.0, gap=0.2),
     )  # fmt: skip
 
 

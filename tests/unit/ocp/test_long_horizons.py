@@ -43,7 +43,7 @@ def test_the_exact_answer_is_near_the_barriers_own_at_any_length() -> None:
 
 def test_the_barrier_below_a_path_falls_as_the_horizon_grows() -> None:
     """Held at t/10 up to sixty steps, then the sum over steps of the barrier's weights is."""
-    reference = get("push-disc").reference
+    reference = get("push-disc").scaling
 
     def held(steps: int) -> float:
         path = CentralPath().over(steps).paths(reference)[0]

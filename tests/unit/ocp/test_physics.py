@@ -66,7 +66,7 @@ def test_broken_constraints_are_named_with_step_and_amount() -> None:
     first, second = broken_constraints(problem, x, u, p)[:2]
     assert (first.violation.name, first.violation.component) == ("bound on x", "l2")
     assert (first.violation.step, first.violation.amount) == (12, pytest.approx(0.2))
-    assert first.share == pytest.approx(0.2 / problem.reference.x)
+    assert first.share == pytest.approx(0.2 / problem.scaling.x)
     assert (second.violation.component, second.violation.step) == ("reach[0]", 5)
     assert second.violation.amount == pytest.approx(0.05)
 
@@ -82,7 +82,7 @@ def test_the_share_of_a_constraint_does_not_depend_on_how_it_is_written(scale: f
     assert found[0].violation.name == "terminal"
     assert found[0].violation.step == problem.N
     assert found[0].violation.amount == pytest.approx(0.3 * scale)
-    assert found[0].share == pytest.approx(0.3 / problem.reference.x)
+    assert found[0].share == pytest.approx(0.3 / problem.scaling.x)
 
 
 def test_a_broken_period_of_a_chosen_start_is_named() -> None:

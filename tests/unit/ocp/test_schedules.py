@@ -79,7 +79,7 @@ def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
     *_, instance = drawn("cart-transport", 6, 0, factor=2.0)
     session = new_session(get(instance.problem, **instance.params), Exact())
     follower = Homotopy(session.nlp_of, session.solver, session.values)
-    route = Route(CentralPath(), session.problem.reference, session.first_point)
+    route = Route(CentralPath(), session.problem.scaling, session.first_point)
     alone = by_strategy(follower, route, route.strategy)[0].f
     found = solve(get(instance.problem, **instance.params), Exact())
     assert found.success and found.cost < 0.9 * alone
@@ -90,7 +90,7 @@ def test_exchange_knows_no_size_and_begins_where_multipliers_promise_most() -> N
     session = new_session(get("planar-hand"), Exact())
     branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
     assert branches.program.pairs.shape[1] > 128
-    route = Route(CentralPath(), session.problem.reference, session.first_point)
+    route = Route(CentralPath(), session.problem.scaling, session.first_point)
     polished = by_strategy(branches.follower, route, route.strategy)[0]
     best = branches.improve(polished)
     found = improve_schedule(branches, best)

@@ -76,7 +76,7 @@ def test_guesses_come_from_the_seed_and_keep_the_start() -> None:
         if x is not first[0][0]:
             assert np.abs(x - x4).max() > 0
             spread = np.std(x[1:] - X[1:])
-            assert 0.15 < spread / (0.3 * session.problem.reference.x) < 2
+            assert 0.15 < spread / (0.3 * session.problem.scaling.x) < 2
 
 
 def two_wells() -> Problem:

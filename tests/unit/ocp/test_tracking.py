@@ -11,7 +11,7 @@ from dynamics.systems import Parameter, ParameterTable, lcs
 from ocp import Direct
 from ocp.continuation import Continuation, continue_over
 from ocp.continuation.events import describe_events
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 from ocp.solve import new_session
 
 R = 0.5
@@ -36,7 +36,7 @@ def between_walls(stage, terminal, walls: float = 1.0, size: float = 1.0, N: int
         terminal_cost=terminal(system.x, p["theta"]),
         x0=ca.SX.zeros(1),
         parameters=p,
-        reference=Reference(size, size, size, size),
+        scaling=Scaling(size, size, size, size),
     )
 
 
@@ -75,7 +75,7 @@ def test_contacts_that_change_at_one_value_are_one_degenerate_event(walls) -> No
     problem = Problem(
         name="two-walls", system=system, N=1, stage_cost=R * ca.sumsqr(system.u),
         terminal_cost=ca.sumsqr(system.x - p["theta"]), x0=ca.SX.zeros(2), parameters=p,
-        reference=Reference(1.0, 1.0, 1.0, 1.0),
+        scaling=Scaling(1.0, 1.0, 1.0, 1.0),
     )  # fmt: skip
     path = follow(problem, 0.2, 3.1, 7)
     at_once = walls[0] == walls[1]

@@ -12,7 +12,7 @@ from dynamics.systems import (
     signals,
     time_stepping,
 )
-from ocp.problem import Problem, Reference
+from ocp.problem import Problem, Scaling
 
 
 def defaults(problem: Problem) -> dict[str, float]:
@@ -53,7 +53,7 @@ def round_a_post(N: int = 10, linearised: bool = True) -> Problem:
     return Problem(
         name="round a post", system=system, N=N, stage_cost=0.1 * ca.sumsqr(du),
         terminal_cost=10 * off, x0=ca.SX([0.7, 0.1, 0.3, 0.6]), parameters=p, du=du,
-        u_before=ca.SX([0.3, 0.6]), reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+        u_before=ca.SX([0.3, 0.6]), scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )  # fmt: skip
 
 
@@ -87,7 +87,7 @@ def rough_slope(N: int = 10) -> Problem:
         name="rough slope", system=system, N=N, stage_cost=1e-4 * system.u**2,
         terminal_cost=100 * (x[1] - p["goal"]) ** 2 + ca.sumsqr(x[3:]), x0=ca.SX.zeros(6),
         parameters=p, u_lower=0, u_upper=60,
-        reference=Reference(impulse=0.5, gap=0.1, x=0.5, u=10.0),
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=10.0),
     )  # fmt: skip
 
 
@@ -115,7 +115,7 @@ def two_grippers(friction: float = 0.0, N: int = 8) -> Problem:
         name="two grippers", system=system, N=N,
         stage_cost=0.01 * ca.sumsqr(u - x[3:]), terminal_cost=10 * (x[1] - 0.3) ** 2,
         x0=ca.SX([0, 0, 0, -0.2, 0.2, 0, 0]), parameters=p,
-        reference=Reference(impulse=0.3, gap=0.05, x=0.3, u=0.3),
+        scaling=Scaling(impulse=0.3, gap=0.05, x=0.3, u=0.3),
     )  # fmt: skip
 
 
