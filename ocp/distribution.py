@@ -17,7 +17,7 @@ _ROOT = Path(__file__).resolve().parents[1]
 _BESIDE = ("dynamics", "problems", "reports")
 
 
-class Hidden(ImportError):
+class ShadowedPackage(ImportError):
     """Something of the user's has the name of one of our packages; the message says what."""
 
     exit_code = 2
@@ -31,7 +31,7 @@ def version() -> str:
         return "unknown"
 
 
-def hiding(names: tuple[str, ...] = _BESIDE) -> str:
+def shadowing(names: tuple[str, ...] = _BESIDE) -> str:
     """One sentence on what Python finds in the place of the first hidden package of ``names``.
 
     It is empty where all are ours.
@@ -56,11 +56,11 @@ def _started_as_module() -> bool:
     return sys.orig_argv[len(sys.orig_argv) - len(sys.argv)].removeprefix("-m") == "ocp"
 
 
-def _see_beside() -> None:
+def _check_shadowing() -> None:
     if _started_as_module() and Path(sys.path[0]).resolve() != _ROOT:
         del sys.path[0]
-    if told := hiding(("dynamics",)):
-        raise Hidden(told)
+    if told := shadowing(("dynamics",)):
+        raise ShadowedPackage(told)
 
 
-_see_beside()
+_check_shadowing()

@@ -126,8 +126,8 @@ def check_memory(what: str, needed: float) -> None:
     there = machine_memory()
     if needed > there:
         raise InputError(
-            f"{what} would take about {_told(needed)} of memory, and this machine has"
-            f" {_told(there)}; take fewer"
+            f"{what} would take about {_gigabytes(needed)} of memory, and this machine has"
+            f" {_gigabytes(there)}; take fewer"
         )
 
 
@@ -137,11 +137,11 @@ def check_time(what: str, seconds: float) -> None:
         raise InputError(f"{what} would take about {seconds / YEAR:.2g} years; take fewer")
 
 
-def foretold(what: str, seconds: float, memory: float = 0.0) -> str | None:
+def long_task_notice(what: str, seconds: float, memory: float = 0.0) -> str | None:
     """A line on what will take longer than :data:`LONG`, None for what will not."""
     if seconds < LONG:
         return None
-    size = f" and {_told(memory)} of memory" if memory > 1e9 else ""
+    size = f" and {_gigabytes(memory)} of memory" if memory > 1e9 else ""
     return f"{what} will take about {duration(seconds)}{size} (an estimate)"
 
 
@@ -153,5 +153,5 @@ def duration(seconds: float) -> str:
     return f"{float(f'{seconds:.2g}'):g} s"
 
 
-def _told(count: float) -> str:
+def _gigabytes(count: float) -> str:
     return f"{count / 1e9:.3g} GB"

@@ -44,7 +44,7 @@ def interruptible() -> Iterator[None]:
         raise
 
 
-def shown(value: object) -> str:
+def abbreviated(value: object) -> str:
     """How ``value`` looks, cut to a line; its type alone where it cannot say so itself."""
     try:
         text = repr(value)

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ocp.errors import InputError, shown
+from ocp.errors import InputError, abbreviated
 
 
 def column(what: str, value: Any, *sizes: int) -> ca.SX:
@@ -18,7 +18,9 @@ def column(what: str, value: Any, *sizes: int) -> ca.SX:
     """
     found = _expression(value)
     if found is None:
-        raise InputError(f"{what} must be numbers or an expression of ca.SX, got {shown(value)}")
+        raise InputError(
+            f"{what} must be numbers or an expression of ca.SX, got {abbreviated(value)}"
+        )
     if min(found.shape) > 1:
         raise InputError(f"{what} must be a column, got a matrix of shape {found.shape}")
     if sizes and found.numel() not in sizes:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from typing import Any
 
-from ocp.distribution import Hidden, hiding
+from ocp.distribution import ShadowedPackage, shadowing
 from ocp.errors import InputError
 
 GROUP = "centralpath.plugins"
@@ -19,7 +19,7 @@ def load_plugin(name: str) -> Any:
     """Load the module that the entry point ``name``, "problems" or "reports", refers to.
 
     Raises :class:`~ocp.errors.InputError` where the distribution is not installed, and
-    :class:`~ocp.distribution.Hidden` where a user's module of that name is found instead.
+    :class:`~ocp.distribution.ShadowedPackage` where a user's module of that name is found instead.
     """
     found = [*entry_points(group=GROUP, name=name)]
     if not found:
@@ -30,6 +30,6 @@ def load_plugin(name: str) -> Any:
     try:
         return found[0].load()
     except ImportError as error:
-        if hidden := hiding((name,)):
-            raise Hidden(hidden) from error
+        if hidden := shadowing((name,)):
+            raise ShadowedPackage(hidden) from error
         raise

@@ -13,9 +13,9 @@ from pydantic import InstanceOf
 
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
-from ocp.errors import InputError, shown
+from ocp.errors import InputError, abbreviated
 from ocp.expressions import check_symbols, column
-from ocp.ingredients import Constraint, FreeStart, Scales, Scaling, Scenarios
+from ocp.problem_parts import Constraint, FreeStart, Scales, Scaling, Scenarios
 from ocp.programs.units import band
 from ocp.words.given import Count, Line, Recorded, checked
 
@@ -307,7 +307,8 @@ class Problem:
             states, inputs = (np.asarray(part) for part in given)
         except (TypeError, ValueError):
             raise InputError(
-                f"{self.name}: the guess must be two arrays, states and inputs, got {shown(given)}"
+                f"{self.name}: the guess must be two arrays, states and inputs, got"
+                f" {abbreviated(given)}"
             ) from None
         found = states.shape, inputs.shape
         expected = (self.N + 1, self.system.nx), (self.N, self.system.nu)

@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 
 from dynamics.contact import ContactLaw
-from ocp.asking import Named, asked, builder, check_spelling
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
 from ocp.factories import closing_law, method_of, policy_of, split_policy_settings
@@ -19,6 +18,7 @@ from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver
 from ocp.programs.status import Status
+from ocp.request import ProblemLike, check_setting_names, rebuilder, resolve_problem
 from ocp.rollout import initial_guesses
 from ocp.routes.outcome import GAIN, Outcome
 from ocp.session import Session
@@ -37,7 +37,7 @@ _FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Statu
 
 
 def solve(
-    problem: Named,
+    problem: ProblemLike,
     contact: ContactLaw | str = "barrier",
     transcription: Method | str = "direct",
     policy: Policy | str = "open-loop",
@@ -96,7 +96,7 @@ def solve(
         found = solve_session(session, starts, seed, progress, rank_by)
     else:
         found = solve_from(session, start, seed, progress)
-    return refine_from(session, found, builder(problem), seed, progress) if refine else found
+    return refine_from(session, found, rebuilder(problem), seed, progress) if refine else found
 
 
 def refine_from(
@@ -163,7 +163,7 @@ def from_solution(
 
 
 def new_session(
-    problem: Named,
+    problem: ProblemLike,
     contact: ContactLaw | str = "barrier",
     transcription: Method | str = "direct",
     policy: Policy | str = "open-loop",
@@ -186,9 +186,9 @@ def new_session(
     if method is not None and transcription != "direct":
         raise InputError("method and transcription are one argument; give one of them")
     for_policy, own = split_policy_settings(settings or {})
-    made, for_law = asked(problem, contact, params, contact_settings, keywords, solver)
+    made, for_law = resolve_problem(problem, contact, params, contact_settings, keywords, solver)
     way = method_of(transcription if method is None else method)
-    check_spelling(own, solver)
+    check_setting_names(own, solver)
     made_policy = policy_of(policy, for_policy)
     law = closing_law(contact, for_law, made.system)
     chosen = Settings.read(own)

@@ -28,7 +28,7 @@ class Shown:
     def told(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
         """Title, equations, parameters, and what is drawn at the states (n, nx) of each motion.
 
-        Of the form of :class:`ocp.store.description.OwnProblem`. A motion ends with its last finite
+        Of the form of :class:`ocp.store.meta.OwnProblem`. A motion ends with its last finite
         state; ``undrawn`` says why there is no drawing.
         """
         spec = self.spec

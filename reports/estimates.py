@@ -14,19 +14,19 @@ from rich.table import Table
 from reports.console import number, table_of
 
 if TYPE_CHECKING:
-    from ocp.gradients.sweep import Progress
+    from ocp.gradients.sweep import SweepProgress
 
 _EVERY_S = {True: 0.1, False: 5.0}
 
 
 @contextmanager
-def progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[Progress], None]]:
+def progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[SweepProgress], None]]:
     """Yield what a study calls as it samples: rate and time left; ``check`` is called each time."""
     terminal = sys.stderr.isatty()
     began = last = time.monotonic()
     first: int | None = None
 
-    def report(seen: Progress) -> None:
+    def report(seen: SweepProgress) -> None:
         nonlocal last, first
         check()
         first = seen.done if first is None else first
@@ -45,7 +45,7 @@ def progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[Progr
             print("\r\033[K", end="", file=sys.stderr, flush=True)
 
 
-def progress_line(seen: Progress, since: int, seconds: float) -> str:
+def progress_line(seen: SweepProgress, since: int, seconds: float) -> str:
     """One line: points, samples, rate of this session, time left."""
     rate = since / seconds if seconds > 0 else 0.0
     left = f"{(seen.total - seen.done) / rate:.0f} s left" if rate > 0 else "time left unknown"

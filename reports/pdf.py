@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from ocp.errors import InputError
 from ocp.store import atomic
-from ocp.store.plain import plain
+from ocp.store.json_values import to_json
 from ocp.store.stored_run import StoredRun
 from problems.spec import ProblemSpec
 from reports.style import literal, styled, to_svg
@@ -91,7 +91,7 @@ def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) 
         for name, svg in figures.items():
             (root / f"{name}.svg").write_bytes(svg)
         content = {**content, "figures": sorted(figures)}
-        (root / "content.json").write_text(json.dumps(plain(content)))
+        (root / "content.json").write_text(json.dumps(to_json(content)))
         try:
             return typst.compile(str(root / template), root=folder, ignore_system_fonts=True)
         except typst.TypstError as error:

@@ -36,7 +36,7 @@ def report(solution: Solution, path: Path) -> Path:
     """Write the PDF of a run that need not be stored."""
     from reports.pdf import write_pdf
 
-    write_pdf([store.unsaved(solution)], path, own=_own(solution))
+    write_pdf([store.in_memory_run(solution)], path, own=_own(solution))
     return path
 
 
@@ -102,7 +102,7 @@ def _numbers(solution: Solution) -> dict[str, str]:
 def _view(solution: Solution) -> RunView:
     from reports.view import RunView
 
-    return RunView.of(store.unsaved(solution), _own(solution))
+    return RunView.of(store.in_memory_run(solution), _own(solution))
 
 
 def _own(solution: Solution) -> ProblemSpec | None:

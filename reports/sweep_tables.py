@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ocp.sweeps.point import Point
+from ocp.sweeps.job import JobResult
 from reports.console import number, table_of
 
 MOST = 200
@@ -44,7 +44,7 @@ def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table
     return table
 
 
-Ended = Callable[[int, Point], None]
+Ended = Callable[[int, JobResult], None]
 _EVERY_S = 2.0
 _BAR = 20
 
@@ -60,7 +60,7 @@ def live(names: Sequence[str], before: int, quiet: bool) -> Iterator[Ended]:
     began, last, done = time.monotonic(), -float("inf"), 0
     screen = Live(console=console, auto_refresh=False, transient=True)
 
-    def ended(place: int, point: Point) -> None:
+    def ended(place: int, point: JobResult) -> None:
         nonlocal last, done
         done += 1
         if quiet or done <= before:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ocp.store.parts import META_FILE, sealed
+from ocp.store.run_files import META_FILE, sealed
 
 
 def reseal(run: Path, change: Callable[[dict[str, Any]], Any], **parts: bytes) -> None:

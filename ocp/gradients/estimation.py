@@ -14,9 +14,15 @@ from ocp.errors import InputError, choose
 from ocp.gradients.empirical_bias import EmpiricalBias, Jump, empirical_bias, sharpest_change
 from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.interpolation import RULES, Choice, Evidence, Rule
-from ocp.gradients.known_gradient import KINDS, KnownGradient, kind_of, known_gradient, stream
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.sampling import Keep, Progress, Sampled, run_estimator
+from ocp.gradients.reference import (
+    KINDS,
+    ReferenceGradient,
+    reference_gradient,
+    reference_kind,
+    stream,
+)
+from ocp.gradients.sampling import CheckpointKey, EstimatorRun, Progress, run_estimator
 from ocp.gradients.verdict import Verdict, judge
 
 JUMP_STREAM = 4
@@ -37,7 +43,7 @@ class Estimate:
     estimator: str
     moments: Moments
     evaluations: int
-    known: KnownGradient | None
+    known: ReferenceGradient | None
     verdict: Verdict
     bias: EmpiricalBias | None = None
     choice: Choice | None = None
@@ -70,17 +76,17 @@ class Estimate:
         known, variance = self.known, self.variance
         return {
             "estimator": self.estimator,
-            "mean": plainly(self.mean),
-            "variance": plainly(variance),
-            "standard_error": plainly(self.standard_error),
+            "mean": number_or_list(self.mean),
+            "variance": number_or_list(variance),
+            "standard_error": number_or_list(self.standard_error),
             "n_samples": self.moments.n,
             "evaluations": self.evaluations,
             "variance_trace": float(variance.sum()),
             "variance_max": float(variance.max()),
             "variance_mean": float(variance.mean()),
-            "interval_95": [plainly(end) for end in self.interval()],
-            "reference": None if known is None else plainly(known.gradient),
-            "reference_error": None if known is None else plainly(known.standard_error),
+            "interval_95": [number_or_list(end) for end in self.interval()],
+            "reference": None if known is None else number_or_list(known.gradient),
+            "reference_error": None if known is None else number_or_list(known.standard_error),
             "reference_source": None if known is None else known.source,
             "error": self.verdict.error,
             "verdict": self.verdict.word,
@@ -94,7 +100,7 @@ class Estimate:
         }
 
 
-def plainly(values: np.ndarray) -> float | list[float]:
+def number_or_list(values: np.ndarray) -> float | list[float]:
     """A number where there is one, a list where there are several."""
     flat = np.asarray(values, dtype=float).ravel()
     return float(flat[0]) if flat.size == 1 else flat.tolist()
@@ -109,7 +115,7 @@ class Sampling:
     """What to estimate: estimators by name, samples of each, the noise and the seed.
 
     ``rules`` replaces the settings of alpha estimators by name; ``reference`` is one of
-    :data:`~ocp.gradients.known_gradient.KINDS`, ``reference_samples`` None for ten times
+    :data:`~ocp.gradients.reference.KINDS`, ``reference_samples`` None for ten times
     ``samples``.
 
     Raises :class:`~ocp.errors.InputError` for an unknown or repeated estimator, fewer than two
@@ -188,26 +194,26 @@ def estimate_gradient(
     """
     sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     sampling = Sampling(tuple(estimators), samples, sigma, **settings)
-    return carry_out(sampling, objective, sequence, progress)
+    return run_sampling(sampling, objective, sequence, progress)
 
 
-def carry_out(
+def run_sampling(
     sampling: Sampling,
     objective: SampledObjective,
     seed: np.random.SeedSequence,
     progress: Progress | None = None,
-    keep: Keep | None = None,
+    keep: CheckpointKey | None = None,
 ) -> dict[str, Estimate]:
     """Estimate one objective by ``sampling``, with the random streams of ``seed``.
 
     ``keep`` is where sums under way are saved, and the beginning of their keys.
     """
 
-    def kept(name: str) -> Keep | None:
+    def kept(name: str) -> CheckpointKey | None:
         return None if keep is None else (keep[0], f"{keep[1]}-{name}")
 
-    kind_of(objective, sampling.sigma, sampling.reference)
-    found: dict[str, Sampled] = {}
+    reference_kind(objective, sampling.sigma, sampling.reference)
+    found: dict[str, EstimatorRun] = {}
     for name in sampling.sampled:
         estimator = SAMPLED[name]
         noise = Gaussian(sampling.sigma, stream(seed, estimator.stream))
@@ -215,7 +221,7 @@ def carry_out(
             objective, estimator, noise, sampling.samples, progress, kept(name)
         )
         _check_finite(objective, name, found[name])
-    known = known_gradient(
+    known = reference_gradient(
         objective, sampling.sigma, seed, sampling.most_reference_samples, sampling.reference,
         progress, kept("reference"),
     )  # fmt: skip
@@ -234,14 +240,14 @@ class _Judge:
 
     def __init__(
         self, objective: SampledObjective, sampling: Sampling, seed: np.random.SeedSequence,
-        known: KnownGradient | None,
+        known: ReferenceGradient | None,
     ) -> None:  # fmt: skip
         self._objective, self._sampling, self._seed, self._known = objective, sampling, seed, known
 
-    def sampled(self, name: str, found: Sampled) -> Estimate:
+    def sampled(self, name: str, found: EstimatorRun) -> Estimate:
         pathwise = name == "fobg"
         mean = None if self._known is None or not pathwise else self._known.gradient
-        bias = empirical_bias(found.kept, mean)
+        bias = empirical_bias(found.first_samples, mean)
         # What smooths over parameters has the reference only where these carry the noise.
         same = len(self._objective.theta) == self._objective.n_noise
         known = self._known if name != "es" or same else None
@@ -249,8 +255,8 @@ class _Judge:
         cost = SAMPLED[name].evaluations * self._sampling.samples
         return Estimate(name, found.moments, cost, known, verdict, bias, None, found.nonfinite)
 
-    def interpolated(self, name: str, zeroth: Sampled, first: Sampled) -> Estimate:
-        choice = self._sampling.rule(name).choose(evidence_of(zeroth, first))
+    def interpolated(self, name: str, zeroth: EstimatorRun, first: EstimatorRun) -> Estimate:
+        choice = self._sampling.rule(name).choose(evidence(zeroth, first))
         moments = interpolate(choice.alpha, zeroth.moments, first.moments)
         cost = sum(SAMPLED[part].evaluations for part in ALPHA_PARTS) * self._sampling.samples
         bad = np.union1d(zeroth.nonfinite, first.nonfinite)
@@ -258,7 +264,7 @@ class _Judge:
         return Estimate(name, moments, cost, self._known, verdict, None, choice, bad)
 
     def _verdict(
-        self, known: KnownGradient | None, moments: Moments, bias: EmpiricalBias | None
+        self, known: ReferenceGradient | None, moments: Moments, bias: EmpiricalBias | None
     ) -> Verdict:
         verdict = judge(moments, known)
         return judge(moments, known, self._jump, bias) if verdict.word == "biased" else verdict
@@ -269,7 +275,7 @@ class _Judge:
         return sharpest_change(self._objective, noise)
 
 
-def evidence_of(zeroth: Sampled, first: Sampled) -> Evidence:
+def evidence(zeroth: EstimatorRun, first: EstimatorRun) -> Evidence:
     """Gather what a rule for alpha looks at, from samples of independent streams."""
     size = float(np.linalg.norm(zeroth.moments.mean))
     return Evidence(
@@ -294,7 +300,7 @@ def interpolate(alpha: float, zeroth: Moments, first: Moments) -> Moments:
     return Moments(n, mean, variance * (n - 1))
 
 
-def _check_finite(objective: SampledObjective, name: str, found: Sampled) -> None:
+def _check_finite(objective: SampledObjective, name: str, found: EstimatorRun) -> None:
     if found.moments.n < 2:
         bad = found.nonfinite
         raise InputError(

@@ -23,7 +23,7 @@ Bulk = tuple[Moments, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Samples:
+class CostSamples:
     """n evaluations: ``cost`` (n,), and ``direction`` (n, d), the score or the gradient of each."""
 
     cost: np.ndarray
@@ -90,7 +90,7 @@ class SampledObjective(ABC):
         """Cost at given noise (n, n_noise); returns (n,)."""
 
     @abstractmethod
-    def scored(self, noise: Gaussian, n: int) -> Samples:
+    def scored(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs and scores of n samples.
 
         The score is the gradient by theta of the log-density of the noise,
@@ -99,10 +99,10 @@ class SampledObjective(ABC):
         """
 
     @abstractmethod
-    def differentiated(self, noise: Gaussian, n: int) -> Samples:
+    def differentiated(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs of n samples and their gradients by theta (pathologies, def. II.2)."""
 
-    def perturbed(self, noise: Gaussian, n: int) -> Samples:
+    def perturbed(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs at ``theta + w`` without further noise, and ``w / sigma^2``.
 
         Where the noise is added to the decision these are costs and scores.
@@ -162,18 +162,18 @@ class StaticObjective(SampledObjective):
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
         """Cost at theta plus the given noise."""
-        return quietly(self._cost, self.theta + noise, self.values)[:, 0]
+        return without_warnings(self._cost, self.theta + noise, self.values)[:, 0]
 
-    def scored(self, noise: Gaussian, n: int) -> Samples:
+    def scored(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs, and w / sigma^2 of the components that the cost depends on."""
         w = noise.draw(n, 1, self.n_noise)[:, 0]
-        return Samples(self.costs(w), self._acts * w / noise.scales(self.n_noise) ** 2)
+        return CostSamples(self.costs(w), self._acts * w / noise.scales(self.n_noise) ** 2)
 
-    def differentiated(self, noise: Gaussian, n: int) -> Samples:
+    def differentiated(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs, and gradients at theta + w."""
         theta = self.theta + noise.draw(n, 1, self.n_noise)[:, 0]
-        cost, gradient = quietly(self._both, theta, self.values)
-        return Samples(cost[:, 0], gradient)
+        cost, gradient = without_warnings(self._both, theta, self.values)
+        return CostSamples(cost[:, 0], gradient)
 
     def closed_form(self, sigma: float) -> ClosedForm | None:
         """The closed form, where the objective was given one."""
@@ -189,7 +189,7 @@ class StaticObjective(SampledObjective):
             ) from error
 
 
-def quietly(function: Callable[..., Any], *args: Any, **named: Any) -> Any:
+def without_warnings(function: Callable[..., Any], *args: Any, **named: Any) -> Any:
     """Call without warnings of non-finite samples: estimators count and name them."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", category=BatchWarning, message=".*non-finite")

@@ -13,7 +13,7 @@ import numpy as np
 from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine, open_loop
 from dynamics.contact import ContactLaw
 from dynamics.systems import Signal
-from ocp.gradients.objective import Bulk, Order, SampledObjective, Samples, quietly
+from ocp.gradients.objective import Bulk, CostSamples, Order, SampledObjective, without_warnings
 from ocp.policy import Feedback, OpenLoop, Policy
 from ocp.problem import Problem
 
@@ -72,28 +72,28 @@ class RolloutObjective(SampledObjective):
         gradient = found.gradient.reshape(len(found.cost), -1)
         return float(found.cost.mean()), gradient.mean(axis=0)
 
-    def scored(self, noise: Gaussian, n: int) -> Samples:
+    def scored(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
         found = self._rolled(n, noise.first, noise=noise, gradient=False, score=True)
-        return Samples(found.cost, found.score.reshape(n, -1))
+        return CostSamples(found.cost, found.score.reshape(n, -1))
 
-    def differentiated(self, noise: Gaussian, n: int) -> Samples:
+    def differentiated(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs and their exact gradients through contact."""
         found = self._rolled(n, noise.first, noise=noise)
-        return Samples(found.cost, found.gradient.reshape(n, -1))
+        return CostSamples(found.cost, found.gradient.reshape(n, -1))
 
-    def perturbed(self, noise: Gaussian, n: int) -> Samples:
+    def perturbed(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs of policies with disturbed parameters, which act without noise."""
         d = len(self.theta)
         e = noise.draw(n, 1, d)[:, 0]
         theta = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
         found = self._rolled(n, noise.first, theta=theta, gradient=False)
         acts = self._forward.acting[1].ravel()
-        return Samples(found.cost, acts * e / noise.scales(d) ** 2)
+        return CostSamples(found.cost, acts * e / noise.scales(d) ** 2)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
         """Moments computed inside the kernel that rolls out and draws the noise."""
-        found = quietly(
+        found = without_warnings(
             self._forward.moments, **self._arguments(n, noise.first), noise=noise,
             gradient=order == "first", score=order == "zeroth", baseline=baseline,
         )  # fmt: skip
@@ -102,7 +102,7 @@ class RolloutObjective(SampledObjective):
         return flat, found.nonfinite.indices
 
     def _rolled(self, n: int, first: int, **how: Any) -> Any:
-        return quietly(self._forward, **self._arguments(n, first) | how)
+        return without_warnings(self._forward, **self._arguments(n, first) | how)
 
     def _arguments(self, n: int, first: int) -> dict[str, Any]:
         problem = self.problem

@@ -16,23 +16,23 @@ _KEPT_VALUES = 1 << 20
 BULK = 1 << 18
 """Samples whose moments are asked for at once; fixed for the same reason as `CHUNK`."""
 
-Keep = tuple[Checkpoint, str]
+CheckpointKey = tuple[Checkpoint, str]
 """Where sums under way are kept, and under which key."""
 Progress = Callable[[int], None]
 """Called with the number of samples done since the last call."""
 
 
 @dataclass(frozen=True)
-class Sampled:
+class EstimatorRun:
     """Moments of one estimator's samples, (d,) each.
 
-    ``kept`` (k, d) are the first samples, ``largest`` is the largest norm of those seen singly, and
-    ``nonfinite`` the indices of samples that were left out for a NaN or an infinity.
+    ``first_samples`` (k, d) are kept one by one, ``largest`` is the largest norm among them, and
+    ``nonfinite`` holds the indices of samples left out for a NaN or an infinity.
     """
 
     moments: Moments
     largest: float
-    kept: np.ndarray
+    first_samples: np.ndarray
     nonfinite: np.ndarray
 
 
@@ -42,8 +42,8 @@ def run_estimator(
     noise: Gaussian,
     n: int,
     progress: Progress | None = None,
-    keep: Keep | None = None,
-) -> Sampled:
+    keep: CheckpointKey | None = None,
+) -> EstimatorRun:
     """Sample ``n`` estimates, merging the moments of chunks in their order (Welford, Chan).
 
     The chunks do not depend on threads or block size, so neither does any bit of the answer. With
@@ -61,7 +61,7 @@ def run_estimator(
             progress(size)
         if keep is not None and (sums.done == n or keep[0].due()):
             sums.save(keep)
-    return Sampled(
+    return EstimatorRun(
         sums.total, sums.largest, np.concatenate(sums.kept), np.concatenate(sums.nonfinite)
     )
 
@@ -119,7 +119,7 @@ class _Sums:
         self.total = self.total.merged(found)
         self.done += size
 
-    def save(self, keep: Keep) -> None:
+    def save(self, keep: CheckpointKey) -> None:
         """Write the sums."""
         checkpoint, key = keep
         checkpoint.save_state(
@@ -128,7 +128,7 @@ class _Sums:
             nonfinite=np.concatenate(self.nonfinite),
         )  # fmt: skip
 
-    def restore(self, keep: Keep) -> None:
+    def restore(self, keep: CheckpointKey) -> None:
         """Go on from sums that were written, where there are any."""
         checkpoint, key = keep
         found = checkpoint.state(key)

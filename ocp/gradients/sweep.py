@@ -12,12 +12,12 @@ import numpy as np
 
 from dynamics.batch import Gaussian
 from ocp.errors import InputError
-from ocp.gradients.estimation import Sampling, carry_out, check_samples
-from ocp.gradients.known_gradient import kind_of
+from ocp.gradients.estimation import Sampling, check_samples, run_sampling
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.verdict import comes_to
+from ocp.gradients.reference import reference_kind
+from ocp.gradients.verdict import short_verdict
 from ocp.store.checkpoint import Checkpoint
-from ocp.store.plain import plain
+from ocp.store.json_values import to_json
 from ocp.words.numbers import number
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class Progress:
+class SweepProgress:
     """How far a study is: samples ``done`` of ``total``, and points finished of all."""
 
     done: int
@@ -98,7 +98,7 @@ class SweepRun:
         build: Build | None = None,
     ) -> None:
         self.sampling, self.sweep, self._checkpoint = sampling, sweep, checkpoint
-        self._tasks = _tasks(objective, sampling, sweep, build)
+        self._tasks = _points_of(objective, sampling, sweep, build)
         self.rows: list[list[dict[str, Any]]] = []
         self.resumed = 0
 
@@ -129,7 +129,7 @@ class SweepRun:
             return 0.0
         return self.samples * _probed(*most)
 
-    def run(self, progress: Callable[[Progress], None] | None = None) -> None:
+    def run(self, progress: Callable[[SweepProgress], None] | None = None) -> None:
         """Estimate at all points that are not finished, in their order."""
         sizes = self._sizes
         saved = self._checkpoint
@@ -139,16 +139,16 @@ class SweepRun:
             def note(samples: int, i: int = i, before: list[int] = before) -> None:
                 before[0] += samples
                 if progress is not None:
-                    told = Progress(before[0], sum(sizes), i, len(sizes), self.resumed)
+                    told = SweepProgress(before[0], sum(sizes), i, len(sizes), self.resumed)
                     progress(told)
 
             rows = saved.rows(i) if saved is not None else None
             if rows is None:
                 seed = np.random.SeedSequence(self.sampling.seed, spawn_key=(i,))
                 keep = None if saved is None else (saved, f"{i:05d}")
-                found = carry_out(sampling, objective, seed, note, keep)
+                found = run_sampling(sampling, objective, seed, note, keep)
                 at = {"point": i, "value": None if self.sweep is None else self.sweep.values[i]}
-                rows = plain([at | estimate.row() for estimate in found.values()])
+                rows = to_json([at | estimate.row() for estimate in found.values()])
                 if saved is not None:
                     saved.save_rows(i, rows)
             else:
@@ -156,7 +156,7 @@ class SweepRun:
             self.rows.append(rows)
 
 
-def _tasks(
+def _points_of(
     objective: SampledObjective, sampling: Sampling, sweep: Sweep | None, build: Build | None
 ) -> list[tuple[SampledObjective, Sampling]]:
     """Objective and sampling at each value; what cannot be is refused beforehand."""
@@ -185,7 +185,7 @@ def _probed(objective: SampledObjective, sampling: Sampling) -> float:
 
 def _size(objective: SampledObjective, sampling: Sampling) -> int:
     samples = sampling.samples * len(sampling.sampled)
-    sampled = kind_of(objective, sampling.sigma, sampling.reference) == "zobg"
+    sampled = reference_kind(objective, sampling.sigma, sampling.reference) == "zobg"
     return samples + sampled * sampling.most_reference_samples
 
 
@@ -236,11 +236,11 @@ def sweep_dataset(
     return data
 
 
-def overall(rows: Sequence[Sequence[dict[str, Any]]]) -> str:
+def summary(rows: Sequence[Sequence[dict[str, Any]]]) -> str:
     """One sentence over all points: how each estimator fared."""
     told = []
     for j, row in enumerate(rows[0]):
-        words = [comes_to(point[j]) for point in rows]
+        words = [short_verdict(point[j]) for point in rows]
         counts = {word: words.count(word) for word in dict.fromkeys(words)}
         only = len(counts) == 1
         parts = [word if only else f"{word} at {n} of {len(words)}" for word, n in counts.items()]

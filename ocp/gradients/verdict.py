@@ -10,7 +10,7 @@ import numpy as np
 
 from dynamics.batch import Moments
 from ocp.gradients.empirical_bias import EmpiricalBias, Jump
-from ocp.gradients.known_gradient import KnownGradient
+from ocp.gradients.reference import ReferenceGradient
 
 Word = Literal[
     "unbiased within the interval",
@@ -58,7 +58,7 @@ def quantile(d: int) -> float:
 
 def judge(
     moments: Moments,
-    known: KnownGradient | None,
+    known: ReferenceGradient | None,
     jump: Jump | None = None,
     bias: EmpiricalBias | None = None,
 ) -> Verdict:
@@ -101,11 +101,11 @@ def judge(
     return Verdict("biased", f"{far}{why}.", error, worst)
 
 
-def comes_to(row: Mapping[str, Any]) -> str:
+def short_verdict(row: Mapping[str, Any]) -> str:
     """What a stored estimate's verdict comes to: an interval too wide says nothing of bias."""
     return WIDE if row["wide"] else str(row["verdict"])
 
 
-def weakest(rows: Iterable[Mapping[str, Any]]) -> str:
+def weakest_verdict(rows: Iterable[Mapping[str, Any]]) -> str:
     """The weakest of what stored estimates come to."""
-    return min((comes_to(row) for row in rows), key=WORST_FIRST.index)
+    return min((short_verdict(row) for row in rows), key=WORST_FIRST.index)

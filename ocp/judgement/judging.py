@@ -30,7 +30,7 @@ from ocp.session import Session
 from ocp.solution import Solution
 from ocp.stationarity.certificate import Certificate, certify
 from ocp.stationarity.sensitivity import sensitivity
-from ocp.store.labelled import label
+from ocp.store.dataset import label
 from ocp.store.provenance import versions
 from ocp.transcription.nlp import NLP
 from ocp.transcription.trajectories import trajectories

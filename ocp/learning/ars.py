@@ -10,7 +10,14 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.unrolls.unrolling import begun, finite, remembered, roll, told, trained
+from ocp.learning.unrolls.unrolling import (
+    finite_samples,
+    initial_state,
+    normalised_state,
+    policy_of,
+    roll,
+    sample_row,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +58,7 @@ class ARS:
     def begin(self, experiment: Experiment) -> State:
         """The first policy."""
         self.check(experiment)
-        return begun(experiment)
+        return initial_state(experiment)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """One step along the best directions."""
@@ -66,16 +73,19 @@ class ARS:
             experiment.task.horizon,
             theta=theta + self.spread * np.vstack([delta, -delta]),
         )
-        good = finite(experiment, state, found, k)
+        good = finite_samples(experiment, state, found, k)
         returns = np.where(good, found.value, found.value[good].min()).reshape(2, n)
         change = self.rate * search_direction(returns, delta, self.top)
-        row = {**told(found, good), "gradient_norm": float(np.linalg.norm(change)) / self.rate}
+        row = {
+            **sample_row(found, good),
+            "gradient_norm": float(np.linalg.norm(change)) / self.rate,
+        }
         moved = {**state, "theta": theta + change}
-        return remembered(experiment, moved, found, good), row
+        return normalised_state(experiment, moved, found, good), row
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
         """The policy of the state."""
-        return trained(state)
+        return policy_of(state)
 
 
 def search_direction(returns: np.ndarray, delta: np.ndarray, top: int) -> np.ndarray:

@@ -18,7 +18,7 @@ _STILL = 1e-2
 _SMALL = 0.1
 
 
-def balanced(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """W (nu, n_o) and b (nu,) of ``a = W o + b``, which keeps ``task`` at ``rest`` (nx,).
 
     The linear-quadratic regulator of the sharp step, mu = 1e-10, linearised at the state with the
@@ -50,7 +50,7 @@ def balanced(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return W, -W @ seen[:, 0]
 
 
-def embedded(W: np.ndarray, b: np.ndarray, layers: list[tuple[np.ndarray, np.ndarray]]) -> None:
+def embed_affine(W: np.ndarray, b: np.ndarray, layers: list[tuple[np.ndarray, np.ndarray]]) -> None:
     """Make a network's ``layers`` (views of its parameters) compute ``W o + b`` nearly.
 
     The first units of each hidden layer carry a tenth of it, where tanh hardly bends; the last

@@ -12,7 +12,7 @@ from dynamics.contact import ContactLaw
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, at_least
 from ocp.learning.protocol import Trained
-from ocp.learning.unrolls.unrolling import no_number
+from ocp.learning.unrolls.unrolling import non_finite_reward
 from ocp.task import Task
 
 SEED = 1_000_000
@@ -72,10 +72,10 @@ def evaluate_from(
     found = experiment.rollouts(experiment.task.horizon, law)(
         x0, trained.theta, trained.normaliser, n_samples=len(x0), states=True
     )
-    return judged(experiment, trained, found.states, found.lived.astype(int))
+    return evaluate_states(experiment, trained, found.states, found.lived.astype(int))
 
 
-def judged(
+def evaluate_states(
     experiment: Experiment, trained: Trained, states: np.ndarray, lived: np.ndarray
 ) -> Evaluation:
     """What ``states`` (n, N+1, nx) of episodes that ``lived`` (n,) steps are worth."""
@@ -97,7 +97,9 @@ def judged(
     lost = np.argwhere(~np.isfinite(returns))
     if len(lost):
         episode, step = lost[0].tolist()
-        raise InputError(no_number(experiment, step, f"episode {episode} of the evaluation"))
+        raise InputError(
+            non_finite_reward(experiment, step, f"episode {episode} of the evaluation")
+        )
     whole = lengths == nodes - 1
     ended = BatchFunction(task.ends, "numpy", 1)(states[whole, -1], task.parameters.values)
     total = returns.sum(axis=1)

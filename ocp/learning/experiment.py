@@ -13,7 +13,7 @@ import numpy as np
 from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant, dense
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
-from ocp.learning.balancing import balanced, embedded
+from ocp.learning.balancing import balancing_feedback, embed_affine
 from ocp.learning.network import first_weights
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.rollouts import TaskRollouts
@@ -140,7 +140,7 @@ class Experiment:
     def _compiled(self) -> list[TaskRollouts]:
         return []
 
-    def once(self, make: Callable[[Experiment], T]) -> T:
+    def cached(self, make: Callable[[Experiment], T]) -> T:
         """What ``make`` makes of the experiment, made at the first asking only."""
         if make not in self._made:
             self._made[make] = make(self)
@@ -150,15 +150,15 @@ class Experiment:
     def _made(self) -> dict[Any, Any]:
         return {}
 
-    def simulated(self, steps: float) -> None:
+    def count_steps(self, steps: float) -> None:
         """Count ``steps`` of any contact law that were simulated to learn from.
 
         Whatever simulates for an algorithm calls it; judgements do not count.
         """
         self._counted.append(float(steps))
 
-    def counted(self) -> float:
-        """Sum what :meth:`simulated` was told since the last call."""
+    def take_step_count(self) -> float:
+        """Sum what :meth:`count_steps` was told since the last call."""
         total = sum(self._counted)
         self._counted.clear()
         return total
@@ -172,7 +172,7 @@ class Experiment:
         """``psi``, or the task's own parameters."""
         return self.task.parameters.values if self.psi is None else np.asarray(self.psi, float)
 
-    def named(self, psi: np.ndarray) -> dict[str, float]:
+    def parameters_by_name(self, psi: np.ndarray) -> dict[str, float]:
         """Physical parameters by name."""
         names = (parameter.name for parameter in self.task.parameters)
         return dict(zip(names, psi.tolist(), strict=True))
@@ -197,7 +197,9 @@ class Experiment:
             return self.initial * rng.standard_normal(self.policy.n_theta)
         theta = first_weights(self.policy.sizes, self.initial, rng)
         if self.rest is not None:
-            embedded(*balanced(self.task, np.array(self.rest)), self.policy.layers(theta))
+            embed_affine(
+                *balancing_feedback(self.task, np.array(self.rest)), self.policy.layers(theta)
+            )
         return theta
 
     def first_normaliser(self) -> Normaliser:

@@ -26,7 +26,7 @@ def first_weights(sizes: Sequence[int], last: float, rng: np.random.Generator) -
     return np.concatenate(parts)
 
 
-def pulled_back(
+def vjp(
     policy: RolloutPolicy, theta: np.ndarray, seen: np.ndarray, bar: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """``bar' da/dtheta`` (n, n_theta) and ``bar' da/do`` (n, n_o) at normalised observations.
@@ -48,7 +48,7 @@ def pulled_back(
     return np.hstack(parts), bar
 
 
-def rebased(
+def renormalised(
     policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser
 ) -> np.ndarray:
     """Parameters of the same policy where ``after`` normalises what ``before`` did.

@@ -19,7 +19,7 @@ from dynamics.batch import (
 )
 from dynamics.batch.graphs.objective import DISCOUNT
 from dynamics.contact import ContactLaw
-from ocp.gradients.objective import quietly
+from ocp.gradients.objective import without_warnings
 from ocp.learning.normaliser import Normaliser
 from ocp.task import Task
 
@@ -39,14 +39,16 @@ class TaskRollouts:
     ) -> None:
         self.task, self.law, self.policy, self.horizon = task, law, policy, horizon
         step = law.close(replace(task.system, parameters=task.parameters))
-        self.function = EpisodeFunction(step, gained(task, horizon), horizon, policy, **engine)
+        self.function = EpisodeFunction(
+            step, episode_rewards(task, horizon), horizon, policy, **engine
+        )
         self.parameters = self.function.parameters
 
     def over(self, horizon: int) -> TaskRollouts | None:
         """The same over another horizon, built and compiled once; None where that cannot be."""
         other = copy(self)
         other.horizon = horizon
-        if _is_part(self.task, horizon) != _is_part(self.task, self.horizon):
+        if _is_truncated(self.task, horizon) != _is_truncated(self.task, self.horizon):
             return None
         other.function = self.function.over(horizon)
         return other
@@ -67,7 +69,7 @@ class TaskRollouts:
         not be solved have no finite return, and are named by ``nonfinite``.
         """
         p = self._packed(normaliser, discount, psi)
-        return quietly(self.function, x0, theta, p, **asked)
+        return without_warnings(self.function, x0, theta, p, **asked)
 
     def moments(
         self,
@@ -81,7 +83,7 @@ class TaskRollouts:
     ) -> EpisodeMoments:
         """Moments over samples, with nothing kept of single ones but the steps they lived."""
         p = self._packed(normaliser, discount, psi)
-        return quietly(self.function.moments, x0, theta, p, **asked)
+        return without_warnings(self.function.moments, x0, theta, p, **asked)
 
     def _packed(
         self, normaliser: Normaliser | None, discount: float, psi: np.ndarray | None
@@ -99,14 +101,14 @@ class TaskRollouts:
         return np.hstack([own, np.broadcast_to(rest, (len(own), len(rest)))])
 
 
-def gained(task: Task, horizon: int) -> Episode:
+def episode_rewards(task: Task, horizon: int) -> Episode:
     """What counts over ``horizon`` steps: the end of an episode only where they are a whole one."""
     final = task.finals
-    if _is_part(task, horizon):
+    if _is_truncated(task, horizon):
         final = ca.Function("final", [task.system.x, task.parameters.vector], [ca.SX(0)])
     return Episode(task.rewards, final, task.ends)
 
 
-def _is_part(task: Task, horizon: int) -> bool:
+def _is_truncated(task: Task, horizon: int) -> bool:
     """Whether an unroll ends before an episode does, and so without what is gained there."""
     return horizon != task.horizon and not ca.SX(task.final).is_zero()

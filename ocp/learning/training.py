@@ -17,7 +17,7 @@ from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.protocol import Row, State, Trained
 from ocp.store.checkpoint import Checkpoint
-from ocp.store.plain import plain
+from ocp.store.json_values import to_json
 
 KEY = "training"
 """Name of the arrays in a checkpoint."""
@@ -49,7 +49,7 @@ def train(
 
     Row k of the curves, over ``iteration`` 0..iterations, tells of the policy after k iterations:
     ``evaluation_*`` under the exact law where it was judged, ``env_steps`` simulated (all that
-    :meth:`Experiment.simulated` was told of, but no judgement) and ``wall_s`` [s] spent to get
+    :meth:`Experiment.count_steps` was told of, but no judgement) and ``wall_s`` [s] spent to get
     there, and what iteration k itself told (return of the samples, gradient), NaN in the last row.
     ``theta``, ``mean`` and ``scale`` are of the policy that was judged best,
     ``theta_last`` of the last one; ``psi`` are the parameters of the model in the end.
@@ -60,7 +60,7 @@ def train(
     Raises :class:`~ocp.errors.InputError` where the checkpoint is of other settings, and what the
     algorithm raises.
     """
-    progress = _resumed(experiment, checkpoint) or _begun(experiment)
+    progress = _resume(experiment, checkpoint) or _start(experiment)
     algorithm, budget, steps, marks = experiment.algorithm, experiment.budget, progress.steps, -1
     if budget and progress.rows:
         marks = budget.passed(steps - progress.rows[-1]["env_steps"])
@@ -74,7 +74,7 @@ def train(
         told: Row = {}
         if not last:
             progress.state, told = algorithm.iterate(experiment, progress.state, k)
-            told["env_steps"] = experiment.counted()
+            told["env_steps"] = experiment.take_step_count()
             steps += told["env_steps"]
         row = {"wall_s": progress.spent, **judged, **told}
         progress.spent += time.monotonic() - started
@@ -88,13 +88,13 @@ def train(
     return _result(experiment, progress)
 
 
-def kept(arrays: dict[str, np.ndarray]) -> tuple[int, dict[str, Any]]:
+def read_checkpoint(arrays: dict[str, np.ndarray]) -> tuple[int, dict[str, Any]]:
     """How many iterations a checkpoint's arrays under :data:`KEY` hold, and of which settings."""
     return len(arrays[f"{_CURVE}wall_s"]), json.loads(str(arrays[_SETTINGS]))
 
 
-def _begun(experiment: Experiment) -> _Progress:
-    experiment.counted()
+def _start(experiment: Experiment) -> _Progress:
+    experiment.take_step_count()
     return _Progress(experiment.algorithm.begin(experiment))
 
 
@@ -125,15 +125,15 @@ def _arrays(experiment: Experiment, progress: _Progress) -> dict[str, Any]:
         **{_BEST + name: value for name, value in progress.best.items()},
         **{_CURVE + name: values for name, values in _curves(progress.rows).items()},
         "spent": np.array(progress.spent),
-        _SETTINGS: np.array(json.dumps(plain(experiment.settings()), sort_keys=True)),
+        _SETTINGS: np.array(json.dumps(to_json(experiment.settings()), sort_keys=True)),
     }
 
 
-def _resumed(experiment: Experiment, checkpoint: Checkpoint | None) -> _Progress | None:
+def _resume(experiment: Experiment, checkpoint: Checkpoint | None) -> _Progress | None:
     found = None if checkpoint is None else checkpoint.state(KEY)
     if found is None:
         return None
-    _same_settings(json.loads(str(found[_SETTINGS])), plain(experiment.settings()))
+    _check_same_settings(json.loads(str(found[_SETTINGS])), to_json(experiment.settings()))
     curves = {name: found[_CURVE + name] for name in _under(_CURVE, found)}
     rows = [
         {name: float(values[i]) for name, values in curves.items() if not np.isnan(values[i])}
@@ -152,7 +152,7 @@ def _under(prefix: str, names: dict[str, np.ndarray]) -> list[str]:
     return [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
 
 
-def _same_settings(stored: dict[str, Any], asked: dict[str, Any]) -> None:
+def _check_same_settings(stored: dict[str, Any], asked: dict[str, Any]) -> None:
     differ = [n for n in {**stored, **asked} if stored.get(n) != asked.get(n)]
     if differ:
         told = ", ".join(f"{n} = {stored.get(n)} not {asked.get(n)}" for n in differ)
@@ -187,5 +187,5 @@ def _result(experiment: Experiment, progress: _Progress) -> xr.Dataset:
             "observation": [signal.name for signal in experiment.task.observations],
             "physical": [parameter.name for parameter in experiment.task.parameters],
         },
-        attrs=plain(experiment.settings()),
+        attrs=to_json(experiment.settings()),
     )

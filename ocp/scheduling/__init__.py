@@ -6,24 +6,24 @@ from collections.abc import Generator, Sequence
 from typing import Any
 
 from ocp.errors import InputError
-from ocp.scheduling.jobs import Failure, Function, Heard, Tell, in_turn
+from ocp.scheduling.jobs import Callback, Failure, Function, Report, run_sequentially
 
-__all__ = ["Failure", "Function", "Heard", "Tell", "carried_out", "in_turn"]
+__all__ = ["Callback", "Failure", "Function", "Report", "run_jobs", "run_sequentially"]
 
 
-def carried_out(
+def run_jobs(
     function: Function,
     jobs: Sequence[Any],
     workers: int = 1,
     scheduler: str | None = None,
-    heard: Heard = lambda *_: None,
+    callback: Callback = lambda *_: None,
 ) -> Generator[tuple[int, Any], None, None]:
     """Do all jobs; yield the place in the list and the outcome of each as they end.
 
-    ``function(job, tell)`` must depend on its job alone, plain data that can be sent: then results
-    are the same wherever and in whatever order they are made, and a job whose worker died can be
-    begun again. An outcome is a result or a :class:`~ocp.scheduling.jobs.Failure`. What jobs tell
-    on their way is ``heard(place, message)`` in this process.
+    ``function(job, report)`` must depend on its job alone, which is plain data that can be
+    pickled. Results are then the same in any process and any order, and a job whose worker died
+    can be started again. An outcome is a result or a :class:`~ocp.scheduling.jobs.Failure`. What a
+    job reports arrives here as ``callback(place, message)``.
 
     One worker is this process; more are processes of this computer. With ``scheduler``, an address
     such as ``tcp://127.0.0.1:8786``, the jobs go to a Dask cluster, whose workers see this package.
@@ -34,11 +34,11 @@ def carried_out(
     if workers < 1:
         raise InputError(f"jobs need at least 1 worker, got {workers}")
     if scheduler is not None:
-        from ocp.scheduling.cluster import over_cluster
+        from ocp.scheduling.cluster import run_on_cluster
 
-        return over_cluster(function, jobs, scheduler, heard)
+        return run_on_cluster(function, jobs, scheduler, callback)
     if workers == 1 or len(jobs) == 1:
-        return in_turn(function, jobs, heard)
-    from ocp.scheduling.processes import over_processes
+        return run_sequentially(function, jobs, callback)
+    from ocp.scheduling.processes import run_in_processes
 
-    return over_processes(function, jobs, workers, heard)
+    return run_in_processes(function, jobs, workers, callback)

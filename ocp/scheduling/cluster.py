@@ -10,15 +10,15 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from ocp.errors import InputError
-from ocp.scheduling.jobs import Failure, Function, Heard, attempt, died
+from ocp.scheduling.jobs import Callback, Failure, Function, run_job, worker_died
 
 _ANSWER_S = 10.0
 NEEDED = "import ocp.scheduling.cluster"
 """What workers must be able to do: a job that a worker cannot read would hang."""
 
 
-def over_cluster(
-    function: Function, jobs: Sequence[Any], address: str, heard: Heard
+def run_on_cluster(
+    function: Function, jobs: Sequence[Any], address: str, callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
     """Do the jobs on the workers of the scheduler at ``address``; yield as they end.
 
@@ -28,7 +28,7 @@ def over_cluster(
     with _connected(address) as client:
         news: queue.Queue[tuple[str, int, Any]] = queue.Queue()
         topic = f"jobs-{uuid.uuid4().hex}"
-        client.subscribe_topic(topic, lambda event: news.put(("told", *event[1])))
+        client.subscribe_topic(topic, lambda event: news.put(("progress", *event[1])))
         futures = [
             client.submit(_job, function, job, place, topic, key=f"{topic}-{place}", pure=False)
             for place, job in enumerate(jobs)
@@ -39,8 +39,8 @@ def over_cluster(
         try:
             while left:
                 word, place, content = news.get()
-                if word == "told":
-                    heard(place, content)
+                if word == "progress":
+                    callback(place, content)
                     continue
                 left -= 1
                 yield place, _outcome(content, place)
@@ -55,7 +55,7 @@ def _outcome(future: Any, place: int) -> Any:
     error = future.exception()
     if error is None:
         return future.result()
-    return died(place) if isinstance(error, KilledWorker) else Failure(error)
+    return worker_died(place) if isinstance(error, KilledWorker) else Failure(error)
 
 
 def _job(function: Function, job: Any, place: int, topic: str) -> Any:
@@ -65,7 +65,7 @@ def _job(function: Function, job: Any, place: int, topic: str) -> Any:
     worker = get_worker()
     key = worker.get_current_task()
 
-    def tell(message: Any) -> None:
+    def report(message: Any) -> None:
         task = worker.state.tasks.get(key)
         # Dask forgets a task that nobody waits for any longer, but does not stop its thread.
         if task is None or task.state == "cancelled":
@@ -73,7 +73,7 @@ def _job(function: Function, job: Any, place: int, topic: str) -> Any:
         worker.log_event(topic, (place, message))
 
     try:
-        return attempt(function, job, tell)
+        return run_job(function, job, report)
     except KeyboardInterrupt:
         return None
 

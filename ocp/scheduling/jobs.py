@@ -6,11 +6,11 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-Tell = Callable[[Any], None]
+Report = Callable[[Any], None]
 """What a job calls with plain data on its way: numbers, texts, lists and dictionaries of them."""
-Function = Callable[[Any, Tell], Any]
-"""Does one job, ``function(job, tell)``; a public function of a module, found there by workers."""
-Heard = Callable[[int, Any], None]
+Function = Callable[[Any, Report], Any]
+"""Does one job, ``function(job, report)``; a public function that workers import by name."""
+Callback = Callable[[int, Any], None]
 """Called here with the place of a job in the list and what it told."""
 TRIES = 3
 """How often a job is begun whose worker dies of it."""
@@ -23,27 +23,27 @@ class Failure:
     error: Exception
 
 
-def attempt(function: Function, job: Any, tell: Tell) -> Any:
+def run_job(function: Function, job: Any, report: Report) -> Any:
     """Do a job: its result, or a :class:`Failure`."""
     try:
-        return function(job, tell)
+        return function(job, report)
     except Exception as error:
         return Failure(error)
 
 
-def in_turn(
-    function: Function, jobs: Sequence[Any], heard: Heard
+def run_sequentially(
+    function: Function, jobs: Sequence[Any], callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
     """Do the jobs in this process one after another; yield place and outcome of each."""
     for place, job in enumerate(jobs):
 
-        def tell(message: Any, place: int = place) -> None:
-            heard(place, message)
+        def report(message: Any, place: int = place) -> None:
+            callback(place, message)
 
-        yield place, attempt(function, job, tell)
+        yield place, run_job(function, job, report)
 
 
-def died(place: int) -> Failure:
+def worker_died(place: int) -> Failure:
     """Say that a job is given up, for its worker died each time."""
     return Failure(
         RuntimeError(

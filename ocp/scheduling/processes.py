@@ -1,6 +1,6 @@
 """Jobs over processes: each worker does one after another, and a dead one is replaced.
 
-A pool, of concurrent.futures or joblib, gives up all jobs where one worker is killed, cannot tell
+A pool, of concurrent.futures or joblib, gives up all jobs where one worker is killed, cannot report
 whose job it died of, and hears nothing from a job before its end.
 """
 
@@ -21,7 +21,7 @@ from multiprocessing.connection import wait
 from types import ModuleType
 from typing import Any
 
-from ocp.scheduling.jobs import TRIES, Failure, Function, Heard, attempt, died
+from ocp.scheduling.jobs import TRIES, Callback, Failure, Function, run_job, worker_died
 
 _GRACE_S = 30.0
 """How long a worker may take to keep what it has done before it is ended."""
@@ -32,8 +32,8 @@ _interrupted = threading.Event()
 """Set in a worker that got the signal of Ctrl-C."""
 
 
-def over_processes(
-    function: Function, jobs: Sequence[Any], workers: int, heard: Heard
+def run_in_processes(
+    function: Function, jobs: Sequence[Any], workers: int, callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
     """Do the jobs in ``workers`` processes; yield place and outcome of each as they end.
 
@@ -56,11 +56,11 @@ def over_processes(
                     if tries[place] < TRIES:
                         waiting.appendleft(place)
                     else:
-                        yield place, died(place)
+                        yield place, worker_died(place)
                     continue
                 word, content = message
-                if word == "told":
-                    heard(worker.place, content)
+                if word == "progress":
+                    callback(worker.place, content)
                     continue
                 yield worker.place, content
                 if waiting:
@@ -139,7 +139,7 @@ def _stop(crew: Sequence[_Worker]) -> None:
             worker.pipe.send(())
     end = time.monotonic() + _GRACE_S
     for worker in crew:
-        # What a worker says now is not heard; a full pipe must not hold it.
+        # What a worker says now is not callback; a full pipe must not hold it.
         while worker.process.is_alive() and time.monotonic() < end:
             if worker.pipe.poll(0.1) and worker.received() is None:
                 break
@@ -153,13 +153,13 @@ def _serve(function: Function, pipe: Any) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, _once)
 
-    def tell(message: Any) -> None:
+    def report(message: Any) -> None:
         _check_interrupt()
-        pipe.send(("told", message))
+        pipe.send(("progress", message))
 
     with suppress(KeyboardInterrupt, EOFError, OSError):
         while given := pipe.recv():
-            outcome = attempt(function, given[0], tell)
+            outcome = run_job(function, given[0], report)
             _check_interrupt()
             pipe.send(("ended", _sendable(outcome)))
 

@@ -4,12 +4,12 @@ from ocp.store.lookup import default_root, find
 from ocp.store.runs import (
     SCHEMA,
     check_writable,
+    in_memory_run,
     list_runs,
     load,
+    problem_part,
     read_meta,
     save,
-    shown,
-    unsaved,
     write,
 )
 from ocp.store.stored_run import StoredRun
@@ -20,11 +20,11 @@ __all__ = [
     "check_writable",
     "default_root",
     "find",
+    "in_memory_run",
     "list_runs",
     "load",
+    "problem_part",
     "read_meta",
     "save",
-    "shown",
-    "unsaved",
     "write",
 ]

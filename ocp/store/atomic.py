@@ -38,7 +38,7 @@ def replacing(path: Path, what: str = "") -> Iterator[Path]:
     Raises :class:`~ocp.errors.InputError` with the reason where it cannot be written; ``what``
     says what it is.
     """
-    with told(f"{what} {path}".strip()):
+    with write_errors(f"{what} {path}".strip()):
         place = destination(path)
         if place is None:
             with tempfile.TemporaryDirectory(prefix=_PREFIX) as room:
@@ -46,7 +46,7 @@ def replacing(path: Path, what: str = "") -> Iterator[Path]:
                 yield draft
                 _pour(draft, path)
             return
-        with drafts(place.parent) as room:
+        with draft_directory(place.parent) as room:
             draft = room / path.name
             yield draft
             with suppress(FileNotFoundError):
@@ -92,7 +92,7 @@ def _pour(draft: Path, path: Path) -> None:
 
 
 @contextmanager
-def told(place: str, advice: str = "another place") -> Iterator[None]:
+def write_errors(place: str, advice: str = "another place") -> Iterator[None]:
     """Turn an OSError into an :class:`~ocp.errors.InputError` with the place and a way out."""
     try:
         yield
@@ -104,7 +104,7 @@ def told(place: str, advice: str = "another place") -> Iterator[None]:
 
 
 @contextmanager
-def drafts(directory: Path) -> Iterator[Path]:
+def draft_directory(directory: Path) -> Iterator[Path]:
     """Make a directory in ``directory`` to write in, locked while its process lives, then gone."""
     directory.mkdir(parents=True, exist_ok=True)
     shelf = _lock(directory, wait=True)

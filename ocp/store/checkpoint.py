@@ -19,8 +19,8 @@ from typing import Any, Self
 import numpy as np
 
 from dynamics.batch.engines.compiler import identity
-from ocp.store.atomic import told, write
-from ocp.store.plain import plain
+from ocp.store.atomic import write, write_errors
+from ocp.store.json_values import to_json
 from ocp.store.provenance import program_digest, versions
 
 EVERY_S = 2.0
@@ -42,7 +42,7 @@ class Checkpoint:
     def __init__(
         self, root: Path | None, problem: str, request: dict[str, Any], source: str = ""
     ) -> None:
-        asked = _hashed(plain(request))
+        asked = _hashed(to_json(request))
         self._asked = f".unfinished-{asked}-"
         # What does it: our own source, versions of what it stands on, the compiler and the CPU.
         program = _hashed({"source": program_digest(), "compiler": identity(), **versions()})
@@ -55,7 +55,7 @@ class Checkpoint:
         """What a person must know of where it goes on from, once it is entered."""
 
     @classmethod
-    def of_another(cls, place: Path | None) -> Self:
+    def borrowed(cls, place: Path | None) -> Self:
         """The directory ``place`` that another process holds, for one that works for it."""
         made = cls(None, "", {})
         made._place = place
@@ -72,7 +72,7 @@ class Checkpoint:
         """Hold the first directory that nobody does; raises InputError where none can be made."""
         if self._shelf is None:
             return self
-        with told(f"what is done to {self._shelf}", "another directory with --out"):
+        with write_errors(f"what is done to {self._shelf}", "another directory with --out"):
             self._place, self._lock, busy = _held(self._shelf, self._name)
         self._saved = time.monotonic()
         self.notes = self._notes(busy)
@@ -107,7 +107,7 @@ class Checkpoint:
         """Arrays of a sampling that was under way, or None."""
         return None if self.place is None else _arrays(self.place / f"{key}.npz")
 
-    def others(self, key: str) -> Iterator[dict[str, np.ndarray]]:
+    def other_states(self, key: str) -> Iterator[dict[str, np.ndarray]]:
         """Arrays of what is under way of the same problem, but was asked for otherwise."""
         for directory in sorted(self._shelf.glob(".unfinished-*")) if self._shelf else ():
             alike = directory.name.startswith(self._asked)

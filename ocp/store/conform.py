@@ -30,7 +30,7 @@ def misfit(kind: Any, value: Any, place: str = "") -> str:
     for applies, check in _CHECKS:
         if applies(kind):
             return check(kind, value, place)
-    return "" if _is_plain(kind, value) else _told(place, value, _WORDS[kind])
+    return "" if _is_plain(kind, value) else _mismatch(place, value, _WORDS[kind])
 
 
 def _is_plain(kind: Any, value: Any) -> bool:
@@ -41,24 +41,24 @@ def _is_plain(kind: Any, value: Any) -> bool:
 
 def _of_literal(kind: Any, value: Any, place: str) -> str:
     words = get_args(kind)
-    return "" if value in words else _told(place, value, f"one of {', '.join(map(str, words))}")
+    return "" if value in words else _mismatch(place, value, f"one of {', '.join(map(str, words))}")
 
 
 def _of_enum(kind: type[Enum], value: Any, place: str) -> str:
     words = [name.lower().replace("_", "-") for name in kind.__members__]
-    return "" if value in words else _told(place, value, f"one of {', '.join(words)}")
+    return "" if value in words else _mismatch(place, value, f"one of {', '.join(words)}")
 
 
 def _of_list(kind: Any, value: Any, place: str) -> str:
     if not isinstance(value, list):
-        return _told(place, value, _WORDS[list])
+        return _mismatch(place, value, _WORDS[list])
     inner = get_args(kind)[0]
     return _first(misfit(inner, item, f"{place}[{i}]") for i, item in enumerate(value))
 
 
 def _of_dict(kind: Any, value: Any, place: str) -> str:
     if not isinstance(value, dict):
-        return _told(place, value, _WORDS[dict])
+        return _mismatch(place, value, _WORDS[dict])
     inner = get_args(kind)[1]
     return _first(misfit(inner, item, _under(place, key)) for key, item in value.items())
 
@@ -66,7 +66,7 @@ def _of_dict(kind: Any, value: Any, place: str) -> str:
 def _of_record(kind: Any, value: Any, place: str) -> str:
     """A dataclass has all of its fields and no others; a TypedDict those that are required."""
     if not isinstance(value, dict):
-        return _told(place, value, _WORDS[dict])
+        return _mismatch(place, value, _WORDS[dict])
     types, required = _fields(kind)
     if is_dataclass(kind) and (strange := sorted(set(value) - set(types))):
         return f"{_under(place, strange[0])} is unknown"
@@ -104,7 +104,7 @@ def _under(place: str, key: str) -> str:
     return f"{place}.{key}" if place else key
 
 
-def _told(place: str, value: Any, expected: str) -> str:
+def _mismatch(place: str, value: Any, expected: str) -> str:
     shown = repr(value)
     shown = shown if len(shown) <= 40 else f"{shown[:37]}..."
     return f"{place or 'it'} is {shown}, expected {expected}"

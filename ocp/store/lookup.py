@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ocp.errors import InputError, did_you_mean
 from ocp.store.atomic import discard
-from ocp.store.parts import DATA_FILE, META_FILE, MOST
+from ocp.store.run_files import DATA_FILE, META_FILE, MOST
 from ocp.store.runs import RunEntry, list_runs
 from ocp.words.tilde import expanded
 

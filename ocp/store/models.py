@@ -28,7 +28,7 @@ def save(dataset: xr.Dataset, path: Path) -> None:
 
 def load_any(path: Path) -> Transitions | xr.Dataset:
     """Transitions, or all that the file of a model holds; raises as :func:`load_model` does."""
-    with _told():
+    with _input_errors():
         dataset = files.read(path)
         if dataset.attrs["kind"] == files.TRANSITIONS:
             return files.transitions_of(dataset, path)
@@ -38,7 +38,7 @@ def load_any(path: Path) -> Transitions | xr.Dataset:
 
 def load_transitions(path: Path) -> Transitions:
     """Transitions from their file; raises as :func:`load_model` does."""
-    with _told():
+    with _input_errors():
         return files.transitions_of(files.read(path), path)
 
 
@@ -47,12 +47,12 @@ def load_model(path: Path) -> Any:
 
     Raises :class:`~ocp.errors.InputError` with a sentence where it is not whole, or something else.
     """
-    with _told():
+    with _input_errors():
         return files.read_model(path)
 
 
 @contextmanager
-def _told() -> Iterator[None]:
+def _input_errors() -> Iterator[None]:
     try:
         yield
     except ValueError as error:

@@ -1,6 +1,6 @@
 """The run store: what was asked and what came out, on disk, whole or not at all.
 
-A run is ``<root>/<problem>/<utc-time>-<hash>/`` with the files of :mod:`ocp.store.parts`:
+A run is ``<root>/<problem>/<utc-time>-<hash>/`` with the files of :mod:`ocp.store.run_files`:
 ``solution.nc`` (netCDF), ``meta.json``, and of a user's own problem ``problem.json``. It is data:
 nothing is ever pickled, and no code that it names is ever loaded.
 """
@@ -25,9 +25,11 @@ import numpy as np
 from ocp.errors import DamagedRun, InputError
 from ocp.problem import Problem
 from ocp.solution import Solution
-from ocp.store.atomic import drafts, flush, told
-from ocp.store.description import check_description
-from ocp.store.parts import (
+from ocp.store.atomic import draft_directory, flush, write_errors
+from ocp.store.json_values import content_hash, to_json
+from ocp.store.meta import check_meta
+from ocp.store.provenance import git_revision, versions
+from ocp.store.run_files import (
     DATA_FILE,
     META_FILE,
     PROBLEM_FILE,
@@ -37,10 +39,8 @@ from ocp.store.parts import (
     sealed,
     visible,
 )
-from ocp.store.plain import content_hash, plain
-from ocp.store.provenance import git_revision, versions
 from ocp.store.stored_run import StoredRun
-from ocp.store.tags import checked
+from ocp.store.tags import check_tags
 from ocp.words.tilde import expanded
 
 if TYPE_CHECKING:
@@ -65,17 +65,17 @@ def save(
 ) -> StoredRun:
     """Store a solution and return the run; raises as :func:`write` does."""
     problem, data, meta = _parts(solution, argv, tags)
-    return write(root, problem, data, meta, shown(solution.problem, data))
+    return write(root, problem, data, meta, problem_part(solution.problem, data))
 
 
-def unsaved(solution: Solution) -> StoredRun:
+def in_memory_run(solution: Solution) -> StoredRun:
     """The run that :func:`save` would store, for whatever shows a run; it has no place on disk."""
     problem, data, meta = _parts(solution, [], [])
     described = _completed(problem, data, meta, datetime.now(UTC))
-    return StoredRun(Path(), data, described, shown(solution.problem, data))
+    return StoredRun(Path(), data, described, problem_part(solution.problem, data))
 
 
-def shown(problem: Problem, data: xr.Dataset | None = None) -> dict[str, bytes]:
+def problem_part(problem: Problem, data: xr.Dataset | None = None) -> dict[str, bytes]:
     """The part of a run that tells of a user's own problem, drawn at the states of ``data``.
 
     No part for a problem that has a name, or none.
@@ -85,7 +85,7 @@ def shown(problem: Problem, data: xr.Dataset | None = None) -> dict[str, bytes]:
     motions = {} if data is None else {
         suffix: np.asarray(data[f"x{suffix}"].values[0]) for suffix in ("", "_replay")
     }  # fmt: skip
-    return {PROBLEM_FILE: json.dumps(plain(problem.shown.told(motions))).encode()}
+    return {PROBLEM_FILE: json.dumps(to_json(problem.shown.told(motions))).encode()}
 
 
 def _parts(
@@ -93,7 +93,7 @@ def _parts(
 ) -> tuple[str, xr.Dataset, dict[str, Any]]:
     """Name of the problem, arrays and description of a solution."""
     record = dict(solution.record)
-    told = ("idle_cost", "grade", "cost", "verdict", "iterations", "build_s", "solve_s",
+    summary = ("idle_cost", "grade", "cost", "verdict", "iterations", "build_s", "solve_s",
             "evaluation_s", "solver_s", "others")  # fmt: skip
     judged = ("audit", "certificate", "referee")
     meta = {
@@ -106,7 +106,7 @@ def _parts(
         "status": solution.status.label,
         "stages": [asdict(stage) for stage in solution.stages],
         **{name: asdict(getattr(solution, name)) for name in judged},
-        **{name: getattr(solution, name) for name in told},
+        **{name: getattr(solution, name) for name in summary},
     }
     return str(record.get("problem", "problem")), solution.data, meta
 
@@ -120,8 +120,8 @@ def write(
 ) -> StoredRun:
     """Store ``data`` and ``meta`` as one run of ``problem`` and return the run.
 
-    ``meta`` is what :mod:`ocp.store.description` says of its ``kind``; ``tags`` are words that mark
-    the run; ``parts`` are what :func:`shown` gave. Added are ``schema problem created versions
+    ``meta`` has the entries that :mod:`ocp.store.meta` lists for its ``kind``; ``tags`` mark the
+    run; ``parts`` come from :func:`problem_part`. Added are ``schema problem created versions
     revision hash parts checksum``. The hash in the name covers the content without times and tags,
     so identical solves share it.
 
@@ -136,7 +136,7 @@ def write(
     name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
     place = expanded(root)
     shelf = place / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
-    with _told(place), drafts(shelf) as room:
+    with _write_errors(place), draft_directory(shelf) as room:
         for file, content in files.items():
             (room / file).write_bytes(content)
             flush(room / file)
@@ -149,12 +149,12 @@ def write(
 def _completed(
     problem: str, data: xr.Dataset, meta: dict[str, Any], created: datetime
 ) -> dict[str, Any]:
-    described = plain(meta)
+    described = to_json(meta)
     return described | {
         "schema": SCHEMA,
         "problem": problem,
         "created": created.isoformat(timespec="microseconds"),
-        "tags": checked(meta.get("tags") or ()),
+        "tags": check_tags(meta.get("tags") or ()),
         "versions": versions(),
         "revision": git_revision(),
         "hash": content_hash(data, described),
@@ -164,12 +164,12 @@ def _completed(
 def check_writable(root: Path | str) -> None:
     """Make ``root`` and raise :class:`~ocp.errors.InputError` where nothing can be written."""
     place = expanded(root)
-    with _told(place), drafts(place):
+    with _write_errors(place), draft_directory(place):
         pass
 
 
-def _told(root: Path) -> AbstractContextManager[None]:
-    return told(f"the run to {root}", "another directory with --out")
+def _write_errors(root: Path) -> AbstractContextManager[None]:
+    return write_errors(f"the run to {root}", "another directory with --out")
 
 
 def load(path: Path | str) -> StoredRun:
@@ -230,7 +230,7 @@ def read_meta(directory: Path) -> dict[str, Any]:
             f"{file} has schema version {meta['schema']}, this program reads {SCHEMA}; read it with"
             " the program that wrote it"
         )
-    check_description(file, meta)
+    check_meta(file, meta)
     return meta
 
 

@@ -15,9 +15,9 @@ from ocp.programs.status import Status
 from ocp.rollout import Gains
 from ocp.solution import Solution, StageRecord
 from ocp.stationarity.certificate import Certificate
-from ocp.store.description import check_own_problem
-from ocp.store.parts import META_FILE, PROBLEM_FILE, parsed
-from ocp.store.plain import read
+from ocp.store.json_values import from_json
+from ocp.store.meta import check_own_problem
+from ocp.store.run_files import META_FILE, PROBLEM_FILE, parsed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,7 +29,7 @@ class StoredRun:
 
     ``parts`` are its other files, in bytes, by name.
     ``meta`` holds ``schema kind problem created argv versions revision seed hash parts checksum``,
-    of types that :mod:`ocp.store.description` tells, and
+    of types that :mod:`ocp.store.meta` tells, and
     for ``kind == "solve"``, ``record audit certificate referee idle_cost cost status verdict grade
     stages iterations build_s solve_s others``.
     """
@@ -51,7 +51,7 @@ class StoredRun:
 
     @cached_property
     def own_problem(self) -> dict[str, Any] | None:
-        """What it keeps of a problem of a user's file (:class:`~ocp.store.description.OwnProblem`).
+        """What it keeps of a problem of a user's file (:class:`~ocp.store.meta.OwnProblem`).
 
         None where it keeps nothing; raises as :attr:`audit` does.
         """
@@ -118,7 +118,7 @@ class StoredRun:
 
     def _described(self, kind: Any, key: str) -> Any:
         try:
-            return read(kind, self.meta[key])
+            return from_json(kind, self.meta[key])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise DamagedRun(
                 f"{self.path / META_FILE}: the solution's description is incomplete ({error!r})"

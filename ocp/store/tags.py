@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from ocp.errors import InputError
 
 
-def checked(tags: Iterable[str]) -> list[str]:
+def check_tags(tags: Iterable[str]) -> list[str]:
     """Return ``tags`` in order, each once.
 
     Raises :class:`~ocp.errors.InputError` for what is no word of letters, digits, ``_ . -``.

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ocp.asking import Source
 from ocp.errors import InputError, did_you_mean
 from ocp.factories import law_settings
 from ocp.plugins import load_plugin
+from ocp.request import ProblemSource
 from ocp.session import Session
 from ocp.settings import OWN
 from ocp.solve import new_session
@@ -19,7 +19,7 @@ _PLACES = {"contact": "contact_settings", "problem": "params", "setting": "setti
 """Fields that hold what a name with such a beginning means."""
 
 
-class Changed(InputError):
+class FilesChanged(InputError):
     """Files are no longer what a study was asked of; the message names them."""
 
 
@@ -42,28 +42,28 @@ class Case:
     settings: Mapping[str, Any] = field(default_factory=dict)
     content: str | None = None
 
-    def source(self) -> Source:
+    def source(self) -> ProblemSource:
         """What builds the problem.
 
-        Raises :class:`~ocp.errors.InputError` for an unknown name, and :class:`Changed` for files
-        that are no longer what it was asked of.
+        Raises :class:`~ocp.errors.InputError` for an unknown name, and :class:`FilesChanged` where
+        files have changed since the request.
         """
         found = load_plugin("problems").source(self.problem)
         if self.content not in (None, self._content(found)):
-            raise Changed(
+            raise FilesChanged(
                 f"{self.problem}, what it imports, or a file of the law has changed since this was"
                 " begun, so that two problems would mix; give the same command again"
             )
         return found
 
-    def of(self, source: Source) -> Case:
+    def with_content(self, source: ProblemSource) -> Case:
         """The same, asked of the user's files as ``source`` was read from them."""
         return replace(self, content=self._content(source))
 
-    def _content(self, source: Source) -> str:
+    def _content(self, source: ProblemSource) -> str:
         return content_digest(getattr(source, "digest", None), self.contact_settings)
 
-    def session(self, source: Source | None = None) -> Session:
+    def session(self, source: ProblemSource | None = None) -> Session:
         """Build it, of ``source`` where that is at hand.
 
         Raises :class:`~ocp.errors.InputError` as :func:`~ocp.solve.new_session` does, and for names
@@ -83,12 +83,12 @@ class Case:
             held[key] = int(value) if float(value).is_integer() else value
         return replace(self, **changed)
 
-    def given(self, name: str) -> bool:
+    def sets(self, name: str) -> bool:
         """Whether a full name has a value of its own here."""
         place, key = _placed(name)
         return key in getattr(self, place)
 
-    def full_name(self, name: str, source: Source) -> str:
+    def full_name(self, name: str, source: ProblemSource) -> str:
         """What ``name`` means: ``problem.M``, ``contact.mu``, ``setting.tol``, ``policy.bound``.
 
         A parameter of the problem, or else a setting of the law, may go without its beginning.

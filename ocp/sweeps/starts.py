@@ -11,19 +11,19 @@ from ocp.errors import interruptible
 from ocp.judgement import judged
 from ocp.rollout import initial_guesses
 from ocp.routes.outcome import Outcome
-from ocp.scheduling import Failure, carried_out
+from ocp.scheduling import Failure, run_jobs
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.solve import Rank, best_of, check_starts, credited, rank, solve_session
 from ocp.sweeps.case import Case
-from ocp.sweeps.sharing import kept_session
+from ocp.sweeps.session_cache import cached_session
 
 _HELD = {"problem", "derivative"}
 """What of a solution holds graphs, which stay where they are."""
 
 
 @dataclass(frozen=True)
-class Start:
+class StartJob:
     """The guess ``number`` of ``starts`` of a case, as :func:`~ocp.rollout.guesses` has them."""
 
     case: Case
@@ -33,24 +33,24 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Sent:
+class StartResult:
     """What a solved start sends: its outcome, its NLP's reformulation, and the verdicts."""
 
     outcome: Outcome
     judged: dict[str, Any]
 
 
-def started(job: Start, tell: Callable[[Any], None]) -> Sent:
+def solve_start(job: StartJob, report: Callable[[Any], None]) -> StartResult:
     """Solve from one guess; a :data:`~ocp.scheduling.Function` that tells each stage."""
-    session = kept_session(job.case)
+    session = cached_session(job.case)
     guess = initial_guesses(session.problem, session.values, job.starts, job.seed)[job.number]
     outcome = session.solve(
-        progress=lambda stage: tell(asdict(stage)), guess=guess, number=job.number
+        progress=lambda stage: report(asdict(stage)), guess=guess, number=job.number
     )
     found = judged(session, outcome, job.seed)
     reformulation = next(key for key, nlp in session.nlps.items() if nlp is outcome.nlp)
     told = {one.name: getattr(found, one.name) for one in fields(found) if one.name not in _HELD}
-    return Sent(replace(outcome, nlp=reformulation), told)
+    return StartResult(replace(outcome, nlp=reformulation), told)
 
 
 def solve_starts(
@@ -70,15 +70,18 @@ def solve_starts(
     check_starts(starts)
     if jobs == 1 or starts == 1:
         return solve_session(session, starts, seed, progress, rank_by)
-    work = [Start(case, number, starts, seed) for number in range(starts)]
-    found: dict[int, Sent] = {}
+    work = [StartJob(case, number, starts, seed) for number in range(starts)]
+    found: dict[int, StartResult] = {}
 
-    def heard(_: int, stage: Any) -> None:
+    def callback(_: int, stage: Any) -> None:
         if progress is not None:
             progress(StageRecord(**stage))
 
     try:
-        with interruptible(), closing(carried_out(started, work, jobs, None, heard)) as outcomes:
+        with (
+            interruptible(),
+            closing(run_jobs(solve_start, work, jobs, None, callback)) as outcomes,
+        ):
             for place, sent in outcomes:
                 if isinstance(sent, Failure):
                     raise sent.error
@@ -90,7 +93,7 @@ def solve_starts(
     return _best(session, found, seed, rank_by)
 
 
-def _best(session: Session, found: dict[int, Sent], seed: int, rank_by: Rank) -> Solution:
+def _best(session: Session, found: dict[int, StartResult], seed: int, rank_by: Rank) -> Solution:
     """The best of all, judged again here, where its graphs are."""
     sent = [found[place] for place in sorted(found)]
     made = [Solution(**one.judged, problem=session.problem) for one in sent]

@@ -13,8 +13,8 @@ import numpy as np
 
 from ocp.judgement import record
 from ocp.session import Session
-from ocp.sweeps.point import COUNTS, NUMBERS, WORDS
-from ocp.sweeps.study import Study, dimension
+from ocp.sweeps.grid import Grid, dimension
+from ocp.sweeps.job import COUNTS, NUMBERS, WORDS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,7 +23,7 @@ KIND = "sweep"
 """Kind of a stored run."""
 
 
-def described(study: Study, session: Session, data: xr.Dataset) -> dict[str, Any]:
+def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
     """What a run's description has of a study, but for ``argv`` and where the problem is from."""
     found, dims = rows(data), [dimension(axis.name) for axis in study.axes]
     solved = sum(row["success"] for row in found)
@@ -47,7 +47,7 @@ def described(study: Study, session: Session, data: xr.Dataset) -> dict[str, Any
     return {
         "kind": KIND,
         "seed": study.seed,
-        "record": _constant(study, session),
+        "record": _shared_record(study, session),
         "source_digest": session.problem.source_digest,
         "over": ", ".join(dims),
         "study": {"axes": axes, "shape": list(study.shape), "failed": failures},
@@ -60,7 +60,7 @@ def described(study: Study, session: Session, data: xr.Dataset) -> dict[str, Any
     }
 
 
-def _constant(study: Study, session: Session) -> dict[str, Any]:
+def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
     """What was asked and is the same at all points."""
     told = record(session, study.seed)
     swept = {axis.name for axis in study.axes}

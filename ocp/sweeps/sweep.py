@@ -11,29 +11,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
-from ocp.asking import Named, told_apart
 from ocp.effort import check_memory, points_memory
 from ocp.errors import InputError, interruptible
 from ocp.problem import Problem
-from ocp.scheduling import Failure, carried_out
+from ocp.request import ProblemLike, split_keywords
+from ocp.scheduling import Failure, run_jobs
 from ocp.session import Session
 from ocp.solve import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
 from ocp.sweeps.axes import Axis, axes
-from ocp.sweeps.case import Case, Changed
-from ocp.sweeps.point import FAULT, Point, failed, solved
-from ocp.sweeps.study import Study, dataset, keep, kept_points
+from ocp.sweeps.case import Case, FilesChanged
+from ocp.sweeps.grid import Grid, dataset, save_point, saved_points
+from ocp.sweeps.job import FAULT, JobResult, failed_result, solve_job
 from ocp.words.tilde import expanded
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Ended = Callable[[int, Point], None]
+OnPoint = Callable[[int, JobResult], None]
 """Called with the place of a point in the grid, the last axis fastest, and what came of it."""
 
 
 def sweep(
-    problem: Named,
+    problem: ProblemLike,
     over: Mapping[str, Any] | Iterable[str | Axis],
     contact: ContactLaw | str = "barrier",
     *,
@@ -49,7 +49,7 @@ def sweep(
     jobs: int = 1,
     scheduler: str | None = None,
     store: Path | str | None = None,
-    progress: Ended | None = None,
+    progress: OnPoint | None = None,
     **keywords: Any,
 ) -> xr.Dataset:
     """Solve a problem at every point of a grid, as ``ocp sweep`` does::
@@ -74,25 +74,27 @@ def sweep(
     Raises :class:`~ocp.errors.InputError` for what no point could be solved with.
     """
     name = _name(problem)
-    own, given = told_apart(
+    own, given = split_keywords(
         Case(name).source(), contact, params, contact_settings, keywords, solver
     )
     law = contact if isinstance(contact, str) else contact.name
     given = given if isinstance(contact, str) else contact.settings()
     case = Case(name, own, law, given, method, policy, solver, dict(settings or {}))
-    study = asked(case, axes(over), starts, seed, rank_by)
-    session = study.checked()
-    check_side_by_side(session, jobs)
+    study = make_grid(case, axes(over), starts, seed, rank_by)
+    session = study.check()
+    check_parallel_memory(session, jobs)
     check_points(study, session)
     root = None if store is None else expanded(store)
     with study.checkpoint(root, session.problem.name) as checkpoint:
-        found = kept_points(study, checkpoint)
-        points = followed(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
+        found = saved_points(study, checkpoint)
+        points = solve_grid(
+            study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None)
+        )
         checkpoint.discard()
     return dataset(study, session, points)
 
 
-def _name(problem: Named) -> str:
+def _name(problem: ProblemLike) -> str:
     """What any process finds a problem by: its name, or the whole path of its file."""
     if isinstance(problem, Problem):
         raise InputError(
@@ -105,32 +107,32 @@ def _name(problem: Named) -> str:
     return str(expanded(named).resolve()) if named.endswith(".py") else named
 
 
-def asked(
+def make_grid(
     case: Case, over: tuple[Axis, ...], starts: int = 1, seed: int = 0, rank_by: Rank = "planned"
-) -> Study:
+) -> Grid:
     """A study of a case, its axes called by their full names.
 
     Raises :class:`~ocp.errors.InputError` for a name that is unknown, twice or given otherwise.
     """
     check_starts(starts)
     source = case.source()
-    case = case.of(source)
+    case = case.with_content(source)
     full = [replace(axis, name=case.full_name(axis.name, source)) for axis in over]
     names = [axis.name for axis in full]
     for axis, name in zip(over, names, strict=True):
         if names.count(name) > 1:
             raise InputError(f"--over: {name} is given twice; give it once")
-        if case.given(name):
+        if case.sets(name):
             raise InputError(f"{axis.name} goes over what --over says; drop its own value")
-    return Study(case, tuple(full), starts, seed, rank_by)
+    return Grid(case, tuple(full), starts, seed, rank_by)
 
 
-def check_side_by_side(session: Session, jobs: int) -> None:
+def check_parallel_memory(session: Session, jobs: int) -> None:
     """Raise :class:`~ocp.errors.InputError` where so many solves at once need too much memory."""
     check_memory(f"{jobs} solves side by side", jobs * session.memory)
 
 
-def check_points(study: Study, session: Session) -> None:
+def check_points(study: Grid, session: Session) -> None:
     """Raise :class:`~ocp.errors.InputError` where all points together need too much memory."""
     count = math.prod(study.shape)
     # Shorter points are filled up to the longest.
@@ -141,21 +143,21 @@ def check_points(study: Study, session: Session) -> None:
     check_memory(f"a grid of {count} points", points_memory(session.problem, count, longest))
 
 
-def followed(
-    study: Study,
+def solve_grid(
+    study: Grid,
     jobs: int = 1,
     scheduler: str | None = None,
     checkpoint: Checkpoint | None = None,
-    found: dict[int, Point] | None = None,
-    ended: Ended = lambda *_: None,
-    heard: Callable[[int, Any], None] = lambda *_: None,
-) -> list[Point]:
+    found: dict[int, JobResult] | None = None,
+    on_point: OnPoint = lambda *_: None,
+    callback: Callable[[int, Any], None] = lambda *_: None,
+) -> list[JobResult]:
     """All points of a study: those of ``found`` as they are, the others solved and added to it.
 
-    Each that is solved is written to the checkpoint, and told to ``ended``; what a point tells on
-    its way, and None at its end, is ``heard``, which may raise to stop.
+    Each that is solved is written to the checkpoint and passed to ``on_point``. What a point
+    reports, and None at its end, goes to ``callback``, which may raise to stop.
 
-    Raises :class:`~ocp.sweeps.case.Changed` where files have changed since the study was asked.
+    Raises :class:`~ocp.sweeps.case.FilesChanged` where files have changed since the request.
     """
     places, found = study.places, {} if found is None else found
     # Points of one structure stand together, for a worker builds each structure once.
@@ -164,22 +166,22 @@ def followed(
     work = [study.job(places[place]) for place in left]
 
     def told(index: int, message: Any) -> None:
-        heard(left[index], message)
+        callback(left[index], message)
 
-    with interruptible(), closing(carried_out(solved, work, jobs, scheduler, told)) as outcomes:
+    with interruptible(), closing(run_jobs(solve_job, work, jobs, scheduler, told)) as outcomes:
         for index, outcome in outcomes:
             # Compiled code may have made a failed solve of Ctrl-C.
             told(index, None)
             place = left[index]
             if isinstance(outcome, Failure):
-                if isinstance(outcome.error, Changed):
+                if isinstance(outcome.error, FilesChanged):
                     raise outcome.error
                 # Not kept: what a worker died of may be gone at the next try.
-                point = failed(FAULT, str(outcome.error))
+                point = failed_result(FAULT, str(outcome.error))
             else:
                 point = outcome
                 if checkpoint is not None:
-                    keep(checkpoint, place, point)
+                    save_point(checkpoint, place, point)
             found[place] = point
-            ended(place, point)
+            on_point(place, point)
     return [found[place] for place in range(len(places))]

@@ -16,7 +16,7 @@ from pydantic import (
     ValidationError,
 )
 
-from ocp.errors import InputError, shown
+from ocp.errors import InputError, abbreviated
 
 
 def _number(value: Any) -> Any:
@@ -67,7 +67,7 @@ def checked(what: str, value: Any, kind: Any) -> Any:
     _, should, expected = found["msg"].removeprefix("Value error, ").partition(" should ")
     expected = expected.replace("valid string", "text").replace("valid ", "")
     said = f"must {expected}" if should else found["msg"].removeprefix("Value error, ")
-    raise InputError(f"{what}{place} {said}, got {shown(found['input'])}")
+    raise InputError(f"{what}{place} {said}, got {abbreviated(found['input'])}")
 
 
 def check_fields(instance: Any, what: str, **kinds: Any) -> None:

@@ -7,7 +7,7 @@ import xarray as xr
 
 from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.interpolation import ConfidenceTest, FixedWeight
-from ocp.gradients.known_gradient import known_gradient
+from ocp.gradients.reference import reference_gradient
 from problems.objectives import objective_spec
 from problems.studies.study import Claim, StudyParams, quantity_of, setting, share_margin
 
@@ -52,7 +52,7 @@ def run(params: Params) -> xr.Dataset:
     thetas, truth, gammas = [], [], []
     for c, (objective, grid, sigma) in enumerate(_grids(params).values()):
         at = [objective.at({"theta": theta}) for theta in grid]
-        known = [known_gradient(o, sigma, np.random.SeedSequence(0), 0) for o in at]
+        known = [reference_gradient(o, sigma, np.random.SeedSequence(0), 0) for o in at]
         true = np.array([k.gradient[0] for k in known if k is not None])
         gamma = params.gamma * float(np.abs(true).max())
         rules = (FixedWeight(params.alpha), ConfidenceTest(gamma, params.delta))

@@ -10,7 +10,7 @@ import xarray as xr
 
 from dynamics.batch import BatchFunction, Gaussian
 from dynamics.systems import Signal
-from ocp.gradients.objective import SampledObjective, Samples
+from ocp.gradients.objective import CostSamples, SampledObjective
 from problems.studies.shared.decision_sweep import both_orders, sweep_decision
 from problems.studies.study import CODE, Claim, StudyParams, listed, over, quantity_of, setting
 
@@ -111,17 +111,17 @@ class ThrownBall(SampledObjective):
             state = self._move(state)
         return -state[:, 0]
 
-    def scored(self, noise: Gaussian, n: int) -> Samples:
+    def scored(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs, and w / sigma²."""
         w = noise.draw(n, 1, 1)[:, 0]
-        return Samples(self.costs(w), w / noise.scales(1) ** 2)
+        return CostSamples(self.costs(w), w / noise.scales(1) ** 2)
 
-    def differentiated(self, noise: Gaussian, n: int) -> Samples:
+    def differentiated(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs, and derivatives through every impact."""
         state, tangent = self._start(self.theta + noise.draw(n, 1, 1)[:, 0, 0])
         for _ in range(self._steps):
             state, tangent = self._both(state, tangent)
-        return Samples(-state[:, 0], -tangent[:, :1])
+        return CostSamples(-state[:, 0], -tangent[:, :1])
 
     def _start(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State and its derivative by theta at the throw, (n, 4) each."""
@@ -175,8 +175,8 @@ def _shrinking(params: Params, corner: float) -> dict:
         ball = thrown(params, True, float(value)).at({"theta": corner})
         n = 20 * params.n_samples
         first, zeroth = both_orders(ball, params.sigma, n, params.seed, index)
-        missed = np.abs(first.kept) <= smooth
-        inside = first.kept[missed]
+        missed = np.abs(first.first_samples) <= smooth
+        inside = first.first_samples[missed]
         mean = float(zeroth.moments.mean[0])
         rows.append((first.moments.variance[0], zeroth.moments.variance[0], 1 - missed.mean(),
                      abs(inside.mean() - mean), np.abs(inside - inside.mean()).max(),

@@ -11,10 +11,10 @@ from dynamics.contact import ContactLaw
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Trained
-from ocp.learning.training import KEY, kept, train
+from ocp.learning.training import KEY, read_checkpoint, train
 from ocp.learning.unrolls.fopg import FOPG
 from ocp.store.checkpoint import Checkpoint
-from ocp.store.plain import plain
+from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
 from ocp.store.stored_run import StoredRun
 from ocp.task import Task
@@ -83,11 +83,15 @@ def under_way(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint) 
 
     Those are of the same algorithm and seed on the same task.
     """
-    begun, asked = checkpoint.state(KEY), plain(experiment.settings())
+    begun, asked = checkpoint.state(KEY), to_json(experiment.settings())
     told = [f"{job.name}: {note}" for note in checkpoint.notes]
-    told += [] if begun is None else [f"{job.name} goes on after {kept(begun)[0]} iterations"]
-    for other in checkpoint.others(KEY):
-        done, settings = kept(other)
+    told += (
+        []
+        if begun is None
+        else [f"{job.name} goes on after {read_checkpoint(begun)[0]} iterations"]
+    )
+    for other in checkpoint.other_states(KEY):
+        done, settings = read_checkpoint(other)
         if [settings.get(key) for key in _ALIKE] == [asked[key] for key in _ALIKE]:
             names = [
                 name for name in {**settings, **asked} if settings.get(name) != asked.get(name)
@@ -111,7 +115,7 @@ def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Da
     experiment = job.experiment()
     # Workers elsewhere may not see it.
     seen = job.kept is not None and job.kept.is_dir()
-    checkpoint = Checkpoint.of_another(job.kept) if seen else None
+    checkpoint = Checkpoint.borrowed(job.kept) if seen else None
     data = train(experiment, checkpoint, lambda k, row: tell({"iteration": float(k), **row}))
     return described(experiment, data)
 

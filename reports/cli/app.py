@@ -192,9 +192,9 @@ def _explain(error: BaseException) -> tuple[str, int]:
         where = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
         return f"cannot write{where}: {error.strerror}; free some space or write elsewhere", 1
     if isinstance(error, ImportError):
-        from ocp.distribution import hiding
+        from ocp.distribution import shadowing
 
-        if hidden := hiding():
+        if hidden := shadowing():
             return hidden, 2
     if isinstance(error, OSError) and error.filename is not None:
         reason = f"{error.strerror}; name another file or directory"

@@ -63,7 +63,7 @@ def run(options: ContinueOptions, request: Request) -> int:
     path, interrupted = _followed(options, request)
     output, meta = options.output, _meta(options, request, path)
     problem, data = request.session.problem, curve_dataset(path)
-    stored = store.write(options.out, problem.name, data, meta, store.shown(problem))
+    stored = store.write(options.out, problem.name, data, meta, store.problem_part(problem))
     if path.events:
         output.note(event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])

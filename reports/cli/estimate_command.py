@@ -89,7 +89,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
         meta = _meta(request, study)
         data = sweep_dataset(study.widest, study.rows, request.sweep, request.unit())
         problem = getattr(request.objective, "problem", None)
-        parts = {} if problem is None else store.shown(problem)
+        parts = {} if problem is None else store.problem_part(problem)
         stored = store.write(options.out, request.spec.name, data, meta, parts)
         if study.finished:
             checkpoint.discard()
@@ -106,7 +106,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
 
 def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
     """Description of the stored run."""
-    from ocp.gradients.sweep import overall
+    from ocp.gradients.sweep import summary
 
     swept = request.sweep
     return {
@@ -123,7 +123,7 @@ def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
         },
         "estimates": [row for point in study.rows for row in point],
         "status": "done" if study.finished else "stopped",
-        "verdict": overall(study.rows),
+        "verdict": summary(study.rows),
     }  # fmt: skip
 
 

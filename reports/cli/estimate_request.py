@@ -45,7 +45,7 @@ class EstimateRequest:
         """Check the command line; raises InputError for the first word that does not fit."""
         from ocp.factories import split_policy_settings
         from ocp.gradients.estimation import Sampling
-        from ocp.gradients.known_gradient import kind_of
+        from ocp.gradients.reference import reference_kind
         from ocp.gradients.sweep import Sweep
         from problems.objectives import named
 
@@ -65,7 +65,7 @@ class EstimateRequest:
         )  # fmt: skip
         known = spec.Params.model_fields.get("sigma")
         _check_noise(spec.name, sampling.sigma, known.default if known else usual, sweep)
-        kind = kind_of(objective, sampling.sigma, sampling.reference)
+        kind = reference_kind(objective, sampling.sigma, sampling.reference)
         if most is not None and kind != "zobg":
             raise InputError(
                 f"the reference of {spec.name} is not sampled; drop --reference-samples or choose"
@@ -270,7 +270,7 @@ def _check_same(
     run: StoredRun, options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
 ) -> None:
     """Raise InputError unless a run is of this problem and has all parameters but the swept."""
-    from ocp.store.plain import plain
+    from ocp.store.json_values import to_json
 
     at = f"--at {options.at}: the run is of"
     if run.meta["problem"] != spec.name:
@@ -284,7 +284,7 @@ def _check_same(
         )
     swept = "" if options.sweep is None else options.sweep.partition("=")[0].strip()
     kept = run.record.get("params", {})
-    wanted = plain(spec.params(given).model_dump())
+    wanted = to_json(spec.params(given).model_dump())
     differ = [
         f"{name}={kept.get(name)}" for name, value in wanted.items()
         if name != swept and kept.get(name) != value

@@ -121,10 +121,10 @@ class TagOptions(StoreOptions):
 
     def check(self) -> None:
         """Raise InputError for a tag that is not a single word."""
-        from ocp.store.tags import checked
+        from ocp.store.tags import check_tags
 
         super().check()
-        checked(self.tags or ())
+        check_tags(self.tags or ())
 
 
 @dataclass(frozen=True, kw_only=True)

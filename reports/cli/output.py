@@ -56,9 +56,9 @@ class Output:
 
     def announce(self, what: str, seconds: float, memory: float = 0.0) -> None:
         """Print on stderr one line about a long computation, unless quiet."""
-        from ocp.effort import foretold
+        from ocp.effort import long_task_notice
 
-        line = foretold(what, seconds, memory)
+        line = long_task_notice(what, seconds, memory)
         if line is not None and not self.quiet:
             print(line, file=sys.stderr, flush=True)
 
@@ -79,10 +79,10 @@ class Output:
         """Print the JSON document, with ``--json``."""
         if not self.as_json:
             return
-        from ocp.store.plain import plain
+        from ocp.store.json_values import to_json
         from reports.cli.streams import document_stream
 
-        text = json.dumps(plain(content), indent=1, allow_nan=False)
+        text = json.dumps(to_json(content), indent=1, allow_nan=False)
         print(text, file=document_stream(), flush=True)
 
     def finish(

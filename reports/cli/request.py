@@ -85,7 +85,7 @@ def check_place(file: Path, what: str) -> None:
     if file.is_dir():
         example = EXAMPLES.get(what, "report.gif")
         raise InputError(f"{file} is a directory; name a file such as {file / example}")
-    with atomic.told(f"the {what} to {file}"):
+    with atomic.write_errors(f"the {what} to {file}"):
         place = atomic.destination(file)
     if place is None:
         return

@@ -121,7 +121,7 @@ def run(options: RunsOptions, request: RunsRequest) -> int:
 def _print(
     options: RunsOptions, entries: list[dict[str, Any]], every: list[dict[str, Any]]
 ) -> None:
-    from ocp.store.parts import visible
+    from ocp.store.run_files import visible
     from reports.tables import filter_values, run_lines
 
     if entries:
@@ -238,15 +238,15 @@ class RunsExportOptions(RunOptions):
 def check_export(options: RunsExportOptions) -> ExportRequest:
     """Read the run, and check that it can be written in that format."""
     from ocp.errors import choose
-    from ocp.store import flat
+    from ocp.store import export
     from reports.cli.request import check_place
 
     check_place(options.file, "data")
     form = options.form or options.file.suffix.removeprefix(".").lower()
-    choose("format", form, flat.FORMATS)
+    choose("format", form, export.FORMATS)
     found = stored(options.run, options.out)
     if form == "csv":
-        flat.check_rows(found)
+        export.check_rows(found)
     return found, form
 
 
@@ -257,10 +257,10 @@ def run_export(options: RunsExportOptions, request: ExportRequest) -> int:
     continuation, per point and estimator of an estimate, per iteration of a training; its header
     has the units. NPZ has every array by name, and the run's description as JSON in meta.
     """
-    from ocp.store import flat
+    from ocp.store import export
 
     found, form = request
-    flat.FORMATS[form](found, options.file)
+    export.FORMATS[form](found, options.file)
     options.output.say(f"{form}: {options.file}")
     options.output.document({"file": str(options.file), "format": form, "run": str(found.path)})
     return 0

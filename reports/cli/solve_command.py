@@ -140,8 +140,8 @@ def _plot(run: StoredRun, file: Path, own: ProblemSpec) -> None:
 def _solved(options: SolveOptions, request: Request, start: Solution | None) -> Solution:
     """Solve; after Ctrl-C return the best point, or store the best of several starts and raise."""
     from ocp import store
-    from ocp.asking import builder
     from ocp.programs.status import Status
+    from ocp.request import rebuilder
     from ocp.solution import Interrupted
     from ocp.solve import refine_from, solve_from, solve_session
     from reports import console
@@ -170,7 +170,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
             if not options.refine:
                 return found
             return refine_from(
-                request.session, found, builder(request.spec), options.seed, on_stage
+                request.session, found, rebuilder(request.spec), options.seed, on_stage
             )
         except Interrupted as stop:
             if stop.solution.status is Status.INTERRUPTED:

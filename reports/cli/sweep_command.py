@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from ocp.session import Session
     from ocp.store.checkpoint import Checkpoint
-    from ocp.sweeps.point import Point
-    from ocp.sweeps.study import Study
+    from ocp.sweeps.grid import Grid
+    from ocp.sweeps.job import JobResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class SweepOptions(SolverOptions):
 class SweepRequest:
     """A checked study, the session of its first point, and the checkpoint of finished points."""
 
-    study: Study
+    study: Grid
     session: Session
     checkpoint: Checkpoint
 
@@ -49,7 +49,7 @@ def check(options: SweepOptions) -> SweepRequest:
     """Read the grid, build its first point, and check memory and places before any work."""
     from ocp.errors import InputError, choose
     from ocp.sweeps.axes import axes
-    from ocp.sweeps.sweep import asked, check_points, check_side_by_side
+    from ocp.sweeps.sweep import check_parallel_memory, check_points, make_grid
     from reports.cli.request import case_of, check_places, read_names
 
     choose("rank", options.rank, RANKS)
@@ -58,11 +58,11 @@ def check(options: SweepOptions) -> SweepRequest:
     if options.scheduler is not None and "jobs" in options.given:
         raise InputError("--jobs starts local processes, --scheduler uses a cluster; drop one")
     over = axes(options.over or ())
-    study = asked(
+    study = make_grid(
         case_of(*read_names(options)), over, options.starts, options.seed, RANKS[options.rank]
     )
-    session = study.checked()
-    check_side_by_side(session, options.jobs)
+    session = study.check()
+    check_parallel_memory(session, options.jobs)
     check_points(study, session)
     check_places(options.out, options.pdf)
     return SweepRequest(study, session, study.checkpoint(options.out, session.problem.name))
@@ -75,8 +75,8 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
     same command resumes, with the same result as without the stop.
     """
     from ocp import store
-    from ocp.sweeps.study import dataset
-    from ocp.sweeps.summary import described, rows
+    from ocp.sweeps.grid import dataset
+    from ocp.sweeps.summary import rows, run_meta
     from reports.sweep_tables import point_table
 
     output, study = options.output, request.study
@@ -88,12 +88,12 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
     with request.checkpoint as checkpoint:
         data = dataset(study, request.session, _points(options, request))
         meta = {
-            **described(study, request.session, data),
+            **run_meta(study, request.session, data),
             "argv": options.argv,
             "tags": options.tags or (),
         }
         problem = request.session.problem
-        stored = store.write(options.out, problem.name, data, meta, store.shown(problem))
+        stored = store.write(options.out, problem.name, data, meta, store.problem_part(problem))
         checkpoint.discard()
     dims = [axis["name"] for axis in meta["study"]["axes"]]
     found = rows(data)
@@ -106,11 +106,11 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
     return 0 if meta["success"] and finite else NOT_CONVERGED
 
 
-def _points(options: SweepOptions, request: SweepRequest) -> list[Point]:
+def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
     """All points; reports kept points, and after Ctrl-C how to resume."""
-    from ocp.sweeps.study import dimension, kept_points
+    from ocp.sweeps.grid import dimension, saved_points
     from ocp.sweeps.summary import where
-    from ocp.sweeps.sweep import followed
+    from ocp.sweeps.sweep import solve_grid
     from reports.cli import interrupt
     from reports.sweep_tables import live
 
@@ -122,12 +122,12 @@ def _points(options: SweepOptions, request: SweepRequest) -> list[Point]:
     ]
     for line in request.checkpoint.notes:
         output.say(line)
-    found = kept_points(study, request.checkpoint)
+    found = saved_points(study, request.checkpoint)
     if found:
         output.say(f"resumed; {len(found)} of {len(names)} points already complete")
     try:
         with live(names, len(found), options.quiet) as ended:
-            return followed(
+            return solve_grid(
                 study, options.jobs, options.scheduler, request.checkpoint, found, ended,
                 lambda *_: interrupt.check(),
             )  # fmt: skip

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ocp.errors import InputError
-from ocp.gradients.verdict import WIDE, comes_to, weakest
+from ocp.gradients.verdict import WIDE, short_verdict, weakest_verdict
 from ocp.store.stored_run import StoredRun
 from problems.objectives import ObjectiveSpec, objective_names, objective_spec
 from problems.plugin import spec_of
@@ -37,7 +37,7 @@ def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
     content |= {
         "title": f"Gradient of {meta['problem']}",
         "verdict": f"{headline(rows)}\n{meta['verdict']}",
-        "grade": _GRADES[weakest(rows)],
+        "grade": _GRADES[weakest_verdict(rows)],
         "how": _how(run),
         "parameters": parameters,
         "settings": [row for row in content["settings"] if row[0] not in _TOLD],
@@ -62,11 +62,11 @@ _TOLD = ("estimators", "reference", "reference samples", "samples", "sigma")
 
 def headline(rows: Sequence[dict[str, Any]]) -> str:
     """The weakest verdict among rows, and whose it is."""
-    word = weakest(rows)
-    whose = list(dict.fromkeys(row["estimator"] for row in rows if comes_to(row) == word))
-    if all(comes_to(row) == word for row in rows):
+    word = weakest_verdict(rows)
+    whose = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == word))
+    if all(short_verdict(row) == word for row in rows):
         return f"Every estimate: {word}."
-    count = sum(comes_to(row) == word for row in rows)
+    count = sum(short_verdict(row) == word for row in rows)
     return f"Weakest verdict: {word}, {count} of {len(rows)} estimates ({', '.join(whose)})."
 
 

@@ -26,7 +26,7 @@ from ocp import (
     solve,
     store,
 )
-from ocp.store.plain import plain
+from ocp.store.json_values import to_json
 from problems import get, spec
 from reports.cli.options import SolverOptions
 
@@ -219,7 +219,7 @@ def test_a_solution_comes_back_from_the_store(pushed: Solution, tmp_path) -> Non
     xr.testing.assert_identical(again.data, pushed.data)
     assert repr(again) == repr(pushed) and again.verdict == pushed.verdict
     for part in ("audit", "certificate", "referee"):
-        ours, theirs = (plain(asdict(getattr(one, part))) for one in (again, pushed))
+        ours, theirs = (to_json(asdict(getattr(one, part))) for one in (again, pushed))
         assert ours == theirs
     assert again.problem.parameters.defaults == pushed.problem.parameters.defaults
     own = pushed.replay("barrier", mu=1e-3)

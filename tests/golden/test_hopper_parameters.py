@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynamics.contact import Exact
-from ocp.learning.exploring import Explorer, random_transitions
+from ocp.learning.explorer import Explorer, random_transitions
 from ocp.learning.identification import OneStepLoss, RandomSearch, identify, intervals
 from problems.tasks.registry import get
 

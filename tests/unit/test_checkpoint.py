@@ -145,7 +145,7 @@ def test_another_content_starts_anew_and_says_so(
 
 def test_a_worker_writes_where_its_owner_holds(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, "toy", ASKED) as owner:
-        with Checkpoint.of_another(owner.place) as worker:
+        with Checkpoint.borrowed(owner.place) as worker:
             worker.save_state("sums", total=np.ones(2))
             worker.discard()
         found = owner.state("sums")

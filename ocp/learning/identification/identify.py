@@ -40,7 +40,7 @@ class Identification:
         return dict(zip(self.names, self.values.tolist(), strict=True))
 
 
-def search_on(
+def search_iteration(
     loss: OneStepLoss, buffer: Buffer, search: RandomSearch, cloud: Cloud, seed: list[int],
     rows: int,
 ) -> Cloud:  # fmt: skip
@@ -83,7 +83,7 @@ def identify(
             moves = loss.sensitivity(ends[-1], search.width, buffer)
             clouds.append(search.begin(ends[-1], moves, start))
         while not search.done(clouds[-1]):
-            clouds.append(search_on(loss, buffer, search, clouds[-1], [seed, number], rows))
+            clouds.append(search_iteration(loss, buffer, search, clouds[-1], [seed, number], rows))
             if report:
                 report(len(clouds) - 1, float(np.max(search.deviations(clouds[-1]))))
         ends.append(clouds[-1]["mean"])

@@ -10,9 +10,9 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.learning.buffer import COLUMNS, Buffer
 from ocp.learning.experiment import EXACT, Experiment, at_least, not_below
-from ocp.learning.exploring import Explorer
+from ocp.learning.explorer import Explorer
 from ocp.learning.identification import OneStepLoss, RandomSearch
-from ocp.learning.identification.identify import search_on
+from ocp.learning.identification.identify import search_iteration
 from ocp.learning.identification.random_search import Cloud
 from ocp.learning.protocol import Algorithm, Row, State, Trained
 
@@ -67,8 +67,8 @@ class PsiLearning:
     def begin(self, experiment: Experiment) -> State:
         """The algorithm's state, episodes at their starts, and no transitions yet."""
         self.check(experiment)
-        loss, explorer = experiment.once(self._loss), experiment.once(_explorer)
-        start = loss.start(experiment.named(experiment.physics))
+        loss, explorer = experiment.cached(self._loss), experiment.cached(_explorer)
+        start = loss.start(experiment.parameters_by_name(experiment.physics))
         x, age = explorer.first(self.walkers, experiment.rng(0, "psi starts"))
         none = np.zeros((0, experiment.task.system.nx))
         seen = Buffer(none, np.zeros((0, experiment.task.system.nu)), none)
@@ -82,11 +82,11 @@ class PsiLearning:
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Transitions, then psi, then the policy."""
         state = self._walked(experiment, state, k)
-        walked = experiment.counted()
+        walked = experiment.take_step_count()
         state, loss = self._searched(experiment, state)
         changed, row = self.algorithm.iterate(experiment, state, k)
-        told = {"psi_loss": loss, "model_steps": experiment.counted()}
-        experiment.simulated(walked)
+        told = {"psi_loss": loss, "model_steps": experiment.take_step_count()}
+        experiment.count_steps(walked)
         return {**state, **changed}, {**row, **told}
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
@@ -95,7 +95,7 @@ class PsiLearning:
 
     def _walked(self, experiment: Experiment, state: State, k: int) -> State:
         """The state after more transitions of the policy."""
-        explorer, rng = experiment.once(_explorer), experiment.rng(k, "psi transitions")
+        explorer, rng = experiment.cached(_explorer), experiment.rng(k, "psi transitions")
         policy = self.algorithm.policy(experiment, state)
         task = experiment.task
         x, age, seen = state[_OWN + "x"], state[_OWN + "age"], _seen(state)
@@ -104,7 +104,7 @@ class PsiLearning:
             u += self.sigma * (task.upper - task.lower) / 2 * rng.standard_normal(u.shape)
             step = explorer.step(x, np.clip(u, task.lower, task.upper))
             seen = seen.with_newest(Buffer.solved(step.x, step.u, step.x_next), self.capacity)
-            x, age = explorer.onwards(step, age, rng)
+            x, age = explorer.advance(step, age, rng)
         rows = {_SEEN + name: getattr(seen, name) for name in COLUMNS}
         return {**state, **rows, _OWN + "x": x, _OWN + "age": age}
 
@@ -113,7 +113,7 @@ class PsiLearning:
         seen = _seen(state)
         if not len(seen):
             raise InputError(f"{experiment.task.name}: no step of its episodes was solved")
-        loss = experiment.once(self._loss).in_scales_of(seen)
+        loss = experiment.cached(self._loss).in_scales_of(seen)
         cloud: Cloud = {
             key.removeprefix(_CLOUD): value
             for key, value in state.items()
@@ -128,21 +128,21 @@ class PsiLearning:
                 moves = loss.sensitivity(cloud["mean"], self.search.width, seen)
                 cloud = self.search.begin(cloud["mean"], moves, state[_OWN + "start"])
             seeds = [experiment.seed, number]
-            cloud = search_on(loss, seen, self.search, cloud, seeds, self.rows)
+            cloud = search_iteration(loss, seen, self.search, cloud, seeds, self.rows)
         psi = loss.parameters(cloud["mean"][None])[0, : len(experiment.physics)]
         found = {"psi": psi, _OWN + "pass": np.array(number), **_under(_CLOUD, cloud)}
         return {**state, **found}, float(loss(cloud["mean"], seen)[0]) / len(seen)
 
     def _loss(self, experiment: Experiment) -> OneStepLoss:
         """Of the model, at the experiment's psi but for the names."""
-        values = experiment.named(experiment.physics)
+        values = experiment.parameters_by_name(experiment.physics)
         task = experiment.task
         step = EXACT.close(replace(task.system, parameters=task.parameters))
         return OneStepLoss(step, self.names, values, threads=experiment.threads)
 
 
 def _explorer(experiment: Experiment) -> Explorer:
-    return Explorer(experiment.task, count=experiment.simulated, threads=experiment.threads)
+    return Explorer(experiment.task, count=experiment.count_steps, threads=experiment.threads)
 
 
 def _under(prefix: str, arrays: State) -> State:

@@ -11,7 +11,7 @@ from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.protocol import Row, State, Trained
 
 if TYPE_CHECKING:
-    from ocp.learning.mbpo.training import Room
+    from ocp.learning.mbpo.training import MBPOTrainer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,15 +79,15 @@ class MBPO:
         ``learn`` is not installed.
         """
         self.check(experiment)
-        return self._room(experiment).begun()
+        return self._trainer(experiment).initial_state()
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Steps under the exact law, then of the ensemble, its branches, and the actor-critic."""
-        return self._room(experiment).iterated(state, k)
+        return self._trainer(experiment).iterate(state, k)
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
         """The mean action."""
-        return self._room(experiment).trained(state)
+        return self._trainer(experiment).policy(state)
 
     def check(self, experiment: Experiment) -> None:
         """Raise :class:`~ocp.errors.InputError` where settings do not fit."""
@@ -116,15 +116,15 @@ class MBPO:
             if not low <= value <= high:
                 raise InputError(f"{name} must be between {low:g} and {high:g}, got {value!r}")
 
-    def _room(self, experiment: Experiment) -> Room:
-        return experiment.once(self._made)
+    def _trainer(self, experiment: Experiment) -> MBPOTrainer:
+        return experiment.cached(self._make_trainer)
 
-    def _made(self, experiment: Experiment) -> Room:
+    def _make_trainer(self, experiment: Experiment) -> MBPOTrainer:
         try:
-            from ocp.learning.mbpo.training import Room
+            from ocp.learning.mbpo.training import MBPOTrainer
         except ImportError as error:
             raise InputError(
                 "mbpo needs JAX, Equinox and Optax, which the extra learn installs: pip install"
                 " 'centralpath[learn]'"
             ) from error
-        return Room(self, experiment)
+        return MBPOTrainer(self, experiment)

@@ -7,17 +7,17 @@ from collections.abc import Callable
 import numpy as np
 
 from ocp.learning.buffer import COLUMNS, Buffer
-from ocp.learning.exploring import Explorer
+from ocp.learning.explorer import Explorer
 
-Chosen = Callable[[np.ndarray, int], np.ndarray]
+ChooseInputs = Callable[[np.ndarray, int], np.ndarray]
 """Maps states (n, nx) and the step's number to inputs (n, nu)."""
 
-Predicted = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
+PredictNext = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
 """Maps states (n, nx), inputs (n, nu) and the step's number to next states (n, nx)."""
 
 
-def branched(
-    explorer: Explorer, starts: np.ndarray, length: int, choose: Chosen, predict: Predicted
+def branch_rollouts(
+    explorer: Explorer, starts: np.ndarray, length: int, choose: ChooseInputs, predict: PredictNext
 ) -> Buffer:
     """Transitions of the model: ``length`` steps from each of ``starts`` (n, nx), step after step.
 

@@ -9,8 +9,8 @@ import jax
 import numpy as np
 
 from ocp.learning.buffer import COLUMNS, Buffer
-from ocp.learning.exploring import Explorer, random_transitions
-from ocp.learning.mbpo.branching import branch_length, branched
+from ocp.learning.explorer import Explorer, random_transitions
+from ocp.learning.mbpo.branching import branch_length, branch_rollouts
 from ocp.learning.mbpo.ensemble import (
     Learner,
     begin_learner,
@@ -48,19 +48,19 @@ class Walk(NamedTuple):
     gained: np.ndarray
 
 
-class Scales(NamedTuple):
+class Normalisation(NamedTuple):
     """Of observations, and of increments of states, both from the explored steps."""
 
     seen: Normaliser
     moved: np.ndarray
 
 
-class Room:
+class MBPOTrainer:
     """One experiment's compiled functions; all that changes is in the state."""
 
     def __init__(self, settings: MBPO, experiment: Experiment) -> None:
         self.own, self.experiment, task = settings, experiment, experiment.task
-        self.explorer = Explorer(task, count=experiment.simulated, threads=experiment.threads)
+        self.explorer = Explorer(task, count=experiment.count_steps, threads=experiment.threads)
         self.n_o, self.nu = len(task.observations), task.system.nu
         own = settings
         assert experiment.hidden is not None
@@ -81,14 +81,14 @@ class Room:
             Rates(own.rate, own.critic_discount * experiment.discount, own.slow, own.aim)
         )
 
-    def begun(self) -> State:
+    def initial_state(self) -> State:
         """The state before iteration 0."""
         own = self.own
         seeds = [self.experiment.seed, self.experiment.rng(0, "explored").integers(2**31)]
         seen, _ = random_transitions(self.explorer, own.explored, seeds)
         normaliser = Normaliser.identity(self.n_o)
         if self.experiment.normalise:
-            normaliser = normaliser.after(self.explorer.observed(seen.x))
+            normaliser = normaliser.after(self.explorer.observations(seen.x))
         moved = np.maximum((seen.x_next - seen.x).std(axis=0), LEAST_SCALE)
         x, age = self.explorer.first(own.walkers, self.experiment.rng(0, "starts"))
         none = Buffer(seen.x[:0], seen.u[:0], seen.x[:0])
@@ -99,17 +99,17 @@ class Room:
             "walk.x": x, "walk.age": age, "walk.gained": np.zeros(len(x)),
         }  # fmt: skip
 
-    def trained(self, state: State) -> Trained:
+    def policy(self, state: State) -> Trained:
         """The policy of a state."""
         agent: Agent = tree_of("agent", state, self.first_agent)
         return Trained(theta_of(agent.networks.actor), Normaliser.of(state))
 
-    def iterated(self, state: State, k: int) -> tuple[State, Row]:
+    def iterate(self, state: State, k: int) -> tuple[State, Row]:
         """One iteration."""
         own = self.own
         learner: Learner = tree_of("learner", state, self.first_learner)
         agent: Agent = tree_of("agent", state, self.first_agent)
-        scales = Scales(Normaliser.of(state), state["moved"])
+        scales = Normalisation(Normaliser.of(state), state["moved"])
         walk = Walk(*(state[f"walk.{name}"] for name in Walk._fields))
         walk, more, finished = self._walked(agent, scales, walk, k)
         seen = _of("seen", state).with_newest(more, own.capacity)
@@ -134,7 +134,7 @@ class Room:
         }, row  # fmt: skip
 
     def _walked(
-        self, agent: Agent, scales: Scales, walk: Walk, k: int
+        self, agent: Agent, scales: Normalisation, walk: Walk, k: int
     ) -> tuple[Walk, Buffer, list[float]]:
         """Episodes carried on, their transitions, and the returns of those that finished."""
         rng, parts, finished = self.experiment.rng(k, "actions"), [], []
@@ -142,7 +142,7 @@ class Room:
             u = self._inputs(agent, scales, rng, walk.x)
             step = self.explorer.step(walk.x, u)
             gained = walk.gained + np.where(step.solved, step.reward, 0.0)
-            x, age = self.explorer.onwards(step, walk.age, rng)
+            x, age = self.explorer.advance(step, walk.age, rng)
             finished += gained[age == 0].tolist()
             walk = Walk(x, age, np.where(age == 0, 0.0, gained))
             parts.append(Buffer.solved(step.x, step.u, step.x_next))
@@ -150,7 +150,7 @@ class Room:
         return walk, Buffer(*columns), finished
 
     def _inputs(
-        self, agent: Agent, scales: Scales, rng: np.random.Generator, x: np.ndarray
+        self, agent: Agent, scales: Normalisation, rng: np.random.Generator, x: np.ndarray
     ) -> np.ndarray:
         """Inputs (n, nu) of the policy with its noise."""
         o = self._normalised(scales, x)
@@ -159,8 +159,8 @@ class Room:
         half = (task.upper - task.lower) / 2
         return (task.upper + task.lower) / 2 + half * np.asarray(t, dtype=float)
 
-    def _normalised(self, scales: Scales, x: np.ndarray) -> np.ndarray:
-        found = (self.explorer.observed(x) - scales.seen.mean) / scales.seen.scale
+    def _normalised(self, scales: Normalisation, x: np.ndarray) -> np.ndarray:
+        found = (self.explorer.observations(x) - scales.seen.mean) / scales.seen.scale
         return found.astype(np.float32)
 
     def _tanh(self, u: np.ndarray) -> np.ndarray:
@@ -169,7 +169,7 @@ class Room:
         return ((u - middle) / half).astype(np.float32)
 
     def _fitted(
-        self, learner: Learner, scales: Scales, seen: Buffer, k: int
+        self, learner: Learner, scales: Normalisation, seen: Buffer, k: int
     ) -> tuple[Learner, np.ndarray]:
         """The ensemble after more steps, and its members' errors on rows held out."""
         own, rng = self.own, self.experiment.rng(k, "model")
@@ -185,8 +185,8 @@ class Room:
         return learner, np.asarray(member_errors(learner.ensemble, z, y, known))
 
     def _branched(
-        self, learner: Learner, elites: np.ndarray, agent: Agent, scales: Scales, seen: Buffer,
-        length: int, k: int,
+        self, learner: Learner, elites: np.ndarray, agent: Agent, scales: Normalisation,
+        seen: Buffer, length: int, k: int,
     ) -> Buffer:  # fmt: skip
         """Branches of the ensemble from states seen, each step by an elite drawn for each row."""
         own, rng = self.own, self.experiment.rng(k, "branches")
@@ -202,10 +202,10 @@ class Room:
         def choose(x: np.ndarray, step: int) -> np.ndarray:
             return self._inputs(agent, scales, rng, x)
 
-        return branched(self.explorer, starts, length, choose, predict)
+        return branch_rollouts(self.explorer, starts, length, choose, predict)
 
     def _improved(
-        self, agent: Agent, scales: Scales, seen: Buffer, model: Buffer, k: int
+        self, agent: Agent, scales: Normalisation, seen: Buffer, model: Buffer, k: int
     ) -> tuple[Agent, Row]:
         """The actor-critic after updates on steps seen and of the model."""
         own, rng = self.own, self.experiment.rng(k, "updates")
@@ -226,7 +226,7 @@ class Room:
         row = {name: float(np.mean(values)) for name, values in told.items()}
         return agent, {**row, "alpha": float(np.exp(agent.networks.log_alpha))}
 
-    def _batch(self, scales: Scales, buffer: Buffer, size: int) -> Batch:
+    def _batch(self, scales: Normalisation, buffer: Buffer, size: int) -> Batch:
         """All of a buffer as the actor-critic reads it, filled up to ``size`` rows."""
         explorer, normalised = self.explorer, partial(self._normalised, scales)
         rewards = explorer.rewards(buffer.x, buffer.u, buffer.x_next)

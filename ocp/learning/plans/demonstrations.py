@@ -45,13 +45,13 @@ def demonstrations(
         inputs.append(np.broadcast_to(u, (len(x), *u.shape[1:])).reshape(-1, u.shape[2]))
         rng = np.random.default_rng([seed, number])
         for scenario in range(len(x) if copies else 0):
-            beside = _beside(plan, scenario, copies, spread, rng)
+            beside = _perturbed(plan, scenario, copies, spread, rng)
             states.append(beside[0])
             inputs.append(beside[1])
     return np.concatenate(states), np.concatenate(inputs)
 
 
-def _beside(
+def _perturbed(
     plan: Solution, scenario: int, copies: int, spread: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """States around one scenario's and the inputs that lead back."""

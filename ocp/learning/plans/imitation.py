@@ -24,7 +24,7 @@ _ROWS = 64
 another on a busy machine, 50 times as long as they work, and round by how many they are."""
 
 
-def fitted_policy(
+def fit_policy(
     task: Task,
     plans: Sequence[Solution],
     hidden: tuple[int, ...] = (),
@@ -33,14 +33,14 @@ def fitted_policy(
     copies: int = 0,
     spread: float = 0.0,
 ) -> Trained:
-    """The policy :func:`fitted_to` what ``plans`` show, with ``copies`` and ``spread`` beside them.
+    """Fit a policy to the states and inputs of ``plans`` (:func:`demonstrations`).
 
     Raises :class:`~ocp.errors.InputError` as :func:`demonstrations` does.
     """
-    return fitted_to(task, *demonstrations(plans, copies, spread, seed), hidden, seed)
+    return fit_actions(task, *demonstrations(plans, copies, spread, seed), hidden, seed)
 
 
-def fitted_to(
+def fit_actions(
     task: Task, states: np.ndarray, inputs: np.ndarray, hidden: tuple[int, ...] = (), seed: int = 0
 ) -> Trained:
     """The policy with tanh layers ``hidden`` that does ``inputs`` (n, nu) in ``states`` (n, nx).

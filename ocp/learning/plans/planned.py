@@ -28,7 +28,7 @@ _SAME = 1e-4
 
 
 @dataclass(frozen=True)
-class Planned:
+class BestPlan:
     """The best plan found for an episode from one start, under the exact law.
 
     ``returned`` is its return; ``replayed`` that of an episode in which its inputs are applied
@@ -72,14 +72,14 @@ class Planned:
         )
 
 
-def planned_return(
+def best_plan(
     task: Task,
     x0: np.ndarray,
     *guesses: Guess,
     scaling: Scaling | None = None,
     settings: dict[str, Any] | None = None,
     progress: Progress | None = None,
-) -> Planned:
+) -> BestPlan:
     """Plan an episode from ``x0`` (nx,) by direct transcription under the exact law.
 
     The search begins at each of ``guesses``, by default where everything stands still. A guess that
@@ -102,7 +102,7 @@ def planned_return(
         found.append(judged(session, outcome, seed=0))
     best = best_of(session, found)
     replay = (best.data[name].values[0] for name in ("x_replay", "u_replay"))
-    return Planned(best, *episode_return(task, *replay))
+    return BestPlan(best, *episode_return(task, *replay))
 
 
 def _polished(session: Session, guess: InitialGuess, progress: Progress | None) -> Outcome | None:

@@ -42,7 +42,7 @@ def planned_problem(
         )
     after, before = _parts(task, start)
     final = ca.SX(task.final)
-    lasting = _lasting(task)
+    lasting = _survival_constraint(task)
     return Problem(
         name=task.name,
         system=system,
@@ -82,7 +82,7 @@ def _mixed(slope: ca.SX, given: ca.SX) -> str:
     return ", ".join(str(symbol) for symbol in ca.symvar(given) if str(symbol) in used)
 
 
-def _lasting(task: Task) -> tuple[Constraint, ...]:
+def _survival_constraint(task: Task) -> tuple[Constraint, ...]:
     """That the episode goes on."""
     if task.lasts is None:
         if ca.depends_on(ca.SX(task.done), task.system.x):

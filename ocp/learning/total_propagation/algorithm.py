@@ -10,10 +10,10 @@ import numpy as np
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State
-from ocp.learning.total_propagation.particles import Particles, reaching, scatter
+from ocp.learning.total_propagation.particles import Particles, acting_entries, simulate_particles
 from ocp.learning.unrolls.starts import Starts
 from ocp.learning.unrolls.unrolled import Clipping
-from ocp.learning.unrolls.unrolling import no_number, trained, with_seen
+from ocp.learning.unrolls.unrolling import non_finite_reward, policy_of, with_observations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +41,13 @@ class TotalPropagation(Clipping):
         starts, steps = Starts.of(state), self.steps(experiment)
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
-        found = scatter(experiment, trained(state), starts.x, self.sigma * noise)
+        found = simulate_particles(experiment, policy_of(state), starts.x, self.sigma * noise)
         lost = np.argwhere(found.good & ~np.isfinite(found.rewards))
         if len(lost):
             step, sample = lost[0].tolist()
-            raise InputError(no_number(experiment, step, f"sample {sample} in iteration {k}"))
+            raise InputError(
+                non_finite_reward(experiment, step, f"sample {sample} in iteration {k}")
+            )
         good = found.good
         if good.sum() < 2:
             raise NotConverged(
@@ -53,7 +55,7 @@ class TotalPropagation(Clipping):
                 " stayed finite; lower the learning rate, sigma or the unroll length"
             )
         part = found.part(good)
-        score = reaching(experiment, steps)[:, None] * noise[:, good] / self.sigma
+        score = acting_entries(experiment, steps)[:, None] * noise[:, good] / self.sigma
         gradients, share = total_propagation(part, score)
         gradients = self.clipped(gradients)
         gradient = gradients.mean(axis=0)
@@ -61,7 +63,7 @@ class TotalPropagation(Clipping):
             **self.climb(state, gradient),
             **starts.after(experiment, found.states, found.lived, k).arrays(),
         }
-        changed = with_seen(experiment, moved, part.seen[part.alive])
+        changed = with_observations(experiment, moved, part.seen[part.alive])
         row = {
             "return_mean": float(part.rewards.sum(axis=0).mean()),
             "nonfinite": float((~good).sum()),

@@ -12,9 +12,9 @@ from dynamics.batch import BatchFunction, BatchWarning, RolloutPolicy, StepFunct
 from dynamics.batch.graphs.acting import depends
 from dynamics.batch.graphs.rollout_tapes import Closed
 from ocp.learning.experiment import Experiment
-from ocp.learning.network import pulled_back
+from ocp.learning.network import vjp
 from ocp.learning.protocol import Trained
-from ocp.learning.rollouts import gained
+from ocp.learning.rollouts import episode_rewards
 
 
 @dataclass(frozen=True)
@@ -65,15 +65,15 @@ class Particles:
         """``bar' du/dtheta`` (n, n_theta) and ``bar' du/dx`` (n, nx) at step t, bar (n, nu)."""
         normaliser = self.trained.normaliser
         seen = (self.seen[t] - normaliser.mean) / normaliser.scale
-        by_theta, by_o = pulled_back(self.policy, self.trained.theta, seen, bar * self.u_by_a[t])
+        by_theta, by_o = vjp(self.policy, self.trained.theta, seen, bar * self.u_by_a[t])
         return by_theta, np.einsum("no,nox->nx", by_o, self.o_by_x[t])
 
 
-def scatter(
+def simulate_particles(
     experiment: Experiment, trained: Trained, x0: np.ndarray, noise: np.ndarray
 ) -> Particles:
     """Particles ``x_{t+1} = f(x_t, u_t) + noise_t`` from x0 (n, nx), noise (H, n, nx)."""
-    model, rows = experiment.once(_Model), []
+    model, rows = experiment.cached(_Model), []
     x, alive = x0, np.ones(len(x0), dtype=bool)
     good, states, weight = alive.copy(), [x0], 1.0
     for each in noise:
@@ -82,17 +82,17 @@ def scatter(
             states.append(x)
             continue
         row = model.step(trained, x[alive], each[alive])
-        x_next = _spread(alive, row.pop("x_next"))
+        x_next = _scatter(alive, row.pop("x_next"))
         finite = np.isfinite(x_next).all(axis=1)
         good &= finite
         of_reward = {name: weight * row[name] for name in _OF_REWARD}
-        kept = {name: _spread(alive, values) for name, values in {**row, **of_reward}.items()}
+        kept = {name: _scatter(alive, values) for name, values in {**row, **of_reward}.items()}
         rows.append({**kept, "alive": alive})
         x = np.where((alive & finite)[:, None], x_next, x)
         alive = alive & finite & ~model.ended(x)
         states.append(x)
         weight *= experiment.discount
-    experiment.simulated(sum(row["alive"].sum() for row in rows))
+    experiment.count_steps(sum(row["alive"].sum() for row in rows))
     gain, by_x = np.zeros(len(x)), np.zeros_like(x)
     if len(noise) == experiment.task.horizon:
         gain, by_x = model.final(x)
@@ -110,7 +110,7 @@ def scatter(
 _OF_REWARD = ("rewards", "r_by_x", "r_by_u", "r_by_next")
 
 
-def _spread(alive: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _scatter(alive: np.ndarray, values: np.ndarray) -> np.ndarray:
     """``values`` (k, ...) of the k that are ``alive`` (n,), 0 for the others."""
     found = np.zeros((len(alive), *values.shape[1:]))
     found[alive] = values
@@ -125,7 +125,7 @@ class _Model:
         step = experiment.law.close(replace(task.system, parameters=task.parameters))
         self.closed, self.reach = step, dict[int, np.ndarray]()
         self.experiment, self.p = experiment, experiment.physics
-        self.whole = step.p.pack(experiment.named(self.p))
+        self.whole = step.p.pack(experiment.parameters_by_name(self.p))
         self.take = StepFunction(step, threads=experiment.threads)
         self.observe = with_jacobians(task.observe, 1)
         self.reward = with_jacobians(task.rewards, 3)
@@ -167,14 +167,14 @@ class _Model:
         return value[:, 0], slope
 
 
-def reaching(experiment: Experiment, steps: int) -> np.ndarray:
+def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
     """Which entries of each x_{t+1} have a way to the return of ``steps`` steps, (steps, nx).
 
     By the reward of the step that ends there as well: what a particle is moved by is in it.
     """
-    known, task = experiment.once(_Model), experiment.task
+    known, task = experiment.cached(_Model), experiment.task
     if steps not in known.reach:
-        closed = Closed(known.closed, gained(task, steps), experiment.policy)
+        closed = Closed(known.closed, episode_rewards(task, steps), experiment.policy)
         later, arguments = closed.ways().over(steps)[1], task.rewards.sx_in()
         at_once = depends(task.rewards(*arguments), arguments[2])
         known.reach[steps] = later[:, : task.system.nx] | at_once

@@ -13,12 +13,12 @@ from ocp.learning.experiment import Experiment, positive
 from ocp.learning.protocol import Row, State
 from ocp.learning.unrolls.unrolled import Unrolled
 from ocp.learning.unrolls.unrolling import (
-    finite,
+    finite_samples,
+    gradient_row,
     next_starts,
-    remembered,
+    normalised_state,
     roll,
-    told,
-    told_gradient,
+    sample_row,
 )
 from ocp.learning.unrolls.zopg import likelihood_ratio
 
@@ -55,11 +55,11 @@ class AoBG(Unrolled):
         noises = [experiment.noise(self.sigma, k, order) for order in ("first", "zeroth")]
         first = roll(experiment, state, x0, steps, noise=noises[0], gradient=True)
         zeroth = roll(experiment, state, x0, steps, noise=noises[1], score=True)
-        good = finite(experiment, state, first, k)
+        good = finite_samples(experiment, state, first, k)
         assert first.gradient is not None
         gradients = (
             first.gradient[good],
-            likelihood_ratio([zeroth], finite(experiment, state, zeroth, k)),
+            likelihood_ratio([zeroth], finite_samples(experiment, state, zeroth, k)),
         )
         alpha, bias = mixing(gradients[0], gradients[1], self.gamma, self.delta)
         g1, g0 = (each.mean(axis=0) for each in gradients)
@@ -68,8 +68,13 @@ class AoBG(Unrolled):
             **self.climb(state, mixed),
             **next_starts(experiment, state, first, k),
         }
-        changed = remembered(experiment, moved, first, good)
-        row = {**told(first, good), **told_gradient(gradients[0]), "alpha": alpha, "bias": bias}
+        changed = normalised_state(experiment, moved, first, good)
+        row = {
+            **sample_row(first, good),
+            **gradient_row(gradients[0]),
+            "alpha": alpha,
+            "bias": bias,
+        }
         row["gradient_norm"] = float(np.linalg.norm(mixed))
         row["gradient_variance"] = sum(
             weight**2 * float(each.var(axis=0, ddof=1).sum())

@@ -10,11 +10,11 @@ from dynamics.batch import BatchFunction, DensePolicy, Episodes, Gaussian, dense
 from ocp.errors import InputError
 from ocp.learning.adam import adam_step
 from ocp.learning.experiment import Experiment
-from ocp.learning.network import first_weights, pulled_back, rebased
+from ocp.learning.network import first_weights, renormalised, vjp
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Row, State
 from ocp.learning.total_propagation.particles import with_jacobians
-from ocp.learning.unrolls.unrolling import trained
+from ocp.learning.unrolls.unrolling import policy_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +69,7 @@ class Critic:
         on, weight, x = _going_on(episodes), _weight(episodes), episodes.states[:, -1]
         seen, by_x = _seen(experiment, state, x[on])
         one = np.full((len(seen), 1), 1 / (1 - experiment.discount))
-        _, by_o = pulled_back(self._network(experiment), state[_THETA], seen, one)
+        _, by_o = vjp(self._network(experiment), state[_THETA], seen, one)
         slope = np.zeros_like(x)
         slope[on] = weight[on, None] * np.einsum("no,nox->nx", by_o, by_x)
         return slope
@@ -85,9 +85,9 @@ class Critic:
         states, on, ahead = episodes.states, _alive(episodes), _going_on(episodes)
         drawn = noise.draw(len(on), on.shape[1], experiment.task.system.nu)
         x, x_next = states[:, :-1][on], states[:, 1:][on]
-        u = experiment.inputs(trained(state), x, drawn[on])
+        u = experiment.inputs(policy_of(state), x, drawn[on])
         rewards, togo = np.zeros(on.shape), np.zeros(len(on))
-        found = experiment.once(_rewards)(x, u, x_next, _psi(experiment, state))
+        found = experiment.cached(_rewards)(x, u, x_next, _psi(experiment, state))
         rewards[on] = found[:, 0]
         togo[ahead] = self.value(experiment, state, states[ahead, -1])
         targets = np.empty(on.shape)
@@ -114,12 +114,12 @@ class Critic:
         wanted = (1 - experiment.discount) * goals[on]
         seen, _ = _seen(experiment, after, episodes.states[:, :-1][on])
         theta, m, v, count = (state[name] for name in _NAMES)
-        theta = rebased(network, theta, Normaliser.of(state), Normaliser.of(after))
+        theta = renormalised(network, theta, Normaliser.of(state), Normaliser.of(after))
         off, rng = network.means(theta, seen)[:, 0] - wanted, experiment.rng(k, "critic")
         for _ in range(self.steps):
             rows = rng.integers(len(seen), size=self.batch)
             miss = network.means(theta, seen[rows]) - wanted[rows, None]
-            slope = pulled_back(network, theta, seen[rows], miss)[0].mean(axis=0)
+            slope = vjp(network, theta, seen[rows], miss)[0].mean(axis=0)
             count = count + 1
             step, m, v = adam_step(slope, m, v, int(count))
             theta = theta - self.rate * step
@@ -164,7 +164,7 @@ def _psi(experiment: Experiment, state: State) -> np.ndarray:
 def _seen(experiment: Experiment, state: State, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Normalised observations (n, n_o) in states x (n, nx), and their slopes (n, n_o, nx)."""
     normaliser = Normaliser.of(state)
-    seen, by_x = experiment.once(_observe)(x, _psi(experiment, state))
+    seen, by_x = experiment.cached(_observe)(x, _psi(experiment, state))
     columns = by_x.reshape(*x.shape, seen.shape[1]).transpose(0, 2, 1)
     return (seen - normaliser.mean) / normaliser.scale, columns / normaliser.scale[:, None]
 

@@ -12,12 +12,12 @@ from ocp.learning.protocol import Row, State
 from ocp.learning.unrolls.critic import Critic
 from ocp.learning.unrolls.unrolled import Clipping
 from ocp.learning.unrolls.unrolling import (
-    finite,
+    finite_samples,
+    gradient_row,
     next_starts,
-    remembered,
+    normalised_state,
     roll,
-    told,
-    told_gradient,
+    sample_row,
 )
 
 SHARP = Barrier(mu=1e-10)
@@ -79,16 +79,16 @@ class FOPG(Clipping):
         found = roll(
             experiment, state, x0, steps, noise=noise, gradient=True, along=followed, pull=pull
         )
-        good = finite(experiment, state, found, k)
+        good = finite_samples(experiment, state, found, k)
         assert found.gradient is not None
         gradients = self.clipped(found.gradient[good])
         visited = found if followed is None else followed
-        row = {**told(visited, good), **told_gradient(gradients)}
+        row = {**sample_row(visited, good), **gradient_row(gradients)}
         moved = {
             **self.climb(state, gradients.mean(axis=0)),
             **next_starts(experiment, state, visited, k),
         }
-        changed = remembered(experiment, moved, visited, good)
+        changed = normalised_state(experiment, moved, visited, good)
         if critic:
             learned, more = critic.learned(experiment, state, changed, visited, noise, k)
             changed, row = {**changed, **learned}, {**row, **more}

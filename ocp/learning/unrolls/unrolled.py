@@ -12,7 +12,7 @@ from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.protocol import State, Trained
 from ocp.learning.unrolls.ascent import RULES, ascend
 from ocp.learning.unrolls.starts import Starts
-from ocp.learning.unrolls.unrolling import begun, trained
+from ocp.learning.unrolls.unrolling import initial_state, policy_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,11 +59,11 @@ class Unrolled:
         """The first policy and a buffer of first states."""
         self.check(experiment)
         starts = Starts.first(experiment, self.starts(), self.steps(experiment))
-        return {**begun(experiment), **starts.arrays()}
+        return {**initial_state(experiment), **starts.arrays()}
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
         """The policy of the state."""
-        return trained(state)
+        return policy_of(state)
 
     def climb(self, state: State, gradient: np.ndarray) -> State:
         """The state with a step along ``gradient`` (n_theta,) taken."""

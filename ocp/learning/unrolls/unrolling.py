@@ -10,7 +10,7 @@ import numpy as np
 from dynamics.batch import Episodes, Gaussian
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, NotConverged
-from ocp.learning.network import rebased
+from ocp.learning.network import renormalised
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Row, State, Trained
 from ocp.learning.unrolls.starts import Starts
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from ocp.learning.experiment import Experiment
 
 
-def begun(experiment: Experiment) -> State:
+def initial_state(experiment: Experiment) -> State:
     """The policy to start from and its observations, none yet if it comes out of the seed."""
     return {"theta": experiment.first_theta(), **experiment.first_normaliser().arrays()}
 
 
-def trained(state: State) -> Trained:
+def policy_of(state: State) -> Trained:
     """The policy of a state."""
     return Trained(state["theta"], Normaliser.of(state))
 
@@ -49,7 +49,7 @@ def roll(
     the model's; physical parameters are the state's ``psi`` where it has any; states are kept.
     ``pull`` (n, nx) is the slope of what else is gained at the last state, for the gradient.
     Samples that are not finite, where a contact found no solution or a motion overflowed, are left
-    to :func:`finite`.
+    to :func:`finite_samples`.
     """
     found = experiment.rollouts(horizon, law)(
         x0,
@@ -65,11 +65,11 @@ def roll(
         along=along,
         pull=pull,
     )
-    experiment.simulated(found.lived.sum())
+    experiment.count_steps(found.lived.sum())
     return found
 
 
-def finite(experiment: Experiment, state: State, episodes: Episodes, k: int) -> np.ndarray:
+def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: int) -> np.ndarray:
     """Which samples (n,) count.
 
     Raises :class:`~ocp.errors.InputError` that names step and sample where states are finite and a
@@ -80,7 +80,7 @@ def finite(experiment: Experiment, state: State, episodes: Episodes, k: int) -> 
         if part is not None:
             good &= np.isfinite(part).all(axis=1)
     for sample in np.flatnonzero(~np.isfinite(episodes.value)):
-        check_rewards(experiment, trained(state), episodes.states[sample], int(sample), k)
+        check_rewards(experiment, policy_of(state), episodes.states[sample], int(sample), k)
     if not good.any():
         raise NotConverged(
             f"{experiment.task.name}: no sample of iteration {k} stayed finite; lower the learning"
@@ -105,10 +105,10 @@ def check_rewards(
         if not np.isfinite(float(task.rewards(x, inputs[t], after, experiment.physics))):
             step = t
             break
-    raise InputError(no_number(experiment, step, f"sample {sample} in iteration {k}"))
+    raise InputError(non_finite_reward(experiment, step, f"sample {sample} in iteration {k}"))
 
 
-def no_number(experiment: Experiment, step: int, where: str) -> str:
+def non_finite_reward(experiment: Experiment, step: int, where: str) -> str:
     """That a reward is not a number, and where."""
     return (
         f"{experiment.task.name}: the reward of step {step} of {where} is not a number, though the"
@@ -116,25 +116,27 @@ def no_number(experiment: Experiment, step: int, where: str) -> str:
     )
 
 
-def remembered(experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray) -> State:
+def normalised_state(
+    experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray
+) -> State:
     """The state with what was seen in its normaliser, and the policy as it was."""
     steps = np.arange(episodes.states.shape[1] - 1)
     alive = good[:, None] & (steps < episodes.lived[:, None])
     seen = experiment.observations(episodes.states[:, :-1][alive])
-    return with_seen(experiment, state, seen[np.isfinite(seen).all(axis=1)])
+    return with_observations(experiment, state, seen[np.isfinite(seen).all(axis=1)])
 
 
-def with_seen(experiment: Experiment, state: State, seen: np.ndarray) -> State:
+def with_observations(experiment: Experiment, state: State, seen: np.ndarray) -> State:
     """The state with observations (n, n_o) in its normaliser, and the policy as it was."""
     if not experiment.normalise:
         return state
     before = Normaliser.of(state)
     after = before.after(seen)
-    theta = rebased(experiment.policy, state["theta"], before, after)
+    theta = renormalised(experiment.policy, state["theta"], before, after)
     return {**state, **after.arrays(), "theta": theta}
 
 
-def told(episodes: Episodes, good: np.ndarray) -> Row:
+def sample_row(episodes: Episodes, good: np.ndarray) -> Row:
     """What every algorithm tells of its samples."""
     return {
         "return_mean": float(episodes.value[good].mean()),
@@ -142,7 +144,7 @@ def told(episodes: Episodes, good: np.ndarray) -> Row:
     }
 
 
-def told_gradient(gradients: np.ndarray) -> Row:
+def gradient_row(gradients: np.ndarray) -> Row:
     """Norm of the mean of ``gradients`` (n, n_theta), and the trace of their covariance."""
     row = {"gradient_norm": float(np.linalg.norm(gradients.mean(axis=0)))}
     if len(gradients) > 1:

@@ -14,12 +14,12 @@ from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State
 from ocp.learning.unrolls.unrolled import Clipping
 from ocp.learning.unrolls.unrolling import (
-    finite,
+    finite_samples,
+    gradient_row,
     next_starts,
-    remembered,
+    normalised_state,
     roll,
-    told,
-    told_gradient,
+    sample_row,
 )
 
 
@@ -52,19 +52,19 @@ class ZOPG(Clipping):
         """One step along the mean of the pairs."""
         steps = self.steps(experiment)
         noise = experiment.noise(self.sigma, k, "actions")
-        pair = mirrored(experiment, state, state["starts.x"], steps, noise)
-        good = np.logical_and(*(finite(experiment, state, each, k) for each in pair))
+        pair = antithetic_pair(experiment, state, state["starts.x"], steps, noise)
+        good = np.logical_and(*(finite_samples(experiment, state, each, k) for each in pair))
         gradients = self.clipped(likelihood_ratio(pair, good))
         moved = {
             **self.climb(state, gradients.mean(axis=0)),
             **next_starts(experiment, state, pair[0], k),
         }
-        changed = remembered(experiment, moved, pair[0], good)
-        row = {**told(pair[0], good), **told_gradient(gradients)}
+        changed = normalised_state(experiment, moved, pair[0], good)
+        row = {**sample_row(pair[0], good), **gradient_row(gradients)}
         return changed, row
 
 
-def mirrored(
+def antithetic_pair(
     experiment: Experiment, state: State, x0: np.ndarray, steps: int, noise: Gaussian
 ) -> tuple[Episodes, Episodes]:
     """Unrolls with their scores under w and under -w."""

@@ -10,7 +10,7 @@ from scipy.stats import norm
 from dynamics.batch import Gaussian
 from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.sampling import Sampled, run_estimator
+from ocp.gradients.sampling import EstimatorRun, run_estimator
 
 _NODES = 4001
 
@@ -34,7 +34,7 @@ class DecisionSweep:
 
 def both_orders(
     objective: SampledObjective, sigma: float, n: int, seed: int, stream: int
-) -> list[Sampled]:
+) -> list[EstimatorRun]:
     """FoBG and ZoBG with the mean as baseline, on independent noise of a ``stream``."""
     seeds = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(2)
     return [

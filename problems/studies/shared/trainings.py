@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from ocp.errors import choose
 from ocp.learning.algorithms import ALGORITHMS
-from ocp.scheduling import Failure, Function, Tell, carried_out
+from ocp.scheduling import Failure, Function, Report, run_jobs
 from problems.studies.study import Pieces
 from problems.tasks import registry
 from problems.tasks.registry import default_settings, make_algorithm
@@ -39,7 +39,7 @@ def curves(jobs: Mapping[str, TrainingJob], pieces: Pieces) -> dict[str, Curves]
     return side_by_side(trained_curves, jobs, pieces)
 
 
-def trained_curves(job: TrainingJob, tell: Tell) -> Curves:
+def trained_curves(job: TrainingJob, tell: Report) -> Curves:
     """Do a training; a :data:`~ocp.scheduling.Function`."""
     data = trained(job, tell)
     return {str(name): data[name].values for name in data.data_vars}
@@ -54,7 +54,7 @@ def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) ->
     found = {key: pieces.kept(key) for key in jobs}
     left = [key for key, arrays in found.items() if arrays is None]
     workers = min(len(os.sched_getaffinity(0)), max(1, len(left)))
-    for place, outcome in carried_out(function, [jobs[key] for key in left], workers):
+    for place, outcome in run_jobs(function, [jobs[key] for key in left], workers):
         if isinstance(outcome, Failure):
             raise outcome.error
         found[left[place]] = pieces.keep(left[place], outcome)

@@ -13,12 +13,12 @@ from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.evaluation import evaluate_from
 from ocp.learning.experiment import EXACT, Budget, Experiment
 from ocp.learning.plans.demonstrations import demonstrations
-from ocp.learning.plans.guesses import by_held_inputs, by_policy
-from ocp.learning.plans.imitation import fitted_to
-from ocp.learning.plans.planned import planned_return
+from ocp.learning.plans.imitation import fit_actions
+from ocp.learning.plans.initial_guesses import guess_from_constant_inputs, guess_from_policy
+from ocp.learning.plans.planned import best_plan
 from ocp.learning.protocol import Trained
 from ocp.learning.unrolls.fopg import FOPG
-from ocp.scheduling import Tell
+from ocp.scheduling import Report
 from problems.studies.shared.trainings import Curves, curves, interpolated, job, side_by_side
 from problems.studies.study import Pieces, StudyParams, quantity_of, setting
 from problems.tasks import registry
@@ -205,7 +205,7 @@ class PlanJob:
     near: Policy | None = None
 
 
-def plan(job: PlanJob, _: Tell) -> dict[str, np.ndarray]:
+def plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
     """Do a job; a :data:`~ocp.scheduling.Function`.
 
     ``states`` and ``inputs`` are what the plan shows, ``returned`` and ``replayed`` its return and
@@ -213,10 +213,10 @@ def plan(job: PlanJob, _: Tell) -> dict[str, np.ndarray]:
     """
     task = registry.get(job.task, horizon=STEPS)
     x0 = starts(job.task, job.number + 1)[job.number]
-    guess = by_held_inputs(task)
+    guess = guess_from_constant_inputs(task)
     if job.near is not None:
-        guess = by_policy(job.near.over(STEPS), job.near.trained)
-    found = planned_return(task, x0, guess)
+        guess = guess_from_policy(job.near.over(STEPS), job.near.trained)
+    found = best_plan(task, x0, guess)
     states, inputs = demonstrations([found.solution], _COPIES, _SPREAD, job.number)
     return {
         "states": states,
@@ -251,4 +251,4 @@ def plans(
 def fitted(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> Trained:
     """The network that does what plans show."""
     states, inputs = (np.concatenate([one[of] for one in shown]) for of in ("states", "inputs"))
-    return fitted_to(registry.get(task), states, inputs, HIDDEN, seed)
+    return fit_actions(registry.get(task), states, inputs, HIDDEN, seed)

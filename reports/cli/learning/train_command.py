@@ -181,7 +181,7 @@ def _trained(
     options: TrainOptions, request: TrainRequest, left: list[int], stored: dict[int, Path]
 ) -> dict[int, Exception]:
     """Run the trainings ``left``, add each to ``stored`` as it ends, and return the failures."""
-    from ocp.scheduling import Failure, carried_out
+    from ocp.scheduling import Failure, run_jobs
     from problems.tasks.training import trained
     from reports.cli import interrupt
     from reports.trained.live import live
@@ -190,7 +190,7 @@ def _trained(
     jobs = [replace(request.jobs[place], kept=request.checkpoints[place].place) for place in left]
     ends = {request.jobs[place].name: request.experiments[place].iterations for place in left}
     with live(ends, options.quiet, interrupt.check) as callback:
-        work = carried_out(trained, jobs, request.workers, options.scheduler, callback)
+        work = run_jobs(trained, jobs, request.workers, options.scheduler, callback)
         with closing(work) as outcomes:
             for index, outcome in outcomes:
                 place = left[index]

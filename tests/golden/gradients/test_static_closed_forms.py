@@ -10,7 +10,7 @@ import pytest
 from ocp.gradients import estimate_gradient
 from ocp.gradients.empirical_bias import empirical_bias
 from ocp.gradients.interpolation import ConfidenceTest, Evidence, inverse_variance
-from ocp.gradients.known_gradient import quadrature
+from ocp.gradients.reference import quadrature
 from problems import coulomb, heaviside
 from problems.objectives import objective_spec
 

@@ -344,7 +344,7 @@ def test_moments_in_bulk_are_those_of_single_samples(name, monkeypatch):
     objective, n = rollout(), 20_000
     noise = Gaussian(0.1, 3)
     bulk = sampling.run_estimator(objective, SAMPLED[name], noise, n)
-    assert len(bulk.kept) < n
+    assert len(bulk.first_samples) < n
     values = SAMPLED[name].sampler(objective, noise, n)(noise, n)
     np.testing.assert_allclose(bulk.moments.mean, values.mean(axis=0), rtol=1e-9)
     np.testing.assert_allclose(bulk.moments.variance, values.var(axis=0, ddof=1), rtol=1e-9)

@@ -132,7 +132,7 @@ def test_a_region_around_the_task_holds_start_goal_and_guess() -> None:
     # The terminal cost is quadratic about x = goal_x = -0.5 and leaves the speed open.
     np.testing.assert_allclose(found.start, [1.0, 0.0])
     np.testing.assert_allclose(found.goal, [-0.5, 0.0], atol=1e-12)
-    widths = task.sizes.x
+    widths = task.scales.x
     np.testing.assert_allclose(found.states["x"], [-0.5 - widths[0], 1.0 + widths[0]])
     assert found.inputs["u"] == (-1.0, 1.0)
 

@@ -11,7 +11,7 @@ from scipy.linalg import solve_discrete_are
 
 from dynamics.systems import Signal, lcs
 from ocp.errors import InputError
-from ocp.learning.balancing import balanced
+from ocp.learning.balancing import balancing_feedback
 from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT
 from ocp.learning.unrolls.fopg import FOPG
@@ -48,7 +48,7 @@ def pendulum(observed: slice = slice(0, 2), offset: float = 0.0) -> Task:
 
 def test_the_feedback_is_that_of_the_riccati_equation():
     """Of the two states that matter, in units of the action; what is seen is twice the state."""
-    W, b = balanced(pendulum(), np.zeros(3))
+    W, b = balancing_feedback(pendulum(), np.zeros(3))
     fall, push = A[:2, :2], HALF * B[:2]
     P = solve_discrete_are(fall, push, 4e-3 * np.eye(2), np.eye(1))
     K = np.linalg.solve(1 + push.T @ P @ push, push.T @ P @ fall)

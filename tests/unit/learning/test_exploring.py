@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocp.errors import InputError
-from ocp.learning.exploring import Explorer, random_transitions, squashed
+from ocp.learning.explorer import Explorer, random_transitions, squash
 from tests.unit.learning.spring_mass import D, K, M, following, spring_task
 
 
@@ -27,7 +27,7 @@ def test_episodes_begin_again_where_they_ended_and_when_they_are_old():
     explorer = Explorer(spring_task(horizon=6))
     x = np.array([[0.2, 0.5], [0.29, 3.0], [0.2, 0.5]])
     seen = explorer.step(x, np.full((3, 1), 2.0))
-    after, age = explorer.onwards(seen, np.array([2, 2, 5]), np.random.default_rng(3))
+    after, age = explorer.advance(seen, np.array([2, 2, 5]), np.random.default_rng(3))
     assert (after[0] == seen.x_next[0]).all()
     assert age.tolist() == [3, 0, 0]
     fresh = explorer.task.reset(3, np.random.default_rng(3))
@@ -59,4 +59,4 @@ def test_random_policies_give_transitions_of_the_system_the_same_for_a_seed():
 def test_inputs_are_squashed_between_the_bounds():
     a = np.array([[0.0], [1e3], [-1e3], [0.5]])
     expected = [2.0, 6.0, -2.0, 2 + 4 * np.tanh(0.5)]
-    assert squashed(spring_task(), a)[:, 0] == pytest.approx(expected)
+    assert squash(spring_task(), a)[:, 0] == pytest.approx(expected)

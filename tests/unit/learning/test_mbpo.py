@@ -12,9 +12,9 @@ from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.buffer import Buffer
 from ocp.learning.experiment import Experiment
-from ocp.learning.exploring import Explorer
+from ocp.learning.explorer import Explorer
 from ocp.learning.mbpo import MBPO
-from ocp.learning.mbpo.branching import branch_length, branched
+from ocp.learning.mbpo.branching import branch_length, branch_rollouts
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.training import train
 from tests.unit.learning.scalar import A, B, scalar
@@ -47,7 +47,7 @@ def test_branches_go_on_from_their_own_ends_until_the_task_ends_or_the_model_bre
         after[1] = np.nan if step == 1 else after[1]
         return after
 
-    found = branched(explorer, starts, 3, choose, predict)
+    found = branch_rollouts(explorer, starts, 3, choose, predict)
     assert found.x[:, 0] == pytest.approx([0.25, 0.0, 0.1, 0.16, 0.17])
     assert found.x_next[:, 0] == pytest.approx([0.31, 0.06, 0.16, 0.17, 0.18])
     assert found.x[:, 1].tolist() == [0, 1, 0, 0, 0]
@@ -68,7 +68,7 @@ def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
     for k in range(3):
         whole, row = SMALL.iterate(run, whole, k)
         rows.append(row)
-        counted.append(run.counted())
+        counted.append(run.take_step_count())
     assert all((before[name] == state[name]).all() for name in before if name != "return_mean")
     assert counted == [100 + 32, 32, 32], "explored 50 at a time"
     assert [row["branch"] for row in rows] == [1, 2, 3]
@@ -97,12 +97,14 @@ def test_the_policy_is_the_experiment_s_own_with_observations_scaled_by_what_was
 
 
 def test_critics_are_told_cut_rewards_and_where_the_task_ends():
-    from ocp.learning.mbpo.training import Room, Scales
+    from ocp.learning.mbpo.training import MBPOTrainer, Normalisation
 
-    room = Room(replace(SMALL, cut=0.05), experiment())
+    room = MBPOTrainer(replace(SMALL, cut=0.05), experiment())
     x, u = np.array([[0.2, 0.5], [0.1, 0.0], [0.29, 3.0]]), np.array([[1.0], [0.0], [6.0]])
     seen = Buffer(x, u, following(x, u, M, K, D))
-    found = room._batch(Scales(Normaliser(2.0, np.ones(2), np.full(2, 8.0)), np.ones(2)), seen, 5)
+    found = room._batch(
+        Normalisation(Normaliser(2.0, np.ones(2), np.full(2, 8.0)), np.ones(2)), seen, 5
+    )
     rewards = -(seen.x_next[:, 0] ** 2) - 0.1 * u[:, 0] ** 2
     assert (rewards < -0.05).tolist() == [True, False, True]
     assert found.reward == pytest.approx([-0.05, rewards[1], -0.05, 0, 0], rel=1e-5)

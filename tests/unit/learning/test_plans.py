@@ -13,8 +13,12 @@ from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.normaliser import Normaliser
-from ocp.learning.plans.guesses import by_held_inputs, by_policy, gliding
-from ocp.learning.plans.planned import episode_return, planned_return
+from ocp.learning.plans.initial_guesses import (
+    guess_from_constant_inputs,
+    guess_from_policy,
+    straight_line_guess,
+)
+from ocp.learning.plans.planned import best_plan, episode_return
 from ocp.learning.plans.problem import planned_problem
 from ocp.learning.protocol import Trained
 from ocp.learning.unrolls.fopg import FOPG
@@ -68,7 +72,7 @@ def test_the_best_throw_is_that_of_a_search_over_angle_and_speed():
         for angle in (-0.5, 0.3, 0.9)
         for speed in (2.0, 4.0)
     )
-    found = planned_return(task, x0, by_held_inputs(task, 64))
+    found = best_plan(task, x0, guess_from_constant_inputs(task, 64))
     assert found.certified
     assert found.returned == pytest.approx(-searched, rel=1e-8)
     assert found.replayed == pytest.approx(-searched, rel=1e-8)
@@ -91,10 +95,10 @@ def test_the_cost_is_minus_the_return_whatever_the_trajectory():
         assert cost == pytest.approx(-returned(mixed, states, inputs, p), rel=1e-12)
 
 
-@pytest.mark.parametrize("guess", [[], [gliding(START, np.array([1.0]))]])
+@pytest.mark.parametrize("guess", [[], [straight_line_guess(START, np.array([1.0]))]])
 def test_a_plan_without_contact_is_the_optimum(guess: list):
     task = scalar(horizon=5)
-    found = planned_return(task, START, *guess)
+    found = best_plan(task, START, *guess)
     assert found.certified
     assert found.returned == pytest.approx(best_inputs(task), rel=1e-7)
     assert "best plan found" in found.words
@@ -105,7 +109,7 @@ def test_an_episode_goes_on_until_its_last_state():
     cap = 0.6
     free = scalar(horizon=3)
     task = replace(free, done=free.system.x > cap, lasts=cap - free.system.x)
-    found = planned_return(task, START)
+    found = best_plan(task, START)
     states = found.solution.data["x"].values[0, :, 0]
     assert states[:-1].max() == pytest.approx(cap, abs=1e-5)
     assert states[-1] > cap
@@ -118,13 +122,13 @@ def test_where_something_is_gained_at_the_end_the_last_state_counts_too():
     task = scalar(horizon=3)
     task = replace(task, final=0.1 * task.system.x, done=task.system.x > 0.6,
                    lasts=0.6 - task.system.x)  # fmt: skip
-    found = planned_return(task, START)
+    found = best_plan(task, START)
     assert found.solution.data["x"].values.max() <= 0.6
     assert found.returned == pytest.approx(found.replayed, abs=1e-8)
 
 
 def test_a_plan_that_was_cut_short_is_called_no_optimum():
-    found = planned_return(scalar(horizon=5), START, settings={"max_iter": 1})
+    found = best_plan(scalar(horizon=5), START, settings={"max_iter": 1})
     assert not found.certified
     assert "not certified" in found.words
 
@@ -134,14 +138,14 @@ def test_a_policy_is_where_a_search_begins():
     experiment = Experiment(task=task, algorithm=FOPG(), law=Exact(), threads=1)
     policy = Trained(np.array([0.3, 0.1]), Normaliser(4.0, np.array([0.5]), np.array([1.0])))
     problem = planned_problem(task, START)
-    states, inputs = by_policy(experiment, policy)(problem, problem.parameters.values)
+    states, inputs = guess_from_policy(experiment, policy)(problem, problem.parameters.values)
     x = START
     for k in range(4):
         u = 2 * np.tanh(0.3 * (x - 0.5) / 0.5 + 0.1)
         np.testing.assert_allclose(inputs[k], u, rtol=1e-12)
         np.testing.assert_allclose(states[k], x, rtol=1e-9)
         x = A * x + B * u
-    better = planned_return(task, START, by_policy(experiment, policy))
+    better = best_plan(task, START, guess_from_policy(experiment, policy))
     assert better.returned > returned(task, states, inputs) + 1e-3
     assert better.returned == pytest.approx(best_inputs(task), rel=1e-7)
 
@@ -157,8 +161,8 @@ def test_the_better_one_of_two_guesses_counts():
         return lambda problem, p: (states, inputs)
 
     worse, better = thrown(-1.2, 8.0), thrown(0.7, 2.6)
-    alone = planned_return(task, x0, worse)
-    both = planned_return(task, x0, worse, better)
+    alone = best_plan(task, x0, worse)
+    both = best_plan(task, x0, worse, better)
     assert both.returned > alone.returned + 1e-3
     assert [other["chosen"] for other in both.solution.others] == [False, True]
 

@@ -38,7 +38,7 @@ class Told:
         return {"theta": experiment.first_theta()}
 
     def iterate(self, experiment, state, k):
-        experiment.simulated(7)
+        experiment.count_steps(7)
         return {**state, "given": state["psi"]}, {"return_mean": 0.0}
 
     def policy(self, experiment, state):
@@ -66,7 +66,7 @@ def test_psi_comes_to_the_truth_before_each_step_of_the_algorithm_s():
     for k in range(6):
         state, row = own.iterate(run, state, k)
         assert (state["given"] == state["psi"]).all()
-        assert run.counted() == 80 and row["model_steps"] == 7
+        assert run.take_step_count() == 80 and row["model_steps"] == 7
         errors.append(np.abs(state["psi"][:2] / [M, K] - 1).max())
     assert errors[0] > 1e-3 and errors[-1] < 1e-3 and row["psi_loss"] < 1e-6
     assert (state["psi"][2:] == WRONG[2:]).all()

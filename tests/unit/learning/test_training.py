@@ -159,7 +159,7 @@ def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
         patched.setattr(StepFunction, "_stepped", steps)
         for k in range(6):
             state, _ = asked.algorithm.iterate(asked, state, k)
-            told.append(asked.counted())
+            told.append(asked.take_step_count())
             assert told[-1] == sum(engines) > 0
             engines.clear()
     assert run(name)["env_steps"].values.tolist() == [0, *np.cumsum(told)]

@@ -157,7 +157,7 @@ def test_alpha_order_by_hand():
     after, row = algorithm.iterate(e, state, 1)
     assert row["alpha"] == pytest.approx(alpha, rel=1e-10)
     assert after["theta"] == pytest.approx(THETA + mixed, rel=1e-10)
-    assert e.counted() == 20
+    assert e.take_step_count() == 20
 
 
 def test_the_bias_bound_pulls_alpha_back():
@@ -220,7 +220,7 @@ def test_total_propagation_by_hand(done):
     assert after["theta"] == pytest.approx(THETA + total.mean(axis=0), rel=1e-10)
     assert row["likelihood_ratio_share"] == pytest.approx(np.mean(shares), rel=1e-10)
     assert row["return_mean"] == pytest.approx(r.sum(axis=0).mean(), rel=1e-12)
-    assert e.counted() == alive[:2].sum()
+    assert e.take_step_count() == alive[:2].sum()
 
 
 def test_total_propagation_is_first_order_where_the_likelihood_ratio_is_noise():

@@ -11,7 +11,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from ocp.store.stored_run import StoredRun
-from ocp.sweeps.point import COUNTS, NUMBERS, WORDS
+from ocp.sweeps.job import COUNTS, NUMBERS, WORDS
 from ocp.sweeps.summary import rows, verdict
 from reports.figures.sweep import figures, replayed
 from reports.pages.sweep import sweep_content

@@ -14,7 +14,7 @@ import pytest
 from distributed import LocalCluster
 
 from ocp.errors import InputError
-from ocp.scheduling import Failure, carried_out
+from ocp.scheduling import Failure, run_jobs
 from ocp.scheduling import cluster as over
 from tests.unit.scheduling.jobs_done import squared
 
@@ -30,7 +30,7 @@ def test_each_job_is_done_and_heard(cluster: LocalCluster) -> None:
     jobs: list[dict[str, Any]] = [{"x": float(x), "wait": 0.05} for x in range(5)]
     jobs[3]["fails"] = True
     address = cluster.scheduler_address
-    done = dict(carried_out(squared, jobs, 1, address, lambda *news: heard.append(news)))
+    done = dict(run_jobs(squared, jobs, 1, address, lambda *news: heard.append(news)))
     assert [done[place]["square"][0] for place in (0, 1, 2, 4)] == [0.0, 1.0, 4.0, 16.0]
     assert isinstance(done[3], Failure) and str(done[3].error) == "x = 3.0 is refused"
     assert {(place, told["k"]) for place, told in heard} >= {(0, 0), (1, 0), (2, 0)}
@@ -39,7 +39,7 @@ def test_each_job_is_done_and_heard(cluster: LocalCluster) -> None:
 def test_a_worker_killed_on_the_way_loses_nothing(cluster: LocalCluster, tmp_path: Path) -> None:
     jobs: list[dict[str, Any]] = [{"x": float(x), "wait": 0.05} for x in range(4)]
     jobs[1]["dies"] = str(tmp_path / "once")
-    done = dict(carried_out(squared, jobs, 1, cluster.scheduler_address))
+    done = dict(run_jobs(squared, jobs, 1, cluster.scheduler_address))
     assert [done[place]["square"][0] for place in range(4)] == [0.0, 1.0, 4.0, 9.0]
     assert (tmp_path / "once").read_text() == "++"
 
@@ -53,7 +53,7 @@ def test_jobs_end_when_the_caller_stops(cluster: LocalCluster, tmp_path: Path) -
 
     address = cluster.scheduler_address
     with pytest.raises(KeyboardInterrupt), closing(
-        carried_out(squared, [job], 1, address, heard)
+        run_jobs(squared, [job], 1, address, heard)
     ) as run:  # fmt: skip
         list(run)
     time.sleep(1.0)
@@ -67,20 +67,20 @@ def test_workers_that_lack_the_program(
 ) -> None:
     monkeypatch.setattr(over, "NEEDED", "import only_here")
     with pytest.raises(InputError, match="lack this program: No module named 'only_here'"):
-        list(carried_out(squared, [{"x": 1.0}], 1, cluster.scheduler_address))
+        list(run_jobs(squared, [{"x": 1.0}], 1, cluster.scheduler_address))
 
 
 def test_where_nobody_answers() -> None:
     with pytest.raises(InputError, match=r"no Dask scheduler answers at 'tcp://127.0.0.1:9'"):
-        list(carried_out(squared, [{"x": 1.0}], 1, "tcp://127.0.0.1:9"))
+        list(run_jobs(squared, [{"x": 1.0}], 1, "tcp://127.0.0.1:9"))
     with pytest.raises(InputError, match=r"no Dask scheduler answers at 'nonsense://'"):
-        list(carried_out(squared, [{"x": 1.0}], 1, "nonsense://"))
+        list(run_jobs(squared, [{"x": 1.0}], 1, "nonsense://"))
 
 
 def test_where_dask_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"install centralpath\[cluster\]"):
-        list(carried_out(squared, [{"x": 1.0}], 1, "tcp://127.0.0.1:9"))
+        list(run_jobs(squared, [{"x": 1.0}], 1, "tcp://127.0.0.1:9"))
 
 
 def test_where_there_are_no_workers() -> None:
@@ -88,7 +88,7 @@ def test_where_there_are_no_workers() -> None:
         LocalCluster(n_workers=0, dashboard_address=":0") as empty,
         pytest.raises(InputError, match="has no workers; start some with dask worker"),
     ):
-        list(carried_out(squared, [{"x": 1.0}], 1, empty.scheduler_address))
+        list(run_jobs(squared, [{"x": 1.0}], 1, empty.scheduler_address))
 
 
 @pytest.mark.parametrize(
@@ -97,5 +97,5 @@ def test_where_there_are_no_workers() -> None:
 def test_an_address_without_a_scheduler_is_refused_and_leaves_no_thread(address: str) -> None:
     before = set(threading.enumerate())
     with pytest.raises(InputError, match=r"no Dask scheduler answers at .*; start one"):
-        list(carried_out(squared, [{"x": 1.0}], 1, address))
+        list(run_jobs(squared, [{"x": 1.0}], 1, address))
     assert set(threading.enumerate()) <= before

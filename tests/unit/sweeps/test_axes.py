@@ -8,8 +8,8 @@ import pytest
 from ocp.errors import InputError
 from ocp.sweeps.axes import Axis, axes, axis
 from ocp.sweeps.case import Case
-from ocp.sweeps.study import dimension
-from ocp.sweeps.sweep import asked
+from ocp.sweeps.grid import dimension
+from ocp.sweeps.sweep import make_grid
 
 
 def test_values_stand_in_equal_steps_or_ratios_and_are_found_by_their_decimals() -> None:
@@ -92,9 +92,9 @@ def test_names_that_there_are_not(name: str, sentence: str) -> None:
 
 def test_a_value_of_its_own_and_a_name_in_two_ways_exclude_each_other() -> None:
     with pytest.raises(InputError, match="M goes over what --over says; drop its own value"):
-        asked(Case("push-1d", {"M": 1.0}), axes(["M=1:2:2"]))
+        make_grid(Case("push-1d", {"M": 1.0}), axes(["M=1:2:2"]))
     with pytest.raises(InputError, match=r"contact\.mu is given twice"):
-        asked(Case("push-1d"), axes(["mu=1:2:2", "contact.mu=1:2:3"]))
+        make_grid(Case("push-1d"), axes(["mu=1:2:2", "contact.mu=1:2:3"]))
 
 
 def test_a_value_that_no_point_can_have_is_refused_with_its_sentence() -> None:
@@ -105,7 +105,7 @@ def test_a_value_that_no_point_can_have_is_refused_with_its_sentence() -> None:
         "qa0=-0.5:0.5:3": "the pusher starts inside the object",
     }.items():
         with pytest.raises(InputError, match=sentence):
-            asked(Case("push-1d"), axes([text])).checked()
+            make_grid(Case("push-1d"), axes([text])).check()
 
 
 def test_a_dimension_is_called_as_its_parameter_but_where_the_dataset_has_that_name() -> None:

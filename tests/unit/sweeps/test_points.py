@@ -13,10 +13,10 @@ from dynamics.contact import Barrier
 from ocp.errors import InputError
 from ocp.solution import Solution
 from ocp.solve import solve_session
-from ocp.store.plain import plain
+from ocp.store.json_values import to_json
 from ocp.sweeps import sweep
 from ocp.sweeps.case import Case
-from ocp.sweeps.sharing import Kept
+from ocp.sweeps.session_cache import SessionCache
 from ocp.transcription import Direct, MultipleShooting
 from problems import get
 from tests.unit.sweeps.same import TIMES, same
@@ -30,7 +30,7 @@ def told(found: Solution) -> str:
     certificate = dataclasses.asdict(found.certificate)
     del certificate["seconds"]
     rest = (found.cost, found.iterations, found.status.label, found.verdict, found.idle_cost)
-    return json.dumps(plain([judged, certificate, rest]))
+    return json.dumps(to_json([judged, certificate, rest]))
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def told(found: Solution) -> str:
 def test_a_session_that_takes_functions_over_answers_as_a_new_one(
     problem: str, contact: str, method: str, name: str, values: tuple[float, ...]
 ) -> None:
-    base, kept = Case(problem, SHORT, contact, method=method), Kept()
+    base, kept = Case(problem, SHORT, contact, method=method), SessionCache()
     for value in values:
         case = base.at({name: value})
         alone, shared = (solve_session(one) for one in (case.session(), kept.session(case)))
@@ -66,7 +66,7 @@ def test_numbers_alone_build_no_program_again(monkeypatch: pytest.MonkeyPatch) -
             return real(self, *given, **more)
 
         monkeypatch.setattr(method, "transcribe", counted)
-    kept, case = Kept(), Case("push-1d", SHORT)
+    kept, case = SessionCache(), Case("push-1d", SHORT)
     solve_session(kept.session(case))
     first = len(built)
     assert first > 0

@@ -11,12 +11,12 @@ import pytest
 
 from ocp.errors import InputError
 from ocp.solve import solve_session
-from ocp.sweeps import point, sweep
+from ocp.sweeps import job, sweep
 from ocp.sweeps.axes import axes
 from ocp.sweeps.case import Case
-from ocp.sweeps.point import Point
+from ocp.sweeps.job import JobResult
 from ocp.sweeps.starts import solve_starts
-from ocp.sweeps.sweep import asked, followed
+from ocp.sweeps.sweep import make_grid, solve_grid
 from tests.unit.sweeps.same import same
 
 OVER = {"M": [0.5, 1.0, 2.0], "contact.mu": [1e-3, 1e-2]}
@@ -47,7 +47,7 @@ class Stop(Exception):
 def test_a_sweep_that_stopped_goes_on_and_ends_as_if_it_had_not(tmp_path: Path) -> None:
     ended: list[int] = []
 
-    def stop(place: int, _: Point) -> None:
+    def stop(place: int, _: JobResult) -> None:
         ended.append(place)
         if len(ended) == 3:
             raise Stop
@@ -109,18 +109,18 @@ def test_ctrl_c_that_compiled_code_took_for_a_failure_is_no_point(
     def taken(*_: object, **__: object) -> None:
         raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
 
-    monkeypatch.setattr(point, "solve_session", taken)
+    monkeypatch.setattr(job, "solve_session", taken)
     with pytest.raises(KeyboardInterrupt):
         sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path)
     assert not list(tmp_path.rglob("point-*.json"))
     monkeypatch.undo()
-    study = asked(Case("push-1d", SHORT), axes({"M": [1.0, 2.0]}))
-    checkpoint = study.checkpoint(tmp_path, study.checked().problem.name)
+    study = make_grid(Case("push-1d", SHORT), axes({"M": [1.0, 2.0]}))
+    checkpoint = study.checkpoint(tmp_path, study.check().problem.name)
 
     def stop(_: int, message: object) -> None:
         if message is None:
             raise KeyboardInterrupt
 
     with checkpoint, pytest.raises(KeyboardInterrupt):
-        followed(study, checkpoint=checkpoint, heard=stop)
+        solve_grid(study, checkpoint=checkpoint, callback=stop)
     assert not list(tmp_path.rglob("point-*.json"))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from ocp.gradients.sweep import overall
+from ocp.gradients.sweep import summary
 from ocp.gradients.verdict import WIDE, WORST_FIRST
 from ocp.store.stored_run import StoredRun
 from reports.figures import estimate
@@ -60,7 +60,7 @@ def test_the_headline_is_the_weakest_verdict() -> None:
 def test_a_wide_interval_is_not_called_unbiased() -> None:
     """Neither by the page nor by the sentence that is stored and printed."""
     rows = [[row("zobg"), row("fobg", wide=True)], [row("zobg"), row("fobg")]]
-    assert overall(rows) == f"zobg: {GOOD}; fobg: {WIDE} at 1 of 2, {GOOD} at 1 of 2."
+    assert summary(rows) == f"zobg: {GOOD}; fobg: {WIDE} at 1 of 2, {GOOD} at 1 of 2."
 
 
 @pytest.mark.parametrize(

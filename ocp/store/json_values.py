@@ -28,24 +28,24 @@ def content_hash(data: xr.Dataset, meta: dict[str, Any]) -> str:
     for name in sorted(set(map(str, data.variables)) - _CIRCUMSTANCES):
         variable = data.variables[name]
         values = np.asarray(variable.values)
-        head = [name, list(variable.dims), list(values.shape), plain(dict(variable.attrs))]
+        head = [name, list(variable.dims), list(values.shape), to_json(dict(variable.attrs))]
         digest.update(json.dumps(head, sort_keys=True).encode())
         numeric = values.dtype.kind in "biuf"
-        digest.update(values.tobytes() if numeric else json.dumps(plain(values)).encode())
-    digest.update(json.dumps(_without_circumstances(plain(meta)), sort_keys=True).encode())
+        digest.update(values.tobytes() if numeric else json.dumps(to_json(values)).encode())
+    digest.update(json.dumps(_without_circumstances(to_json(meta)), sort_keys=True).encode())
     return digest.hexdigest()[:10]
 
 
-def plain(value: Any) -> Any:
+def to_json(value: Any) -> Any:
     """Turn nested values into what JSON has; a number that is not finite becomes null."""
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): to_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
+        return [to_json(item) for item in value]
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return to_json(value.tolist())
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return to_json(value.item())
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     if value is None or isinstance(value, bool | int | str):
@@ -63,7 +63,7 @@ def _without_circumstances(value: Any) -> Any:
     return [_without_circumstances(item) for item in value] if isinstance(value, list) else value
 
 
-def read(kind: Any, value: Any) -> Any:
+def from_json(kind: Any, value: Any) -> Any:
     """Build what the type ``kind`` says, records in records; null is a float that was not finite.
 
     Raises ``KeyError`` or ``TypeError`` for records that are not whole.
@@ -72,12 +72,12 @@ def read(kind: Any, value: Any) -> Any:
         return float("nan") if kind is float else None
     if isinstance(kind, type) and is_dataclass(kind):
         types = get_type_hints(kind)
-        return kind(**{name: read(types[name], item) for name, item in value.items()})
+        return kind(**{name: from_json(types[name], item) for name, item in value.items()})
     inner = [part for part in get_args(kind) if part is not type(None)]
     if get_origin(kind) is list:
-        return [read(inner[0], item) for item in value]
+        return [from_json(inner[0], item) for item in value]
     if isinstance(kind, UnionType):
-        return read(inner[0], value)
+        return from_json(inner[0], value)
     if isinstance(kind, type) and issubclass(kind, Enum):
         return kind[str(value).replace("-", "_").upper()]
     return float(value) if kind is float else value

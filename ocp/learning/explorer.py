@@ -27,7 +27,7 @@ Policy = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Steps:
     """One step of n episodes: the transitions, their ``reward`` (n,), and three marks (n,).
 
     ``ended`` where the task says so at the next state, ``solved`` where there is one, ``touched``
@@ -71,7 +71,7 @@ class Explorer:
         """Begin ``n`` episodes: states (n, nx) and ages (n,) [steps]."""
         return self.task.reset(n, rng, self.p), np.zeros(n, dtype=int)
 
-    def observed(self, x: np.ndarray) -> np.ndarray:
+    def observations(self, x: np.ndarray) -> np.ndarray:
         """Observations (n, n_o) of states (n, nx)."""
         return self._observe(x, self.p)
 
@@ -83,14 +83,14 @@ class Explorer:
         """Rewards (n,) of steps."""
         return self._reward(x, u, x_next, self.p)[:, 0]
 
-    def step(self, x: np.ndarray, u: np.ndarray) -> Seen:
+    def step(self, x: np.ndarray, u: np.ndarray) -> Steps:
         """Go one step from states (n, nx) under inputs (n, nu)."""
         steps = self._step(x, u, self._step_p)
         if self._count is not None:
             self._count(len(x))
         solved = np.asarray(np.isfinite(steps.x_next).all(axis=1))
         x_next = np.where(solved[:, None], steps.x_next, x)
-        return Seen(
+        return Steps(
             x, u, steps.x_next, np.where(solved, self.rewards(x, u, x_next), np.nan),
             solved & self.ended(x_next), solved,
             solved & self._touching(x_next),
@@ -102,8 +102,8 @@ class Explorer:
             return np.zeros(len(x), dtype=bool)
         return np.asarray(self._distance(x, self.p)[:, 0] <= TOUCHED)
 
-    def onwards(
-        self, seen: Seen, age: np.ndarray, rng: np.random.Generator
+    def advance(
+        self, seen: Steps, age: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """States and ages that the next step starts from, some of them first ones."""
         age = age + 1
@@ -131,18 +131,18 @@ def random_transitions(
     x, age = explorer.first(EPISODES, rng)
     largest = np.full(sizes[2], 1e-6)
     gains, width = np.zeros(sizes), np.zeros((EPISODES, 1))
-    parts: list[Seen] = []
+    parts: list[Steps] = []
     while sum(int(part.solved.sum()) for part in parts) < n:
         new = age == 0
         gains = np.where(new[:, None, None], rng.standard_normal(sizes), gains)
         drawn = np.exp(rng.uniform(np.log(GENTLEST), np.log(WILDEST), width.shape))
         width = np.where(new[:, None], drawn, width)
-        o = explorer.observed(x)
+        o = explorer.observations(x)
         largest = np.maximum(largest, np.abs(o).max(axis=0))
         a = np.einsum("eij,ej->ei", gains, o / largest) / np.sqrt(sizes[2])
         a = width * (a + rng.standard_normal(a.shape))
-        parts.append(explorer.step(x, squashed(task, a)))
-        x, age = explorer.onwards(parts[-1], age, rng)
+        parts.append(explorer.step(x, squash(task, a)))
+        x, age = explorer.advance(parts[-1], age, rng)
         if not any(part.solved.any() for part in parts):
             raise InputError(f"{task.name}: no step was solved from its starts")
     whole = {key: np.concatenate([getattr(part, key) for part in parts])
@@ -151,7 +151,7 @@ def random_transitions(
     return Buffer(*(whole[key][rows] for key in ("x", "u", "x_next"))), whole["touched"][rows]
 
 
-def squashed(task: Task, a: np.ndarray) -> np.ndarray:
+def squash(task: Task, a: np.ndarray) -> np.ndarray:
     """``mid + half tanh(a)`` between the task's bounds, (n, nu)."""
     middle, half = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
     return middle + half * np.tanh(a)

@@ -16,7 +16,7 @@ from ocp.programs.options import documented, has_option
 from ocp.programs.solver import SOLVERS
 
 
-class Source(Protocol):
+class ProblemSource(Protocol):
     """What builds a problem at any parameters: :class:`problems.ProblemSpec`."""
 
     @property
@@ -38,12 +38,12 @@ class Source(Protocol):
         ...
 
 
-Named = Problem | Source | str | PathLike[str]
+ProblemLike = Problem | ProblemSource | str | PathLike[str]
 """A problem, what builds one (:class:`problems.ProblemSpec`), a registered name, or a file."""
 
 
-def asked(
-    problem: Named,
+def resolve_problem(
+    problem: ProblemLike,
     contact: ContactLaw | str,
     params: Mapping[str, Any] | None,
     contact_settings: Mapping[str, Any] | None,
@@ -58,7 +58,9 @@ def asked(
     ``params`` or ``contact_settings`` give too, and for parameters of a problem that is built.
     """
     found = problem if isinstance(problem, Problem) else _source(problem)
-    for_problem, for_law = told_apart(found, contact, params, contact_settings, keywords, solver)
+    for_problem, for_law = split_keywords(
+        found, contact, params, contact_settings, keywords, solver
+    )
     if not isinstance(found, Problem):
         return found.problem(for_problem), for_law
     if for_problem:
@@ -69,7 +71,7 @@ def asked(
     return found, for_law
 
 
-def builder(problem: Named) -> Callable[[Problem, dict[str, Any]], Problem]:
+def rebuilder(problem: ProblemLike) -> Callable[[Problem, dict[str, Any]], Problem]:
     """What makes a problem anew at other values by name, of the problem that was made of it."""
 
     def build(made: Problem, turned: dict[str, Any]) -> Problem:
@@ -83,15 +85,15 @@ def builder(problem: Named) -> Callable[[Problem, dict[str, Any]], Problem]:
     return build
 
 
-def told_apart(
-    found: Problem | Source,
+def split_keywords(
+    found: Problem | ProblemSource,
     contact: ContactLaw | str,
     params: Mapping[str, Any] | None,
     contact_settings: Mapping[str, Any] | None,
     keywords: Mapping[str, Any],
     solver: str,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Parameters of the problem and settings of the law; raises as :func:`asked` does."""
+    """Parameters of the problem and settings of the law; raises as :func:`resolve_problem` does."""
     takes = () if isinstance(found, Problem) else tuple(found.Params.model_fields)
     for_problem, for_law = dict(params or {}), dict(contact_settings or {})
     settings = law_settings(contact)
@@ -103,7 +105,7 @@ def told_apart(
                 f" params={{{key!r}: ...}} or contact_settings={{{key!r}: ...}}"
             )
         if not any(owned):
-            raise InputError(_unknown(key, found, contact, takes, settings, solver))
+            raise InputError(_unknown_keyword(key, found, contact, takes, settings, solver))
         target = for_problem if owned[0] else for_law
         if key in target:
             raise InputError(f"{key} is given twice; give it once")
@@ -111,7 +113,7 @@ def told_apart(
     return for_problem, for_law
 
 
-def check_spelling(settings: Mapping[str, Any], solver: str) -> None:
+def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
     """Refuse a setting that is neither ours nor an option of the solver.
 
     Raises :class:`~ocp.errors.InputError` with the one that was meant, and where all are listed.
@@ -130,7 +132,7 @@ def check_spelling(settings: Mapping[str, Any], solver: str) -> None:
             )
 
 
-def _source(problem: Source | str | PathLike[str]) -> Source:
+def _source(problem: ProblemSource | str | PathLike[str]) -> ProblemSource:
     if isinstance(problem, str | PathLike):
         return load_plugin("problems").source(fspath(problem))
     if not hasattr(problem, "problem"):
@@ -140,8 +142,8 @@ def _source(problem: Source | str | PathLike[str]) -> Source:
     return problem
 
 
-def _unknown(
-    key: str, found: Problem | Source, contact: ContactLaw | str, takes: tuple[str, ...],
+def _unknown_keyword(
+    key: str, found: Problem | ProblemSource, contact: ContactLaw | str, takes: tuple[str, ...],
     settings: tuple[str, ...], solver: str,
 ) -> str:  # fmt: skip
     """Say where a keyword belongs that neither the problem nor the law has."""

@@ -17,18 +17,18 @@ import casadi as ca
 
 from dynamics.contact import ContactLaw, Step
 from dynamics.systems import LAW_PREFIX, ParameterTable
-from ocp.asking import Source
 from ocp.problem import Problem
+from ocp.request import ProblemSource
 from ocp.session import Session
 from ocp.sweeps.case import Case
 
 
-class Kept:
+class SessionCache:
     """The last session of a worker, whose functions the next one takes over where it can."""
 
     def __init__(self) -> None:
         self._last: tuple[Any, Session] | None = None
-        self._sources: dict[tuple[str, str | None], Source] = {}
+        self._sources: dict[tuple[str, str | None], ProblemSource] = {}
 
     def session(self, case: Case) -> Session:
         """Build a session; raises as :meth:`~ocp.sweeps.case.Case.session` does."""
@@ -38,7 +38,7 @@ class Kept:
         made = case.session(self._sources[asked])
         told = [asked, structure(made)]
         if self._last is not None and self._last[0] == told:
-            _hand_over(self._last[1], made)
+            _share_functions(self._last[1], made)
         self._last = told, made
         return made
 
@@ -47,10 +47,10 @@ class Kept:
 _of_thread = threading.local()
 
 
-def kept_session(case: Case) -> Session:
-    """Build a session by what this thread has kept; raises as :class:`Kept` does."""
+def cached_session(case: Case) -> Session:
+    """Build a session by what this thread has kept; raises as :class:`SessionCache` does."""
     if not hasattr(_of_thread, "kept"):
-        _of_thread.kept = Kept()
+        _of_thread.kept = SessionCache()
     return _of_thread.kept.session(case)
 
 
@@ -96,7 +96,7 @@ def _settings(law: ContactLaw, p: ParameterTable) -> list[Any]:
     return [type(law), *found]
 
 
-def _hand_over(old: Session, new: Session) -> None:
+def _share_functions(old: Session, new: Session) -> None:
     for one, other in ((old.problem, new.problem), (old.step, new.step),
                        (old.problem.exact_step, new.problem.exact_step),
                        (old.problem.referee_step, new.problem.referee_step)):  # fmt: skip

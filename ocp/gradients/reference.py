@@ -10,7 +10,7 @@ from dynamics.batch import Gaussian
 from ocp.errors import InputError
 from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.objective import SampledObjective, StaticObjective
-from ocp.gradients.sampling import Keep, Progress, run_estimator
+from ocp.gradients.sampling import CheckpointKey, Progress, run_estimator
 
 REFERENCE_STREAM = 3
 KINDS = ("auto", "closed-form", "quadrature", "zobg", "none")
@@ -18,7 +18,7 @@ _POINTS, _REACH = 1 << 21, 9.0
 
 
 @dataclass(frozen=True)
-class KnownGradient:
+class ReferenceGradient:
     """The gradient of the smoothed objective, (d,), its standard error, and where it is from.
 
     The error is 0 for a closed form, the numerical error of a quadrature, and the standard
@@ -31,36 +31,36 @@ class KnownGradient:
     n_samples: int = 0
 
 
-def known_gradient(
+def reference_gradient(
     objective: SampledObjective,
     sigma: float,
     seed: np.random.SeedSequence,
     n_samples: int,
     kind: str = "auto",
     progress: Progress | None = None,
-    keep: Keep | None = None,
-) -> KnownGradient | None:
+    keep: CheckpointKey | None = None,
+) -> ReferenceGradient | None:
     """Find the gradient: ``auto`` takes the first that there is of the kinds in their order.
 
     ``zobg`` samples antithetic ZoBG pairs, ``n_samples`` of them, on a stream of its own.
 
     Raises :class:`~ocp.errors.InputError` where the asked one cannot be.
     """
-    taken = kind_of(objective, sigma, kind)
+    taken = reference_kind(objective, sigma, kind)
     if taken == "none":
         return None
     closed = objective.closed_form(sigma) if taken == "closed-form" else None
     if closed is not None:
-        return KnownGradient(closed.gradient, np.zeros_like(closed.gradient), "closed form")
+        return ReferenceGradient(closed.gradient, np.zeros_like(closed.gradient), "closed form")
     if taken == "quadrature":
         return quadrature(objective, sigma)
     noise = Gaussian(sigma, stream(seed, REFERENCE_STREAM))
     pairs = SAMPLED["zobg-antithetic"]
     found = run_estimator(objective, pairs, noise, n_samples, progress, keep).moments
-    return KnownGradient(found.mean, found.standard_error, "larger zobg run", found.n)
+    return ReferenceGradient(found.mean, found.standard_error, "larger zobg run", found.n)
 
 
-def kind_of(objective: SampledObjective, sigma: float, kind: str) -> str:
+def reference_kind(objective: SampledObjective, sigma: float, kind: str) -> str:
     """Return ``kind``, for ``auto`` the one that is taken; ``zobg`` alone is sampled.
 
     Raises :class:`~ocp.errors.InputError` where the objective has no such reference.
@@ -84,7 +84,7 @@ def stream(seed: np.random.SeedSequence, number: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number))
 
 
-def quadrature(objective: SampledObjective, sigma: float) -> KnownGradient:
+def quadrature(objective: SampledObjective, sigma: float) -> ReferenceGradient:
     """``grad F = E[f(theta + w) w]/sigma^2`` by the midpoint rule over 9 sigma either side.
 
     The error told is the larger of the difference to the rule of half as many points and of what
@@ -92,7 +92,7 @@ def quadrature(objective: SampledObjective, sigma: float) -> KnownGradient:
 
     Raises :class:`~ocp.errors.InputError` unless the decision is one number with noise added to it.
     """
-    kind_of(objective, sigma, "quadrature")
+    reference_kind(objective, sigma, "quadrature")
 
     def rule(points: int) -> tuple[float, float]:
         t = _REACH * (2 * (np.arange(points) + 0.5) / points - 1)
@@ -103,4 +103,4 @@ def quadrature(objective: SampledObjective, sigma: float) -> KnownGradient:
 
     (fine, sharpest), (coarse, _) = rule(_POINTS), rule(_POINTS // 2)
     error = max(abs(fine - coarse), sharpest)
-    return KnownGradient(np.array([fine]), np.array([error]), "quadrature")
+    return ReferenceGradient(np.array([fine]), np.array([error]), "quadrature")

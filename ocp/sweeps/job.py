@@ -12,8 +12,8 @@ import numpy as np
 from ocp.errors import InputError, interruptible
 from ocp.solution import Solution
 from ocp.solve import Rank, solve_session
-from ocp.sweeps.case import Case, Changed
-from ocp.sweeps.sharing import kept_session
+from ocp.sweeps.case import Case, FilesChanged
+from ocp.sweeps.session_cache import cached_session
 
 TRAJECTORIES = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
 """What is kept of a solution's arrays, beside the times of nodes."""
@@ -22,7 +22,7 @@ REFUSED, FAULT = "refused", "fault"
 
 
 @dataclass(frozen=True)
-class Job:
+class SolveJob:
     """A case, from how many guesses it is solved, and which of the answers is taken."""
 
     case: Case
@@ -32,7 +32,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Array:
+class LabelledArray:
     """Values with names of their dimensions, and labels of those whose entries have names."""
 
     dims: tuple[str, ...]
@@ -41,43 +41,43 @@ class Array:
 
 
 @dataclass(frozen=True)
-class Point:
+class JobResult:
     """What came of a job: numbers and words by name, and arrays by name, none where it failed."""
 
     row: dict[str, Any]
-    arrays: dict[str, Array]
+    arrays: dict[str, LabelledArray]
 
 
-def solved(job: Job, tell: Callable[[Any], None]) -> Point:
+def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
     """Solve a point; a :data:`~ocp.scheduling.Function` that tells each stage's iterations.
 
     The answer is that of ``ocp solve`` with the same words, whatever the worker did before. What
     cannot be asked, or raises, is a point too, with the sentence as its verdict.
 
-    Raises :class:`~ocp.sweeps.case.Changed` where the files are not those that it was asked of.
+    Raises :class:`~ocp.sweeps.case.FilesChanged` where files have changed since the request.
     """
     began = time.perf_counter()
     try:
         with interruptible():
-            session = kept_session(job.case)
+            session = cached_session(job.case)
             found = solve_session(
-                session, job.starts, job.seed, lambda stage: tell(stage.iterations), job.rank
+                session, job.starts, job.seed, lambda stage: report(stage.iterations), job.rank
             )
-    except Changed:
+    except FilesChanged:
         raise
     except InputError as error:
-        return failed(REFUSED, str(error))
+        return failed_result(REFUSED, str(error))
     except Exception as error:
-        return failed(FAULT, f"{type(error).__name__}: {error}")
-    return Point({**_row(found), "seconds": time.perf_counter() - began}, _arrays(found))
+        return failed_result(FAULT, f"{type(error).__name__}: {error}")
+    return JobResult({**_row(found), "seconds": time.perf_counter() - began}, _arrays(found))
 
 
-def failed(status: str, sentence: str) -> Point:
+def failed_result(status: str, sentence: str) -> JobResult:
     """A point without an answer, and why."""
     nothing: dict[str, Any] = dict.fromkeys(NUMBERS, float("nan"))
     row = {**nothing, "status": status, "stationarity": "", "kind": "", "grade": "failed",
            "verdict": sentence, "success": 0, "survives": -1, "iterations": 0}  # fmt: skip
-    return Point({**row, "seconds": 0.0}, {})
+    return JobResult({**row, "seconds": 0.0}, {})
 
 
 NUMBERS = ("cost", "exact_cost", "referee_cost", "refined_cost", "idle_cost", "complementarity",
@@ -116,12 +116,12 @@ def _row(found: Solution) -> dict[str, Any]:
     }
 
 
-def _arrays(found: Solution) -> dict[str, Array]:
+def _arrays(found: Solution) -> dict[str, LabelledArray]:
     data, kept = found.data, {}
     for name in ("time", *TRAJECTORIES):
         if name in data:
             dims = tuple(map(str, data[name].dims))
             named = [dim for dim in dims if dim in data.coords and data[dim].dtype.kind in "UO"]
             labels = {dim: [str(label) for label in data[dim].values] for dim in named}
-            kept[name] = Array(dims, np.asarray(data[name].values, dtype=float), labels)
+            kept[name] = LabelledArray(dims, np.asarray(data[name].values, dtype=float), labels)
     return kept

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocp.asking import Source
 from ocp.errors import InputError
+from ocp.request import ProblemSource
 from ocp.session import Session
 from ocp.solve import Rank
 from ocp.store.checkpoint import Checkpoint
 from ocp.sweeps.axes import Axis
 from ocp.sweeps.case import Case
-from ocp.sweeps.point import COUNTS, NUMBERS, WORDS, Array, Job, Point
+from ocp.sweeps.job import COUNTS, NUMBERS, WORDS, JobResult, LabelledArray, SolveJob
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,7 +36,7 @@ _OWN = {"scenario", "node", "interval", "state", "control", "contact", "contact_
 
 
 @dataclass(frozen=True)
-class Study:
+class Grid:
     """A case over axes whose names are full (:meth:`~ocp.sweeps.case.Case.full_name`)."""
 
     case: Case
@@ -46,7 +46,7 @@ class Study:
     rank: Rank = "planned"
 
     @cached_property
-    def source(self) -> Source:
+    def source(self) -> ProblemSource:
         """What builds the problem, read once."""
         return self.case.source()
 
@@ -75,11 +75,11 @@ class Study:
             or (name.startswith("problem.") and whole(name))
         )  # fmt: skip
 
-    def job(self, place: Mapping[str, float]) -> Job:
+    def job(self, place: Mapping[str, float]) -> SolveJob:
         """The job of a point."""
-        return Job(self.case.at(place), self.starts, self.seed, self.rank)
+        return SolveJob(self.case.at(place), self.starts, self.seed, self.rank)
 
-    def checked(self) -> Session:
+    def check(self) -> Session:
         """Build the first point, and see that no value of an axis is refused everywhere.
 
         Raises :class:`~ocp.errors.InputError` with the sentence of such a value.
@@ -119,7 +119,7 @@ def dimension(name: str) -> str:
     return name if short in _OWN else short
 
 
-def dataset(study: Study, session: Session, points: Sequence[Point]) -> xr.Dataset:
+def dataset(study: Grid, session: Session, points: Sequence[JobResult]) -> xr.Dataset:
     """Label all points: a dimension an axis, then those of the trajectories.
 
     Where points differ in size, as over N, what a point has not is NaN.
@@ -153,7 +153,7 @@ def _unit(session: Session, name: str) -> str:
     return table.get(short).unit if short in table else "1"
 
 
-def _sizes(points: Iterable[Point]) -> dict[str, int | list[str]]:
+def _sizes(points: Iterable[JobResult]) -> dict[str, int | list[str]]:
     """Of every dimension the most entries that a point has, or all labels in order."""
     counts: dict[str, int] = {}
     labels: dict[str, list[str]] = {}
@@ -166,8 +166,11 @@ def _sizes(points: Iterable[Point]) -> dict[str, int | list[str]]:
 
 
 def _stacked(
-    name: str, shape: tuple[int, ...], sizes: Mapping[str, int | list[str]], points: Sequence[Point]
-) -> Array:
+    name: str,
+    shape: tuple[int, ...],
+    sizes: Mapping[str, int | list[str]],
+    points: Sequence[JobResult],
+) -> LabelledArray:
     dims = next(point.arrays[name].dims for point in points if name in point.arrays)
     ends = [size if isinstance(size := sizes[dim], int) else len(size) for dim in dims]
     values = np.full((math.prod(shape), *ends), np.nan)
@@ -181,10 +184,10 @@ def _stacked(
             for dim, size in zip(dims, array.values.shape, strict=True)
         ]  # fmt: skip
         values[place][np.ix_(*taken)] = array.values
-    return Array(dims, values.reshape(*shape, *ends), {})
+    return LabelledArray(dims, values.reshape(*shape, *ends), {})
 
 
-def keep(checkpoint: Checkpoint, place: int, point: Point) -> None:
+def save_point(checkpoint: Checkpoint, place: int, point: JobResult) -> None:
     """Write a finished point, arrays first, so that a row means that they are whole."""
     about = {name: [array.dims, dict(array.labels)] for name, array in point.arrays.items()}
     if point.arrays:
@@ -193,13 +196,13 @@ def keep(checkpoint: Checkpoint, place: int, point: Point) -> None:
     checkpoint.save_rows(place, [{"row": point.row, "arrays": json.dumps(about)}])
 
 
-def kept_points(study: Study, checkpoint: Checkpoint) -> dict[int, Point]:
+def saved_points(study: Grid, checkpoint: Checkpoint) -> dict[int, JobResult]:
     """Finished points by their places."""
-    read = ((place, _kept(checkpoint, place)) for place in range(math.prod(study.shape)))
+    read = ((place, _saved_point(checkpoint, place)) for place in range(math.prod(study.shape)))
     return {place: point for place, point in read if point is not None}
 
 
-def _kept(checkpoint: Checkpoint, place: int) -> Point | None:
+def _saved_point(checkpoint: Checkpoint, place: int) -> JobResult | None:
     rows = checkpoint.rows(place)
     if rows is None:
         return None
@@ -208,9 +211,10 @@ def _kept(checkpoint: Checkpoint, place: int) -> Point | None:
     if values is None or set(values) != set(about):
         return None
     arrays = {
-        name: Array(tuple(dims), values[name], labels) for name, (dims, labels) in about.items()
+        name: LabelledArray(tuple(dims), values[name], labels)
+        for name, (dims, labels) in about.items()
     }
-    return Point(rows[0]["row"], arrays)
+    return JobResult(rows[0]["row"], arrays)
 
 
 def _file(place: int) -> str:

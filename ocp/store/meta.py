@@ -12,25 +12,25 @@ from ocp.programs.status import Status
 from ocp.solution import Grade, StageRecord
 from ocp.stationarity.certificate import Certificate
 from ocp.store.conform import misfit
-from ocp.store.parts import DATA_FILE, META_FILE, MOST
+from ocp.store.run_files import DATA_FILE, META_FILE, MOST
 
 Scalar = str | float | bool
-Given = dict[str, Scalar | list[Scalar]]
+Values = dict[str, Scalar | list[Scalar]]
 Row = dict[str, Any]
 
 
 class Record(TypedDict, total=False):
     """What was asked; a kind of run has some of these."""
 
-    params: Given
+    params: Values
     contact: str
-    contact_settings: Given
+    contact_settings: Values
     law_settings: list[str]
     method: str
     policy: str
-    policy_settings: Given
+    policy_settings: Values
     solver: str
-    solver_options: Given
+    solver_options: Values
     strategy: str | None
     jit: str | None
     law_parameters: dict[str, float]
@@ -44,7 +44,7 @@ class Record(TypedDict, total=False):
     algorithm_settings: dict[str, Any]
 
 
-class Description(TypedDict):
+class RunMeta(TypedDict):
     """What every run has."""
 
     schema: int
@@ -62,7 +62,7 @@ class Description(TypedDict):
     verdict: str
 
 
-class Listed(TypedDict, total=False):
+class OptionalMeta(TypedDict, total=False):
     """What a listing tells of those runs that have it."""
 
     seed: int | None
@@ -78,7 +78,7 @@ class Sourced(TypedDict, total=False):
     source_digest: str | None
 
 
-class Solved(TypedDict):
+class SolveMeta(TypedDict):
     """What a run of ``ocp solve`` has beside."""
 
     status: Status
@@ -96,7 +96,7 @@ class Solved(TypedDict):
     evaluation_s: float
 
 
-class Point(TypedDict):
+class ContinueRow(TypedDict):
     """A point of a path."""
 
     value: float
@@ -114,21 +114,21 @@ class Point(TypedDict):
 Ends = TypedDict("Ends", {"from": float, "to": float})
 
 
-class Continued(Ends):
+class ContinueMeta(Ends):
     """What a run of ``ocp continue`` has."""
 
     over: str
     steps: int
     scale: Literal["log", "linear"]
     unit: str
-    points: list[Point]
+    points: list[ContinueRow]
     events: list[Row]
     iterations: int
     nlp_builds: int
     success: bool
 
 
-class Axis(TypedDict):
+class SweepAxis(TypedDict):
     """What a sweep goes over."""
 
     name: str
@@ -138,32 +138,32 @@ class Axis(TypedDict):
     units: str
 
 
-class Grid(TypedDict):
+class SweepGrid(TypedDict):
     """The points of a sweep."""
 
-    axes: list[Axis]
+    axes: list[SweepAxis]
     shape: list[int]
     failed: list[Row]
 
 
-class Swept(TypedDict):
+class SweepMeta(TypedDict):
     """What a run of ``ocp sweep`` has."""
 
-    study: Grid
+    study: SweepGrid
     solved: int
     points: int
     survives: int
     success: bool
 
 
-class Estimated(TypedDict):
+class EstimateMeta(TypedDict):
     """What a run of ``ocp estimate`` has."""
 
     sweep: Row | None
     estimates: list[Row]
 
 
-class Trained(TypedDict):
+class TrainMeta(TypedDict):
     """What a run of ``ocp train`` has."""
 
     evaluation: dict[str, float]
@@ -174,20 +174,20 @@ class Trained(TypedDict):
     wall_s: float
 
 
-class Drawn(TypedDict):
+class FigureMeta(TypedDict):
     """What a run of ``ocp figure`` has."""
 
     claims: list[Row]
 
 
-class Meaning(TypedDict):
+class ParameterMeaning(TypedDict):
     """What a parameter is."""
 
     unit: str
     description: str
 
 
-class Motion(TypedDict):
+class MotionRecord(TypedDict):
     """Shapes and contacts at each node."""
 
     shapes: list[list[Row]]
@@ -200,20 +200,20 @@ class OwnProblem(TypedDict):
     title: str
     equations: list[str]
     axes: list[str]
-    parameters: dict[str, Meaning]
-    motions: dict[str, Motion]
+    parameters: dict[str, ParameterMeaning]
+    motions: dict[str, MotionRecord]
     undrawn: str
 
 
 KINDS: dict[str, Any] = {
-    "solve": Solved, "continue": Continued, "sweep": Swept, "estimate": Estimated,
-    "train": Trained, "figure": Drawn,
+    "solve": SolveMeta, "continue": ContinueMeta, "sweep": SweepMeta, "estimate": EstimateMeta,
+    "train": TrainMeta, "figure": FigureMeta,
 }  # fmt: skip
 
 
-def check_description(file: Path, meta: dict[str, Any]) -> None:
+def check_meta(file: Path, meta: dict[str, Any]) -> None:
     """Raise :class:`~ocp.errors.DamagedRun` for the first entry that is missing or of no sense."""
-    found = misfit(Description, meta) or misfit(Listed, meta) or misfit(Sourced, meta)
+    found = misfit(RunMeta, meta) or misfit(OptionalMeta, meta) or misfit(Sourced, meta)
     found = found or _misfit_of_parts(meta)
     found = found or _misfit_of_time(meta["created"])
     if not found and meta["kind"] not in KINDS:

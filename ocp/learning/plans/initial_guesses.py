@@ -13,7 +13,7 @@ from ocp.problem import Guess, Problem
 from ocp.task import Task
 
 
-def by_policy(experiment: Experiment, trained: Trained) -> Guess:
+def guess_from_policy(experiment: Experiment, trained: Trained) -> Guess:
     """The states and inputs of a policy's episode under the exact law.
 
     Where it ends early its last state stays, with inputs of zero.
@@ -21,12 +21,12 @@ def by_policy(experiment: Experiment, trained: Trained) -> Guess:
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = evaluate_from(experiment, trained, EXACT, problem.initial_states(p))
-        return _carried_on(found.states[0]), found.inputs[0]
+        return _hold_last_state(found.states[0]), found.inputs[0]
 
     return guess
 
 
-def by_held_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
+def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
     """The best of ``n`` inputs drawn between the bounds, each held throughout, in the exact law."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -37,12 +37,12 @@ def by_held_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
         found = rollouts(start, np.arctanh(share), n_samples=n, psi=p, states=True)
         best = int(np.argmax(np.where(np.isfinite(found.value), found.value, -np.inf)))
         held = (task.upper + task.lower) / 2 + share[best] * (task.upper - task.lower) / 2
-        return _carried_on(found.states[best]), np.tile(held, (problem.N, 1))
+        return _hold_last_state(found.states[best]), np.tile(held, (problem.N, 1))
 
     return guess
 
 
-def gliding(first: np.ndarray, last: np.ndarray) -> Guess:
+def straight_line_guess(first: np.ndarray, last: np.ndarray) -> Guess:
     """The straight way from state ``first`` to ``last``, each (nx,), with the middle inputs."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -54,7 +54,7 @@ def gliding(first: np.ndarray, last: np.ndarray) -> Guess:
     return guess
 
 
-def _carried_on(states: np.ndarray) -> np.ndarray:
+def _hold_last_state(states: np.ndarray) -> np.ndarray:
     """``states`` (N+1, nx), the last one that is a number in place of those after it."""
     good = np.isfinite(states).all(axis=1)
     last = len(states) - 1 if good.all() else int(np.argmin(good)) - 1
