@@ -34,7 +34,8 @@ class TrainingJob:
     """One training: an algorithm with its settings at one seed on a named task.
 
     ``options`` are fields of :class:`~ocp.learning.experiment.Experiment`. ``kept`` is the folder
-    of the checkpoint, which other workers may share; results depend neither on it nor on ``threads``.
+    of the checkpoint, which other workers may share; results depend neither on it nor on
+    ``threads``.
     ``model_params`` are the model's physical parameters that differ from the task's.
     """
 
