@@ -201,7 +201,7 @@ class Problem:
 
     @cached_property
     def scales(self) -> Scales:
-        """The reference's characteristic sizes in SI, signal by signal."""
+        """The characteristic sizes of ``scaling`` in SI, signal by signal."""
         scaling, units = self.scaling, self.scaling.units
         states, inputs = (
             np.array([units.of(signal.unit) for signal in part])

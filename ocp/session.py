@@ -319,10 +319,10 @@ class Session:
         if isinstance(self.policy, Feedback):
             blocks["k"] = U[:1] if self.policy.stationary else U
         if "lam" in nlp.variables:
-            reference, units = self.problem.scaling, nlp.variables.unpack(nlp.natural.x)
-            mu = reference.mu
+            scaling, units = self.problem.scaling, nlp.variables.unpack(nlp.natural.x)
+            mu = scaling.mu
             free = self._free_gaps(X, U) / units["gap"][0]
-            gap = np.maximum(free, np.sqrt(mu * reference.gap))
+            gap = np.maximum(free, np.sqrt(mu * scaling.gap))
             blocks["gap"], blocks["lam"] = gap * units["gap"], mu / gap * units["lam"]
         return Point(nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables}))
 

@@ -36,12 +36,12 @@ def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
 
 
 def around_task(problem: Problem) -> Region:
-    """A box around start, goal and guess, wider by the reference sizes, inputs from their bounds.
+    """A box around start, goal and guess, widened by the scales; inputs between their bounds.
 
     The goal is the least point of the terminal cost, taken as quadratic at the start; coordinates
     that it leaves open stay where they start. Inputs without bounds have the guess's range, wider
-    by their reference size; states keep to their bounds. A state that no step changes, such as a
-    step size that is chosen, has what its start may be, and in the tube what the guess has.
+    by their scale; states keep to their bounds. A state that no step changes, such as a step size
+    that is chosen, has what its start may be, and in the tube what the guess has.
     """
     p, sizes, system = problem.parameters.values, problem.scales, problem.system
     x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p))

@@ -42,7 +42,7 @@ class Violation:
 class Broken:
     """A violated constraint, and by how much of the characteristic size of what it bounds.
 
-    For a bound or periodicity that size is the reference's of states or inputs; for a path or
+    For a bound or periodicity that size is that of states or inputs; for a path or
     terminal constraint what its expression changes by when state and input change by theirs, to
     first order. So the share does not depend on how the constraint is written.
     """

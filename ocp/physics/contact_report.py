@@ -108,11 +108,11 @@ def contact_report(
 
 
 def _degenerate_steps(
-    system: ContactSystem, reference: Scales, lam: np.ndarray, gap: np.ndarray, points: int
+    system: ContactSystem, scaling: Scales, lam: np.ndarray, gap: np.ndarray, points: int
 ) -> np.ndarray:
     """Whether a pair of the contact has both members near zero, (S, N, points)."""
     pairs = system.pairs
-    both = np.maximum(np.abs(lam) / reference.impulse, np.abs(gap) / reference.gap) < _DEGENERATE
+    both = np.maximum(np.abs(lam) / scaling.impulse, np.abs(gap) / scaling.gap) < _DEGENERATE
     degenerate = np.zeros((*lam.shape[:2], points), dtype=bool)
     for i in range(lam.shape[2]):
         pair = pairs[i % len(pairs)]

@@ -72,13 +72,13 @@ def _obeys(
     problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
 ) -> np.ndarray:
     """Whether the plan's own steps obey the exact relation, (S, N)."""
-    system, reference = problem.system, problem.scales
+    system, scaling = problem.system, problem.scales
     physical = problem.parameters.pack(values)
     residual, gap = TrajectoryEvaluator(problem, system, x, u, lam, physical)(
         system.residual, system.gap
     )
-    product = reference.impulse * reference.gap
-    off = np.stack([-lam / reference.impulse, -gap / reference.gap, lam * gap / product])
+    product = scaling.impulse * scaling.gap
+    off = np.stack([-lam / scaling.impulse, -gap / scaling.gap, lam * gap / product])
     motion = np.abs(residual).max(axis=2, initial=0.0)
     return (off.max(axis=(0, 3), initial=0.0) <= SATISFIED) & (motion <= SATISFIED)
 

@@ -25,7 +25,7 @@ End = tuple[Result, Program, bool]
 
 @dataclass(frozen=True)
 class Route:
-    """Which strategy relaxes the pairs, from sizes ``reference``, and where it starts.
+    """Which strategy relaxes the pairs, from sizes ``scaling``, and where it starts.
 
     ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
     branches are then solved (:mod:`~ocp.routes.distant_schedules`): a few after a path that was
@@ -34,7 +34,7 @@ class Route:
     """
 
     strategy: Strategy
-    reference: Scaling
+    scaling: Scaling
     start: Callable[[Any], Point]
     fallback: Strategy | None = None
     alternatives: Sequence[Strategy] = ()
@@ -86,12 +86,12 @@ def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
     step_backs = 0 if route.alternatives and strategy not in route.alternatives else STEP_BACKS
     if isinstance(strategy, CentralPath):
         strategy = strategy.over(follower.nlp_of("none").chains.shape[-1])
-    paths = strategy.paths(route.reference)
+    paths = strategy.paths(route.scaling)
     source = follower.nlp_of(paths[0].reformulation)
     result, source = along(follower, paths, route.start(source), source, step_backs=step_backs)
     polished = polish(follower, source, result, improving=False)
     if not polished[2] and result.ok and isinstance(strategy, CentralPath):
-        further = strategy.further(route.reference)
+        further = strategy.further(route.scaling)
         result, source = along(follower, further, result.point, source, warm=True)
         polished = polish(follower, source, result, improving=False)
     return polished

@@ -35,7 +35,7 @@ T_LOOSE = 1e-4
 class Strategy(Protocol):
     """Paths to follow one after the other, from sizes characteristic of the problem."""
 
-    def paths(self, reference: Scaling) -> list[HomotopyPath]:
+    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
         """Return the paths, easiest first."""
         ...
 
@@ -78,15 +78,15 @@ class CentralPath:
         """The same for a horizon of so many steps; none where there is no time."""
         return replace(self, steps=steps)
 
-    def paths(self, reference: Scaling) -> list[HomotopyPath]:
+    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
         """One path from ``wide`` times impulse times distance to a ten-thousandth of these."""
-        start = self.wide * reference.mu
-        values = geometric(start, T_LOOSE * reference.mu, self.factor)
+        start = self.wide * scaling.mu
+        values = geometric(start, T_LOOSE * scaling.mu, self.factor)
         return [HomotopyPath(values, lambda t: self._stage(t, t >= start))]
 
-    def further(self, reference: Scaling) -> list[HomotopyPath]:
+    def further(self, scaling: Scaling) -> list[HomotopyPath]:
         """The same path on to 1e-8."""
-        values = geometric(T_LOOSE * reference.mu, T_SHARP, 0.1)
+        values = geometric(T_LOOSE * scaling.mu, T_SHARP, 0.1)
         return [HomotopyPath(values, lambda t: self._stage(t, False))]
 
     def _stage(self, t: float, first: bool) -> HomotopyStage:
@@ -123,9 +123,9 @@ class Falling:
     factor: float = 0.1
     power: float = 1.0
 
-    def paths(self, reference: Scaling) -> list[HomotopyPath]:
+    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
         """The path."""
-        start = reference.mu**self.power
+        start = scaling.mu**self.power
         values = geometric(start, T_SHARP**self.power, self.factor)
         return [HomotopyPath(values, lambda t: self.stage(t, t >= start))]
 
@@ -169,7 +169,7 @@ class L1Penalty:
     barrier: float = 1e-4
     options: dict[str, float] = field(default_factory=dict)
 
-    def paths(self, reference: Scaling) -> list[HomotopyPath]:
+    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
         """One ladder of penalties."""
 
         def stage(rho: float) -> HomotopyStage:
@@ -191,10 +191,10 @@ by solving a relaxation better than it is relaxed."""
 class L1ThenScholtes:
     """Two or three penalties find the region, Scholtes' relaxation from a small t the point."""
 
-    def paths(self, reference: Scaling) -> list[HomotopyPath]:
+    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
         """The ladder, then the relaxation."""
-        small = Scaling(reference.impulse, 1e-3 * reference.gap)
-        return [*L1Penalty(steps=3).paths(reference), *_SCHOLTES.paths(small)]
+        small = Scaling(scaling.impulse, 1e-3 * scaling.gap)
+        return [*L1Penalty(steps=3).paths(scaling), *_SCHOLTES.paths(small)]
 
 
 STRATEGIES: dict[str, Strategy] = {

@@ -100,17 +100,17 @@ class NLP(Program):
         }
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
-        """Characteristic size of every variable, in its unit, from the problem's reference.
+        """Characteristic size of every variable, in its unit, from the problem's scaling.
 
         States and inputs have theirs; an impulse or a gap its own, the two exchanged for a slip
         pair, whose multiplier is a way and whose gap an impulse; gains are inputs over states.
         """
-        reference = self.problem.scaling
+        scaling = self.problem.scaling
         slips = [pair.kind == "slip" for pair in self.problem.system.pairs] * self.step.branches
-        impulse = np.where(slips, reference.gap, reference.impulse)
-        gap = np.where(slips, reference.impulse, reference.gap)
-        known = {"x": reference.x, "x0": reference.x, "u": reference.u, "k": reference.u,
-                 "K": reference.u / reference.x, "lam": impulse, "gap": gap}  # fmt: skip
+        impulse = np.where(slips, scaling.gap, scaling.impulse)
+        gap = np.where(slips, scaling.impulse, scaling.gap)
+        known = {"x": scaling.x, "x0": scaling.x, "u": scaling.u, "k": scaling.u,
+                 "K": scaling.u / scaling.x, "lam": impulse, "gap": gap}  # fmt: skip
         natural = self.variables.pack({name: known[name] for name in self.variables.blocks})
         return natural * self.natural.x
 

@@ -43,16 +43,16 @@ def test_the_exact_answer_is_near_the_barriers_own_at_any_length() -> None:
 
 def test_the_barrier_below_a_path_falls_as_the_horizon_grows() -> None:
     """Held at t/10 up to sixty steps, then the sum over steps of the barrier's weights is."""
-    reference = get("push-disc").scaling
+    scaling = get("push-disc").scaling
 
     def held(steps: int) -> float:
-        path = CentralPath().over(steps).paths(reference)[0]
+        path = CentralPath().over(steps).paths(scaling)[0]
         return path.stage_at(path.values[0]).options["mu_target"]
 
-    assert held(0) == held(20) == held(60) == pytest.approx(reference.mu / 10)
+    assert held(0) == held(20) == held(60) == pytest.approx(scaling.mu / 10)
     for steps in (120, 600):
         assert steps * held(steps) == pytest.approx(60 * held(60))
-    later = CentralPath().over(600).paths(reference)[0]
+    later = CentralPath().over(600).paths(scaling)[0]
     assert later.stage_at(later.values[1]).options["mu_target"] == pytest.approx(
         later.values[1] / 10
     )
