@@ -29,21 +29,21 @@ def print_table(table: Table | Group) -> None:
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """Write a number for people; what is missing or not finite shows as a dash."""
+    """A number as text; a dash for a missing or non-finite one."""
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:.{digits}g}"
 
 
 def small(value: float | None) -> str:
-    """Write a residual: two digits and the power of ten."""
+    """A residual as text: two digits and the power of ten."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
 
 
 def table_of(
     *columns: tuple[str, str], rows: Iterable[Sequence[str]] = (), title: str | None = None
 ) -> Table:
-    """A table of columns with a title each, justified ``left`` or ``right``."""
+    """A table of columns, each with a title and ``left`` or ``right``."""
     table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0))
     for name, justify in columns:
         table.add_column(name, justify="right" if justify == "right" else "left")
@@ -58,7 +58,7 @@ def stage_title(label: str) -> str:
 
 
 def stage_table(stages: Sequence[StageRecord]) -> Table:
-    """Homotopy table: where on the path, cost, residuals, iterations, seconds; failures named."""
+    """Homotopy table: parameter, cost, residuals, iterations, seconds, rejected stages."""
     labels = {stage.label for stage in stages}
     head = stage_title(labels.pop()) if len(labels) == 1 else "parameter"
     rows = (
@@ -70,14 +70,12 @@ def stage_table(stages: Sequence[StageRecord]) -> Table:
 
 
 def stage_rows(stages: Sequence[StageRecord]) -> list[tuple[str, ...]]:
-    """Number, label and its value, cost, lam·gap, residual, iterations, seconds, failures; text."""
-    from reports.stages import shown
-
+    """Number, label, value, cost, lam·gap, residual, iterations, seconds, rejection; as text."""
     return [
         (str(index), stage.label, small(stage.value) if stage.value else "", number(stage.cost, 7),
          small(stage.complementarity), small(stage.residual), str(stage.iterations),
          f"{stage.seconds:.2f}", "" if stage.accepted else "stepped back")
-        for index, stage in shown(stages)
+        for index, stage in shown_stages(stages)
     ]  # fmt: skip
 
 
@@ -92,29 +90,60 @@ def stage_line(stage: StageRecord) -> str:
 
 
 class StageLines:
-    """The stage table line by line, as the stages come; each fits 80 columns."""
+    """The stage table line by line during the solve; lines fit 80 columns."""
 
     def __init__(self) -> None:
-        from reports.stages import Shown
-
-        self.shown = Shown()
+        self.filter = StageFilter()
 
     def __call__(self, stage: StageRecord) -> None:
-        """Print a stage, under the heads where it is the first."""
-        if self.shown.number == 0:
+        """Print a stage, the first one below the heads."""
+        if self.filter.number == 0:
             print(
                 _line("stage", "parameter", "cost", "lam·gap", "residual", "iter", "s"),
                 file=sys.stderr,
             )
-        if not self.shown.take(stage):
+        if not self.filter.take(stage):
             return
         value = small(stage.value) if stage.value else ""
         line = _line(
-            str(self.shown.number), f"{stage_title(stage.label)} {value}", number(stage.cost, 7),
+            str(self.filter.number), f"{stage_title(stage.label)} {value}", number(stage.cost, 7),
             small(stage.complementarity), small(stage.residual), str(stage.iterations),
             f"{stage.seconds:.2f}", "" if stage.accepted else "back",
         )  # fmt: skip
         print(line, file=sys.stderr, flush=True)
+
+
+class StageFilter:
+    """Decides for one stage after another whether tables show it.
+
+    Left out are neighbouring schedules that did not lower the cost.
+    """
+
+    def __init__(self) -> None:
+        self.lowest, self.number = float("inf"), 0
+
+    def take(self, stage: StageRecord) -> bool:
+        """Whether the next stage is shown; ``number`` is then its number."""
+        from ocp.routes.branches import NEIGHBOUR
+
+        self.number += 1
+        taken = stage.accepted and stage.cost < self.lowest
+        if taken and stage.label in ("active set", NEIGHBOUR):
+            self.lowest = stage.cost
+        return stage.label != NEIGHBOUR or taken
+
+
+def shown_stages(stages: Sequence[StageRecord]) -> list[tuple[int, StageRecord]]:
+    """The stages that tables show, with their numbers."""
+    filtered = StageFilter()
+    return [(filtered.number, stage) for stage in stages if filtered.take(stage)]
+
+
+def hidden_stages(stages: Sequence[StageRecord]) -> str:
+    """A sentence on the number of stages that tables leave out; empty for none."""
+    count = len(stages) - len(shown_stages(stages))
+    many = f"{count} neighbouring contact schedules were" if count > 1 else "1 neighbour was"
+    return f"{many} tried without a lower cost." if count else ""
 
 
 def _line(*cells: str) -> str:
@@ -124,7 +153,7 @@ def _line(*cells: str) -> str:
 
 @contextmanager
 def progress(shown: bool, first: str) -> Iterator[Callable[[StageRecord], None]]:
-    """Yield what a solve calls after each stage: one live line on a terminal, else table lines."""
+    """Yield a callback for stages: one live line on a terminal, elsewhere the lines of a table."""
     if not shown:
         yield lambda _: None
         return
@@ -148,24 +177,24 @@ def result_table(solution: Solution) -> Table:
         ("dynamics residual", small(audit.dynamics_residual), ""),
         ("penetration", small(audit.penetration), "m, by true signed distance"),
         *distance_rows(solution.referee),
-        ("state gap to the replay", small(audit.state_gap), "max |x - x_replay|"),
+        ("state error of the replay", small(audit.state_gap), "max |x - x_replay|"),
         ("iterations", str(solution.iterations), ""),
         ("build, solve", f"{solution.build_s:.2f}, {solution.solve_s:.2f}", "s"),
-        ("of which functions, solver", *split(solution)),
+        ("time in functions, solver", *split(solution)),
     ]
-    rows[-3:-3] = [(name, small(value), what) for name, value, what in books(audit)]
+    rows[-3:-3] = [(name, small(value), what) for name, value, what in physics_residuals(audit)]
     table = table_of(("", "left"), ("", "right"), ("", "left"), rows=rows)
     table.show_header = False
     return table
 
 
 def judged_rows(certificate: Certificate, referee: RefereeFindings) -> list[tuple[str, str, str]]:
-    """What the referee and the certificate found, as name, number and explanation."""
+    """Findings of referee and certificate, as name, number and explanation."""
     rows = [("", "no referee", "the system has no geometry")]
     if referee.survives is not None:
         rows = [
             ("cost under the referee", number(referee.cost, 8), referee.note),
-            ("largest state gap to it", small(referee.gap), ""),
+            ("state error of the referee", small(referee.gap), ""),
         ]
     if math.isfinite(referee.refined_cost):
         rows.append(("the same at h/4", number(referee.refined_cost, 8), referee.word))
@@ -181,10 +210,10 @@ def judged_rows(certificate: Certificate, referee: RefereeFindings) -> list[tupl
 
 
 def distance_rows(referee: RefereeFindings) -> list[tuple[str, str, str]]:
-    """True lengths of the plan between nodes and at contact, with where they are largest."""
+    """Largest penetration between nodes and largest distance with force, with their place."""
     found = (
         ("penetration between nodes", referee.between),
-        ("force acts at a distance of", referee.force_distance),
+        ("distance where force acts", referee.force_distance),
     )
     return [
         (name, small(worst.amount), f"m, {worst.contact}, step {worst.step}" if worst.amount > 0
@@ -193,22 +222,19 @@ def distance_rows(referee: RefereeFindings) -> list[tuple[str, str, str]]:
     ]  # fmt: skip
 
 
-def books(audit: Audit) -> list[tuple[str, float, str]]:
-    """Name, number and unit of what the audit says of friction, energy and momentum, where known.
-
-    What contact took is left out: it is no residual.
-    """
-    known = (
+def physics_residuals(audit: Audit) -> list[tuple[str, float, str]]:
+    """Name, residual and unit of friction, energy and momentum in the audit, where finite."""
+    residuals = (
         ("friction cone violated by", audit.cone_violation, "N s"),
-        ("dissipation short of the most", audit.dissipation_residual, "J"),
+        ("dissipation below maximum", audit.dissipation_residual, "J"),
         ("energy gained in a step", audit.energy_gain, "J, contact and integrator"),
         ("momentum residual", audit.momentum_residual, "N s"),
     )
-    return [row for row in known if math.isfinite(row[1])]
+    return [row for row in residuals if math.isfinite(row[1])]
 
 
 def contact_table(audit: Audit) -> Table:
-    """When each contact acts, how hard, how far it slides; those that never act are counted."""
+    """Active steps, peak force and sliding of each contact; the idle ones are counted."""
     rough = math.isfinite(audit.cone_violation)
     heads = ("steps", *(["slipping"] if rough else []), "peak N", *(["slid m"] if rough else []))
     rows = (
@@ -223,7 +249,7 @@ def contact_table(audit: Audit) -> Table:
 
 
 def contact_rows(audit: Audit) -> list[tuple[str, ...]]:
-    """Name, steps, spans, slipping steps, peak force [N], way slid [m], degenerate steps; text."""
+    """Name, steps, spans, slipping steps, peak force [N], slip [m], degenerate steps; as text."""
     rows = []
     for found in audit.contacts:
         slid = number(found.slid, 3) if found.slipping else "0"
@@ -234,35 +260,35 @@ def contact_rows(audit: Audit) -> list[tuple[str, ...]]:
 
 
 def idle_contacts(audit: Audit) -> str:
-    """Say how many contacts never act, and at how many steps that is not certain."""
+    """The number of contacts that are never active, and of their degenerate steps."""
     idle = [found for found in audit.contacts if not found.steps]
     if not idle:
         return ""
     steps = sum(found.degenerate for found in idle)
     grazing = f", degenerate at {steps} steps" if steps else ""
-    return f"{len(idle)} {'contact' if len(idle) == 1 else 'contacts'} never acting{grazing}"
+    return f"{len(idle)} {'contact' if len(idle) == 1 else 'contacts'} never active{grazing}"
 
 
 def spans_text(spans: Sequence[Sequence[int]], most: int = 6) -> str:
-    """Write spans of steps: ``0-4, 7, 9-12``; of more than ``most`` the first, and a count."""
+    """Spans of steps: ``0-4, 7, 9-12``; the first ``most`` and a count of the others."""
     parts = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
     more = f", {len(parts) - most} more" if len(parts) > most else ""
     return ", ".join(parts[:most]) + more
 
 
 def split(solution: Solution) -> tuple[str, str]:
-    """How the time of a solve divides: seconds in functions and in the solver, and an iteration."""
+    """Seconds in functions and in the solver, in total and per iteration."""
     each = solution.iteration_s
     seconds = f"{number(solution.evaluation_s, 3)}, {number(solution.solver_s, 3)}"
     per = ", ".join(number(1e3 * each[key], 3) for key in ("evaluation", "solver"))
-    return seconds, f"s; {per} ms an iteration"
+    return seconds, f"s; {per} ms per iteration"
 
 
 def violation_table(solution: Solution) -> Table:
-    """The worst constraints by name, for a solve that failed."""
+    """The worst constraints of a failed solve, by name."""
     return table_of(
         ("worst constraint", "left"), ("component", "left"), ("scenario", "right"),
-        ("step", "right"), ("off by", "right"), rows=violation_rows(solution.audit),
+        ("step", "right"), ("violation", "right"), rows=violation_rows(solution.audit),
     )  # fmt: skip
 
 
@@ -274,9 +300,9 @@ def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
 
 
 def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
-    """The starts of a multi-start that did not win."""
-    known = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")
-    keys = [key for key in known if any(key in other for other in others)]
+    """The other starts of a multi-start."""
+    columns = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")
+    keys = [key for key in columns if any(key in other for other in others)]
     rows = (
         [number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys]
         for other in others

@@ -21,20 +21,20 @@ _EVERY_S = {True: 0.1, False: 5.0}
 
 @contextmanager
 def progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[SweepProgress], None]]:
-    """Yield what a study calls as it samples: rate and time left; ``check`` is called each time."""
+    """Yield a callback that prints rate and time left, and calls ``check``."""
     terminal = sys.stderr.isatty()
     began = last = time.monotonic()
     first: int | None = None
 
-    def report(seen: SweepProgress) -> None:
+    def report(state: SweepProgress) -> None:
         nonlocal last, first
         check()
-        first = seen.done if first is None else first
+        first = state.done if first is None else first
         now = time.monotonic()
         if quiet or now - last < _EVERY_S[terminal]:
             return
         last = now
-        line = progress_line(seen, seen.done - first, now - began)
+        line = progress_line(state, state.done - first, now - began)
         print(f"\r\033[K{line}" if terminal else line, end="" if terminal else "\n",
               file=sys.stderr, flush=True)  # fmt: skip
 
@@ -45,19 +45,19 @@ def progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[Sweep
             print("\r\033[K", end="", file=sys.stderr, flush=True)
 
 
-def progress_line(seen: SweepProgress, since: int, seconds: float) -> str:
+def progress_line(state: SweepProgress, since: int, seconds: float) -> str:
     """One line: points, samples, rate of this session, time left."""
     rate = since / seconds if seconds > 0 else 0.0
-    left = f"{(seen.total - seen.done) / rate:.0f} s left" if rate > 0 else "time left unknown"
-    points = f"point {seen.points + 1} of {seen.all_points}, " if seen.all_points > 1 else ""
-    return f"{points}{seen.done / seen.total:.0%}, {rate:.3g} samples/s, {left}"
+    left = f"{(state.total - state.done) / rate:.0f} s left" if rate > 0 else "time left unknown"
+    points = f"point {state.points + 1} of {state.all_points}, " if state.all_points > 1 else ""
+    return f"{points}{state.done / state.total:.0%}, {rate:.3g} samples/s, {left}"
 
 
 def table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
-    """One line an estimate; of a decision with several components the norm is told."""
+    """One line per estimate; for several components the norms."""
     several = any(isinstance(row["mean"], list) for row in rows)
     numbers = ("|mean|" if several else "mean", "std error", "variance", "reference")
-    found = ((*known, word) for *known, _, word in (cells(row, bool(swept)) for row in rows))
+    found = ((*columns, word) for *columns, _, word in (cells(row, bool(swept)) for row in rows))
     return table_of(
         *([(swept, "right")] if swept else []), ("estimator", "left"),
         *((head, "right") for head in numbers), ("verdict", "left"), rows=found,
@@ -65,7 +65,7 @@ def table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
 
 
 def _word(row: Mapping[str, Any]) -> str:
-    """The verdict, short enough for a table; an interval too wide cannot tell."""
+    """The verdict, shortened for a table."""
     short = row["verdict"].partition(" within")[0].partition(" at")[0]
     return "too wide" if row["wide"] else short
 
@@ -78,14 +78,14 @@ def _size(value: float | list[float] | None) -> float | None:
 
 def cells(row: Mapping[str, Any], swept: bool) -> list[str]:
     """What was swept, estimator, mean, error, variance, reference, alpha, verdict, as text."""
-    known = row["reference"]
+    reference = row["reference"]
     return [
         *([number(row["value"], 4)] if swept else []),
         row["estimator"],
         number(_size(row["mean"]), 5),
         number(_size(row["standard_error"]), 2),
         number(row["variance_trace"], 3),
-        "–" if known is None else number(_size(known), 5),
+        "–" if reference is None else number(_size(reference), 5),
         "" if row["alpha"] is None else number(row["alpha"], 3),
         _word(row),
     ]

@@ -50,8 +50,8 @@ class Forces:
 def forces_of(view: RunView, suffix: str = "") -> Forces | None:
     """Forces of the plan, or with suffix ``"_replay"`` of its replay; None for a run without.
 
-    What the run stores as ``normal_impulse`` and ``friction_impulse`` comes first, then what the
-    system makes of the multipliers; else every multiplier is a normal impulse.
+    From the stored ``normal_impulse`` and ``friction_impulse``, else from the system's map of the
+    multipliers, else every multiplier is a normal impulse.
     """
     lam = view.array(f"lam{suffix}")
     if lam is None:
@@ -79,14 +79,14 @@ def _added_up(
 
 
 def caption(largest: float, unit: str, rough: bool) -> str:
-    """What arrows and, where contacts are ``rough``, cones mean."""
+    """Caption of arrows and, where contacts are ``rough``, of cones."""
     cones = "; shaded: friction cone" if rough else ""
     what = "impulse" if unit == "N s" else "force"
     return f"arrows: contact {what}, the longest {largest:.3g} {unit}{cones}"
 
 
 def longest_arrow(axis: Axes) -> float:
-    """Length [m] of the arrow of the largest force: seen well, and inside the picture."""
+    """Length [m] of the arrow of the largest force."""
     sides = float(np.ptp(axis.get_xlim())), float(np.ptp(axis.get_ylim()))
     return min(_LONGEST * max(sides), _ACROSS * min(sides))
 

@@ -1,4 +1,4 @@
-"""Transitions and models for people and programs: what they hold, how well they fit."""
+"""Transitions and models as tables and JSON: content, ranges, errors."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 def data_document(data: Transitions) -> dict[str, Any]:
     """What ``ocp collect --json`` and ``ocp show data.nc --json`` print of transitions."""
-    known = data.provenance
+    provenance = data.provenance
     return {
         "kind": "transitions",
-        "problem": known.get("problem"),
-        "params": known.get("parameters"),
+        "problem": provenance.get("problem"),
+        "params": provenance.get("parameters"),
         "rows": len(data),
         "hash": data.hash,
-        **_origin(known),
+        **_origin(provenance),
         "coordinates": _coordinates(
             data.names, data.units, len(data.states), data.z,
             data.normalisation.shift, data.normalisation.scale,
@@ -47,12 +47,12 @@ def model_dataset(
 ) -> xr.Dataset:
     """A model's file: the model, its fit, and what its data were."""
     ranges = {"z_least": ("z", data.z.min(axis=0)), "z_most": ("z", data.z.max(axis=0))}
-    told = {
+    attributes = {
         "data_rows": len(data),
         "held_out": held_out,
         "provenance": json.dumps(dict(data.provenance), sort_keys=True),
     }
-    return model.merge(fitted).assign(ranges).assign_attrs(told)
+    return model.merge(fitted).assign(ranges).assign_attrs(attributes)
 
 
 def model_document(dataset: xr.Dataset) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def model_document(dataset: xr.Dataset) -> dict[str, Any]:
     sigma, scale = float(attributes["sigma"]), dataset["z_scale"].values
     names, units = ([str(n) for n in dataset[key].values] for key in ("z", "z_unit"))
     whole = "data_rows" in attributes
-    # Where the ranges were not kept nobody knows them.
+    # The ranges are unknown where the file lacks them.
     unknown = np.full(len(names), np.nan)
     ends = [dataset[name].values if whole else unknown for name in ("z_least", "z_most")]
     shift, nx = dataset["z_shift"].values, dataset.sizes["state"]
@@ -122,86 +122,90 @@ def _coordinates(
     ]
 
 
-def document(found: Transitions | xr.Dataset) -> dict[str, Any]:
-    """What is told of transitions, or of a model's file."""
+def describe(found: Transitions | xr.Dataset) -> dict[str, Any]:
+    """The document of transitions, or of a model's file."""
     from dynamics.learned.transitions import Transitions
 
     return data_document(found) if isinstance(found, Transitions) else model_document(found)
 
 
-def lines(told: Mapping[str, Any]) -> list[str]:
-    """Where transitions or a model come from, line by line."""
-    whose = told["problem"] or "a system without a name"
-    known = f"data {told['hash'][:16]}"
-    if told["kind"] == "transitions":
-        return [f"{told['rows']} transitions of {whose}, {told['how'] or 'from elsewhere'}",
-                *_drawn(told), known]  # fmt: skip
-    data, sizes = told["data"], told["hidden"]
+def lines(document: Mapping[str, Any]) -> list[str]:
+    """Origin of transitions or of a model, line by line."""
+    whose = document["problem"] or "an unnamed system"
+    data_hash = f"data {document['hash'][:16]}"
+    if document["kind"] == "transitions":
+        return [f"{document['rows']} transitions of {whose}, {document['how'] or 'from elsewhere'}",
+                *_drawn(document), data_hash]  # fmt: skip
+    data, sizes = document["data"], document["hidden"]
     shape = f", hidden layers of {', '.join(map(str, sizes))}" if sizes else ""
-    head = f"{told['kind']} of {whose}{shape}: sigma {told['sigma']:g}, normalised"
+    head = f"{document['kind']} of {whose}{shape}: sigma {document['sigma']:g}, normalised"
     if data is None:
-        return [head, known]
+        return [head, data_hash]
     seen = (
         f"learned from {data['rows'] - data['held_out']} transitions, {data['held_out']} held out"
     )
-    how = _drawn(data) or [data["how"] or "from elsewhere"]
-    return [head, f"{seen}, seed {told['seed']}", *how, known]
+    how = _drawn(data) or [data["how"] or "imported"]
+    return [head, f"{seen}, seed {document['seed']}", *how, data_hash]
 
 
-def _drawn(told: Mapping[str, Any]) -> list[str]:
-    """How collected data were drawn; nothing of data from elsewhere."""
-    if told.get("in_tube") is None:
+def _drawn(document: Mapping[str, Any]) -> list[str]:
+    """How collected data were drawn; nothing for imported data."""
+    if document.get("in_tube") is None:
         return []
-    tube = f"{told['in_tube']} in the tube around the task"
-    return [f"drawn with seed {told['seed']}: {tube}; {told['unsolved']} unsolved, left out"]
+    tube = f"{document['in_tube']} in the tube around the task"
+    return [
+        f"drawn with seed {document['seed']}: {tube}; {document['unsolved']} unsolved, left out"
+    ]
 
 
-def tables(told: Mapping[str, Any]) -> list[Group]:
-    """Ranges and scales of the data; of a model its fit, and what it says far from the data."""
-    fitted = [fit_table(told), outside_table(told)] if told.get("fit") is not None else []
-    return [coordinate_table(told), *fitted]
+def tables(document: Mapping[str, Any]) -> list[Group]:
+    """Ranges and scales of the data; for a model its errors, and its predictions away from data."""
+    fitted = (
+        [fit_table(document), outside_table(document)] if document.get("fit") is not None else []
+    )
+    return [coordinate_table(document), *fitted]
 
 
-def coordinate_table(told: Mapping[str, Any]) -> Group:
+def coordinate_table(document: Mapping[str, Any]) -> Group:
     """A line a coordinate of z: its range, and the scale that normalises it."""
     keys = [key for key in ("least", "most", "shift", "scale", "noise")
-            if key in told["coordinates"][0]]  # fmt: skip
+            if key in document["coordinates"][0]]  # fmt: skip
     heads = [(key, "right") for key in keys]
     table = table_of(("", "left"), ("", "left"), ("unit", "left"), *heads)
-    for row in told["coordinates"]:
+    for row in document["coordinates"]:
         table.add_row(row["role"], row["name"], row["unit"], *(number(row[k], 4) for k in keys))
-    noise = f"; noise = {told['sigma']:g} scale" if "noise" in keys else ""
+    noise = f"; noise = {document['sigma']:g} scale" if "noise" in keys else ""
     return Group(table, f"normalised: (value - shift) / scale{noise}")
 
 
-def fit_table(told: Mapping[str, Any]) -> Group:
+def fit_table(document: Mapping[str, Any]) -> Group:
     """Errors on held-out rows, state by state."""
     keys = ("clean", "noised", "clean_relative", "noised_relative")
     heads = [(key.replace("_relative", "/scale"), "right") for key in keys]
     table = table_of(("held-out error", "left"), ("unit", "left"), *heads)
-    for row in told["fit"]["states"]:
+    for row in document["fit"]["states"]:
         table.add_row(row["name"], row["unit"], *(number(row[key], 3) for key in keys))
-    rows, sigma = told["data"]["held_out"], told["fit"]["sigma"]
+    rows, sigma = document["data"]["held_out"], document["fit"]["sigma"]
     return Group(table, f"root mean square of {rows} rows; noised: inputs moved by {sigma:g} scale")
 
 
-def outside_table(told: Mapping[str, Any]) -> Group:
-    """What the model says where there were no data."""
+def outside_table(document: Mapping[str, Any]) -> Group:
+    """Predictions of the model away from the data."""
     heads = ("distance from the data", "displacement", "beyond the data")
     table = table_of(*((head, "right") for head in heads))
-    for row in told["fit"]["outside"]:
+    for row in document["fit"]["outside"]:
         share = f"{100 * row['beyond']:.0f} %"
         table.add_row(number(row["distance"]), number(row["displacement"], 3), share)
     return Group(
         table,
-        "normalised; displacement: how far the answer is from that at the data's edge,",
-        "where an average stays and a network leaves; beyond: outside the data's range",
+        "normalised; displacement: distance of the prediction from that at the edge of the data",
+        "(zero for an average); beyond: predictions outside the range of the data",
     )
 
 
 @contextmanager
 def training_progress(quiet: bool, first: int, epochs: int) -> Iterator[Callable[[Epoch], None]]:
-    """Yield what is called after each epoch: a bar on a terminal, else every tenth in a line."""
+    """Yield a callback for epochs: a bar on a terminal, elsewhere a line for every tenth."""
     if quiet:
         yield lambda _: None
         return

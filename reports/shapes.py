@@ -127,10 +127,10 @@ def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
 
 
 def beyond(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
-    """The part of a half plane within ``reach`` [m] of where a view (2,) meets its edge."""
+    """The part of a half plane within ``reach`` [m] of the projection of ``middle`` on its edge."""
     normal = np.array([shape.nx, shape.ny])
     along = np.array([-shape.ny, shape.nx])
-    # From where the view's middle meets the edge, so that a view may wander along it.
+    # From the projection of the view's middle, so that the view may move along the edge.
     start = np.array([shape.x, shape.y])
     start = start + ((middle - start) @ along) * along
     edge = [start - reach * along, start + reach * along]
@@ -200,7 +200,7 @@ def around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middle and size of the view of a box ((low), (high)): a margin, and neither side too thin."""
     low, high = box
     size = high - low
-    # A point that stays has no size of its own: a metre around it is as good as any.
+    # A fixed point has no size: show one metre.
     size = size + 2 * _MARGIN * float(size.max()) if size.max() > 0 else np.ones(2)
     return (low + high) / 2, np.maximum(size, _FLATTEST * size.max())
 
@@ -208,9 +208,9 @@ def around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def film(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     """One camera for each of several motions, given the shapes of each frame of each.
 
-    All show the same window, which holds all of the first motion, and the others as far as they
-    stay within its size of it. Where that would be more than five times as long as it is high, or
-    as the bodies are large, every camera goes along with its own motion instead.
+    All show the same window: the whole first motion, and the others within its size of it. A window
+    more than five times as long as high, or as the bodies, is replaced by cameras that each follow
+    their own motion.
     """
     boxes = [np.array([_bodies(shapes) for shapes in play]) for play in plays]
     whole = _union(boxes)
@@ -239,7 +239,7 @@ def _union(boxes: list[np.ndarray]) -> np.ndarray:
 
 
 def _follow(boxes: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Middles (n_frames, 2) that go along evenly and keep the bodies in view."""
+    """Middles (n_frames, 2) that follow smoothly and keep the bodies in view."""
     middle = boxes.mean(axis=1)
     width = max(1, len(middle) // 8)
     padded = np.pad(middle, ((width, width), (0, 0)), mode="edge")

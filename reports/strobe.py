@@ -50,7 +50,7 @@ def strobe_rows(
 ) -> tuple[list[Figure], str]:
     """Strobes beside each other under their titles, of scenario 0 each, in rows of one figure each.
 
-    All are seen from one place, and arrows have one scale, which the words returned tell.
+    All have the same limits, and their arrows one scale, given in the returned caption.
     """
     if not shown:
         return [], ""
@@ -139,7 +139,7 @@ def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = No
 
 
 def _instants(plays: list[list[Shape]]) -> np.ndarray:
-    """A few nodes evenly apart: fewer where bodies hardly move away."""
+    """A few evenly spaced nodes: fewer where bodies hardly move."""
     still = set.intersection(*(set(shapes) for shapes in plays))
     boxes = np.array([bounds(s for s in shapes if s not in still) for shapes in plays])
     count = _FEWEST
@@ -151,14 +151,14 @@ def _instants(plays: list[list[Shape]]) -> np.ndarray:
 
 
 def _forces_drawn(view: RunView) -> Forces | None:
-    """The forces, where the problem says where they act."""
+    """The forces, if the problem has contact frames."""
     return forces_of(view) if view.picture is not None and view.picture.framed else None
 
 
 def _arrows(
     axis: Axes, view: RunView, forces: Forces, shown: tuple[np.ndarray, bool, float]
 ) -> None:
-    """Arrows from the contacts at the instants that are drawn, and cones of friction if asked."""
+    """Arrows at the contacts in the drawn instants, and friction cones if wanted."""
     (chosen, cones, largest), picture = shown, view.picture
     assert picture is not None
     acting = chosen[chosen > 0]

@@ -35,7 +35,7 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
 
 
 def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table:
-    """The points of a sweep; what is left out is told below."""
+    """The points of a sweep; a caption counts those left out."""
     heads = [(dim.removeprefix("contact."), "right") for dim in dims]
     heads += [(head, "left" if head == "verdict" else "right") for head in HEADS]
     table = table_of(*heads, rows=point_rows(rows, dims))
@@ -51,7 +51,7 @@ _BAR = 20
 
 @contextmanager
 def live(names: Sequence[str], before: int, quiet: bool) -> Iterator[Ended]:
-    """Yield what is called with the place of each finished point; ``names`` are all points'.
+    """Yield a callback for the place of each finished point; ``names`` label all points.
 
     The first ``before`` calls are points that were kept. On a terminal one line moves; elsewhere a
     line is printed every two seconds at most, and for each point that failed.
@@ -67,11 +67,11 @@ def live(names: Sequence[str], before: int, quiet: bool) -> Iterator[Ended]:
             return
         now = time.monotonic()
         left = (now - began) / (done - before) * (len(names) - done)
-        said = line(done, len(names), names[place], point.row, left)
+        text = line(done, len(names), names[place], point.row, left)
         if console.is_terminal:
-            screen.update(Text(f"{_bar(done / len(names))} {said}"), refresh=True)
+            screen.update(Text(f"{_bar(done / len(names))} {text}"), refresh=True)
         elif now - last >= _EVERY_S or done == len(names) or not point.row["success"]:
-            print(said, file=sys.stderr, flush=True)
+            print(text, file=sys.stderr, flush=True)
             last = now
 
     if quiet or not console.is_terminal:
@@ -82,13 +82,13 @@ def live(names: Sequence[str], before: int, quiet: bool) -> Iterator[Ended]:
 
 
 def line(done: int, total: int, name: str, row: dict[str, Any], left: float) -> str:
-    """Where a sweep stands after a point, and what that came to, in one line."""
+    """Progress after a point, and its result, in one line."""
     found = f"cost {number(row['cost'], 5)}" if row["success"] else row["status"]
     return f"{done}/{total}  {name}  {found}  {duration(left)} left"
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them: ``40 s``, ``12 min``, ``3.5 h``."""
+    """A duration as text: ``40 s``, ``12 min``, ``3.5 h``."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

@@ -46,7 +46,7 @@ def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
 
 @dataclass(frozen=True)
 class RunView:
-    """What pages and figures show of a run; ``spec`` and ``params`` are None if not found again."""
+    """A run for pages and figures; ``spec`` and ``params`` are None for an unknown problem."""
 
     run: StoredRun
     spec: ProblemSpec | TaskSpec | None
@@ -55,9 +55,9 @@ class RunView:
 
     @classmethod
     def of(cls, run: StoredRun, own: ProblemSpec | None = None) -> RunView:
-        """Look at a run; a problem that cannot be built again is left out.
+        """View a run; a problem that cannot be built is left out.
 
-        ``own`` is the problem in a file that a person named (:func:`~problems.plugin.spec_of`).
+        ``own`` is the problem of a user's file (:func:`~problems.plugin.spec_of`).
         """
         try:
             return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run, own)))
@@ -69,8 +69,8 @@ class RunView:
         """Title of the problem."""
         if self.spec is not None:
             return self.spec.title
-        told = self.run.own_problem
-        return str(self.run.meta["problem"]) if told is None else str(told["title"])
+        stored = self.run.own_problem
+        return str(self.run.meta["problem"]) if stored is None else str(stored["title"])
 
     @cached_property
     def picture(self) -> RunPicture | None:
@@ -117,7 +117,7 @@ class RunView:
         """The same run with one of its scenarios alone."""
         return self._of(self.run.data.isel(scenario=[index]))
 
-    def along(self, point: int) -> RunView:
+    def at_point(self, point: int) -> RunView:
         """One point of a path: its trajectories, and the problem at its parameters."""
         name, data = str(self.run.meta["over"]), self.run.data
         seen = self._of(data.isel(point=point))
@@ -139,7 +139,7 @@ T = TypeVar("T", Shape, ContactFrame)
 class RunPicture(Protocol):
     """Shapes and contacts of scenario 0 at any times [s], of the plan or with a suffix its replay.
 
-    ``axes`` label the drawing, ``framed`` tells whether it is known where contacts act.
+    ``axes`` label the drawing; ``framed``: whether it has contact frames.
     """
 
     axes: tuple[str, str]
@@ -160,8 +160,8 @@ def picture_of(view: RunView) -> RunPicture | None:
         return None
     if view.spec is not None:
         return None if view.spec.draw is None else SpecPicture(view)
-    told = view.run.own_problem
-    return StoredPicture(view.run, view.time, told) if told and told["motions"] else None
+    stored = view.run.own_problem
+    return StoredPicture(view.run, view.time, stored) if stored and stored["motions"] else None
 
 
 class SpecPicture:
@@ -199,18 +199,18 @@ class _Nodes:
 
 
 class StoredPicture:
-    """As the run stores it at its nodes; between two of them numbers go on in a straight line.
+    """As the run stores it at its nodes, linearly interpolated between them.
 
-    Raises :class:`~ocp.errors.DamagedRun` for what is no drawing.
+    Raises :class:`~ocp.errors.DamagedRun` for an invalid drawing.
     """
 
-    def __init__(self, run: StoredRun, nodes: np.ndarray, told: dict[str, Any]) -> None:
+    def __init__(self, run: StoredRun, nodes: np.ndarray, stored: dict[str, Any]) -> None:
         self._nodes = nodes
         try:
-            self._motions = {key: _read(motion) for key, motion in told["motions"].items()}
+            self._motions = {key: _read(motion) for key, motion in stored["motions"].items()}
         except (KeyError, TypeError) as error:
-            raise DamagedRun(f"{run.path} holds a drawing of no known shapes ({error})") from error
-        self.axes = (told["axes"][0], told["axes"][1])
+            raise DamagedRun(f"{run.path} has a drawing with unknown shapes ({error})") from error
+        self.axes = (stored["axes"][0], stored["axes"][1])
         self.framed = any(motion.contacts for motion in self._motions.values())
 
     def shapes(self, suffix: str, times: np.ndarray) -> list[list[Shape]]:
@@ -239,7 +239,7 @@ def _shape(kind: str, **values: Any) -> Shape:
 
 
 def _between(kept: list[list[T]], place: float) -> list[T]:
-    """What is seen at a place between two nodes; the nearer of them where kinds change."""
+    """Interpolation at a place between two nodes; the nearer of them where kinds change."""
     before, after = kept[int(place)], kept[min(int(place) + 1, len(kept) - 1)]
     if [type(one) for one in before] != [type(one) for one in after]:
         return kept[round(place)]

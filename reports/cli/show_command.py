@@ -51,7 +51,7 @@ def _show_file(options: ShowOptions, found: Transitions | Dataset) -> int:
     from reports import learned
     from reports.console import print_table
 
-    content = learned.document(found)
+    content = learned.describe(found)
     options.output.document({"file": options.problem, **content})
     if options.as_json:
         return 0

@@ -185,11 +185,10 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
 def show(output: Output, solution: Solution) -> None:
     """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
     from reports import console
-    from reports.stages import left_out
 
     if solution.stages and output.table_of_stages:
         output.note(console.stage_table(solution.stages))
-    if unseen := left_out(solution.stages):
+    if unseen := console.hidden_stages(solution.stages):
         output.note(unseen)
     output.note(console.result_table(solution))
     if solution.audit.contacts:

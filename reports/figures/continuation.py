@@ -91,7 +91,7 @@ def strobes(view: RunView, cones: bool = False) -> tuple[list[Figure], str]:
     """The motion at points along the path, each beside its value, and what the arrows mean."""
     if view.array("x") is None or not drawable(view):
         return [], ""
-    return strobe_rows([(told, view.along(point)) for point, told in _named(view)], cones)
+    return strobe_rows([(told, view.at_point(point)) for point, told in _named(view)], cones)
 
 
 def _named(view: RunView) -> list[tuple[int, str]]:
@@ -105,7 +105,7 @@ def motion_rows(view: RunView) -> list[Row]:
     """Every state, input and multiplier over time at points along the path, light to dark."""
     if view.array("x") is None:
         return []
-    found = [(view.along(point), color) for point, color in _shades(view)]
+    found = [(view.at_point(point), color) for point, color in _shades(view)]
     whole = [tracks(at) for at, _ in found]
     resting = set.intersection(*(set(idle(each)) for each in whole)) if whole else set()
     panels: dict[str, list[Panel]] = {}

@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from reports.console import stage_title
-from reports.stages import shown
+from reports.console import shown_stages, stage_title
 from reports.style import CYCLE, GREY, REPLAYED, WIDTH
 from reports.units import symbol
 from reports.view import RunView
@@ -15,7 +14,7 @@ from reports.view import RunView
 
 def homotopy(view: RunView) -> Figure:
     """Cost, complementarity and residual after each stage; what is zero is not drawn."""
-    numbers, stages = zip(*shown(view.run.stages), strict=True)
+    numbers, stages = zip(*shown_stages(view.run.stages), strict=True)
     figure = Figure(figsize=(WIDTH, 1.9))
     left, right = figure.subplots(1, 2)
     number = np.array(numbers)

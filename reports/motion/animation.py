@@ -1,4 +1,4 @@
-"""A run in motion: the plan beside its replay under the exact law, with contact forces."""
+"""A run in motion: the plan and its replay under the exact law, with contact forces."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _SAME = 2e-4
 class Motion:
     """States (n, nx), shapes and contacts of n frames, and the forces during each (n, points).
 
-    There are fewer frames than times where a replay ran away to states that are no numbers.
-    ``suffix`` is what names of its arrays end in.
+    There are fewer frames than times where a replay diverges to non-finite states.
+    ``suffix`` ends the names of its arrays.
     """
 
     title: str
@@ -35,15 +35,12 @@ class Motion:
 
 
 class Animation:
-    """What is seen of a run at ``times`` [s]: one or two ``motions``, each under its camera.
-
-    ``forces`` tells the longest arrow and its unit, and is None where nothing is ever pushed.
-    """
+    """A run at ``times`` [s]: one or two ``motions``, each with its camera."""
 
     def __init__(
         self, view: RunView, fps: int = 25, speed: float = 1.0, cones: bool = False
     ) -> None:
-        """Look at ``fps`` instants a second; ``speed`` 0.5 shows a second of the motion in two.
+        """Sample ``fps`` frames per second; ``speed`` 0.5 shows one second of motion in two.
 
         Raises :class:`~ocp.errors.InputError` for a run without states or a problem without a
         drawing, and for more frames than a file should hold.
@@ -58,14 +55,14 @@ class Animation:
 
     @property
     def title(self) -> str:
-        """The problem's title, and which scenario is shown where there are several."""
+        """The problem's title, and the number of the scenario if there are several."""
         scenarios = self.view.run.data.sizes["scenario"]
         which = f", scenario 0 of {scenarios}" if scenarios > 1 else ""
         return f"{self.view.title}{which}"
 
     @property
     def largest(self) -> float:
-        """Size of the largest force of all motions, 0 where nothing is pushed."""
+        """Largest force of all motions, 0 without forces."""
         found = [motion.forces.largest for motion in self.motions if motion.forces]
         return max(found, default=0.0)
 
@@ -77,11 +74,11 @@ class Animation:
     @property
     def rough(self) -> bool:
         """Whether friction cones are shown."""
-        known = (contact.friction for motion in self.motions for contact in motion.contacts[0])
-        return self.cones and any(known)
+        friction = (contact.friction for motion in self.motions for contact in motion.contacts[0])
+        return self.cones and any(friction)
 
     def clock(self, frame: int) -> str:
-        """Time of a frame, and how fast it goes where that is not real time."""
+        """Time of a frame, and the speed if it is not real time."""
         pace = "" if self.speed == 1 else f"   {self.speed:g} × real time"
         return f"t = {self.times[frame]:.2f} s{pace}"
 
@@ -94,8 +91,8 @@ def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
     steps = max(1.0, duration * fps / speed)
     if steps > _MOST_FRAMES:
         raise InputError(
-            f"{duration:.4g} s at {fps} frames a second and speed {speed:g} are {steps:.0f}"
-            f" frames, expected at most {_MOST_FRAMES}; raise --speed or lower --fps"
+            f"{duration:.4g} s at {fps} frames per second and speed {speed:g} need {steps:.0f}"
+            f" frames, at most {_MOST_FRAMES} are allowed; raise --speed or lower --fps"
         )
     return np.linspace(0.0, duration, round(steps) + 1)
 
@@ -113,7 +110,7 @@ def motions(view: RunView, times: np.ndarray) -> list[Motion]:
         return [plan]
     apart = float(np.max(np.abs(x[0] - x_replay[0])))
     if apart <= _SAME * max(1.0, float(np.max(np.abs(x[0])))):
-        same = f"the replay under the exact law is the same (states within {apart:.0e})"
+        same = f"the replay under the exact law agrees (states within {apart:.0e})"
         return [replace(plan, title=f"{plan.title}; {same}")]
     return [plan, _motion(view, "_replay", "replayed under the exact law", times)]
 
@@ -122,11 +119,11 @@ def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion
     picture, x = view.picture, view.array(f"x{suffix}")
     assert picture is not None and x is not None
     states = np.stack([np.interp(times, view.time, column) for column in x[0].T], axis=1)
-    known = np.isfinite(states).all(axis=1)
-    if not known.all():
-        end = max(1, int(np.argmin(known)))
+    finite = np.isfinite(states).all(axis=1)
+    if not finite.all():
+        end = max(1, int(np.argmin(finite)))
         states = states[:end]
-        title = f"{title}; runs away at {times[end]:.2f} s"
+        title = f"{title}; diverges at {times[end]:.2f} s"
     seen = times[: len(states)]
     forces = forces_of(view, suffix)
     return Motion(
@@ -140,9 +137,9 @@ def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion
 
 
 def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
-    """Force of the step that led to the node nearest to each frame; none has led to the first.
+    """Force of the step before the node nearest to each frame, zero before the first.
 
-    Where steps are shorter than frames it is the mean over those since the last frame.
+    Where steps are shorter than frames, the mean over the steps since the last frame.
     """
     nearest = np.abs(times[:, None] - nodes).argmin(axis=1)
     count = max(1, round((times[1] - times[0]) / (nodes[1] - nodes[0])))
@@ -159,14 +156,14 @@ def check_drawable(view: RunView) -> None:
     name = view.run.meta["problem"]
     if view.run.kind not in ("solve", "train") or view.array("x") is None:
         raise InputError(
-            f"{view.run.path} holds a {view.run.kind} study, which does not move; give a run of"
+            f"{view.run.path} is a run of ocp {view.run.kind}, which has no motion; give a run of"
             " ocp solve or ocp train"
         )
     if view.picture is not None:
         return
     if view.spec is None:
-        if told := view.run.own_problem:
-            raise InputError(f"the problem {name!r} has no drawing: {told['undrawn']}")
+        if stored := view.run.own_problem:
+            raise InputError(f"the problem {name!r} has no drawing: {stored['undrawn']}")
         spec_of(view.run)
         raise InputError(f"the problem {name!r} of {view.run.path} no longer fits the run")
     if view.spec.draw is None:

@@ -65,7 +65,7 @@ class MotionArtist:
             ruler.set_animated(True)
 
     def draw(self, frame: int) -> None:
-        """Draw a frame onto the canvas; nothing is left of a motion that has run away."""
+        """Draw a frame onto the canvas; nothing of a motion that has diverged."""
         if frame >= len(self._motion.x):
             return
         self.put(frame)
@@ -73,7 +73,7 @@ class MotionArtist:
             self.axis.draw_artist(artist)
 
     def put(self, frame: int) -> None:
-        """Put camera and paths to a frame that is known."""
+        """Move camera and paths to a frame."""
         self._camera.aim(self.axis, frame)
         strokes = self.strokes(frame)
         self._strokes.set_paths([stroke.path for stroke in strokes])
@@ -82,7 +82,7 @@ class MotionArtist:
         self._strokes.set_linewidth([stroke.width for stroke in strokes])
 
     def strokes(self, frame: int) -> list[Stroke]:
-        """All that is drawn of a frame, the lowest first."""
+        """The strokes of a frame, from back to front."""
         return sorted(self._found(frame), key=lambda stroke: stroke.order)
 
     def _found(self, frame: int) -> Iterator[Stroke]:
@@ -183,10 +183,10 @@ class Canvas:
             scene.axis.set(xlabel=shown.axes[0], ylabel=shown.axes[1])
             scene.axis.label_outer()
         if shown.largest > 0:
-            told = caption(shown.largest, shown.unit, shown.rough)
-            self.figure.supxlabel(told, x=0.01, ha="left", fontsize=8, color=GREY)
+            text = caption(shown.largest, shown.unit, shown.rough)
+            self.figure.supxlabel(text, x=0.01, ha="left", fontsize=8, color=GREY)
         literal(self.figure).draw_without_rendering()
-        # Laid out once: labels that change width from frame to frame must not shake the picture.
+        # Laid out once, so that labels of changing width do not move the picture.
         self.figure.set_layout_engine("none")
         self.clock.set_y(title.get_position()[1])
 
@@ -210,7 +210,7 @@ def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
     columns = count // rows
     width = (_WIDTH - 0.8) / columns - 0.2
     height = rows * float(np.clip(width * ratio, 0.9, 3.6)) + 0.3 * rows + 1.0
-    # Films are made of even numbers of pixels.
+    # Video encoders need an even number of pixels.
     figure = Figure(figsize=(_WIDTH, 2 * round(height * DPI / 2) / DPI), dpi=DPI)
     figure.set_layout_engine("constrained", h_pad=0.1)
     return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())

@@ -59,18 +59,18 @@ def _height(axis: Axes, width: float) -> float:
 
 
 def newest(root: Path, name: str) -> RunView:
-    """Look at the latest run of a problem below ``root``.
+    """The latest run of a problem below ``root``.
 
     Raises :class:`~ocp.errors.InputError` where there is none.
     """
     found = [entry.path for entry in list_runs(root) if entry.path.parent.name == name]
     if not found:
-        raise InputError(f"{root} holds no run of {name}; ocp solve {name} --out {root} makes one")
+        raise InputError(f"{root} has no run of {name}; ocp solve {name} --out {root} stores one")
     return RunView.of(load(found[-1]))
 
 
 def moving(view: RunView) -> Animation:
-    """Animate a run; of a periodic one several strides, slowed down since they are quick."""
+    """Animate a run; a periodic one for several strides at half speed."""
     return Animation(repeated(view, _STRIDES), speed=0.5) if is_periodic(view) else Animation(view)
 
 
@@ -81,10 +81,10 @@ def is_periodic(view: RunView) -> bool:
 
 
 def repeated(view: RunView, count: int) -> RunView:
-    """Look at ``count`` strides of a periodic run, each begun where the last one ended.
+    """``count`` strides of a periodic run, each starting where the last one ended.
 
-    States go on by what they gained over the stride (the way forward; nothing for those that are
-    periodic), time by its duration; impulses are the same in every stride.
+    Every stride adds its increment to the states (zero for periodic ones) and its duration to the
+    time; impulses repeat.
     """
     data = view.run.data.reset_coords()
     nodes = data[[name for name in data if "node" in data[name].dims]]
@@ -114,22 +114,22 @@ def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -
             write(moving(newest(root, name)), file)
             if file.stat().st_size > LARGEST:
                 raise InputError(
-                    f"{file} has {file.stat().st_size / 1e6:.1f} MB, expected at most"
-                    f" {LARGEST / 1e6:g}; give the problem fewer steps in the gallery"
+                    f"{file} has {file.stat().st_size / 1e6:.1f} MB, at most"
+                    f" {LARGEST / 1e6:g} are allowed; solve the problem with fewer steps"
                 )
     return files
 
 
 def main() -> None:
-    """Draw what the command line names, and tell the size of every file."""
+    """Draw the runs of the command line, and print the size of every file."""
     parser = ArgumentParser(prog="python -m reports.motion.gallery", description=__doc__)
     parser.add_argument("root", type=Path, metavar="ROOT")
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--still", nargs="+", required=True, metavar="NAME")
     parser.add_argument("--moving", nargs="*", default=[], metavar="NAME")
-    asked = parser.parse_args()
+    given = parser.parse_args()
     try:
-        for file in draw(asked.root, asked.folder, asked.still, asked.moving):
+        for file in draw(given.root, given.folder, given.still, given.moving):
             print(f"{file}  {file.stat().st_size / 1e3:.0f} kB")
     except InputError as error:
         sys.exit(f"error: {error}")

@@ -23,37 +23,37 @@ FORMATS = (".gif", ".mp4", ".html")
 FASTEST_GIF = 50
 """Frames a second of a GIF at most: shorter delays than 20 ms are played as 100 ms."""
 _REST = 60
-"""Hundredths of a second that a GIF, which starts over by itself, rests on its last frame."""
+"""Hundredths of a second that a GIF shows its last frame before it repeats."""
 _SAMPLED = 12
 """Frames that the palette of a GIF is made from."""
 _PALE = 246
 _ROOM = 1 << 20
-"""Bytes; an encoder that ends with fewer free has had no room."""
+"""Bytes; if fewer are free after a failure, the disk was full."""
 
 
 def check_format(file: Path, fps: int = 25) -> None:
-    """Raise InputError for an unknown ending, an MP4 without ffmpeg, and a GIF that is too fast."""
+    """Raise InputError for an unknown ending, an MP4 without ffmpeg, or a GIF too fast."""
     if file.suffix not in FORMATS:
         raise InputError(
-            f"an animation ends in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}, not in"
-            f" {file.suffix!r}; name it {file.with_suffix('.gif').name}, say"
+            f"an animation must end in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}, got"
+            f" {file.suffix!r}; use {file.with_suffix('.gif').name}, for example"
         )
     if file.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(
-            f"{file.name} needs the program ffmpeg, which is not found here; install it, or name"
+            f"{file.name} needs the program ffmpeg, which was not found; install it, or use"
             f" {file.with_suffix('.gif').name} or {file.with_suffix('.html').name} instead"
         )
     if file.suffix == ".gif" and fps > FASTEST_GIF:
         raise InputError(
-            f"a GIF shows at most {FASTEST_GIF} frames a second, not {fps}; lower --fps, or name"
+            f"a GIF has at most {FASTEST_GIF} frames per second, got {fps}; lower --fps, or use"
             f" {file.with_suffix('.mp4').name} or {file.with_suffix('.html').name} instead"
         )
 
 
-def write(animation: Animation, file: Path, told: Callable[[int], None] = lambda _: None) -> int:
-    """Draw every frame into ``file``, which is there whole or not at all; return its bytes.
+def write(animation: Animation, file: Path, report: Callable[[int], None] = lambda _: None) -> int:
+    """Draw every frame to ``file``, atomically; return its size in bytes.
 
-    ``told`` is called with the number of frames done.
+    ``report`` is called with the number of finished frames.
 
     Raises :class:`~ocp.errors.InputError` as :func:`check_format` does, and where ffmpeg fails.
     """
@@ -61,12 +61,12 @@ def write(animation: Animation, file: Path, told: Callable[[int], None] = lambda
     with atomic.replacing(file) as draft:
         match file.suffix:
             case ".gif":
-                _write_gif(animation, draft, told)
+                _write_gif(animation, draft, report)
             case ".mp4":
-                _write_mp4(animation, draft, told)
+                _write_mp4(animation, draft, report)
             case _:
                 draft.write_text(player(animation), encoding="utf-8")
-                told(len(animation.times))
+                report(len(animation.times))
         return draft.stat().st_size
 
 
@@ -76,7 +76,7 @@ def delays(count: int, fps: int) -> list[int]:
     return np.diff(ends).tolist()
 
 
-def _write_gif(animation: Animation, draft: Path, told: Callable[[int], None]) -> None:
+def _write_gif(animation: Animation, draft: Path, report: Callable[[int], None]) -> None:
     canvas, count = Canvas(animation), len(animation.times)
     palette = _palette(canvas, count)
 
@@ -84,7 +84,7 @@ def _write_gif(animation: Animation, draft: Path, told: Callable[[int], None]) -
         for frame in range(count):
             picture = Image.fromarray(canvas.picture(frame)).convert("RGB")
             yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
-            told(frame + 1)
+            report(frame + 1)
 
     shown = delays(count, animation.fps)
     shown[-1] += _REST
@@ -96,7 +96,7 @@ def _write_gif(animation: Animation, draft: Path, told: Callable[[int], None]) -
 def _palette(canvas: Canvas, count: int) -> Image.Image:
     """At most 256 colours for all frames, from every other line of a few of them.
 
-    By how different they are, not by how much of the picture they cover: an arrow has few pixels.
+    Chosen by difference, not by frequency: an arrow has few pixels.
     """
     some = np.unique(np.linspace(0, count - 1, _SAMPLED).round().astype(int))
     lines = np.concatenate([canvas.picture(frame)[::2, :, :3].copy() for frame in some])
@@ -110,7 +110,7 @@ def _palette(canvas: Canvas, count: int) -> Image.Image:
     return found
 
 
-def _write_mp4(animation: Animation, draft: Path, told: Callable[[int], None]) -> None:
+def _write_mp4(animation: Animation, draft: Path, report: Callable[[int], None]) -> None:
     canvas, count = Canvas(animation), len(animation.times)
     height, width = canvas.picture(0).shape[:2]
     command = [
@@ -121,21 +121,21 @@ def _write_mp4(animation: Animation, draft: Path, told: Callable[[int], None]) -
         "-movflags", "+faststart", str(draft),
     ]  # fmt: skip
     log = draft.with_name("ffmpeg.log")
-    # Where it has ended early, its own words and exit code say why.
+    # If it ends early, its log and exit code give the reason.
     with (
         suppress(BrokenPipeError),
-        log.open("wb") as words,
-        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=words) as encoder,
+        log.open("wb") as errors,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=errors) as encoder,
     ):
         assert encoder.stdin is not None
         for frame in range(count):
             encoder.stdin.write(canvas.picture(frame).data)
-            told(frame + 1)
+            report(frame + 1)
     if encoder.returncode:
-        said = log.read_text(errors="replace").strip().splitlines()
+        messages = log.read_text(errors="replace").strip().splitlines()
         if shutil.disk_usage(draft.parent).free < _ROOM:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(draft))
         raise InputError(
-            f"ffmpeg could not make the film: {said[-1] if said else 'it says nothing'}; install"
-            " one with an h264 encoder, or name a .gif or .html file instead"
+            f"ffmpeg failed: {messages[-1] if messages else 'no error message'}; install a"
+            " version with an h264 encoder, or use a .gif or .html file"
         )

@@ -27,19 +27,19 @@ from reports.view import RunView
 
 _PAGE = Path(__file__).with_name("page")
 _DIGITS = 5
-"""Of what is seen at once: a hundred-thousandth of the view is far below a pixel."""
+"""Digits of the size of the view: its hundred-thousandth is far below a pixel."""
 _SIGNIFICANT = 7
 
 
 def player(animation: Animation) -> str:
     """The whole page."""
-    told = animation.view.run.meta.get("verdict") or ""
+    verdict = animation.view.run.meta.get("verdict") or ""
     film = json.dumps(film_of(animation), ensure_ascii=False, allow_nan=False,
                       separators=(",", ":"))  # fmt: skip
     parts = {name: (_PAGE / f"player.{name}").read_text("utf-8") for name in ("html", "css", "js")}
     return Template(parts["html"]).substitute(
         title=html.escape(animation.title),
-        verdict=html.escape(told.splitlines()[0] if told else ""),
+        verdict=html.escape(verdict.splitlines()[0] if verdict else ""),
         style=parts["css"].strip(),
         script=parts["js"].strip(),
         # No name may end the element that holds the data, or begin one.
@@ -48,7 +48,7 @@ def player(animation: Animation) -> str:
 
 
 def film_of(animation: Animation) -> dict[str, Any]:
-    """What the page's script draws, as plain data.
+    """The data that the page's script draws.
 
     ``motions`` hold per frame the shapes ``[kind, numbers...]``, an index into ``kinds`` (name and
     role) and the fields of :mod:`problems.drawing` in their order without the role, and the
@@ -137,7 +137,7 @@ def _arrow(
 
 
 def _short(value: float) -> float | None:
-    """Seven significant digits, and None for what is no number."""
+    """Seven significant digits; None for NaN and infinity."""
     return float(f"{value:.{_SIGNIFICANT}g}") if math.isfinite(value) else None
 
 
@@ -153,14 +153,14 @@ Chart = dict[str, Any]
 def charts(animation: Animation) -> list[Chart]:
     """Forces of each motion beside each other on one scale, and the costs of both below."""
     view = animation.view
-    known = [forces for motion in animation.motions if (forces := _forces(view, motion))]
-    drawn = [curve["values"] for chart in known for curve in chart["curves"]]
+    found = [forces for motion in animation.motions if (forces := _forces(view, motion))]
+    drawn = [curve["values"] for chart in found for curve in chart["curves"]]
     highest = max((float(np.nanmax(values)) for values in drawn), default=0.0)
-    for chart in known:
+    for chart in found:
         chart["range"] = _widened(0.0, highest)
     if (paid := _costs(view, animation.motions)) is not None:
-        known.append(paid)
-    return known
+        found.append(paid)
+    return found
 
 
 def _forces(view: RunView, motion: Motion) -> Chart | None:
@@ -215,9 +215,9 @@ def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
     ends = [curve["end"] for curve in curves]
     finite = np.concatenate([*(curve["values"] for curve in curves), ends])
     finite = finite[np.isfinite(finite)]
-    what, last = ("return", "what is gained there") if gained else ("cost", "the terminal cost")
+    what, last = ("return", "the final reward") if gained else ("cost", "the terminal cost")
     return {
-        "title": f"{what} so far, at the end with {last}",
+        "title": f"cumulative {what}, with {last} at the end",
         "label": what,
         "wide": True,
         "range": _widened(float(finite.min()), float(finite.max())),

@@ -1,4 +1,4 @@
-"""The page of several solved runs side by side, each named by the settings in which it differs."""
+"""The page of several solved runs, each labelled by the settings in which it differs."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from reports.view import RunView
 
 _IN_ORDER = ("problem", "contact", "method", "policy", "solver", "strategy")
 _GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
-_UNTOLD = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at")
+_NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at")
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:
-    """Content and figures of several solved runs side by side, each named by what differs."""
+    """Content and figures of several solved runs, each labelled by its differences."""
     names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
     one_problem = len({view.run.meta["problem"] for view in views}) == 1
-    told = labels([view.run for view in views])
-    titles = [f"{name}: {label}" for name, label in zip(names, told, strict=True)]
-    asked = [[*how(view.run), *settings(view.run)] for view in views]
-    shared = [row for row in asked[0] if all(row in each for each in asked)]
+    labelled = labels([view.run for view in views])
+    titles = [f"{name}: {label}" for name, label in zip(names, labelled, strict=True)]
+    requests = [[*how(view.run), *settings(view.run)] for view in views]
+    shared = [row for row in requests[0] if all(row in each for each in requests)]
     content = {
-        "title": views[0].title if one_problem else "Runs side by side",
+        "title": views[0].title if one_problem else "Comparison of runs",
         "names": names,
-        "labels": told,
+        "labels": labelled,
         "colors": [comparison.color_of(place) for place in range(len(views))],
         "hashes": [view.run.meta["hash"] for view in views],
         "verdicts": [view.run.meta["verdict"] for view in views],
         "grades": [view.run.meta["grade"] for view in views],
         "rows": comparison.rows(views),
         "how": shared,
-        "own": [[row for row in each if row not in shared] for each in asked],
+        "own": [[row for row in each if row not in shared] for each in requests],
         "differ": comparison.same_instants(views),
         "versions": pairs(views[0].run.meta.get("versions") or {}),
         "zero": [],
@@ -50,18 +50,18 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
 
 
 def labels(runs: Sequence[StoredRun]) -> list[str]:
-    """A name for each run: the values in which not all are alike, problem and law first.
+    """A label for each run: the values in which the runs differ, problem and law first.
 
-    A setting that only some runs have, as mu of one law, tells apart those that share that law.
-    Runs in which nothing differs are told by their hashes.
+    A setting of one law, such as mu, labels only the runs with that law. Identical requests are
+    labelled by their hashes.
     """
-    asked = [_flat(run) for run in runs]
+    requests = [_flat(run) for run in runs]
     found = []
-    for run, own in zip(runs, asked, strict=True):
-        parts = [str(own[key]) for key in _IN_ORDER if key in own and _differs(key, own, asked)]
+    for run, own in zip(runs, requests, strict=True):
+        parts = [str(own[key]) for key in _IN_ORDER if key in own and _differs(key, own, requests)]
         parts += [
             f"{symbol(key)} = {_short(value)}" for key, value in own.items()
-            if key not in _IN_ORDER and _differs(key, own, asked)
+            if key not in _IN_ORDER and _differs(key, own, requests)
         ]  # fmt: skip
         found.append(", ".join(parts) or str(run.meta["hash"])[:6])
     if len(set(found)) == len(found):
@@ -73,18 +73,20 @@ def labels(runs: Sequence[StoredRun]) -> list[str]:
 
 
 def _flat(run: StoredRun) -> dict[str, Any]:
-    """What was asked of a run, by one name each."""
-    asked = {key: value for key, value in run.record.items() if key not in _UNTOLD}
-    found = {key: value for key, value in asked.items() if key not in _GROUPS and value is not None}
+    """The request of a run, with one name per setting."""
+    record = {key: value for key, value in run.record.items() if key not in _NOT_COMPARED}
+    found = {
+        key: value for key, value in record.items() if key not in _GROUPS and value is not None
+    }
     for group in _GROUPS:
         beside = "contact." if group == "contact_settings" else ""
-        found |= {beside + name: value for name, value in (asked.get(group) or {}).items()}
+        found |= {beside + name: value for name, value in (record.get(group) or {}).items()}
     return found
 
 
-def _differs(key: str, own: Mapping[str, Any], asked: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether ``key`` tells ``own`` from another run; what a law brings from one with that law."""
-    others = [other for other in asked if other is not own]
+def _differs(key: str, own: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether another run has another value; for a setting of a law, a run with that law."""
+    others = [other for other in requests if other is not own]
     if key == "strategy" or key.startswith("contact."):
         others = [other for other in others if other.get("contact") == own.get("contact")]
     return any(other.get(key) != own[key] for other in others)

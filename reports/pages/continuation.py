@@ -17,7 +17,7 @@ from reports.view import RunView
 
 def continuation_page(view: RunView, cones: bool = False) -> Page:
     """Content and figures of a path over a parameter; friction cones are drawn where ``cones``."""
-    meta, points, said = view.run.meta, view.run.meta["points"], head(view)
+    meta, points, common = view.run.meta, view.run.meta["points"], head(view)
     over = str(meta["over"])
     rows = [
         [
@@ -27,14 +27,14 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
         ]
         for point in points
     ]  # fmt: skip
-    # Of a path that was followed to its end: whether every plan on it survives.
+    # For a complete path: whether every plan on it survives.
     grade = "survives" if all(point["survives"] for point in points) else "certified"
     content = {
-        **said,
-        "verdict": said["verdict"].replace(over, symbol(over)),
+        **common,
+        "verdict": common["verdict"].replace(over, symbol(over)),
         "how": _how(view),
-        "settings": [row for row in said["settings"] if row[0] != over],
-        "parameters": [row for row in said["parameters"] if row[0] != over],
+        "settings": [row for row in common["settings"] if row[0] != over],
+        "parameters": [row for row in common["parameters"] if row[0] != over],
         "over": continuation.parameter_label(view),
         "grade": grade if meta["success"] else "failed",
         "survived": f"{sum(p.get('survives') is True for p in points)} of {len(points)}",
@@ -56,7 +56,7 @@ _SURVIVES = {True: "yes", False: "no", None: "–"}
 
 
 def _below(points: list[dict[str, Any]]) -> str:
-    """Say of how many points complementarity is too small to be drawn; empty for none."""
+    """A sentence on points with complementarity too small to draw; empty for none."""
     sizes = [point["complementarity"] for point in points]
     count = sum(size is not None and np.isfinite(size) and size <= FLOOR for size in sizes)
     if not count:
@@ -68,6 +68,6 @@ def _below(points: list[dict[str, Any]]) -> str:
 def _how(view: RunView) -> list[list[str]]:
     meta = view.run.meta
     name, unit = symbol(str(meta["over"])), continuation.parameter_label(view).partition(" ")[2]
-    told = f"{number(meta['from'], 4)} to {number(meta['to'], 4)} {unit.strip('[]')}".strip()
-    swept = [name, f"{told}, {meta['scale']}, {len(meta['points'])} points"]
+    text = f"{number(meta['from'], 4)} to {number(meta['to'], 4)} {unit.strip('[]')}".strip()
+    swept = [name, f"{text}, {meta['scale']}, {len(meta['points'])} points"]
     return [swept, *how(view.run, [str(meta["over"])])]

@@ -1,4 +1,4 @@
-"""What every page says of a run: how it was asked for, its equations, parameters and settings."""
+"""Content of every page: the request of a run, its equations, parameters and settings."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _NOT_SETTINGS = (
 _FIRST = ("contact", "method", "policy", "solver")
 _LEAST_MU = 1e-12
 _UNLOADED = (
-    "The file of this problem was not loaded: what is shown is what the run keeps of it. ocp report"
-    " --source FILE sets its equations, and draws what only the file can."
+    "The file of this problem was not loaded; the page shows what the run stores of it. ocp report"
+    " --source FILE adds the equations and drawings from the file."
 )
 
 
 def head(view: RunView) -> dict[str, Any]:
-    """Title, and what :func:`described` says of the run."""
+    """Title, and the content of :func:`described`."""
     values = view.run.record.get("params", {}) if view.spec is None else view.params.model_dump()
     return {"title": view.title, **described(view.run, view.spec, values)}
 
@@ -43,18 +43,18 @@ def head(view: RunView) -> dict[str, Any]:
 def described(
     run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str, Any]
 ) -> dict[str, Any]:
-    """Where a run is from, what was asked, and what it found."""
+    """Origin, request and verdict of a run."""
     cited = spec.citation if spec else None
-    told = run.own_problem if spec is None else None
+    stored = run.own_problem if spec is None else None
     return {
         "hash": run.meta["hash"],
         "verdict": run.meta["verdict"],
         "how": how(run),
         "equations": list(spec.equations) if isinstance(spec, Spec) else [],
-        # What a run tells is text: typst's mathematics is a program that a page would run.
-        "typed": [plain(line) for line in told["equations"]] if told else [],
-        "unloaded": _UNLOADED if told else "",
-        "parameters": _kept_parameters(told, values) if told else _parameters(spec, values),
+        # Text of a run stays text: typst's mathematics is a program, which a page would execute.
+        "typed": [plain(line) for line in stored["equations"]] if stored else [],
+        "unloaded": _UNLOADED if stored else "",
+        "parameters": _stored_parameters(stored, values) if stored else _parameters(spec, values),
         "citation": f"{cited.text}. {full_citation(cited.key)}." if cited else "",
         "settings": settings(run),
         "versions": pairs(run.meta.get("versions") or {}),
@@ -62,9 +62,9 @@ def described(
 
 
 def how(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
-    """Law with its settings, but ``without`` some, method, policy and solver: below the title."""
+    """Law with its settings, except ``without``, method, policy and solver."""
     record = run.record
-    found = [["law", law_asked(run, without)]] if record.get("contact") else []
+    found = [["law", law_text(run, without)]] if record.get("contact") else []
     found += [[key, str(record[key])] for key in _FIRST[1:] if record.get(key)]
     if record.get("N"):
         found.append(["steps", str(record["N"])])
@@ -72,19 +72,19 @@ def how(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
     return found + ([["scenarios", str(scenarios)]] if scenarios > 1 else [])
 
 
-def law_asked(run: StoredRun, without: Collection[str] = ()) -> str:
-    """The law by its name and its settings, but ``without`` some: ``barrier (μ = 0.001)``."""
+def law_text(run: StoredRun, without: Collection[str] = ()) -> str:
+    """Name and settings of the law, except ``without``: ``barrier (μ = 0.001)``."""
     name = str(run.record["contact"])
     given = {
         key: value for key, value in _law_settings(run, name).items()
         if f"contact.{key}" not in without
     }  # fmt: skip
-    told = ", ".join(f"{symbol(key)} = {shown(value)}" for key, value in given.items())
-    return f"{name} ({told})" if told else name
+    settings = ", ".join(f"{symbol(key)} = {shown(value)}" for key, value in given.items())
+    return f"{name} ({settings})" if settings else name
 
 
 def _law_settings(run: StoredRun, name: str) -> dict[str, Any]:
-    """Settings of a run's law; an estimate keeps them as they were typed, none for the defaults."""
+    """Settings of a run's law; an estimate stores them as typed, and none for the defaults."""
     typed = run.record.get("law_settings")
     if typed:
         return dict(text.partition("=")[::2] for text in typed)
@@ -95,7 +95,7 @@ def _law_settings(run: StoredRun, name: str) -> dict[str, Any]:
 
 
 def law(view: RunView) -> dict[str, Any]:
-    """The law's name, what it is, and where on the central path the plan lies."""
+    """Name and summary of the law, and the plan's place on the central path."""
     name = str(view.run.record.get("contact", ""))
     known = LAWS.get(name)
     return {
@@ -127,17 +127,17 @@ def _parameters(spec: Spec | FigureStudy | None, values: dict[str, Any]) -> list
     ]  # fmt: skip
 
 
-def _kept_parameters(told: dict[str, Any], values: dict[str, Any]) -> list[list[str]]:
-    known, nothing = told["parameters"], {"unit": "", "description": ""}
-    meant = {name: known.get(name, nothing) for name in values}
+def _stored_parameters(stored: dict[str, Any], values: dict[str, Any]) -> list[list[str]]:
+    empty = {"unit": "", "description": ""}
+    meaning = {name: stored["parameters"].get(name, empty) for name in values}
     return [
-        [name, shown(value), powers(meant[name]["unit"]), meant[name]["description"]]
+        [name, shown(value), powers(meaning[name]["unit"]), meaning[name]["description"]]
         for name, value in values.items()
     ]
 
 
 def shown(value: Any) -> str:
-    """A value in a line: numbers short, words of a list with commas."""
+    """A value as text: short numbers, lists with commas."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
@@ -146,7 +146,7 @@ def shown(value: Any) -> str:
 
 
 def settings(run: StoredRun) -> list[list[str]]:
-    """What was asked, but for what has its own table or line."""
+    """Settings of the request without a table or line of their own."""
     left = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
     return [
         row for row in pairs(left)
@@ -169,10 +169,10 @@ def pairs(values: dict[str, Any]) -> list[list[str]]:
 def row_figures(
     name: str, rows: list[Row], columns: int = COLUMNS, below: float = 0.34
 ) -> dict[str, Figure]:
-    """A figure for each row, ``name-01`` and so on, so that a page may end between two of them."""
+    """A figure per row, ``name-01`` and so on, so that pages can break between rows."""
     return numbered(name, [draw_rows([row], columns, below) for row in rows])
 
 
 def numbered(name: str, figures: Sequence[Figure]) -> dict[str, Figure]:
-    """Figures by the names under which a template finds them in order."""
+    """Figures by numbered names, in the order of a template."""
     return {f"{name}-{index:02d}": figure for index, figure in enumerate(figures, start=1)}

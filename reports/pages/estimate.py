@@ -14,7 +14,7 @@ from problems.spec import ProblemSpec
 from reports import estimates
 from reports.console import number
 from reports.figures import estimate
-from reports.pages.described import Page, described, law_asked
+from reports.pages.described import Page, described, law_text
 from reports.units import label, symbol
 
 _GRADES = {
@@ -28,7 +28,7 @@ _GRADES = {
 
 
 def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
-    """Content and figure of a stored estimate; ``own`` is the problem of a file that was named."""
+    """Content and figure of a stored estimate; ``own`` is the problem of a user's file."""
     meta, swept = run.meta, run.meta["sweep"]
     spec = _spec(run, own)
     rows = meta["estimates"]
@@ -40,7 +40,7 @@ def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
         "grade": _GRADES[weakest_verdict(rows)],
         "how": _how(run),
         "parameters": parameters,
-        "settings": [row for row in content["settings"] if row[0] not in _TOLD],
+        "settings": [row for row in content["settings"] if row[0] not in _ELSEWHERE],
         "caption": estimate.caption(run),
         "swept": label(symbol(swept["name"]), swept["unit"]) if swept else "",
         "rows": [estimates.cells(row, bool(swept)) for row in rows],
@@ -57,11 +57,11 @@ def _spec(run: StoredRun, own: ProblemSpec | None) -> ObjectiveSpec | ProblemSpe
         return None
 
 
-_TOLD = ("estimators", "reference", "reference samples", "samples", "sigma")
+_ELSEWHERE = ("estimators", "reference", "reference samples", "samples", "sigma")
 
 
 def headline(rows: Sequence[dict[str, Any]]) -> str:
-    """The weakest verdict among rows, and whose it is."""
+    """The weakest verdict among rows, with its estimators."""
     word = weakest_verdict(rows)
     whose = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == word))
     if all(short_verdict(row) == word for row in rows):
@@ -74,13 +74,13 @@ def _how(run: StoredRun) -> list[list[str]]:
     """Law, policy, reference by its source, noise and samples."""
     record, swept = run.record, run.meta["sweep"]
     sources = dict.fromkeys(row["reference_source"] for row in run.meta["estimates"])
-    known = ", ".join(filter(None, sources)) or "none"
-    if "zobg" in known:
-        known += f" ({number(record['reference_samples'])} samples)"
-    found = [["law", law_asked(run) if record.get("contact") else "none, a function"]]
+    reference = ", ".join(filter(None, sources)) or "none"
+    if "zobg" in reference:
+        reference += f" ({number(record['reference_samples'])} samples)"
+    found = [["law", law_text(run) if record.get("contact") else "none (static objective)"]]
     if record.get("policy"):
         found.append(["policy", str(record["policy"])])
-    found.append(["reference", known])
+    found.append(["reference", reference])
     constant = (name for name in ("sigma", "samples") if not swept or swept["name"] != name)
     found += [[symbol(name), number(record[name])] for name in constant]
     if swept:

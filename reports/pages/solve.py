@@ -1,4 +1,4 @@
-"""The page of one solve: verdict, numbers, motion, plan and replay, law, contacts, path."""
+"""The page of one solve: verdict, numbers, motion, plan and replay, law, contacts, homotopy."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 
 from ocp.programs.status import Status
 from reports.console import (
-    books,
+    hidden_stages,
     idle_contacts,
     number,
+    physics_residuals,
     small,
     spans_text,
     stage_rows,
@@ -21,8 +22,7 @@ from reports.console import (
 from reports.figures import contacts, law, motion
 from reports.figures import run as figures_of
 from reports.pages.described import Page, head, numbered, row_figures, shown
-from reports.pages.described import law as law_said
-from reports.stages import left_out
+from reports.pages.described import law as law_summary
 from reports.strobe import drawable, picked_scenarios, strobe, strobe_rows
 from reports.units import label, symbol
 from reports.view import RunView
@@ -30,7 +30,7 @@ from reports.view import RunView
 _BELOW = 0.5
 _OF_STARTS = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations", "chosen")
 _ENDS = 12
-"""Stages at either end that the table shows of more than twice as many."""
+"""Number of first and of last stages in a shortened table."""
 
 
 def solve_page(view: RunView, cones: bool = False) -> Page:
@@ -42,14 +42,14 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
         **head(view),
         "grade": stored.meta["grade"],
         "key": key_numbers(view),
-        "law": law_said(view),
+        "law": law_summary(view),
         "parted": motion.apart(found) > motion.SAME,
         "apart": small(motion.apart(found)),
         "undetermined": motion.undetermined(found),
         "replayed": any(track.again is not None for track in found),
         "zero": motion.idle(found),
         "stages": _stages(view),
-        "left_out": left_out(stored.stages),
+        "left_out": hidden_stages(stored.stages),
         "worst": [] if solved else violation_rows(stored.audit),
         "starts": [key.replace("_", " ") for key in _starts(view)],
         "others": [[shown(other.get(key)) for key in _starts(view)]
@@ -76,16 +76,16 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
 
 
 def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
-    """The strobe, or one for each scenario, and what arrows mean in those."""
+    """The strobe, or one for each scenario, and the caption of their arrows."""
     if view.scenarios == 1 or not drawable(view):
         return {"strobe": strobe(view, cones)}, ""
     picked = picked_scenarios(view.pictured)
-    rows, told = strobe_rows([(f"scenario {i}", view.scenario(i)) for i in picked], cones)
-    return {**numbered("strobes", rows)}, told
+    rows, arrows = strobe_rows([(f"scenario {i}", view.scenario(i)) for i in picked], cones)
+    return {**numbered("strobes", rows)}, arrows
 
 
 def _stages(view: RunView) -> list[list[str]]:
-    """Rows of the homotopy's table: of many the first and the last ones."""
+    """Rows of the homotopy's table, without the middle of a long one."""
     rows = [[index, symbol(stage_title(label)), *cells, note] for index, label, *cells, _, note
             in stage_rows(view.run.stages)]  # fmt: skip
     if len(rows) <= 2 * _ENDS:
@@ -95,13 +95,13 @@ def _stages(view: RunView) -> list[list[str]]:
 
 
 def _starts(view: RunView) -> list[str]:
-    """What is known of the starts of a multi-start."""
+    """Columns of the table of starts."""
     others = view.run.meta["others"]
     return [key for key in _OF_STARTS if any(key in other for other in others)]
 
 
 def _law_figures(view: RunView) -> tuple[dict[str, Figure | None], list[str]]:
-    """Figures of the law, and the contacts that they leave out because they never act."""
+    """Figures of the law, and the names of idle contacts without a figure."""
     if law.at_the_end(view):
         rows, columns, resting = law.interval_rows(view)
         return {**row_figures("intervals", rows, columns, _BELOW)}, resting
@@ -144,7 +144,7 @@ def contact_rows(view: RunView) -> list[list[str]]:
 
 
 def key_numbers(view: RunView) -> list[dict[str, Any]]:
-    """Three columns of names and numbers: what it costs, how far it holds, what is left over."""
+    """Three columns of names and numbers: costs, checks, residuals."""
     meta, audit = view.run.meta, view.run.audit
     certificate, referee = view.run.certificate, view.run.referee
     costs = [["planned, under the law", number(meta["cost"], 7)],
@@ -162,30 +162,30 @@ def key_numbers(view: RunView) -> list[dict[str, Any]]:
         holds.append(["biactive pairs", str(certificate.biactive)])
     if certificate.negative_curvature > 0:
         holds.append(["negative curvature", str(certificate.negative_curvature)])
-    holds.append(["plan to replay, any state", small(audit.state_gap)])
+    holds.append(["state error of replay", small(audit.state_gap)])
     if referee.survives is not None:
-        holds.append(["plan to referee", small(referee.gap)])
+        holds.append(["state error of referee", small(referee.gap)])
     left = [
         ["largest λ gap", small(audit.complementarity)],
         ["largest min(λ, gap)", small(audit.complementarity_min)],
         ["dynamics", small(audit.dynamics_residual)],
         ["constraints", small(audit.constraint_violation)],
         *([label(_SHORT.get(name, name), unit.partition(",")[0]), small(value)]
-          for name, value, unit in books(audit)),
+          for name, value, unit in physics_residuals(audit)),
     ]  # fmt: skip
     holds.append(["penetration [m]", small(audit.penetration)])
     for name, worst in (("between nodes [m]", referee.between),
                         ("force at distance [m]", referee.force_distance)):  # fmt: skip
         if worst is not None:
             holds.append([name, small(worst.amount)])
-    return [{"title": "Cost", "rows": costs}, {"title": "How far it holds", "rows": holds},
+    return [{"title": "Cost", "rows": costs}, {"title": "Checks", "rows": holds},
             {"title": "Residuals", "rows": left}]  # fmt: skip
 
 
 _SHORT = {
     "friction cone violated by": "friction cone",
-    "dissipation short of the most": "dissipation",
+    "dissipation below maximum": "dissipation",
     "energy gained in a step": "energy gained",
     "momentum residual": "momentum",
 }
-"""Short names of what :func:`reports.console.books` tells."""
+"""Short names of the residuals of :func:`reports.console.physics_residuals`."""

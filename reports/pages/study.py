@@ -1,4 +1,4 @@
-"""The page of a paper's figure: what was measured, drawn, and held against what is claimed."""
+"""The page of a paper's figure: the drawing, and measured values against the claims."""
 
 from __future__ import annotations
 

@@ -16,15 +16,15 @@ from reports.view import RunView
 
 
 def sweep_page(view: RunView) -> Page:
-    """Content and figures of a sweep; what it goes over is no constant of it."""
+    """Content and figures of a sweep; swept names are left out of the tables of constants."""
     swept = {axis["name"] for axis in view.run.meta["study"]["axes"]}
     swept |= {name.removeprefix("problem.") for name in swept}
-    told = head(view)
+    common = head(view)
     for table in ("parameters", "settings"):
-        told[table] = [row for row in told[table] if row[0] not in swept]
-    told["how"] = how(view.run, swept)
+        common[table] = [row for row in common[table] if row[0] not in swept]
+    common["how"] = how(view.run, swept)
     content, figures = sweep_content(view.run)
-    return {**told, "law": law(view), **content}, figures
+    return {**common, "law": law(view), **content}, figures
 
 
 def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:

@@ -1,4 +1,4 @@
-"""Store for the site what ``ocp figure --all --json`` printed.
+"""Store the output of ``ocp figure --all --json`` for the site.
 
 ``python -m reports.site.claims FIGURES.json`` writes the claims of every figure in it to
 ``docs/generated/data/claims/<id>.json``, its picture to ``docs/pictures/figures/<id>.png``, and of
@@ -27,10 +27,10 @@ COLUMNS = ("claim", "source", "expected", "measured", "holds")
 
 
 def stored(figure: Mapping[str, Any]) -> dict[str, Any]:
-    """What the site keeps of a figure: its claims, and where they come from."""
-    kept = (*COLUMNS, "margin")
+    """The claims of a figure for the site, and their origin."""
+    keys = (*COLUMNS, "margin")
     claims = [
-        {name: claim[name] for name in kept if claim.get(name) is not None}
+        {name: claim[name] for name in keys if claim.get(name) is not None}
         for claim in figure["claims"]
     ]
     command = f"ocp figure {figure['id']}"
@@ -71,15 +71,15 @@ def _smoothings(data: xr.Dataset) -> Path:
 
 
 def main() -> None:
-    """Store what the file that the command line names holds."""
+    """Store the content of the file on the command line."""
     parser = ArgumentParser(prog="python -m reports.site.claims", description=__doc__)
     parser.add_argument("figures", type=Path, metavar="FIGURES.json")
-    asked = parser.parse_args()
-    content = json.loads(asked.figures.read_text())
+    given = parser.parse_args()
+    content = json.loads(given.figures.read_text())
     try:
         keep(content.get("figures", [content]))
     except InputError as error:
-        sys.exit(f"error: {asked.figures}: {error}")
+        sys.exit(f"error: {given.figures}: {error}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A page a figure: its picture, what it shows, and every claim of the papers beside the measured.
+"""A page per figure: its picture, and every claim of the papers with the measured value.
 
 Claims lie as JSON in ``docs/generated/data/claims``; ``make claims`` measures them.
 """
@@ -49,9 +49,9 @@ def index(found: Mapping[str, Mapping[str, Any]]) -> str:
     every = [claim for figure in found.values() for claim in figure["claims"]]
     parts = [
         "# Figures\n",
-        f"{counted(every)} claims hold; those that do not are in the list on purpose.\n",
-        "A figure of the papers is one command, which computes its data, draws it, and checks"
-        " what the paper says about it: `ocp figure P3` writes a PDF beside its data.\n",
+        f"{counted(every)} claims hold; the others are listed on purpose.\n",
+        "Each figure of the papers is one command, which computes its data, draws it, and checks"
+        " the claims of the paper: `ocp figure P3` writes a PDF beside its data.\n",
     ]
     for letter, paper in PAPERS.items():
         rows = [
@@ -78,7 +78,7 @@ def page(study: FigureStudy, figure: Mapping[str, Any]) -> str:
 
 
 def claims(figure: Mapping[str, Any]) -> str:
-    """A figure's claims as a table, one that does not hold marked so."""
+    """A figure's claims as a table, with a mark on those that do not hold."""
     return table(
         COLUMNS,
         (
@@ -89,6 +89,6 @@ def claims(figure: Mapping[str, Any]) -> str:
 
 
 def mark(claim: Mapping[str, Any]) -> str:
-    """Yes, a no that catches the eye, or that it is within noise."""
-    told = verdict(claim["holds"], claim.get("margin"))
-    return {"holds": "yes", "does not hold": "**no**"}.get(told, told)
+    """The verdict on a claim: yes, a bold no, or within noise."""
+    word = verdict(claim["holds"], claim.get("margin"))
+    return {"holds": "yes", "does not hold": "**no**"}.get(word, word)

@@ -1,4 +1,4 @@
-"""A page a problem: picture, equations, parameters, best known values, verdicts under every law."""
+"""A page per problem: picture, equations, parameters, best known values, verdicts per law."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def index() -> str:
     """All problems as cards, each with its picture."""
     cards = "".join(_card(spec(name)) for name in names())
     return (
-        "# Gallery\n\nThe problems that ship with the workbench. Each is one command,"
-        " `ocp solve NAME`, at any parameters, under any law, by any method.\n\n"
+        "# Gallery\n\nThe problems of the workbench. Each is one command, `ocp solve NAME`, at any"
+        " parameters, under any law, by any method.\n\n"
         f'<div class="grid cards" markdown>\n\n{cards}\n</div>\n'
     )
 
@@ -78,7 +78,7 @@ def _parameters(found: ProblemSpec) -> str:
 
 
 def unit(text: str) -> str:
-    """Write a unit with its powers: 1/m^2 as 1/m²; nothing for what has none."""
+    """A unit with superscripts: 1/m^2 as 1/m²; nothing for a dimensionless one."""
     return "" if text == "1" else re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power[1])], text)
 
 
@@ -89,12 +89,12 @@ def _range(row: Mapping[str, Any]) -> str:
 
 def _golden(found: ProblemSpec) -> str:
     rows = [
-        (key, known.law, known.method, f"{known.cost:.9g}", known.certificate, known.tried)
-        for key, known in found.golden.items()
+        (key, best.law, best.method, f"{best.cost:.9g}", best.certificate, best.tried)
+        for key, best in found.golden.items()
     ]
     columns = ("best known", "law", "method", "cost", "certificate", "of solves")
-    said = [f"- {key}: {known.remarks}\n" for key, known in found.golden.items() if known.remarks]
-    return table(columns, rows) + ("\n" + "".join(said) if said else "")
+    remarks = [f"- {key}: {best.remarks}\n" for key, best in found.golden.items() if best.remarks]
+    return table(columns, rows) + ("\n" + "".join(remarks) if remarks else "")
 
 
 def _rows(name: str, measured: Mapping[str, Any]) -> list[list[Any]]:

@@ -1,4 +1,4 @@
-"""Words and tables as Markdown."""
+"""Text and tables as Markdown."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _is_number(text: str) -> bool:
 
 
 def provenance(origin: Mapping[str, Any]) -> str:
-    """Say in one small line what measured, when, at which commit, on what computer."""
+    """One small line with command, date, commit and computer."""
     return (
         f"<small>`{origin['command']}` · {origin['date']} · commit `{origin['commit']}` ·"
         f" {origin['machine']}</small>\n{{ .origin }}\n"

@@ -29,7 +29,7 @@ Cell = str | int | float | bool | None
 
 
 def origin(command: str) -> dict[str, str]:
-    """Where numbers come from: command, commit, date (UTC) and the computer."""
+    """Origin of numbers: command, commit, date (UTC) and computer."""
     return {
         "command": command,
         "commit": (git_revision() or "unknown")[:10],
@@ -47,9 +47,9 @@ def computer() -> str:
         lines = (line.partition(":") for line in file.read_text().splitlines())
         models = [value.strip() for name, _, value in lines if name.strip() == "model name"]
         model = models[0] if models else model
-    known = versions()
-    python, casadi = known["python"], known["casadi"]
-    return f"{model}, {os.cpu_count()} cores, Python {python}, CasADi {casadi}"
+    installed = versions()
+    programs = f"Python {installed['python']}, CasADi {installed['casadi']}"
+    return f"{model}, {os.cpu_count()} cores, {programs}"
 
 
 def write_table(
@@ -63,7 +63,7 @@ def write_table(
 ) -> Path:
     """Store a table as ``<name>.json``: ``rows`` of cells under ``columns``, texts as they are.
 
-    ``command`` is what measured it, ``note`` a sentence to stand below it. Returns the file.
+    ``command`` measured it, ``note`` is a sentence below it. Returns the file.
     Raises :class:`~ocp.errors.InputError` for a row that is not as long as ``columns``.
     """
     for row in rows:
@@ -120,11 +120,11 @@ def save_picture(figure: Figure, name: str) -> Path:
 
 
 APART = {"verdicts", "refined"}
-"""Tables that are shown a problem at a time."""
+"""Tables that are split by problem."""
 
 
 def table_pages() -> dict[str, str]:
-    """One snippet for each JSON of columns and rows, and the page of those shown nowhere else."""
+    """A snippet for each JSON table, and a page for the tables on no other page."""
     found = {file.stem: read(file.stem) for file in sorted(DATA.glob("*.json"))}
     tables = {name: content for name, content in found.items() if "columns" in content}
     written = {f"tables/{name}.md": snippet(content) for name, content in tables.items()}
@@ -144,12 +144,12 @@ def _names(text: str) -> Iterable[str]:
 
 
 def others(tables: Mapping[str, Mapping[str, Any]]) -> str:
-    """The page of tables that stand on no other."""
+    """The page of tables without another page."""
     parts = [f"## {content['title']}\n\n{snippet(content)}" for content in tables.values()]
     return "\n".join(["# Other measurements\n", *parts])
 
 
 def snippet(content: Mapping[str, Any]) -> str:
-    """A table, the sentence below it, and where it comes from."""
+    """A table, its note, and its origin."""
     note = f"{content['note']}\n\n" if content.get("note") else ""
     return f"{table(content['columns'], content['rows'])}\n{note}{provenance(content)}"

@@ -66,7 +66,7 @@ def test_the_split_of_the_time_adds_up(ocp) -> None:
     each = found["iteration_s"]
     assert each["evaluation"] * found["iterations"] == pytest.approx(found["evaluation_s"])
     assert each["solver"] * found["iterations"] == pytest.approx(found["solver_s"])
-    assert "ms an iteration" in done.err
+    assert "ms per iteration" in done.err
     stored = strict(ocp("runs", found["run"], "--json").out)
     assert stored["evaluation_s"] == found["evaluation_s"]
 

@@ -191,7 +191,7 @@ def test_columns_are_mapped(ocp: Ocp) -> None:
     assert done.code == 0, done.err
     assert done.json["problem"] is None
     assert [row["name"] for row in done.json["coordinates"]] == ["place", "speed", "kick"]
-    assert "a system without a name" in ocp("show", "own.nc").out
+    assert "an unnamed system" in ocp("show", "own.nc").out
 
 
 def test_a_training_that_was_interrupted_goes_on(ocp: Ocp, monkeypatch: pytest.MonkeyPatch) -> None:

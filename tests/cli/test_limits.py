@@ -55,7 +55,7 @@ TOO_MUCH = {
     "batch": (["train", "hopper", "-a", "mbpo", "-s", "batch=1e13"], "GB of memory"),
     "points of a figure": (["figure", "A1", "-p", "points=100000000"], "500 GB of memory"),
     "samples of a figure": (["figure", "P1", "-p", "n_samples=1e15"], "GB of memory"),
-    "frames a second": (["animate", "x", "-o", "x.gif", "--fps", "1e9"], "--fps"),
+    "frames per second": (["animate", "x", "-o", "x.gif", "--fps", "1e9"], "--fps"),
 }  # fmt: skip
 
 

@@ -109,7 +109,7 @@ def test_the_swept_parameter_is_no_constant_and_is_that_of_each_point(views, mon
     names = [row[0] for row in content["parameters"]]
     assert "m" not in names and "h" in names
     values = view.run.data["value"].values
-    assert view.along(2).params.m == values[2] != view.params.m
+    assert view.at_point(2).params.m == values[2] != view.params.m
 
 
 def test_floors_are_not_drawn_as_data(views, monkeypatch) -> None:

@@ -16,10 +16,10 @@ from ocp import store
 from ocp.errors import InputError
 from problems import names, spec
 from reports import pages
+from reports.console import shown_stages
 from reports.figures import law
 from reports.notation import full_citation
 from reports.pdf import render, write_pdf
-from reports.stages import shown
 from reports.style import styled, to_svg
 from reports.view import RunView
 
@@ -95,7 +95,7 @@ def test_the_page_says_what_the_run_says(views) -> None:
         content, drawn = pages.solve_page(view)
     assert content["verdict"] == view.run.meta["verdict"]
     assert content["grade"] == "survives"
-    assert len(content["stages"]) == len(shown(view.run.stages))
+    assert len(content["stages"]) == len(shown_stages(view.run.stages))
     assert "μ = 0.001" in content["law"]["place"]
     parameters = {row[0]: row[1:] for row in content["parameters"]}
     assert parameters["h"] == ["0.1", "s", "step size"]

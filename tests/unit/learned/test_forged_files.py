@@ -15,7 +15,7 @@ from dynamics.learned.normalisation import Normalisation
 from ocp.errors import InputError
 from ocp.store.models import load_any, save
 from reports.cli.app import main
-from reports.learned import document, model_dataset
+from reports.learned import describe, model_dataset
 from tests.unit.learned.ewda_reference import model_of, origin
 
 Forgery = Callable[[xr.Dataset], xr.Dataset]
@@ -96,7 +96,7 @@ def test_negative_errors_of_a_fit_are_refused(name: str, tmp_path: Path) -> None
     whole = model_dataset(model.dataset(), fitted.dataset(), data, 5)
     save(whole, tmp_path / "m.nc")
     found = load_any(tmp_path / "m.nc")
-    assert isinstance(found, xr.Dataset) and document(found)["fit"]["sigma"] == 0.1
+    assert isinstance(found, xr.Dataset) and describe(found)["fit"]["sigma"] == 0.1
     save(put(name, -1.0)(whole), tmp_path / "m.nc")
     with pytest.raises(InputError, match=f"{name} holds errors below 0"):
         load_any(tmp_path / "m.nc")

@@ -138,7 +138,7 @@ def test_table_has_only_what_acts_and_counts_the_rest() -> None:
     idle = [ContactSummary(name, 0, 0, 0.0, 0.0, weak) for name, weak in (("torso", 0), ("leg", 2))]
     text = shown(made(toe, *idle))
     assert "0-4, 7, 9-10" in text and "491.1" in text and "slid" in text
-    assert "torso" not in text and "2 contacts never acting, degenerate at 2 steps" in text
+    assert "torso" not in text and "2 contacts never active, degenerate at 2 steps" in text
     smooth = shown(made(toe, cone=float("nan")))
     assert "slid" not in smooth and "never" not in smooth
 

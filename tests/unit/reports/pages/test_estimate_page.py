@@ -79,7 +79,7 @@ def test_reference_and_law_are_named_and_the_swept_parameter_is_no_constant() ->
     run = stored([row("zobg"), row("fobg")], np.ones((1, 2)), np.ones((1, 2)))
     content, _ = estimate_page(run)
     how = dict(content["how"])
-    assert how["reference"] == "closed form" and how["law"] == "none, a function"
+    assert how["reference"] == "closed form" and how["law"] == "none (static objective)"
     assert how["ν"] == "0.001 to 0.1" and content["swept"] == "ν [m/s]"
     assert "nu" not in {row[0] for row in content["parameters"]}
     run.meta["record"] |= {"contact": "barrier", "law_settings": ["mu=1e-2"], "policy": "feedback"}
