@@ -59,7 +59,7 @@ def test_a_replay_that_runs_away_is_known_as_far_as_it_is_finite() -> None:
     x = np.linspace(0, 0.5, N + 1)
     again = np.where(x > 0.3, np.inf, x + 0.1)
     plan, replay = Animation(sliding_box(NORMAL, NORMAL, x=x, x_replay=again), fps=10).motions
-    assert replay.title.endswith("runs away at 0.30 s")
+    assert replay.title.endswith("diverges at 0.30 s")
     assert len(plan.x) == 5 and len(replay.x) == len(replay.shapes) == 3
 
 

@@ -118,7 +118,7 @@ def test_an_mp4_without_ffmpeg_is_refused_with_a_way_out(monkeypatch) -> None:
 
 
 def test_a_gif_faster_than_browsers_show_is_refused() -> None:
-    with pytest.raises(InputError, match=r"at most 50 frames a second, not 60; lower --fps"):
+    with pytest.raises(InputError, match=r"at most 50 frames per second, got 60; lower --fps"):
         check_format(Path("box.gif"), 60)
     check_format(Path("box.gif"), 50)
     check_format(Path("box.html"), 60)
