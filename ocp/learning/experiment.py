@@ -50,7 +50,7 @@ class Experiment:
     ``rest`` (nx,) they are those of linear feedback that keeps the system there; with a policy
     ``start`` its own, with what it has seen.
 
-    The algorithm learns through ``law``, at the task's parameters ``psi`` (all of them, in the
+    The algorithm learns through ``law``, at the task's parameters ``model_params`` (all, in the
     order of the task's table; by default its own); evaluations are under the exact law, of
     ``episodes`` episodes before every ``evaluate_every``-th iteration and at the end. With a
     ``budget`` learning ends with the iteration that has spent its steps, however many iterations
@@ -76,7 +76,7 @@ class Experiment:
     evaluate_every: Annotated[int, "iterations between judgements under the exact law"] = 10
     episodes: Annotated[int, "of each judgement"] = 16
     budget: Budget | None = None
-    psi: np.ndarray | None = None
+    model_params: np.ndarray | None = None
     start: Trained | None = None
     params: Mapping[str, Any] = field(default_factory=dict)
     threads: int | None = None
@@ -96,10 +96,10 @@ class Experiment:
             )
         not_below(0, "initial", self.initial)
         size = len(self.task.parameters)
-        if self.psi is not None and np.shape(self.psi) != (size,):
+        if self.model_params is not None and np.shape(self.model_params) != (size,):
             raise InputError(
-                f"psi has shape {np.shape(self.psi)}, expected ({size},), the parameters of"
-                f" {self.task.name}"
+                f"model_params has shape {np.shape(self.model_params)}, expected ({size},), the"
+                f" parameters of {self.task.name}"
             )
         if self.start is not None:
             self._check_start(self.start)
@@ -169,13 +169,14 @@ class Experiment:
 
     @property
     def physics(self) -> np.ndarray:
-        """``psi``, or the task's own parameters."""
-        return self.task.parameters.values if self.psi is None else np.asarray(self.psi, float)
+        """``model_params``, or the task's own parameters."""
+        given = self.model_params
+        return self.task.parameters.values if given is None else np.asarray(given, float)
 
-    def parameters_by_name(self, psi: np.ndarray) -> dict[str, float]:
+    def parameters_by_name(self, model_params: np.ndarray) -> dict[str, float]:
         """Physical parameters by name."""
         names = (parameter.name for parameter in self.task.parameters)
-        return dict(zip(names, psi.tolist(), strict=True))
+        return dict(zip(names, model_params.tolist(), strict=True))
 
     def rng(self, k: int, purpose: str) -> np.random.Generator:
         """Numbers of iteration ``k`` for one purpose, the same however often they are asked."""

@@ -60,15 +60,15 @@ class TaskRollouts:
         normaliser: Normaliser | None = None,
         *,
         discount: float = 1.0,
-        psi: np.ndarray | None = None,
+        model_params: np.ndarray | None = None,
         **asked: Any,
     ) -> Episodes:
         """Episodes from ``x0`` (n, nx); ``asked`` as :class:`~dynamics.batch.EpisodeFunction`.
 
-        ``psi`` (np,) or (n, np) are the task's parameters, by default its own. Samples that could
-        not be solved have no finite return, and are named by ``nonfinite``.
+        ``model_params`` (np,) or (n, np) are the task's parameters, by default its own. Samples
+        that could not be solved have no finite return, and are named by ``nonfinite``.
         """
-        p = self._packed(normaliser, discount, psi)
+        p = self._packed(normaliser, discount, model_params)
         return without_warnings(self.function, x0, theta, p, **asked)
 
     def moments(
@@ -78,18 +78,20 @@ class TaskRollouts:
         normaliser: Normaliser | None = None,
         *,
         discount: float = 1.0,
-        psi: np.ndarray | None = None,
+        model_params: np.ndarray | None = None,
         **asked: Any,
     ) -> EpisodeMoments:
         """Moments over samples, with nothing kept of single ones but the steps they lived."""
-        p = self._packed(normaliser, discount, psi)
+        p = self._packed(normaliser, discount, model_params)
         return without_warnings(self.function.moments, x0, theta, p, **asked)
 
     def _packed(
-        self, normaliser: Normaliser | None, discount: float, psi: np.ndarray | None
+        self, normaliser: Normaliser | None, discount: float, model_params: np.ndarray | None
     ) -> np.ndarray:
-        """Values of :attr:`parameters`, (np,), or (n, np) where psi differs over samples."""
-        own = self.task.parameters.values if psi is None else np.asarray(psi, dtype=float)
+        """Values of :attr:`parameters`, (np,), or (n, np) where they differ over samples."""
+        own = self.task.parameters.values
+        if model_params is not None:
+            own = np.asarray(model_params, dtype=float)
         told = {DISCOUNT: discount}
         if normaliser is not None and isinstance(self.policy, DensePolicy):
             pairs = ("mean", normaliser.mean), ("scale", normaliser.scale)

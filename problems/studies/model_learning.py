@@ -204,7 +204,7 @@ def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[st
     return {
         "errors": source.errors(predicted), "psi": found.values / source.truth,
         "low": around.low / source.truth, "high": around.high / source.truth,
-        "way": found.psi / source.truth,
+        "way": found.model_params / source.truth,
     }  # fmt: skip
 
 

@@ -60,10 +60,10 @@ class TrainingJob:
         spec = registry.spec(self.task)
         params = spec.params(self.params)
         task = task or spec.build(params)
-        psi = task.parameters.pack(self.model_params) if self.model_params else None
+        model_params = task.parameters.pack(self.model_params) if self.model_params else None
         return Experiment(
             task=task,
-            psi=psi,
+            model_params=model_params,
             algorithm=self.algorithm,
             law=self.law,
             seed=self.seed,

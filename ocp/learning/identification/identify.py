@@ -22,8 +22,8 @@ Report = Callable[[int, float], None]
 class Identification:
     """psi as found, ``values`` (n,) in the order of ``names``, and how the search came there.
 
-    ``loss`` is eq. 4.1's over all transitions, over their number; ``psi`` (k, n) are the means of
-    the cloud, first its start, and ``spread`` (k, n) its standard deviations of log psi; a pass
+    ``loss`` is eq. 4.1's over all transitions, over their number; ``model_params`` (k, n) are the
+    means of the cloud, first its start, and ``spread`` (k, n) its standard deviations of log psi; a pass
     begins where the last one ended.
     """
 
@@ -31,7 +31,7 @@ class Identification:
     values: np.ndarray
     loss: float
     start_loss: float
-    psi: np.ndarray = field(repr=False)
+    model_params: np.ndarray = field(repr=False)
     spread: np.ndarray = field(repr=False)
 
     @property
@@ -93,6 +93,6 @@ def identify(
         values=np.exp(ends[int(np.argmin(losses))]),
         loss=float(losses.min()),
         start_loss=float(losses[0]),
-        psi=np.exp([each["mean"] for each in clouds]),
+        model_params=np.exp([each["mean"] for each in clouds]),
         spread=np.array([search.deviations(each) for each in clouds]),
     )

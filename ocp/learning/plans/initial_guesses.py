@@ -34,7 +34,7 @@ def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
         policy = constant(task.system.nx, task.lower, task.upper)
         rollouts = TaskRollouts(task, EXACT, policy, task.horizon)
         start = np.repeat(problem.initial_states(p), n, axis=0)
-        found = rollouts(start, np.arctanh(share), n_samples=n, psi=p, states=True)
+        found = rollouts(start, np.arctanh(share), n_samples=n, model_params=p, states=True)
         best = int(np.argmax(np.where(np.isfinite(found.value), found.value, -np.inf)))
         held = (task.upper + task.lower) / 2 + share[best] * (task.upper - task.lower) / 2
         return _hold_last_state(found.states[best]), np.tile(held, (problem.N, 1))

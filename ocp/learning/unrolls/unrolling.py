@@ -56,7 +56,7 @@ def roll(
         state["theta"] if theta is None else theta,
         Normaliser.of(state),
         discount=experiment.discount,
-        psi=state.get("psi", experiment.physics),
+        model_params=state.get("psi", experiment.physics),
         noise=noise,
         n_samples=len(x0),
         gradient=gradient,

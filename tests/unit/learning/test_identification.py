@@ -61,23 +61,26 @@ def test_psi_is_found_where_linear_least_squares_finds_it():
     assert found.values == pytest.approx(linear, rel=1e-3)
     assert found.loss < 1e-6 * found.start_loss
     assert found.by_name["k"] == found.values[1]
-    assert len(found.psi) < 301 and found.spread[-1].max() <= RandomSearch().narrow
+    assert len(found.model_params) < 301 and found.spread[-1].max() <= RandomSearch().narrow
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_gives_others():
     buffer, loss = transitions(100), OneStepLoss(exact_step(), NAMES)
     search = RandomSearch(iterations=5, passes=1)
     runs = [identify(loss, buffer, START, search, seed, rows=20) for seed in (1, 1, 2)]
-    assert (runs[0].psi == runs[1].psi).all()
-    assert not (runs[0].psi[1] == runs[2].psi[1]).any()
+    assert (runs[0].model_params == runs[1].model_params).all()
+    assert not (runs[0].model_params[1] == runs[2].model_params[1]).any()
 
 
 def test_the_second_pass_begins_where_the_first_ended_as_wide_as_the_model_is_insensitive():
     buffer, loss = transitions(100), OneStepLoss(exact_step(), NAMES)
     search = RandomSearch(iterations=3, width=0.2)
     found = identify(loss, buffer, START, search, rows=100)
-    assert found.psi.shape == (8, 3) and (found.psi[4] == found.psi[3]).all()
-    log_psi = np.log(found.psi[3])
+    assert (
+        found.model_params.shape == (8, 3)
+        and (found.model_params[4] == found.model_params[3]).all()
+    )
+    log_psi = np.log(found.model_params[3])
     moves = loss.sensitivity(log_psi, 0.2, buffer)
     assert found.spread[4] == pytest.approx(0.2 * moves.min() / moves)
 

@@ -53,7 +53,7 @@ def learning(algorithm: Any = None, **changed: Any) -> PsiLearning:
 
 
 def experiment(algorithm: Any, **changed: Any) -> Experiment:
-    settings = {"iterations": 6, "hidden": (), "psi": WRONG, "episodes": 4, "law": Exact()}
+    settings = {"iterations": 6, "hidden": (), "model_params": WRONG, "episodes": 4, "law": Exact()}
     return Experiment(task=spring_task(horizon=20), algorithm=algorithm, **{**settings, **changed})
 
 
@@ -96,7 +96,7 @@ def test_the_gradient_s_model_is_the_one_learned():
     inner = FOPG(samples=8, unroll=10, rate=1e-12)
     own = learning(inner, walkers=8, steps=10, searched=20)
     found = train(experiment(own))
-    true, wrong = (train(experiment(inner, psi=psi)) for psi in (None, WRONG))
+    true, wrong = (train(experiment(inner, model_params=p)) for p in (None, WRONG))
     told = [data["return_mean"].values[:-1] for data in (found, true, wrong)]
     assert np.abs(told[1] - told[2]).min() > 1e-4
     assert told[0][-1] == pytest.approx(told[1][-1], abs=0.02 * abs(told[1][-1] - told[2][-1]))

@@ -273,7 +273,7 @@ def test_settings_that_cannot_be_are_refused(algorithm, words):
         ({"hidden": (8, 0)}, "a hidden layer must be a whole number of at least 1, got 0"),
         ({"seed": -1}, "seed must be a whole number of at least 0, got -1"),
         ({"initial": np.nan}, "initial must be a finite number of at least 0, got nan"),
-        ({"psi": np.ones(3)}, r"psi has shape \(3,\), expected \(1,\)"),
+        ({"model_params": np.ones(3)}, r"model_params has shape \(3,\), expected \(1,\)"),
     ],
 )
 def test_experiments_that_cannot_be_are_refused(given, words):
