@@ -15,6 +15,8 @@ from ocp.stored import load
 from ocp.transcription import Direct, MultipleShooting, SingleShooting
 
 if TYPE_CHECKING:
+    from ocp.gradients.estimate import estimate
+
     __version__: str
 
 __all__ = [
@@ -35,6 +37,7 @@ __all__ = [
     "SingleShooting",
     "Solution",
     "Status",
+    "estimate",
     "load",
     "roll_out",
     "solve",
@@ -44,8 +47,12 @@ __all__ = [
 # Not for a type checker, to which any name would then be one of ours.
 if not TYPE_CHECKING:
 
-    def __getattr__(name: str) -> str:
-        """``__version__``, looked up when it is asked for."""
+    def __getattr__(name: str) -> object:
+        """Load ``estimate`` and look up ``__version__`` at the first use."""
         if name == "__version__":
             return version()
+        if name == "estimate":
+            from ocp.gradients.estimate import estimate
+
+            return estimate
         raise AttributeError(f"module 'ocp' has no attribute {name!r}")

@@ -9,6 +9,7 @@ from typing import Any
 from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.stored_run import StoredRun
+from problems.objectives import named as named
 from problems.objectives import objective_names
 from problems.registry import load, names, registered, spec
 from problems.spec import ProblemSpec, Spec

@@ -8,11 +8,12 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from ocp.errors import InputError, choose, did_you_mean
-from reports.cli.request import assignments, closing_law, contact_law, whole
+from reports.cli.request import assignments, contact_law, whole
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from ocp.gradients.estimate import NamedObjective
     from ocp.gradients.estimation import Sampling
     from ocp.gradients.objective import SampledObjective
     from ocp.gradients.sweep import Sweep
@@ -21,10 +22,6 @@ if TYPE_CHECKING:
     from problems.spec import ProblemSpec
     from reports.cli.estimate_command import EstimateOptions
 
-SIGMA_SHARE = 0.1
-"""Default noise on a problem's inputs, as a share of their characteristic size."""
-SIGMA_APART = 1e9
-"""Largest ratio of noise to default noise: beyond it, rounding hides one size behind the other."""
 _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "at": "--at"}
 
 
@@ -57,14 +54,15 @@ class EstimateRequest:
         rules = _rules(split_policy_settings(assignments("-s", options.settings))[1], estimators)
         most = options.reference_samples
         sweep = None if options.sweep is None else Sweep.read(options.sweep)
-        objective, params, usual = build(spec, given, options)
+        built = build(spec, given, options)
+        objective, params = built.objective, built.params
         sampling = Sampling(
             estimators, whole("--samples", options.samples),
-            usual if options.sigma is None else options.sigma, options.seed, rules,
+            built.sigma if options.sigma is None else options.sigma, options.seed, rules,
             options.reference, None if most is None else whole("--reference-samples", most),
         )  # fmt: skip
-        known = spec.Params.model_fields.get("sigma")
-        _check_noise(spec.name, sampling.sigma, known.default if known else usual, sweep)
+        swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
+        built.check_sigma([sampling.sigma, *swept])
         kind = reference_kind(objective, sampling.sigma, sampling.reference)
         if most is not None and kind != "zobg":
             raise InputError(
@@ -126,7 +124,7 @@ class EstimateRequest:
                     f"--sweep: {self.spec.name} has no parameter {name!r}"
                     f"{did_you_mean(name, names)}; available: {', '.join(names)}"
                 )
-        return build(self.spec, {**self.given, **changed}, self.options)[0]
+        return build(self.spec, {**self.given, **changed}, self.options).objective
 
     def unit(self) -> str:
         """Unit of what is swept."""
@@ -146,75 +144,32 @@ class EstimateRequest:
 
 def build(
     spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], options: EstimateOptions
-) -> tuple[SampledObjective, dict[str, Any], float]:
-    """Return the objective, all its parameters by name, and the default noise."""
+) -> NamedObjective:
+    """Return the objective with all its parameters and the default noise."""
+    from ocp.gradients.estimate import rollout_objective, static_objective
     from problems.objectives import ObjectiveSpec
 
-    params = spec.params(given)
     engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
+    own = _policy_settings(options)
     if not isinstance(spec, ObjectiveSpec):
-        objective, usual = _rollouts(spec, given, options, engine)
-        return objective, params.model_dump(), usual
+        theta = None if options.at is None else _stored_decision(options, spec, given)
+        settings = assignments("-c", options.law_settings)
+        return rollout_objective(
+            spec, given, options.contact, settings, options.policy, own, theta, **engine
+        )
     unused = [_OF_ROLLOUTS[name] for name in _OF_ROLLOUTS if name in options.given]
-    unused += [f"-s policy.{name}" for name in _policy_settings(options)]
+    unused += [f"-s policy.{name}" for name in own]
     if unused:
         raise InputError(
             f"{spec.name} is an objective without dynamics, {unused[0]} has no effect; drop it"
         )
-    values = params.model_dump()
-    return spec.objective(given, **engine), values, float(values["sigma"])
-
-
-def _rollouts(
-    spec: ProblemSpec, given: Mapping[str, Any], options: EstimateOptions, engine: dict[str, Any]
-) -> tuple[SampledObjective, float]:
-    """Return a problem's rollouts as an objective, and a share of its inputs' size as noise."""
-    from ocp.effort import check_memory, sampling_memory
-    from ocp.factories import policy_of
-    from ocp.gradients.estimators import CHUNK
-    from ocp.gradients.rollout_objective import RolloutObjective
-
-    problem = spec.problem(given)
-    law = closing_law(options.contact, options.law_settings, problem.system)
-    own = _policy_settings(options)
-    chosen = policy_of(options.policy, own)
-    if unused := own.keys() - {"stationary"}:
-        raise InputError(
-            f"-s policy.{min(unused)} has no effect: an estimate has no gains to limit; drop it"
-        )
-    per_step = problem.system.nu * (1 if options.policy == "open-loop" else problem.system.nx + 1)
-    needed = sampling_memory(float(problem.N) * per_step, CHUNK)
-    check_memory(f"{spec.name} with N = {problem.N}", needed)
-    theta = None if options.at is None else _stored_decision(options, spec, given)
-    expected = problem.N * per_step if not own.get("stationary") else None
-    if theta is not None and expected is not None and theta.size != expected:
-        raise InputError(
-            f"--at {options.at} has {theta.size} decision variables, {spec.name} needs {expected};"
-            " give the parameters of that run"
-        )
-    try:
-        objective = RolloutObjective(problem, law, chosen, theta, **engine)
-    except ValueError as error:
-        raise InputError(str(error)) from error
-    return objective, SIGMA_SHARE * float(problem.scales.u.max())
+    return static_objective(spec, given, **engine)
 
 
 def _policy_settings(options: EstimateOptions) -> dict[str, str]:
     from ocp.factories import split_policy_settings
 
     return split_policy_settings(assignments("-s", options.settings))[0]
-
-
-def _check_noise(name: str, sigma: float, usual: float, sweep: Sweep | None) -> None:
-    """Raise InputError for noise so small or large that rounding hides its effect."""
-    low, high = usual / SIGMA_APART, usual * SIGMA_APART
-    swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
-    for value in (sigma, *swept):
-        if not low <= value <= high:
-            raise InputError(
-                f"sigma of {name} must be from {low:.3g} to {high:.3g} (beyond, rounding errors"
-                f" dominate), got {value:g}"
-            )
 
 
 def _check_sweep(
