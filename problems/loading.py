@@ -1,27 +1,31 @@
-"""A user's problem file: imported, and checked before any command uses it."""
+"""A user's problem file: imported, read name by name, and checked before any command uses it."""
 
 from __future__ import annotations
 
 import importlib.util
+import inspect
+import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import cast
+from typing import Annotated, Any, cast
 
 import casadi as ca
 import numpy as np
-from pydantic import BaseModel
+from pydantic import AfterValidator, BaseModel, Field
 
 from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.provenance import file_digest
 from ocp.words.given import Line, Recorded, checked
+from problems.drawing import ContactFrame, Shape
 from problems.source_digest import folder_modules, open_to_imports
-from problems.spec import ProblemSpec, describe
-from problems.user_code import reason, user_code
+from problems.spec import Citation, Golden, ProblemSpec, defined, describe
+from problems.user_code import guarded, reason, user_code
 
 
 def import_file(path: Path) -> ModuleType:
@@ -50,7 +54,7 @@ def import_file(path: Path) -> ModuleType:
 def check_file(path: Path) -> None:
     """Raise :class:`~ocp.errors.InputError` where there is no such file."""
     if not path.is_file():
-        other = "is a directory" if path.is_dir() else "is no regular file"
+        other = "is a directory" if path.is_dir() else "is not a regular file"
         kind = other if path.exists() else "there is no such file"
         raise InputError(f"{path}: {kind}; expected a Python file that defines a problem")
 
@@ -136,3 +140,85 @@ def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
             checked(f"{spec.path}: the {what} of {parameter}", about[what], Line)
     for name, value in params.model_dump().items():
         checked(f"{spec.path}: parameter {name}", value, Recorded)
+
+
+_REQUIRED = ("name", "title", "Params", "build")
+_LONGEST = 100
+
+
+def _word(name: str) -> str:
+    if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > _LONGEST:
+        raise ValueError(
+            f"must be a word of letters, digits, '-' and '_', of at most {_LONGEST} signs"
+        )
+    return name
+
+
+def _lines(text: str) -> str:
+    if not all(line.replace("\t", " ").isprintable() for line in text.splitlines()):
+        raise ValueError("must be a text in typst's mathematics without control characters")
+    return text
+
+
+def _plain_function(function: Any) -> Any:
+    if inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function):
+        raise ValueError("must be a plain function, without yield or async")
+    return function
+
+
+def _parameters(kind: Any) -> Any:
+    if not (isinstance(kind, type) and issubclass(kind, BaseModel)):
+        raise ValueError("must be a class derived from problems.Parameters (a pydantic model)")
+    return kind
+
+
+_Function = Annotated[Callable[..., Any], AfterValidator(_plain_function)]
+_MaybeFunction = Annotated[Callable[..., Any] | None, AfterValidator(_plain_function)]
+_KINDS: dict[str, Any] = {
+    "name": Annotated[Line, AfterValidator(_word)],
+    "title": Line,
+    "Params": Annotated[Any, AfterValidator(_parameters)],
+    "build": _Function,
+    "equations": Annotated[str, Field(strict=True), AfterValidator(_lines)],
+    "citation": Citation | None,
+    "axes": tuple[Line, Line],
+    "golden": dict[Line, Golden],
+    "draw": _MaybeFunction,
+    "frames": _MaybeFunction,
+    "region": _MaybeFunction,
+}
+_RETURNED = {
+    "build": ("build(params)", None),
+    "draw": ("draw(params, state)", list[Shape]),
+    "frames": ("frames(params, state)", list[ContactFrame]),
+    "region": ("region(params)", None),
+}
+"""How each function is called, and what it must return where no other place checks that."""
+
+
+def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
+    """Make the spec of what ``module``, the file at ``file`` with that digest, defines.
+
+    Its functions raise nothing but :class:`~ocp.errors.InputError` from then on.
+
+    Raises :class:`~ocp.errors.InputError` where a name is missing or of the wrong kind.
+    """
+    missing = [key for key in _REQUIRED if not hasattr(module, key)]
+    if missing:
+        raise InputError(
+            f"{file}: the file must define {', '.join(_REQUIRED)};"
+            f" {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+        )
+    for key, kind in _KINDS.items():
+        if hasattr(module, key):
+            setattr(module, key, checked(f"{file}: {key}", getattr(module, key), kind))
+    found = defined(ProblemSpec, module, path=file, digest=digest)
+    functions = {key: getattr(found, key) for key in _RETURNED}
+    return replace(
+        found, **{key: _own(key, function, file) for key, function in functions.items() if function}
+    )
+
+
+def _own(key: str, function: Callable[..., Any], file: Path) -> Callable[..., Any]:
+    call, kind = _RETURNED[key]
+    return guarded(function, call, file, kind and (lambda value: checked("it", value, kind)))

@@ -38,7 +38,7 @@ def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemS
     theirs = sorted({str(run.meta["problem"]) for run in runs if _is_own(run)})
     if not theirs:
         which = ", ".join(sorted({str(run.meta["problem"]) for run in runs}))
-        raise InputError(f"--source: {which} is no problem of a file; drop --source")
+        raise InputError(f"--source: {which} is not defined in a file; drop --source")
     found = load(source)
     if found.name not in theirs:
         raise InputError(
@@ -56,7 +56,7 @@ def edited(run: StoredRun, own: ProblemSpec | None) -> str | None:
         return None
     return (
         f"{own.path or own.name}, or what it imports, has changed since {run.path.name} was stored;"
-        " it is taken as it is now"
+        " the current file is used"
     )
 
 
@@ -74,7 +74,7 @@ def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
     file = run.record.get("source")
     made = f"the file {file}" if file else "a problem built in Python"
     raise InputError(
-        f"the run of {name} is of {made}, and code that a run names is not loaded; name the file"
+        f"the run of {name} is of {made}, and a run never loads code by itself; name the file"
         " that defines it with --source FILE (in Python source=, or problem=)"
     )
 

@@ -11,8 +11,7 @@ from typing import Any
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
 from ocp.words.tilde import expanded
-from problems.declared import read
-from problems.loading import check, check_file, import_file
+from problems.loading import check, check_file, import_file, read
 from problems.source_digest import source_digest
 from problems.spec import ProblemSpec, defined
 

@@ -20,8 +20,7 @@ from ocp.words.given import Count, Index, Line, Number, Positive
 from ocp.words.numbers import typed
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import natural_units, range_of, unit_of
-from problems.shown import Shown
-from problems.user_code import guarded, user_code
+from problems.user_code import UserProblemRecord, guarded, user_code
 
 S = TypeVar("S", bound="Spec")
 
@@ -151,7 +150,7 @@ class ProblemSpec(Spec):
             citation=problem.citation or (self.citation.key if self.citation else ""),
             source=None if self.path is None else str(self.path),
             source_digest=self.digest,
-            shown=None if self.path is None else Shown(self, params),
+            shown=None if self.path is None else UserProblemRecord(self, params),
         )
 
 

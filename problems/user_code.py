@@ -1,4 +1,4 @@
-"""Code of a user's file: whatever it does, it ends in a value or in one sentence."""
+"""Code of a user's file: errors in one sentence, and what a run stores of its problem."""
 
 from __future__ import annotations
 
@@ -8,22 +8,27 @@ import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ocp.errors import InputError
+from problems.parameters import unit_of
+
+if TYPE_CHECKING:
+    from problems.spec import ProblemSpec
 
 Function = Callable[..., Any]
 
 
 def guarded(function: Function, what: str, path: Path, check: Function | None = None) -> Function:
-    """Return ``function`` of the file at ``path`` so that it raises nothing but sentences.
+    """Return ``function`` of the file at ``path`` with every error as one sentence.
 
-    ``check(value)`` is what it returns, or raises :class:`~ocp.errors.InputError`.
+    ``check`` converts its result, or raises :class:`~ocp.errors.InputError`.
     """
 
     @functools.wraps(function)
@@ -110,6 +115,56 @@ def reason(error: BaseException) -> str:
     try:
         text = str(error)
     except Exception:
-        return "it cannot say why"
+        return "no reason available"
     lines = [line.strip() for line in text.splitlines() if line.strip()] or ["no reason given"]
     return lines[-1] if lines[0].endswith(":") else lines[0]
+
+
+MOST_NODES = 20_000
+"""Longer motions are not drawn ahead."""
+
+
+@dataclass(frozen=True)
+class UserProblemRecord:
+    """A problem of a user's file at its parameters; an :class:`ocp.problem.Shown`."""
+
+    spec: ProblemSpec
+    params: Any
+
+    def told(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Title, equations, parameters, and what is drawn at the states (n, nx) of each motion.
+
+        Of the form of :class:`ocp.store.meta.OwnProblem`. A motion ends with its last finite
+        state; ``undrawn`` says why there is no drawing.
+        """
+        spec = self.spec
+        told = {
+            "title": spec.title,
+            "equations": list(spec.equations),
+            "axes": list(spec.axes),
+            "parameters": {
+                name: {"unit": unit_of(about), "description": about.description or ""}
+                for name, about in spec.Params.model_fields.items()
+            },
+            "motions": {},
+            "undrawn": "",
+        }
+        if spec.draw is None:
+            return {**told, "undrawn": "its file has no draw(params, state)"}
+        if sum(map(len, motions.values())) > MOST_NODES:
+            return {**told, "undrawn": f"its motion has more than {MOST_NODES} nodes"}
+        try:
+            return {**told, "motions": {key: self._drawn(x) for key, x in motions.items()}}
+        except InputError as error:
+            return {**told, "undrawn": str(error)}
+
+    def _drawn(self, x: np.ndarray) -> dict[str, Any]:
+        spec, known = self.spec, np.isfinite(x).all(axis=1)
+        assert spec.draw is not None
+        seen = x if known.all() else x[: max(1, int(np.argmin(known)))]
+        shapes = [spec.draw(self.params, state) for state in seen]
+        contacts = [] if spec.frames is None else [spec.frames(self.params, s) for s in seen]
+        return {
+            "shapes": [[{"kind": type(s).__name__, **asdict(s)} for s in at] for at in shapes],
+            "contacts": [[asdict(contact) for contact in at] for at in contacts],
+        }

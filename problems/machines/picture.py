@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Machine
-from problems.drawing import Capsule, ContactFrame, HalfPlane, Shape
-from problems.solids import solid
+from problems.drawing import Capsule, ContactFrame, HalfPlane, Shape, solid
 
 _THICKNESS = 0.03
 _JOINT = (0.0, 0.0)

@@ -30,7 +30,9 @@ def simulation(name: str, steps: int = 50, seed: int = 0, **params: Any) -> tupl
     Raises :class:`~ocp.errors.InputError` for a name that is no machine or a bad parameter.
     """
     if name not in _MACHINES:
-        raise InputError(f"{name!r} is no machine to simulate; there are {', '.join(_MACHINES)}")
+        raise InputError(
+            f"{name!r} is not a machine that can be simulated; available: {', '.join(_MACHINES)}"
+        )
     machine: PublishedMachine = _MACHINES[name]()
     given: dict[str, Any] = {"spheres": "all", "N": steps, **params}
     x0 = machine.reset(seed)

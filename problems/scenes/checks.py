@@ -1,4 +1,4 @@
-"""Things of a scene that make no sense, each told in one sentence."""
+"""Checks of a scene: names, sizes, masses, and bodies that start inside each other."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ROUNDING = 1e-9
 
 
 def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]) -> None:
-    """Refuse what is no thing of a scene, a name used twice, and names that nothing has."""
+    """Refuse unsupported things, duplicate names and unknown names."""
     for thing in things:
         _check_kind(thing)
     names = [thing.name for thing in things if isinstance(thing, Thing)]
@@ -38,7 +38,7 @@ def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]
         _known(goal.body, list(moving), "a goal is for")
     for pair in pairs:
         if isinstance(pair, str) or len(pair) != 2:
-            raise InputError(f"{pair!r} is no pair of names; expected ('one', 'other')")
+            raise InputError(f"{pair!r} is not a pair of names; expected ('one', 'other')")
         for name in pair:
             _known(name, names, "a pair names")
         if pair[0] == pair[1]:
@@ -62,8 +62,8 @@ def _check_kind(thing: object) -> None:
         )
     if isinstance(thing.shape, HalfPlane) and not isinstance(thing, Obstacle):
         raise InputError(
-            f"{thing.name!r} moves, and a half-plane has no end; make it an Obstacle, or its shape"
-            " a Box"
+            f"{thing.name!r} moves, and a half-plane is unbounded; make it an Obstacle, or its"
+            " shape a Box"
         )
 
 
@@ -73,18 +73,16 @@ def _known(name: str, names: list[str], who: str) -> None:
 
 
 def required(pusher: Pusher, value: Scalar | None, what: str, where: str) -> Scalar:
-    """The pusher's ``value``, which what is built of it needs."""
+    """Return the pusher's ``value``; raise where it is None."""
     if value is None:
-        raise InputError(
-            f"the pusher {pusher.name!r} has no {what}, which it needs in {where}; give it one"
-        )
+        raise InputError(f"the pusher {pusher.name!r} has no {what}, required in {where}; set it")
     return value
 
 
 def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
-    """Refuse sizes and masses that make no sense, and things that start inside each other.
+    """Refuse invalid sizes and masses, and things that start inside each other.
 
-    All at the values of the ``parameters``.
+    Everything is evaluated at the values of ``parameters``.
     """
     symbols, values = parameters.vector, parameters.values
 

@@ -10,10 +10,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from problems.drawing import ContactFrame, Disc, Segment, Shape
+from problems.drawing import ContactFrame, Disc, Segment, Shape, solid
 from problems.scenes.scene import Scene
 from problems.scenes.things import Body, Obstacle, Thing
-from problems.solids import solid
 
 Draw = Callable[[Any, np.ndarray], list[Shape]]
 Frames = Callable[[Any, np.ndarray], list[ContactFrame]]

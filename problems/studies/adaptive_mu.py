@@ -27,7 +27,7 @@ NOTES = (
     " mu = kappa (z + F kappa).",
     "The heavy tail of Student's t is the force at a distance of constant mu.",
     "Of the constant mu drawn the caption names 0.1, the others are our choice; its sigma is"
-    " not told, so what depends on sigma is judged over a range of it.",
+    " not given, so what depends on sigma is judged over a range of it.",
 )
 
 MUS = (0.01, 0.1, 1.0)

@@ -11,7 +11,7 @@ from problems.studies.study import Claim, Pieces, StudyParams, over, quantity_of
 
 NOTES = (
     "All curves are returns of whole episodes of 5 s under the exact law, without noise on the"
-    " actions; the paper's axis tells neither law nor noise.",
+    " actions; the paper's axis gives neither law nor noise.",
     "FOPG as ocp train has it for the task, with the plain mean of gradients of eq. 4.2.",
 )
 QUICK = {"runs": 2, "iterations": 30, "judged": 5}

@@ -79,18 +79,15 @@ class TrainingJob:
         return Checkpoint(store, self.task, {"training": decisive}, content)
 
 
-def under_way(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint) -> list[str]:
-    """Sentences: from where the training goes on, and which like it were begun with other settings.
+def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint) -> list[str]:
+    """Sentences: where the training resumes, and unfinished trainings with other settings.
 
     Those are of the same algorithm and seed on the same task.
     """
     begun, asked = checkpoint.state(KEY), to_json(experiment.settings())
-    told = [f"{job.name}: {note}" for note in checkpoint.notes]
-    told += (
-        []
-        if begun is None
-        else [f"{job.name} goes on after {read_checkpoint(begun)[0]} iterations"]
-    )
+    lines = [f"{job.name}: {note}" for note in checkpoint.notes]
+    if begun is not None:
+        lines.append(f"{job.name} resumes after {read_checkpoint(begun)[0]} iterations")
     for other in checkpoint.other_states(KEY):
         done, settings = read_checkpoint(other)
         if [settings.get(key) for key in _ALIKE] == [asked[key] for key in _ALIKE]:
@@ -100,12 +97,11 @@ def under_way(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint) 
             parts = (
                 f"{name} = {settings.get(name)} instead of {asked.get(name)}" for name in names
             )
-            told.append(
+            lines.append(
                 f"another training by {job.name} is unfinished after {done} iterations, with"
-                f" {', '.join(parts) or 'other iterations'}; its own command goes on"
-                " with it"
+                f" {', '.join(parts) or 'other iterations'}; run its own command to resume it"
             )
-    return told
+    return lines
 
 
 def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:

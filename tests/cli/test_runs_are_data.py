@@ -146,7 +146,7 @@ def test_what_needs_code_says_so_in_a_sentence(ocp, made: Path) -> None:
 def test_source_is_for_runs_of_a_file(ocp) -> None:
     run = ocp("solve", "wall-1d", "-p", "N=4", "--json", "-q").json["run"]
     done = ocp("replay", run, "--source", "a.py")
-    assert done.code == 2 and "wall-1d is no problem of a file; drop --source" in done.err
+    assert done.code == 2 and "wall-1d is not defined in a file; drop --source" in done.err
 
 
 def test_load_takes_the_file_by_name(made: Path) -> None:

@@ -110,4 +110,4 @@ def test_what_is_no_file_is_refused(make: str, tmp_path: Path, monkeypatch, caps
     assert main(["show", "broken.py"]) == 2
     err = capsys.readouterr().err
     words = {"folder": "is a directory", "nothing": "there is no such file"}
-    assert words.get(make, "is no regular file") in err and err.count("\n") == 1
+    assert words.get(make, "is not a regular file") in err and err.count("\n") == 1

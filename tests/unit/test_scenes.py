@@ -53,7 +53,7 @@ def one(**changed: object) -> Body:
         ([HAND, one(), Goal("objekt", at=(1, 0))], {}, "'objekt' (did you mean 'object'?)"),
         ([HAND, one(), "post"], {}, "holds bodies, pushers, obstacles and goals; got a str"),
         ([HAND, one()], {"friction": {("hand", "puck"): 0.1}}, "a pair names 'puck'"),
-        ([HAND, one()], {"friction": {"hand": 0.1}}, "'hand' is no pair of names"),
+        ([HAND, one()], {"friction": {"hand": 0.1}}, "'hand' is not a pair of names"),
         ([HAND, one()], {"friction": {("hand", "hand"): 0.1}}, "'hand' cannot touch itself"),
         ([HAND, one()], {"friction": -0.1}, "hand on object: Coulomb's coefficient is -0.1"),
         ([HAND, one()], {"apart": [("hand", "post")]}, "a pair names 'post'"),

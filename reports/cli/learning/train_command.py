@@ -151,7 +151,7 @@ def run(options: TrainOptions, request: TrainRequest) -> int:
     Ctrl-C the same command resumes, with the same result as without the stop.
     """
     from ocp.errors import interruptible
-    from problems.tasks.training import under_way
+    from problems.tasks.training import unfinished
 
     output = options.output
     with ExitStack() as held:
@@ -163,7 +163,7 @@ def run(options: TrainOptions, request: TrainRequest) -> int:
         left = [place for place in range(len(request.jobs)) if place not in stored]
         for place in left:
             parts = request.jobs[place], request.experiments[place], request.checkpoints[place]
-            for sentence in under_way(*parts):
+            for sentence in unfinished(*parts):
                 output.say(sentence)
         try:
             with interruptible():
