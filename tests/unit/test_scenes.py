@@ -42,7 +42,7 @@ def one(**changed: object) -> Body:
         ([HAND, one(shape=Box((0.2, 0.0)))], {}, "its box has a half side of 0 m"),
         ([HAND, one(shape=Box((0.2, 0.1), 0.15))], {}, "at most half its shorter side, 0.1 m"),
         ([HAND, one(shape=Capsule((0, 0), (0, 0), 0.1))], {}, "its capsule has the length 0 m"),
-        ([HAND, one(shape=HalfPlane())], {}, "'object' moves, and a half-plane has no end"),
+        ([HAND, one(shape=HalfPlane())], {}, "'object' moves, and a half-plane is unbounded"),
         ([HAND, one(shape=drawing.Disc(0, 0, 0.1))], {}, "a problems.drawing.Disc; expected a"),
         ([HAND, Obstacle("wall", HalfPlane(normal=(0, 2)), at=(0, -1))], {}, "of length 2"),
         ([HAND, one(mass=0.0)], {}, "'object' has the mass 0; expected a positive number"),
@@ -71,7 +71,7 @@ def test_a_bad_scene_gets_one_sentence(things, more, sentence: str) -> None:
 
 
 def test_a_pusher_without_mass_cannot_be_thrown_about() -> None:
-    with pytest.raises(InputError, match="'hand' has no mass, which it needs in a scene with vel"):
+    with pytest.raises(InputError, match="'hand' has no mass, required in a scene with vel"):
         Scene([HAND, one()]).time_stepping("bad", ParameterTable(), h=0.1)
 
 
