@@ -7,9 +7,8 @@ from ocp.errors import DamagedRun, InputError, NotConverged
 from ocp.policy import Feedback, OpenLoop
 from ocp.problem import Constraint, Problem, Scaling, Scenarios
 from ocp.programs.status import Status
-from ocp.replay import Replay
 from ocp.rollout import Gains, Rollout, roll_out
-from ocp.solution import Solution
+from ocp.solution import Replay, Solution
 from ocp.solve import solve
 from ocp.stored import load
 from ocp.transcription import Direct, MultipleShooting, SingleShooting

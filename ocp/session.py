@@ -29,19 +29,30 @@ from ocp.routes.complementarity import (
     Route,
     solve_pairs,
 )
-from ocp.routes.homotopy import PRIMAL, Homotopy, HomotopyPath, HomotopyStage, Progress, translate
-from ocp.routes.law_path import MU_LAST, STAGE_ITERATIONS, from_exact, law_path
-from ocp.routes.outcome import Outcome, better, lower
+from ocp.routes.homotopy import (
+    PRIMAL,
+    Homotopy,
+    HomotopyPath,
+    HomotopyStage,
+    Outcome,
+    Progress,
+    better,
+    lower,
+    translate,
+)
 from ocp.routes.relaxations import (
     AVERAGED_STRATEGY,
     DEFAULT_STRATEGY,
+    MU_LAST,
+    STAGE_ITERATIONS,
     STRATEGIES,
     L1Penalty,
     L1ThenScholtes,
+    from_exact,
+    law_path,
     relaxed,
 )
-from ocp.routes.rollout_polish import RolloutPolish
-from ocp.routes.rollout_starts import RolloutStarts
+from ocp.routes.rollouts import RolloutPolish, RolloutStarts
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP

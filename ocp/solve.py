@@ -13,14 +13,15 @@ from dynamics.contact import ContactLaw
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, interruptible
 from ocp.factories import closing_law, method_of, policy_of, split_policy_settings
-from ocp.judgement import halved, judged, keeping, refined
+from ocp.judgement import judged, keeping
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver
 from ocp.programs.status import Status
+from ocp.refinement import halved, refined
 from ocp.request import ProblemLike, check_setting_names, rebuilder, resolve_problem
 from ocp.rollout import initial_guesses
-from ocp.routes.outcome import GAIN, Outcome
+from ocp.routes.homotopy import GAIN, Outcome
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
@@ -78,7 +79,7 @@ def solve(
     path is followed with those trajectories as the guess.
 
     ``refine`` plans again at half the step, from the last plan, until its cost and that of its
-    replay at half the step agree (:func:`~ocp.judgement.refined`); of a problem object N is
+    replay at half the step agree (:func:`~ocp.refinement.refined`); of a problem object N is
     doubled and all else kept, of a named one it is as with parameters ``N`` and ``h``.
 
     Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
@@ -106,7 +107,7 @@ def refine_from(
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
 ) -> Solution:
-    """Refine a session's solution, see :func:`~ocp.judgement.refined`.
+    """Refine a session's solution, see :func:`~ocp.refinement.refined`.
 
     ``build`` makes the problem anew, of that one, at other values by name.
     """

@@ -16,7 +16,8 @@ from rich.text import Text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ocp.judges.findings import Audit, RefereeFindings
+    from ocp.judges.audit import Audit
+    from ocp.judges.referee import RefereeFindings
     from ocp.solution import Solution, StageRecord
     from ocp.stationarity.certificate import Certificate
 

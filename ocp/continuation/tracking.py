@@ -13,8 +13,7 @@ from ocp.errors import InputError
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.routes.branches import Branches
-from ocp.routes.homotopy import Homotopy
-from ocp.routes.outcome import Outcome, lower
+from ocp.routes.homotopy import Homotopy, Outcome, lower
 from ocp.session import Session
 from ocp.stationarity.kkt import Held, KKTCurve, regular
 

@@ -16,7 +16,7 @@ from ocp.errors import InputError, choose
 from ocp.judgement import judged
 from ocp.programs.solver import Point
 from ocp.programs.status import Status
-from ocp.routes.outcome import Outcome
+from ocp.routes.homotopy import Outcome
 from ocp.session import Session
 from ocp.solution import Solution
 

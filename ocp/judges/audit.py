@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, field, replace
+
 import casadi as ca
 import numpy as np
 
-from ocp.judges.findings import Audit
+from dynamics.contact import Step
 from ocp.physics.constraints import Violation, broken_constraints, noticeable, seen_sizes
-from ocp.physics.contact_report import ContactReport, contact_report, largest
-from ocp.physics.evaluation import distances
+from ocp.physics.contact_report import ContactReport, ContactSummary, contact_report, largest
+from ocp.physics.measures import distances
 from ocp.problem import Problem
 from ocp.programs.solver import Result
-from ocp.rollout import Rollout, roll_on
+from ocp.rollout import Rollout, roll_on, trajectory_costs
 from ocp.transcription.nlp import NLP
 from ocp.transcription.trajectories import Trajectories
 
@@ -23,6 +26,53 @@ TOLERANCES = {
 }
 """What ``success`` demands; complementarity only of the exact law."""
 _ACTIVE = 1e-7
+CONTENT = 1e-4
+"""Share of the cost's span below which its gradient wants nothing: standing still is the answer."""
+STILL = 0.05
+"""Share of the states' characteristic size that an input may move in a horizon and yet hold."""
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Residuals recomputed from the trajectories, and the replay under the exact law.
+
+    ``complementarity`` is max lam gap [N s m], ``complementarity_min`` max min(lam, gap), both
+    over all contacts and steps; ``dynamics_residual`` max |residual|, ``law_residual`` max
+    |lam gap - mu|, ``constraint_violation`` of bounds, path and terminal constraints,
+    ``penetration`` max(0, -phi) with phi the true signed distance, ``exact_cost`` the cost of the
+    replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts (step, contact) pairs in
+    contact; ``task_gradient`` is the largest change per unit input of the cost of what contact
+    alone moves, NaN where it moves nothing alone.
+
+    With friction, largest over contacts and steps: ``cone_violation`` max(0, |tangential| -
+    friction normal) [N s] and ``dissipation_residual`` [J], what friction misses of the most it
+    could take. Where energy is known: ``energy_gain`` [J] the largest rise in one step beyond the
+    work done, contact's and the integrator's, ``dissipated`` [J] what contact took in all,
+    ``momentum_residual`` [N s]. ``contacts`` tells of each contact when it acts, how hard, and how
+    far it slides. ``replay_failed`` names the step at which the replay ended, "" where it did not;
+    ``replay_broken`` the constraints that it breaks by what can be seen, the worst of every kind.
+    """
+
+    complementarity: float
+    complementarity_min: float
+    dynamics_residual: float
+    law_residual: float
+    constraint_violation: float
+    penetration: float
+    exact_penetration: float
+    exact_cost: float
+    state_gap: float
+    active_steps: int
+    task_gradient: float
+    worst: list[Violation] = field(default_factory=list)
+    cone_violation: float = math.nan
+    dissipation_residual: float = math.nan
+    energy_gain: float = math.nan
+    dissipated: float = math.nan
+    momentum_residual: float = math.nan
+    contacts: list[ContactSummary] = field(default_factory=list)
+    replay_failed: str = ""
+    replay_broken: list[Violation] = field(default_factory=list)
 
 
 def signed_distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray | None:
@@ -189,3 +239,68 @@ def worst_constraints(
         scenario, k = (index[0], index[1]) if len(index) == 3 else (0, index[0])
         worst.append(Violation(name, component, scenario, k, float(off[position])))
     return worst
+
+
+def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
+    """What the cost changes by, at most, as all states and inputs move by a characteristic size.
+
+    They move freely, not along a motion, so that no instability enters.
+    """
+    sizes = problem.scales
+    costs = [
+        trajectory_costs(problem, plan.x + s * sizes.x, plan.u + s * sizes.u, physical)
+        for s in (-1.0, 1.0)
+    ]
+    return float(np.nan_to_num([np.abs(c - plan.costs).max() for c in costs]).max())
+
+
+def idle_cost(problem: Problem, step: Step, values: dict[str, float], plan: Rollout) -> float:
+    """Cost of standing still where the plan starts: the lower one of two ways to do so.
+
+    Either the input before the first is held, and the law makes of it what it makes. Or the states
+    stay, where one of the plan's inputs can hold them and the cost wants them elsewhere; the
+    holding itself is not counted. NaN where neither can be, or where it breaks constraints that
+    the plan keeps.
+    """
+    given = problem, step, values, plan
+    return float(np.fmin(_held_cost(*given), _still_cost(*given)))
+
+
+def _held_cost(problem: Problem, step: Step, values: dict[str, float], plan: Rollout) -> float:
+    physical = problem.parameters.pack(values)
+    held = np.tile(np.array(problem.limits(physical)[1]).ravel(), (1, problem.N, 1))
+    idle, unsolved = roll_on(problem, held, values, step, plan.x[:, 0])
+    if unsolved is not None or broken_constraints(problem, idle.x, idle.u, physical):
+        return float("nan")
+    return idle.cost
+
+
+def _still_cost(problem: Problem, step: Step, values: dict[str, float], plan: Rollout) -> float:
+    N = problem.N
+    physical = problem.parameters.pack(values)
+    before = np.array(problem.limits(physical)[1]).ravel()
+    x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(before, (len(plan.x), N, 1))
+    limit, S, p = STILL * problem.scales.x / N, len(x), step.p.pack(values)
+    if not all(_holds(step, p, x[s, 0], plan.u[s], limit) for s in range(S)):
+        return float("nan")
+    costs = trajectory_costs(problem, x, u, physical)
+    still = replace(plan, x=x, u=u, costs=costs)
+    wanted = max(_state_slope(problem, x[s, 0], physical) for s in range(S))
+    if wanted <= CONTENT * cost_span(problem, still, physical):
+        return float("nan")
+    return float("nan") if broken_constraints(problem, x, u, physical) else still.cost
+
+
+def _state_slope(problem: Problem, x: np.ndarray, physical: np.ndarray) -> float:
+    """Most that staying at x (nx,) costs more where one state moves by its size, first order."""
+    before = problem.limits(physical)[1]
+    stage, end = problem.state_slopes(x, before, 0 * before, physical)
+    slopes = np.abs(problem.N * np.array(stage) + np.array(end)).ravel()
+    return float((problem.scales.x * slopes).max(initial=0.0))
+
+
+def _holds(step: Step, p: np.ndarray, x: np.ndarray, inputs: np.ndarray, limit: np.ndarray) -> bool:
+    """Whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit`` (nx,)."""
+    start = np.repeat(x[:, None], len(inputs), axis=1)
+    after = np.array(step.solve.map(len(inputs))(start, inputs.T, p)[0])
+    return bool(np.any(np.all(np.abs(after - start) <= limit[:, None], axis=0)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -13,14 +13,14 @@ from dynamics.contact import Step
 from dynamics.systems import ContactSystem
 from ocp.physics.constraints import (
     Broken,
+    Violation,
     broken_constraints,
     describe_violations,
     noticeable,
     seen_sizes,
     travelled,
 )
-from ocp.physics.evaluation import distances
-from ocp.physics.measures import Physics, measure
+from ocp.physics.measures import Physics, Worst, distances, measure
 from ocp.physics.nonuniqueness import Nonuniqueness, find_nonuniqueness
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, Unsolved, roll_on, trajectory_costs
@@ -141,6 +141,47 @@ class RefereeReport:
     replayed: Physics
     broken: tuple[Broken, ...]
     nonuniqueness: Nonuniqueness | None
+
+
+@dataclass(frozen=True)
+class RefereeFindings:
+    """What the sharpest contact makes of a plan, see :mod:`ocp.judges.referee`.
+
+    ``cost`` and ``gap``, the largest difference of a state from the plan, are those of its replay;
+    ``survives_at_h`` is None without geometry, and ``reasons`` say why it is False, each half a
+    sentence. ``survives`` says that the replay holds at h/4 too where h only discretises, and
+    ``refined_reasons`` why it does not. ``note`` names what the referee has that the model has not.
+    ``refined_cost`` is the cost at h/4, NaN with the reason in ``refined_note``. Of plan and
+    replay: how deep bodies are in one another at the nodes (``penetration``) and on the way between
+    them (``between``), and the largest true distance at which a normal force acts
+    (``force_distance``), all [m]. ``broken`` are the constraints that the replay breaks.
+    ``nonuniqueness`` describes the first step of the plan at which the model's contact has another
+    solution, "" where there is none.
+    """
+
+    cost: float = math.nan
+    gap: float = math.nan
+    survives: bool | None = None
+    reasons: list[str] = field(default_factory=list)
+    note: str = ""
+    refined_cost: float = math.nan
+    refined_note: str = ""
+    penetration: Worst | None = None
+    between: Worst | None = None
+    force_distance: Worst | None = None
+    replay_penetration: Worst | None = None
+    replay_between: Worst | None = None
+    broken: list[Violation] = field(default_factory=list)
+    nonuniqueness: str = ""
+    survives_at_h: bool | None = None
+    refined_reasons: list[str] = field(default_factory=list)
+
+    @property
+    def word(self) -> str:
+        """The referee's word: one of three, or that there is none."""
+        if self.survives_at_h and not self.survives:
+            return "survives at this step only"
+        return {True: "survives", False: "does not survive", None: "no referee"}[self.survives]
 
 
 def evaluate(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp.physics.evaluation import TrajectoryEvaluator
+from ocp.physics.measures import TrajectoryEvaluator
 from ocp.problem import Problem
 from ocp.rollout import at_steps
 

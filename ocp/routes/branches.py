@@ -14,8 +14,7 @@ import numpy as np
 
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.homotopy import WARM, Homotopy, translate
-from ocp.routes.outcome import lower
+from ocp.routes.homotopy import WARM, Homotopy, lower, translate
 from ocp.stationarity.certificate import RADII, linear_model, tolerance_of
 from ocp.stationarity.lpec import LinearModel
 

@@ -12,12 +12,10 @@ from ocp.problem import Scaling
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches, polish
-from ocp.routes.distant_schedules import distant_schedules
-from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath
-from ocp.routes.outcome import lower
+from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, lower
 from ocp.routes.relaxations import CentralPath, ScholtesAdaptive, Strategy
-from ocp.routes.rollout_starts import RolloutStarts
-from ocp.routes.schedules import improve_schedule
+from ocp.routes.rollouts import RolloutStarts
+from ocp.routes.schedules import distant_schedules, improved
 
 End = tuple[Result, Program, bool]
 """Where a route ended, in which program, and whether on the exact law."""
@@ -28,7 +26,7 @@ class Route:
     """Which strategy relaxes the pairs, from sizes ``scaling``, and where it starts.
 
     ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
-    branches are then solved (:mod:`~ocp.routes.distant_schedules`): a few after a path that was
+    branches are then solved (:mod:`~ocp.routes.schedules`): a few after a path that was
     easy to follow, else many, and then ``alternatives`` are followed from the same start. The
     cheapest of all answers counts.
     """
@@ -66,19 +64,6 @@ def solve_pairs(follower: Homotopy, route: Route) -> End:
         return first
     best = min(polished, key=lambda found: found.f)
     return improved(branches, best), branches.program, True
-
-
-def improved(branches: Branches, found: Result) -> Result:
-    """Exchange branches to first order, and schedules for neighbouring ones, in turn."""
-    best = branches.improve(found)
-    for _ in range(_TURNS):
-        found = improve_schedule(branches, best)
-        if not lower(found, best):
-            return best
-        best = branches.improve(found)
-        if not lower(best, found):
-            return best
-    return best
 
 
 def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
@@ -124,7 +109,6 @@ SMALL_ITERATIONS = 128
 """Of a stage of a small problem, after which it is polished from where it is."""
 SMALL_PAIRS = 128
 """Pairs up to which several ways are followed where the first was hard to follow."""
-_TURNS = 3
 _SMOOTH, _ROUGH = 6, 48
 """Plans rolled out around each known one, after a path that was easy to follow or was not."""
 _PERTURBED = 8

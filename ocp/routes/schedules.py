@@ -1,18 +1,19 @@
-"""Contact schedules next to one: contacts that begin or end a step earlier or later, or fail to."""
+"""Other contact schedules: contacts a step earlier or later, and plans rolled out far from one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ocp.programs.solver import Result
+from ocp.programs.solver import Point, Result
 from ocp.routes.branches import MIN_MULTIPLIER, NEIGHBOUR, Branches
-from ocp.routes.outcome import lower
+from ocp.routes.homotopy import lower
 
 _ITERATIONS = 40
 """Of one neighbour at most: those worth having are near, others often infeasible."""
+_TURNS = 3
 _SHORT = 2
 """Steps of a contact that may be left out at once."""
 _ALL, _WORK = 800, 540_000
@@ -36,6 +37,19 @@ class ScheduleMove:
     def twice(self) -> ScheduleMove:
         """As far again."""
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
+
+
+def improved(branches: Branches, found: Result) -> Result:
+    """Exchange branches to first order, and schedules for neighbouring ones, in turn."""
+    best = branches.improve(found)
+    for _ in range(_TURNS):
+        found = improve_schedule(branches, best)
+        if not lower(found, best):
+            return best
+        best = branches.improve(found)
+        if not lower(best, found):
+            return best
+    return best
 
 
 def improve_schedule(branches: Branches, best: Result) -> Result:
@@ -129,3 +143,54 @@ def runs(held: np.ndarray) -> list[tuple[int, int]]:
     steps = np.diff(np.concatenate([[0], held.astype(int), [0]]))
     ends = (np.flatnonzero(steps == sign).tolist() for sign in (1, -1))
     return list(zip(*ends, strict=True))
+
+
+_FAR_MOST = 8
+"""Branches solved at most."""
+_FAR_ITERATIONS = 128
+"""Of a branch: it has a feasible point near, or often none."""
+_APART = 0.125
+"""Shares of the horizon by which all contacts together lie apart in schedules of two kinds."""
+_FEASIBLE = 1e-6
+"""Violation, in natural units, of a plan that keeps its limits."""
+
+
+def distant_schedules(branches: Branches, points: Sequence[Point], below: float) -> list[Result]:
+    """Solve the branches of the cheapest feasible ``points``, one of every kind of schedule.
+
+    An event that falls some steps earlier or later, or one more of them, makes another minimum,
+    often in a valley of its own that no exchange of neighbours leads to. A point must cost less
+    than ``below``; where that is infinite, points that break limits come after the others, so that
+    eight are solved if there are as many.
+    """
+    program, seen, polished = branches.program, [], []
+    for point in _ordered(branches, points, below):
+        active = branches.schedule(point.x)
+        if all(_apart(active, other, program.chains) > _APART for other in seen):
+            seen.append(active)
+            found = branches.solve_branch(point, _FAR_ITERATIONS)
+            polished += [] if found is None else [found]
+        if len(seen) == _FAR_MOST:
+            break
+    return polished
+
+
+def _ordered(branches: Branches, points: Sequence[Point], below: float) -> Iterator[Point]:
+    program, limits = branches.program, branches.limits
+    broken: list[tuple[float, Point]] = []
+    for point in points:
+        f, g = program.values(point.x, branches.p)
+        off = np.maximum(limits["lbg"] - g, g - limits["ubg"]) / program.natural.g
+        amount = float(off.max(initial=0.0))
+        if amount > _FEASIBLE:
+            broken.append((amount, point))
+        elif f < below:
+            yield point
+    if np.isinf(below):
+        yield from (point for _, point in sorted(broken, key=lambda one: one[0]))
+
+
+def _apart(one: np.ndarray, other: np.ndarray, chains: np.ndarray) -> float:
+    """Steps by which contacts are moved from one schedule to another, over those of the horizon."""
+    moved = np.cumsum(one[chains].astype(int) - other[chains].astype(int), axis=1)
+    return float(np.abs(moved).sum() / chains.shape[1])

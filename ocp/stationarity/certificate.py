@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ocp.programs.program import Program
-from ocp.stationarity.curvature import negative_curvature
-from ocp.stationarity.lpec import Descent, LinearModel
+from ocp.stationarity.lpec import Descent, LinearModel, negative_curvature
 
 if TYPE_CHECKING:
     import scipy.sparse as sp

@@ -11,7 +11,7 @@ from ocp.errors import InputError
 from ocp.programs.program import Program
 from ocp.programs.solver import Point
 from ocp.stationarity.certificate import fit_multipliers, linear_model
-from ocp.stationarity.curvature import negative_curvature
+from ocp.stationarity.lpec import negative_curvature
 
 if TYPE_CHECKING:
     import scipy.sparse as sp

@@ -8,10 +8,9 @@ import numpy as np
 
 from dynamics.systems import Signal
 from ocp.judges.audit import signed_distances
-from ocp.physics.contact_report import ContactReport, contact_report
-from ocp.physics.least_slip import least_slip
+from ocp.physics.contact_report import ContactReport, contact_report, least_slip
 from ocp.rollout import Rollout
-from ocp.routes.outcome import Outcome
+from ocp.routes.homotopy import Outcome
 from ocp.transcription.nlp import NLP
 from ocp.transcription.trajectories import Trajectories
 from ocp.warm_start import multipliers, node_times

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 from ocp.errors import DamagedRun
-from ocp.judges.findings import Audit, RefereeFindings
+from ocp.judges.audit import Audit
+from ocp.judges.referee import RefereeFindings
 from ocp.programs.status import Status
 from ocp.solution import Grade, StageRecord
 from ocp.stationarity.certificate import Certificate

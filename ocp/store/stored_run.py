@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ocp.errors import DamagedRun, InputError
-from ocp.judges.findings import Audit, RefereeFindings
+from ocp.judges.audit import Audit
+from ocp.judges.referee import RefereeFindings
 from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.rollout import Gains

@@ -11,7 +11,7 @@ from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.normaliser import Normaliser
 from ocp.learning.protocol import Trained
-from ocp.physics.least_slip import least_slip
+from ocp.physics.contact_report import least_slip
 
 if TYPE_CHECKING:
     import xarray as xr

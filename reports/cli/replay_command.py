@@ -11,8 +11,7 @@ from reports.cli.solve_command import NOT_CONVERGED
 
 if TYPE_CHECKING:
     from dynamics.contact import ContactLaw
-    from ocp.replay import Replay
-    from ocp.solution import Solution
+    from ocp.solution import Replay, Solution
     from ocp.store.stored_run import StoredRun
 
     ReplayRequest = tuple[StoredRun, Solution, ContactLaw]

@@ -54,7 +54,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     """Build the session, and read the solution to start from."""
     from ocp.effort import check_memory
     from ocp.errors import InputError, choose
-    from ocp.judgement import halved
+    from ocp.refinement import halved
     from reports.cli.request import Request, check_place, check_places
     from reports.papers.formats import format_of
 

@@ -12,8 +12,7 @@ import pytest
 from dynamics.contact import Exact
 from dynamics.systems import lcs
 from ocp import InputError, Problem, Scaling, Solution, Status, solve
-from ocp.judgement import halved, refined
-from ocp.judgement.refinement import AGREED, HALVINGS, Level, growth
+from ocp.refinement import AGREED, HALVINGS, Level, growth, halved, refined
 from ocp.rollout import roll_out
 from problems import get
 

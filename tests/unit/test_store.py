@@ -22,7 +22,8 @@ import xarray as xr
 from dynamics.contact import Barrier
 from ocp import solve, store
 from ocp.errors import DamagedRun, InputError
-from ocp.judges.findings import Audit, RefereeFindings
+from ocp.judges.audit import Audit
+from ocp.judges.referee import RefereeFindings
 from ocp.physics.constraints import Violation
 from ocp.physics.measures import Worst
 from ocp.programs.status import Status

@@ -15,9 +15,8 @@ from ocp.problem import Guess, Scaling
 from ocp.programs.solver import Point
 from ocp.rollout import InitialGuess, roll_on
 from ocp.routes.branches import Branches
-from ocp.routes.homotopy import Homotopy, Progress
-from ocp.routes.outcome import Outcome
-from ocp.routes.rollout_starts import pack_rollout
+from ocp.routes.homotopy import Homotopy, Outcome, Progress
+from ocp.routes.rollouts import pack_rollout
 from ocp.session import Session
 from ocp.solution import Solution
 from ocp.solve import best_of, new_session

@@ -25,8 +25,7 @@ from ocp.physics.constraints import broken_constraints
 from ocp.programs.status import Status
 from ocp.rollout import initial_guesses
 from ocp.routes.complementarity import Route, by_strategy
-from ocp.routes.homotopy import Homotopy
-from ocp.routes.outcome import Outcome
+from ocp.routes.homotopy import Homotopy, Outcome
 from ocp.routes.relaxations import CentralPath
 from ocp.session import Session
 from ocp.solution import Solution

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from dynamics.contact import Exact
-from ocp.routes.outcome import Outcome
+from ocp.routes.homotopy import Outcome
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 from tests.benchmarks.ocp.cases import FIVE, LCS, same_guess, session
 from tests.benchmarks.ocp.models import MODELS

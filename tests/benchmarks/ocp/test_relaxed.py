@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dynamics.contact import Barrier
-from ocp.routes.outcome import Outcome
+from ocp.routes.homotopy import Outcome
 from tests.benchmarks.ocp.cases import FIVE, LCS, same_guess, session
 from tests.benchmarks.ocp.models import MODELS
 from tests.benchmarks.ocp.opti_peer import PeerAnswer, relaxed

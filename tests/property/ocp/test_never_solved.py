@@ -13,9 +13,8 @@ from ocp import Direct, MultipleShooting, OpenLoop, Problem, SingleShooting, Sta
 from ocp.judgement import judged
 from ocp.programs.solver import Point, Result
 from ocp.rollout import Rollout, roll_out
-from ocp.routes.homotopy import Trace
-from ocp.routes.outcome import Outcome
-from ocp.routes.rollout_starts import pack_rollout
+from ocp.routes.homotopy import Outcome, Trace
+from ocp.routes.rollouts import pack_rollout
 from ocp.session import Session
 from problems import get
 

@@ -25,7 +25,7 @@ from ocp.judgement import judged
 from ocp.judges.audit import audit, signed_distances, task_gradient, worst_constraints
 from ocp.programs.solver import Point
 from ocp.rollout import roll_out
-from ocp.routes.outcome import Outcome
+from ocp.routes.homotopy import Outcome
 from ocp.session import Session
 from ocp.transcription.trajectories import trajectories
 from problems import get

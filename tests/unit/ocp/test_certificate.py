@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ocp.stationarity.certificate import certify
-from ocp.stationarity.curvature import negative_curvature
-from ocp.stationarity.lpec import LinearModel
+from ocp.stationarity.lpec import LinearModel, negative_curvature
 from tests.unit.mpcc.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
 
 RADIUS = 1e-3

@@ -13,9 +13,8 @@ from ocp.judgement import judged
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.routes.branches import Branches
-from ocp.routes.distant_schedules import _apart
-from ocp.routes.homotopy import Homotopy
-from ocp.routes.outcome import Outcome
+from ocp.routes.homotopy import Homotopy, Outcome
+from ocp.routes.schedules import _apart
 from ocp.solve import new_session, solve
 from problems import get
 from problems.ball_throw import Params, roll

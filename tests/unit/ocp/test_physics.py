@@ -10,8 +10,7 @@ import pytest
 
 from ocp import Constraint
 from ocp.physics.constraints import broken_constraints
-from ocp.physics.evaluation import distances
-from ocp.physics.measures import least_between, measure
+from ocp.physics.measures import distances, least_between, measure
 from problems import get
 from tests.unit.ocp.user_problems import physical
 

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from dynamics.contact import Exact
 from ocp import solve, store
-from ocp.judges.findings import Audit
+from ocp.judges.audit import Audit
 from ocp.physics.contact_report import ContactSummary
 from problems import spec
 from reports import console, pages

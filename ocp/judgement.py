@@ -1,33 +1,36 @@
-"""Three judges of one outcome: the audit with the certificate, the referee, and the solver's word.
+"""One solution from three judges: of a result, or of a solve that Ctrl-C ended.
 
-Owns how they are put together into one status; each of them knows nothing of the others.
+This module combines the audit with the certificate, the referee and the solver's status into one
+status; each of these is independent of the others.
 """
 
 from __future__ import annotations
 
+import logging
 import time
-from dataclasses import asdict, replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from dynamics.learned.laws import LearnedLaw
-from ocp.judges.audit import audit, feasible
-from ocp.judges.findings import Audit, RefereeFindings
-from ocp.judges.referee import RefereeReport, evaluate
+from ocp.errors import interruptible
+from ocp.judges.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
+from ocp.judges.referee import RefereeFindings, RefereeReport, evaluate
 from ocp.judges.verdict import UNJUDGED
-from ocp.physics.constraints import broken_constraints
 from ocp.physics.nonuniqueness import Nonuniqueness
-from ocp.problem import Problem, Scales
-from ocp.programs.solver import Point
+from ocp.problem import Scales
+from ocp.programs.program import Program
+from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
-from ocp.rollout import Gains, Rollout, roll_on, trajectory_costs
-from ocp.routes.homotopy import translate
-from ocp.routes.outcome import Outcome
-from ocp.routes.rollout_starts import pack_rollout
+from ocp.rollout import Gains, Rollout, trajectory_costs
+from ocp.routes.homotopy import Outcome, Progress, Trace, translate
+from ocp.routes.rollouts import pack_rollout
 from ocp.session import Session
-from ocp.solution import Solution
+from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.stationarity.certificate import Certificate, certify
 from ocp.stationarity.sensitivity import sensitivity
 from ocp.store.dataset import label
@@ -38,10 +41,6 @@ from ocp.transcription.trajectories import trajectories
 _FLAT = 1e-7
 _IDLE = 1e-6
 """Relative gain over standing still below which nothing was achieved."""
-_CONTENT = 1e-4
-"""Share of the cost's span below which its gradient wants nothing: standing still is the answer."""
-_STILL = 0.05
-"""Share of the states' characteristic size that an input may move in a horizon and yet hold."""
 _SHARP = 1e-4
 """Share of the characteristic mu at which a step of the barrier law is nearly the exact one."""
 
@@ -71,7 +70,7 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         if certificate.stationarity == "not":
             certificate = replace(certificate, reason=outcome.trace.refused)
         derivative = partial(sensitivity, asked, point, given)
-        idle = idle_cost(session, rolled)
+        idle = idle_cost(session.problem, session.step, values, rolled)
     report = evaluate(session.problem, session.step, rolled, values, plan.gains)
     return Solution(
         data=label(nlp, plan, replay, book, outcome, values, report.referee.replay),
@@ -106,72 +105,6 @@ def judged_point(
     if outcome.on_branch is not None:
         return nlp, outcome.on_branch.point
     return nlp, Point(pack_rollout(nlp, plan, gains))
-
-
-def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
-    """What the cost changes by, at most, as all states and inputs move by a characteristic size.
-
-    They move freely, not along a motion, so that no instability enters.
-    """
-    sizes = problem.scales
-    costs = [
-        trajectory_costs(problem, plan.x + s * sizes.x, plan.u + s * sizes.u, physical)
-        for s in (-1.0, 1.0)
-    ]
-    return float(np.nan_to_num([np.abs(c - plan.costs).max() for c in costs]).max())
-
-
-def idle_cost(session: Session, plan: Rollout) -> float:
-    """Cost of standing still where the plan starts: the lower one of two ways to do so.
-
-    Either the input before the first is held, and the law makes of it what it makes. Or the states
-    stay, where one of the plan's inputs can hold them and the cost wants them elsewhere; the
-    holding itself is not counted. NaN where neither can be, or where it breaks constraints that
-    the plan keeps.
-    """
-    return float(np.fmin(_held_cost(session, plan), _still_cost(session, plan)))
-
-
-def _held_cost(session: Session, plan: Rollout) -> float:
-    problem, values = session.problem, session.values
-    physical = problem.parameters.pack(values)
-    held = np.tile(np.array(problem.limits(physical)[1]).ravel(), (1, problem.N, 1))
-    idle, unsolved = roll_on(problem, held, values, session.step, plan.x[:, 0])
-    if unsolved is not None or broken_constraints(problem, idle.x, idle.u, physical):
-        return float("nan")
-    return idle.cost
-
-
-def _still_cost(session: Session, plan: Rollout) -> float:
-    problem, values, N = session.problem, session.values, session.problem.N
-    physical = problem.parameters.pack(values)
-    before = np.array(problem.limits(physical)[1]).ravel()
-    x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(before, (len(plan.x), N, 1))
-    limit, S = _STILL * problem.scales.x / N, len(x)
-    if not all(_holds(session, x[s, 0], plan.u[s], limit) for s in range(S)):
-        return float("nan")
-    costs = trajectory_costs(problem, x, u, physical)
-    still = replace(plan, x=x, u=u, costs=costs)
-    wanted = max(_state_slope(problem, x[s, 0], physical) for s in range(S))
-    if wanted <= _CONTENT * cost_span(problem, still, physical):
-        return float("nan")
-    return float("nan") if broken_constraints(problem, x, u, physical) else still.cost
-
-
-def _state_slope(problem: Problem, x: np.ndarray, physical: np.ndarray) -> float:
-    """Most that staying at x (nx,) costs more where one state moves by its size, first order."""
-    before = problem.limits(physical)[1]
-    stage, end = problem.state_slopes(x, before, 0 * before, physical)
-    slopes = np.abs(problem.N * np.array(stage) + np.array(end)).ravel()
-    return float((problem.scales.x * slopes).max(initial=0.0))
-
-
-def _holds(session: Session, x: np.ndarray, inputs: np.ndarray, limit: np.ndarray) -> bool:
-    """Whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit`` (nx,)."""
-    p = session.step.p.pack(session.values)
-    start = np.repeat(x[:, None], len(inputs), axis=1)
-    after = np.array(session.step.solve.map(len(inputs))(start, inputs.T, p)[0])
-    return bool(np.any(np.all(np.abs(after - start) <= limit[:, None], axis=0)))
 
 
 def referee_findings(report: RefereeReport, plan: Rollout, sizes: Scales) -> RefereeFindings:
@@ -227,9 +160,9 @@ def status_of(
         return Status.INEXACT if result.ok else result.status
     # A force from afar moves what its exact replay does not: that is smoothing, and no dead end.
     # And where standing still breaks constraints that the plan keeps, the plan is better.
-    own = found.state_gap <= _STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
+    own = found.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
     blind = found.active_steps == 0 and found.task_gradient < _FLAT and own
-    wants = certificate.slope > _CONTENT * span
+    wants = certificate.slope > CONTENT * span
     if blind or (wants and cost >= idle - _IDLE * abs(idle)):
         return Status.NO_PROGRESS
     if certificate.certified:
@@ -267,3 +200,88 @@ def record(session: Session, seed: int) -> dict[str, Any]:
         "citation": problem.citation,
         "source": problem.source,
     }  # fmt: skip
+
+
+_LOG = logging.getLogger(__name__)
+FEASIBLE = 1e-6
+"""Violation of a constraint, in natural units, up to which a point keeps it."""
+
+
+@contextmanager
+def keeping(session: Session, seed: int, progress: Progress | None) -> Iterator[Progress]:
+    """Give what a solve of the session is to tell its stages to.
+
+    Where Ctrl-C ends the solve inside, raises :class:`~ocp.solution.Interrupted` with the best
+    point of it, judged, its status :attr:`~ocp.programs.status.Status.INTERRUPTED`; before a solver
+    has run at all, there is none, and KeyboardInterrupt is raised as it came.
+    """
+    kept = _Kept(session, progress)
+    session.solver.heard = kept.ended
+    try:
+        with interruptible():
+            yield kept.told
+    except KeyboardInterrupt as stop:
+        session.solver.heard = None
+        if not kept.ends:
+            raise
+        raise Interrupted(kept.solution(seed)) from stop
+    finally:
+        session.solver.heard = None
+
+
+@dataclass
+class _Kept:
+    """Stages of a solve, and where each run of the solver ended, in whatever program."""
+
+    session: Session
+    progress: Progress | None
+    records: list[StageRecord] = field(default_factory=list)
+    ends: list[tuple[Program, Result]] = field(default_factory=list)
+
+    def told(self, stage: StageRecord) -> None:
+        """Hear of a stage, and pass it on."""
+        self.records.append(stage)
+        if self.progress is not None:
+            self.progress(stage)
+
+    def ended(self, program: Program, result: Result) -> None:
+        """Hear where a run of the solver ended."""
+        self.ends.append((program, result))
+
+    def solution(self, seed: int) -> Solution:
+        """The best point as a judged solution, with all work counted."""
+        nlp = self.session.nlp_of("product")
+        results = [result for _, result in self.ends]
+        trace = Trace(
+            records=self.records,
+            iterations=sum(result.iterations for result in results),
+            seconds=sum(result.seconds for result in results),
+            evaluation_s=sum(result.evaluation_s for result in results),
+        )
+        p = nlp.parameter_vector(self.session.values)
+        point = self._best(nlp, p)
+        _LOG.info("interrupted after %d stages; the best point is judged", len(self.records))
+        found = Result.at(nlp, point, p, Status.INTERRUPTED, "interrupted")
+        return judged(self.session, Outcome(found, nlp, False, trace), seed)
+
+    def _best(self, nlp: Program, p: np.ndarray) -> Point:
+        """The cheapest point that keeps the constraints of what was asked, or that keeps most."""
+        bounds, natural = nlp.bounds(self.session.values), nlp.natural
+        found = []
+        for program, result in self.ends:
+            point = translate(result.point, program, nlp)
+            cost, g = nlp.values(point.x, p)
+            off = max(
+                _beyond(g, bounds["lbg"], bounds["ubg"], natural.g),
+                _beyond(point.x, bounds["lbx"], bounds["ubx"], natural.x),
+            )
+            found.append((off, cost if np.isfinite(cost) else np.inf, point))
+        kept = [one for one in found if one[0] <= FEASIBLE]
+        by_cost = min(kept, key=lambda one: one[1], default=None)
+        return (by_cost or min(found, key=lambda one: one[0]))[2]
+
+
+def _beyond(value: np.ndarray, low: np.ndarray, high: np.ndarray, size: np.ndarray) -> float:
+    """Most that a value is out of its bounds, in natural units; infinite for no number."""
+    off = np.maximum(np.maximum(low - value, value - high), 0.0) / size
+    return float(np.nan_to_num(off, nan=np.inf, posinf=np.inf).max(initial=0.0))
