@@ -99,10 +99,10 @@ def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) ->
                 f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
                 f" it takes {', '.join(takes) or 'none'}; list them with {where}"
             )
-    from ocp.words.typed import read
+    from ocp.validation import parse
 
     hints = get_type_hints(cls.__init__)
-    typed = {key: read(f"{name}: {key}", value, hints[key]) for key, value in values.items()}
+    typed = {key: parse(f"{name}: {key}", value, hints[key]) for key, value in values.items()}
     try:
         return cls(**typed)
     except (ValueError, TypeError) as error:

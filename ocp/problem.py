@@ -17,7 +17,7 @@ from ocp.errors import InputError, abbreviated
 from ocp.expressions import check_symbols, column
 from ocp.problem_parts import Constraint, FreeStart, Scales, Scaling, Scenarios
 from ocp.programs.units import band
-from ocp.words.given import Count, Line, Recorded, checked
+from ocp.validation import Count, Line, Recorded, validated
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
 
@@ -103,7 +103,7 @@ class Problem:
         for what, kind in _KINDS.items():
             called = {"name": "a problem's name", "N": f"{self.name}: the horizon N"}
             owner = called.get(what, f"{self.name}: {what}")
-            self._set(what, checked(owner, getattr(self, what), kind))
+            self._set(what, validated(owner, getattr(self, what), kind))
 
     def _check_symbols(self) -> None:
         s, free = self.system, self.start

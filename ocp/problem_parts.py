@@ -11,7 +11,7 @@ from pydantic import InstanceOf
 from ocp.errors import InputError
 from ocp.expressions import column
 from ocp.programs.units import SI, Units
-from ocp.words.given import Count, Index, Line, NotNegative, Positive, check_fields, checked
+from ocp.validation import Count, Index, Line, NotNegative, Positive, validate_fields, validated
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Constraint:
     upper: ca.SX | float
 
     def __post_init__(self) -> None:
-        name = checked("a constraint's name", self.name, Line)
+        name = validated("a constraint's name", self.name, Line)
         expression = column(f"constraint {name}", self.expression)
         object.__setattr__(self, "expression", expression)
         for side in ("lower", "upper"):
@@ -57,7 +57,7 @@ class Scaling:
 
     def __post_init__(self) -> None:
         sizes = dict.fromkeys(("impulse", "gap", "x", "u"), Positive)
-        check_fields(self, "scaling", **sizes, units=InstanceOf[Units] | None)
+        validate_fields(self, "scaling", **sizes, units=InstanceOf[Units] | None)
 
     @property
     def mu(self) -> float:
@@ -96,7 +96,7 @@ class Scenarios:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "std", np.ravel(self.std).tolist())
-        check_fields(self, "scenarios", n=Count, std=tuple[NotNegative, ...], seed=Index)
+        validate_fields(self, "scenarios", n=Count, std=tuple[NotNegative, ...], seed=Index)
 
     def offsets(self, nx: int) -> np.ndarray:
         """Offsets from the nominal start, shape (n, nx); one scenario has offset zero."""
@@ -122,7 +122,7 @@ class FreeStart:
         for side in ("lower", "upper"):
             bound = column(f"{side} of the start", getattr(self, side))
             object.__setattr__(self, side, bound)
-        periodic = checked("periodic of the start", self.periodic, tuple[Index, ...])
+        periodic = validated("periodic of the start", self.periodic, tuple[Index, ...])
         object.__setattr__(self, "periodic", tuple(dict.fromkeys(periodic)))
 
     def check(self, name: str, nx: int) -> None:

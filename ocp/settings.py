@@ -14,8 +14,7 @@ from pydantic import Field
 
 from ocp.errors import choose
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
-from ocp.words.numbers import number, whole
-from ocp.words.typed import read
+from ocp.validation import number, parse, whole
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Settings:
     def read(cls, raw: Mapping[str, Any]) -> Settings:
         """Read strings (or values) by key; raises :class:`~ocp.errors.InputError`."""
         types = get_type_hints(cls, include_extras=True)
-        own = {key: read(f"setting {key}", raw[key], types[key]) for key in OWN if key in raw}
+        own = {key: parse(f"setting {key}", raw[key], types[key]) for key in OWN if key in raw}
         if "strategy" in own:
             choose("strategy", own["strategy"], STRATEGIES)
         options = {k.removeprefix("ipopt."): literal(v) for k, v in raw.items() if k not in OWN}
@@ -99,7 +98,7 @@ OWN = {setting.name: setting.meaning for setting in declared(Settings)}
 
 
 def literal(value: Any) -> Any:
-    """Turn a word into an int, float or bool where it reads as one (:mod:`ocp.words.numbers`)."""
+    """Turn a word into an int, float or bool where it reads as one (:mod:`ocp.validation`)."""
     if not isinstance(value, str):
         return value
     if (found := number(value)) is not None:

@@ -31,7 +31,7 @@ from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.stationarity.certificate import Certificate
-from ocp.words.tilde import expanded
+from ocp.validation import expand_path
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -251,11 +251,11 @@ class Solution:
 
         Raises :class:`~ocp.errors.InputError` for another ending, and for a problem not drawn.
         """
-        return load_plugin("reports").animate(self, expanded(path), fps, speed)
+        return load_plugin("reports").animate(self, expand_path(path), fps, speed)
 
     def report(self, path: Path | str) -> Path:
         """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
-        return load_plugin("reports").report(self, expanded(path))
+        return load_plugin("reports").report(self, expand_path(path))
 
     def save(self, root: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
         """Store it as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.

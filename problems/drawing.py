@@ -15,7 +15,7 @@ from pydantic import Field
 
 from dynamics.systems import contacts
 from dynamics.systems.contacts import Point
-from ocp.words.given import NotNegative, Number
+from ocp.validation import NotNegative, Number
 
 Role = Annotated[str, Field(pattern="^(object|actuator|environment|goal)$")]
 

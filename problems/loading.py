@@ -21,7 +21,7 @@ from pydantic import AfterValidator, BaseModel, Field
 from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.provenance import file_digest
-from ocp.words.given import Line, Recorded, checked
+from ocp.validation import Line, Recorded, validated
 from problems.drawing import ContactFrame, Shape
 from problems.source_digest import folder_modules, open_to_imports
 from problems.spec import Citation, Golden, ProblemSpec, defined, describe
@@ -135,11 +135,11 @@ def _step(problem: Problem, x: np.ndarray, p: np.ndarray) -> np.ndarray:
 def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
     """Values that a run's record can hold, and words that a terminal can show."""
     for about in describe(spec):
-        parameter = f"parameter {checked(f'{spec.path}: a parameter', about['name'], Line)}"
+        parameter = f"parameter {validated(f'{spec.path}: a parameter', about['name'], Line)}"
         for what in ("unit", "description"):
-            checked(f"{spec.path}: the {what} of {parameter}", about[what], Line)
+            validated(f"{spec.path}: the {what} of {parameter}", about[what], Line)
     for name, value in params.model_dump().items():
-        checked(f"{spec.path}: parameter {name}", value, Recorded)
+        validated(f"{spec.path}: parameter {name}", value, Recorded)
 
 
 _REQUIRED = ("name", "title", "Params", "build")
@@ -211,7 +211,7 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
         )
     for key, kind in _KINDS.items():
         if hasattr(module, key):
-            setattr(module, key, checked(f"{file}: {key}", getattr(module, key), kind))
+            setattr(module, key, validated(f"{file}: {key}", getattr(module, key), kind))
     found = defined(ProblemSpec, module, path=file, digest=digest)
     functions = {key: getattr(found, key) for key in _RETURNED}
     return replace(
@@ -221,4 +221,4 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
 
 def _own(key: str, function: Callable[..., Any], file: Path) -> Callable[..., Any]:
     call, kind = _RETURNED[key]
-    return guarded(function, call, file, kind and (lambda value: checked("it", value, kind)))
+    return guarded(function, call, file, kind and (lambda value: validated("it", value, kind)))

@@ -10,7 +10,7 @@ from typing import Any
 
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
-from ocp.words.tilde import expanded
+from ocp.validation import expand_path
 from problems.loading import check, check_file, import_file, read
 from problems.source_digest import source_digest
 from problems.spec import ProblemSpec, defined
@@ -78,7 +78,7 @@ def load(path: str | Path) -> ProblemSpec:
     Raises :class:`~ocp.errors.InputError` where there is no such file, it raises (with the line),
     a name is missing or of the wrong kind, or the problem's dimensions do not fit.
     """
-    file = expanded(path).resolve()
+    file = expand_path(path).resolve()
     check_file(file)
     module, digest = _imported(file)
     found = read(module, file, digest)

@@ -16,8 +16,7 @@ from pydantic.fields import FieldInfo
 from dynamics.learned.region import Region
 from ocp.errors import InputError, did_you_mean
 from ocp.problem import Problem
-from ocp.words.given import Count, Index, Line, Number, Positive
-from ocp.words.numbers import typed
+from ocp.validation import Count, Index, Line, Number, Positive, parse_number
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import natural_units, range_of, unit_of
 from problems.user_code import UserProblemRecord, guarded, user_code
@@ -170,7 +169,7 @@ def check_parameters(owner: str, Params: type[BaseModel], values: Mapping[str, A
     for name, about in Params.model_fields.items():
         if name in given:
             try:
-                given[name] = typed(given[name], about.annotation)
+                given[name] = parse_number(given[name], about.annotation)
             except ValueError:
                 told = _must_be(name, about, given[name])
                 raise InputError(f"{owner}: {told}") from None

@@ -18,7 +18,7 @@ from ocp.gradients.reference import reference_kind
 from ocp.gradients.verdict import short_verdict
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
-from ocp.words.numbers import number
+from ocp.validation import number
 
 if TYPE_CHECKING:
     import xarray as xr

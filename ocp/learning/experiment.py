@@ -14,8 +14,7 @@ from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, 
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
 from ocp.learning.balancing import balancing_feedback, embed_affine
-from ocp.learning.network import first_weights
-from ocp.learning.normaliser import Normaliser
+from ocp.learning.network import Normaliser, first_weights
 from ocp.learning.rollouts import TaskRollouts
 from ocp.task import Task
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from ocp.learning.normaliser import Normaliser
+from ocp.learning.network import Normaliser
 
 if TYPE_CHECKING:
     from ocp.learning.experiment import Experiment

@@ -12,7 +12,7 @@ from ocp.errors import InputError, did_you_mean
 from ocp.store.atomic import discard
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST
 from ocp.store.runs import RunEntry, list_runs
-from ocp.words.tilde import expanded
+from ocp.validation import expand_path
 
 VARIABLE = "OCP_RUNS"
 """Environment variable that names the store where none is said."""
@@ -20,7 +20,7 @@ VARIABLE = "OCP_RUNS"
 
 def default_root() -> Path:
     """The store where none is said: ``$OCP_RUNS``, else ``runs`` in the working directory."""
-    return expanded(os.environ.get(VARIABLE) or "runs")
+    return expand_path(os.environ.get(VARIABLE) or "runs")
 
 
 def find(text: str, root: Path | str | None = None) -> Path:
@@ -32,9 +32,9 @@ def find(text: str, root: Path | str | None = None) -> Path:
 
     Raises :class:`~ocp.errors.InputError` for none and for several that differ.
     """
-    store = default_root() if root is None else expanded(root)
-    if not text.startswith("@") and expanded(text).exists():
-        return expanded(text)
+    store = default_root() if root is None else expand_path(root)
+    if not text.startswith("@") and expand_path(text).exists():
+        return expand_path(text)
     runs = list_runs(store)
     if re.fullmatch(r"@(last|[1-9]\d{0,8})", text):
         return _back(text, runs, store)

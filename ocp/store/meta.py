@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
-from ocp.errors import DamagedRun
+from ocp.errors import DamagedRun, InputError
 from ocp.judges.audit import Audit
 from ocp.judges.referee import RefereeFindings
 from ocp.programs.status import Status
 from ocp.solution import Grade, StageRecord
 from ocp.stationarity.certificate import Certificate
-from ocp.store.conform import misfit
+from ocp.store.json_values import misfit
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST
 
 Scalar = str | float | bool
@@ -245,3 +247,16 @@ def _misfit_of_time(created: str) -> str:
     except ValueError:
         known = False
     return "" if known else f"created is {created!r}, expected a time with its zone"
+
+
+def check_tags(tags: Iterable[str]) -> list[str]:
+    """Return ``tags`` in order, each once.
+
+    Raises :class:`~ocp.errors.InputError` for what is no word of letters, digits, ``_ . -``.
+    """
+    for tag in tags:
+        if not re.fullmatch(r"[\w.-]{1,60}", tag):
+            raise InputError(
+                f"a tag is one word of letters, digits, _ . - and at most 60 of them, got {tag!r}"
+            )
+    return sorted(set(tags))

@@ -27,7 +27,7 @@ from ocp.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import draft_directory, flush, write_errors
 from ocp.store.json_values import content_hash, to_json
-from ocp.store.meta import check_meta
+from ocp.store.meta import check_meta, check_tags
 from ocp.store.provenance import git_revision, versions
 from ocp.store.run_files import (
     DATA_FILE,
@@ -40,8 +40,7 @@ from ocp.store.run_files import (
     visible,
 )
 from ocp.store.stored_run import StoredRun
-from ocp.store.tags import check_tags
-from ocp.words.tilde import expanded
+from ocp.validation import expand_path
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -134,7 +133,7 @@ def write(
         content = bytes(data.to_netcdf(engine="netcdf4"))
     files = sealed(described, {DATA_FILE: content, **(parts or {})})
     name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
-    place = expanded(root)
+    place = expand_path(root)
     shelf = place / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
     with _write_errors(place), draft_directory(shelf) as room:
         for file, content in files.items():
@@ -163,7 +162,7 @@ def _completed(
 
 def check_writable(root: Path | str) -> None:
     """Make ``root`` and raise :class:`~ocp.errors.InputError` where nothing can be written."""
-    place = expanded(root)
+    place = expand_path(root)
     with _write_errors(place), draft_directory(place):
         pass
 
@@ -178,7 +177,7 @@ def load(path: Path | str) -> StoredRun:
     Raises :class:`~ocp.errors.InputError` where there is no such directory and
     :class:`~ocp.errors.DamagedRun`, naming file and reason, where the run is not whole.
     """
-    directory = expanded(path)
+    directory = expand_path(path)
     meta = read_meta(directory)
     parts = {name: part(directory, meta, name) for name in meta["parts"]}
     data = _arrays(directory / DATA_FILE, parts.pop(DATA_FILE))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.words.numbers import number
+from ocp.validation import number
 
 GRAMMAR = "NAME=A:B:n, or NAME=A:B:n:log in equal ratios"
 MOST = 100_000

@@ -23,7 +23,7 @@ from ocp.sweeps.axes import Axis, axes
 from ocp.sweeps.case import Case, FilesChanged
 from ocp.sweeps.grid import Grid, dataset, save_point, saved_points
 from ocp.sweeps.job import FAULT, JobResult, failed_result, solve_job
-from ocp.words.tilde import expanded
+from ocp.validation import expand_path
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -84,7 +84,7 @@ def sweep(
     session = study.check()
     check_parallel_memory(session, jobs)
     check_points(study, session)
-    root = None if store is None else expanded(store)
+    root = None if store is None else expand_path(store)
     with study.checkpoint(root, session.problem.name) as checkpoint:
         found = saved_points(study, checkpoint)
         points = solve_grid(
@@ -104,7 +104,7 @@ def _name(problem: ProblemLike) -> str:
     if not isinstance(problem, str | PathLike):
         return str(getattr(problem, "path", None) or problem.name)
     named = fspath(problem)
-    return str(expanded(named).resolve()) if named.endswith(".py") else named
+    return str(expand_path(named).resolve()) if named.endswith(".py") else named
 
 
 def make_grid(

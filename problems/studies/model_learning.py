@@ -13,8 +13,7 @@ from dynamics.contact import Exact
 from dynamics.learned.origin import Origin
 from dynamics.learned.samples import Samples
 from dynamics.learned.training import train
-from ocp.learning.buffer import Buffer
-from ocp.learning.explorer import Explorer, random_transitions
+from ocp.learning.explorer import Buffer, Explorer, random_transitions
 from ocp.learning.identification import OneStepLoss, RandomSearch, identify, intervals
 from ocp.task import Task
 from problems.studies.study import (

@@ -253,7 +253,7 @@ def _check_same(
 def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
     from ocp.gradients.interpolation import RULES
-    from ocp.words.typed import read
+    from ocp.validation import parse
 
     known = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
     settings: dict[str, dict[str, float]] = {}
@@ -261,5 +261,5 @@ def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
         rule = choose("setting", key, known)
         if rule not in estimators:
             raise InputError(f"-s {key} has no effect: {rule} is not among --estimators")
-        settings.setdefault(rule, {})[key.partition(".")[2]] = read(f"-s {key}", value, float)
+        settings.setdefault(rule, {})[key.partition(".")[2]] = parse(f"-s {key}", value, float)
     return [RULES[rule](**values) for rule, values in settings.items()]

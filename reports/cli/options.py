@@ -121,7 +121,7 @@ class TagOptions(StoreOptions):
 
     def check(self) -> None:
         """Raise InputError for a tag that is not a single word."""
-        from ocp.store.tags import check_tags
+        from ocp.store.meta import check_tags
 
         super().check()
         check_tags(self.tags or ())
@@ -249,9 +249,9 @@ def _at_home(value: Any) -> Any:
         return [_at_home(one) for one in value]
     if not (isinstance(value, str | Path) and str(value).startswith("~")):
         return value
-    from ocp.words.tilde import expanded
+    from ocp.validation import expand_path
 
-    return type(value)(expanded(value))
+    return type(value)(expand_path(value))
 
 
 def _annotation(hint: Any, field: Field[Any]) -> Any:
@@ -294,10 +294,10 @@ class Strict(TyperCommand):
         hint = self.hints.get(name)
         if hint is None or not isinstance(word, str) or not word.strip():
             return word
-        from ocp.words.numbers import typed
+        from ocp.validation import parse_number
 
         try:
-            return str(typed(word, hint))
+            return str(parse_number(word, hint))
         except ValueError as error:
             label = next(_label(one) for one in self.params if one.name == name)
             return ctx.fail(f"{label} must be {error}, got {word!r}")

@@ -50,10 +50,10 @@ def closing_law(name: str, given: Iterable[str] | None, system: ContactSystem) -
 
 def whole(option: str, text: str) -> int:
     """Read a count such as ``100000`` or ``1e5``; raises InputError for anything else."""
-    from ocp.words.numbers import typed
+    from ocp.validation import parse_number
 
     try:
-        return typed(text, int)
+        return parse_number(text, int)
     except ValueError as error:
         example = "" if "most" in str(error) else " such as 100000 or 1e5"
         raise InputError(f"{option} must be {error}{example}, got {text!r}") from None

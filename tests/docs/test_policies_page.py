@@ -9,7 +9,7 @@ import pytest
 
 from ocp.learning.algorithms import ALGORITHMS
 from ocp.learning.mbpo import MBPO
-from ocp.learning.normaliser import LEAST_SCALE
+from ocp.learning.network import LEAST_SCALE
 from problems.tasks import registry
 
 PAGE = Path(__file__).parents[2] / "docs" / "theory" / "policies.md"

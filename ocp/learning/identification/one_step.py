@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.batch import StepFunction
 from dynamics.contact import Step
 from ocp.errors import InputError, did_you_mean
-from ocp.learning.buffer import Buffer
+from ocp.learning.explorer import Buffer
 
 ROWS_AT_ONCE = 65536
 """Steps of one call, which bounds its memory."""

@@ -8,9 +8,8 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.learning.buffer import COLUMNS, Buffer
 from ocp.learning.experiment import EXACT, Experiment, at_least, not_below
-from ocp.learning.explorer import Explorer
+from ocp.learning.explorer import COLUMNS, Buffer, Explorer
 from ocp.learning.identification import OneStepLoss, RandomSearch
 from ocp.learning.identification.identify import search_iteration
 from ocp.learning.identification.random_search import Cloud

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from ocp.learning.mbpo.layers import Layers, begin, begin_many, values
+from ocp.learning.mbpo.ensemble import Layers, begin, begin_many, values
 
 NARROWEST, WIDEST = -8.0, 2.0
 """Bounds of the logarithm of an action's standard deviation."""

@@ -3,17 +3,116 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
-from dynamics.batch import BatchFunction, DensePolicy, dense
-from ocp.learning.network import first_weights
-from ocp.learning.normaliser import Normaliser
-from ocp.learning.plans.demonstrations import demonstrations
+from dynamics.batch import BatchFunction, DensePolicy, StepFunction, dense
+from dynamics.contact import Barrier, Step
+from dynamics.systems import ContactSystem
+from ocp.errors import InputError, NotConverged
+from ocp.learning.network import Normaliser, first_weights
 from ocp.learning.protocol import Trained
+from ocp.rollout import Gains, step_values
 from ocp.solution import Solution
 from ocp.task import Task
+
+_SMOOTH = 1e-2
+"""Barrier parameter in characteristic sizes, under which contacts are felt before they close."""
+
+
+def demonstrations(
+    plans: Sequence[Solution], copies: int = 0, spread: float = 0.0, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (n, nx) of plans, of all scenarios and steps, and the inputs (n, nu) there.
+
+    With ``copies`` each state comes so many times more, moved by normal noise of ``spread``
+    characteristic sizes, and the input there is that of the plan's feedback, or for a plan of
+    inputs alone of the feedback that :func:`tracking_gains` has for it; cut to the bounds.
+
+    Raises :class:`~ocp.errors.InputError` where there is no plan, or one that has come to no
+    number.
+    """
+    if not plans:
+        raise InputError("a policy is fitted to plans, and there are none; give at least one")
+    states, inputs = [], []
+    for number, plan in enumerate(plans):
+        x, u = (plan.data[name].values for name in ("x", "u"))
+        if not (np.isfinite(x).all() and np.isfinite(u).all()):
+            raise InputError(
+                f"plan {number}, of {plan.problem.name}, has states or inputs that are no numbers;"
+                " leave it out"
+            )
+        states.append(x[:, :-1].reshape(-1, x.shape[2]))
+        inputs.append(np.broadcast_to(u, (len(x), *u.shape[1:])).reshape(-1, u.shape[2]))
+        rng = np.random.default_rng([seed, number])
+        for scenario in range(len(x) if copies else 0):
+            beside = _perturbed(plan, scenario, copies, spread, rng)
+            states.append(beside[0])
+            inputs.append(beside[1])
+    return np.concatenate(states), np.concatenate(inputs)
+
+
+def _perturbed(
+    plan: Solution, scenario: int, copies: int, spread: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """States around one scenario's and the inputs that lead back."""
+    problem = plan.problem
+    limits = problem.limits(problem.parameters.pack(plan.values))
+    lower, upper = (np.array(end).ravel() for end in limits[2:4])
+    gains = tracking_gains(plan, scenario) if plan.gains is None else plan.gains
+    x = np.repeat(plan.data["x"].values[scenario, :-1], copies, axis=0)
+    moved = x + spread * problem.scales.x * rng.standard_normal(x.shape)
+    asked = [gains.input(at // copies, state) for at, state in enumerate(moved)]
+    return moved, np.clip(asked, lower, upper)
+
+
+def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
+    """Feedback ``u = u_k + K_k (x - x_k)`` that leads back to a plan, K (N, nu, nx).
+
+    The linear-quadratic regulator that minimises ``sum |dx / size|² + |du / size|²`` in the
+    problem's characteristic sizes: ``K = -(R + B' P B)^-1 B' P A``, ``P <- Q + A' P (A + B K)``,
+    ``P_N = Q``. ``A_k, B_k`` are the derivatives along the plan of a barrier law's step, since the
+    exact one has none where a contact is about to open or close.
+
+    Raises :class:`~ocp.errors.NotConverged` where such a step is not solved.
+    """
+    problem, sizes = plan.problem, plan.problem.scales
+    x = plan.data["x"].values[scenario]
+    all_inputs = plan.data["u"].values
+    u = all_inputs[min(scenario, len(all_inputs) - 1)]
+    steps = _smoothed(problem.system, _SMOOTH * sizes.mu)
+    p = step_values(problem, steps.step, plan.values, own=False)
+    A, B = steps.function.slopes(x[:-1], u, p)[1:]
+    if not (np.isfinite(A).all() and np.isfinite(B).all()):
+        raise NotConverged(
+            f"{problem.name}: a step near the plan was not solved under the barrier law, so that no"
+            " feedback is known there; fit to the plan alone, with copies = 0"
+        )
+    (N, nu), nx = u.shape, x.shape[1]
+    Q, R = np.diag(sizes.x**-2.0), np.diag(sizes.u**-2.0)
+    P, K = Q, np.empty((N, nu, nx))
+    for k in reversed(range(N)):
+        pulled = B[k].T @ P
+        K[k] = -np.linalg.solve(R + pulled @ B[k], pulled @ A[k])
+        P = Q + A[k].T @ P @ (A[k] + B[k] @ K[k])
+        P = (P + P.T) / 2
+    return Gains(K, u - np.einsum("kij,kj->ki", K, x[:-1]))
+
+
+class _Smoothed(NamedTuple):
+    step: Step
+    function: StepFunction
+
+
+@lru_cache(maxsize=1)
+def _smoothed(system: ContactSystem, mu: float) -> _Smoothed:
+    """The step of a barrier law, built once for all plans of a task."""
+    step = Barrier(mu=mu).close(system)
+    return _Smoothed(step, StepFunction(step))
+
 
 LARGEST = 0.99
 """Share of the way from the middle to a bound at which an input is cut, as no finite action reaches

@@ -11,9 +11,8 @@ from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State
 from ocp.learning.total_propagation.particles import Particles, acting_entries, simulate_particles
-from ocp.learning.unrolls.starts import Starts
 from ocp.learning.unrolls.unrolled import Clipping
-from ocp.learning.unrolls.unrolling import non_finite_reward, policy_of, with_observations
+from ocp.learning.unrolls.unrolling import Starts, non_finite_reward, policy_of, with_observations
 
 
 @dataclass(frozen=True, kw_only=True)

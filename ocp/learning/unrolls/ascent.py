@@ -2,13 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from ocp.errors import choose
-from ocp.learning.adam import adam_step
 from ocp.learning.protocol import State
+
+Slope = Callable[[np.ndarray], tuple[float, np.ndarray]]
+"""Maps parameters to a cost and its gradient, which may be a sample of it."""
+
+DECAY = (0.9, 0.999)
+
+
+def adam_step(
+    gradient: np.ndarray,
+    m: np.ndarray,
+    v: np.ndarray,
+    count: int,
+    decay: tuple[float, float] = DECAY,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Step ``count`` = 1, 2, ... at rate 1, and the next m and v (Kingma and Ba, algorithm 1).
+
+    ``m <- b1 m + (1 - b1) g``, ``v <- b2 v + (1 - b2) g²`` and the step
+    ``m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + 1e-8)``, ``decay`` being (b1, b2).
+    """
+    m = decay[0] * m + (1 - decay[0]) * gradient
+    v = decay[1] * v + (1 - decay[1]) * gradient**2
+    first, second = m / (1 - decay[0] ** count), v / (1 - decay[1] ** count)
+    return first / (np.sqrt(second) + 1e-8), m, v
+
+
+def adam(
+    slope: Slope, theta: np.ndarray, rate: float, decay: tuple[float, float] = DECAY
+) -> Iterator[tuple[np.ndarray, float]]:
+    """Give theta and its cost, before each step down by ``rate``, for ever.
+
+    Raises ``ValueError`` where a gradient is not finite.
+    """
+    theta = np.array(theta, dtype=float)
+    m, v = np.zeros_like(theta), np.zeros_like(theta)
+    count = 0
+    while True:
+        cost, gradient = slope(theta)
+        yield theta.copy(), cost
+        if not np.isfinite(gradient).all():
+            raise ValueError(f"adam: the gradient of step {count} is not finite; lower the rate")
+        count += 1
+        step, m, v = adam_step(gradient, m, v, count, decay)
+        theta -= rate * step
+
 
 LIMIT = 1e3
 """Largest entry of a gradient that normalised ascent follows."""

@@ -8,12 +8,11 @@ import numpy as np
 
 from dynamics.batch import BatchFunction, DensePolicy, Episodes, Gaussian, dense
 from ocp.errors import InputError
-from ocp.learning.adam import adam_step
 from ocp.learning.experiment import Experiment
-from ocp.learning.network import first_weights, renormalised, vjp
-from ocp.learning.normaliser import Normaliser
+from ocp.learning.network import Normaliser, first_weights, renormalised, vjp
 from ocp.learning.protocol import Row, State
 from ocp.learning.total_propagation.particles import with_jacobians
+from ocp.learning.unrolls.ascent import adam_step
 from ocp.learning.unrolls.unrolling import policy_of
 
 

@@ -11,8 +11,7 @@ from ocp.errors import InputError, choose
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.protocol import State, Trained
 from ocp.learning.unrolls.ascent import RULES, ascend
-from ocp.learning.unrolls.starts import Starts
-from ocp.learning.unrolls.unrolling import initial_state, policy_of
+from ocp.learning.unrolls.unrolling import Starts, initial_state, policy_of
 
 
 @dataclass(frozen=True, kw_only=True)

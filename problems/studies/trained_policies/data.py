@@ -12,10 +12,8 @@ import xarray as xr
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.evaluation import evaluate_from
 from ocp.learning.experiment import EXACT, Budget, Experiment
-from ocp.learning.plans.demonstrations import demonstrations
-from ocp.learning.plans.imitation import fit_actions
-from ocp.learning.plans.initial_guesses import guess_from_constant_inputs, guess_from_policy
-from ocp.learning.plans.planned import best_plan
+from ocp.learning.plans.imitation import demonstrations, fit_actions
+from ocp.learning.plans.planned import best_plan, guess_from_constant_inputs, guess_from_policy
 from ocp.learning.protocol import Trained
 from ocp.learning.unrolls.fopg import FOPG
 from ocp.scheduling import Report

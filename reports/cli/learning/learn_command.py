@@ -113,7 +113,7 @@ def _training(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> T
 
 def _hidden(text: str) -> tuple[int, ...]:
     from ocp.errors import InputError
-    from ocp.words.numbers import whole
+    from ocp.validation import whole
 
     units = [whole(part) for part in text.split(",")]
     if not all(count is not None and 0 < count <= 100_000 for count in units):

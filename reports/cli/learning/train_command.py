@@ -82,7 +82,7 @@ class TrainRequest:
 def check(options: TrainOptions) -> TrainRequest:
     """Build the task and every algorithm, and check that the runs can be stored."""
     from ocp.errors import InputError
-    from ocp.learning.effort import check_training
+    from ocp.learning.training import check_training
     from problems.tasks import registry
     from reports.cli.request import assignments, check_places
 

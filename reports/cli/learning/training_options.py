@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.learning.experiment import Experiment
 from ocp.settings import declared
-from ocp.words.numbers import whole
+from ocp.validation import whole
 from problems.tasks.registry import default_settings, make_algorithm, settings_of
 from reports.settings import default_text
 
@@ -65,13 +65,13 @@ def _unknown(key: str, chosen: Mapping[str, type]) -> str:
 
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
-    from ocp.words.typed import read
+    from ocp.validation import parse
 
     if name == "hidden":
         return _hidden(text)
     if name not in OWN:
-        return read(f"setting {key}", text, get_type_hints(cls)[name])
-    return read(f"setting {key}", text, type(settings_of(Experiment)[name].default))
+        return parse(f"setting {key}", text, get_type_hints(cls)[name])
+    return parse(f"setting {key}", text, type(settings_of(Experiment)[name].default))
 
 
 def _hidden(text: str) -> tuple[int, ...] | None:
@@ -161,7 +161,7 @@ def learned_parameters(given: Mapping[str, str], physical: Sequence[str]) -> Lea
     """
     from ocp.learning.identification import RandomSearch
     from ocp.learning.identification.psi_learning import PsiLearning
-    from ocp.words.typed import read
+    from ocp.validation import parse
 
     kinds = [get_type_hints(PsiLearning), get_type_hints(RandomSearch)]
     own, search = (
@@ -181,7 +181,7 @@ def learned_parameters(given: Mapping[str, str], physical: Sequence[str]) -> Lea
         kind, values = (own.get(name), found.own) if name in own else (
             (search.get(name), found.search) if name in search else (float, found.guesses)
         )  # fmt: skip
-        values[name] = read(f"setting {key}", text, kind)
+        values[name] = parse(f"setting {key}", text, kind)
     if not found.names and (found.own or found.search):
         raise InputError(
             f"setting {PSI}.{next(iter({**found.own, **found.search}))} needs a learned physical"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocp.errors import InputError
-from ocp.learning.buffer import Buffer
+from ocp.learning.explorer import Buffer
 from ocp.learning.identification import OneStepLoss, RandomSearch, identify, intervals
 from tests.unit.learning.spring_mass import (
     NAMES,

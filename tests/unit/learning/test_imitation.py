@@ -16,8 +16,7 @@ from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.mbpo import MBPO
 from ocp.learning.network import first_weights
-from ocp.learning.plans.demonstrations import demonstrations, tracking_gains
-from ocp.learning.plans.imitation import fit_policy, squared_error
+from ocp.learning.plans.imitation import demonstrations, fit_policy, squared_error, tracking_gains
 from ocp.learning.plans.problem import planned_problem
 from ocp.learning.protocol import Trained
 from ocp.learning.training import train

@@ -10,12 +10,11 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp.errors import InputError
-from ocp.learning.buffer import Buffer
 from ocp.learning.experiment import Experiment
-from ocp.learning.explorer import Explorer
+from ocp.learning.explorer import Buffer, Explorer
 from ocp.learning.mbpo import MBPO
-from ocp.learning.mbpo.branching import branch_length, branch_rollouts
-from ocp.learning.normaliser import Normaliser
+from ocp.learning.mbpo.training import branch_length, branch_rollouts
+from ocp.learning.network import Normaliser
 from ocp.learning.training import train
 from tests.unit.learning.scalar import A, B, scalar
 from tests.unit.learning.spring_mass import D, K, M, following, spring_task

@@ -12,13 +12,14 @@ from scipy.optimize import minimize
 from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
-from ocp.learning.normaliser import Normaliser
-from ocp.learning.plans.initial_guesses import (
+from ocp.learning.network import Normaliser
+from ocp.learning.plans.planned import (
+    best_plan,
+    episode_return,
     guess_from_constant_inputs,
     guess_from_policy,
     straight_line_guess,
 )
-from ocp.learning.plans.planned import best_plan, episode_return
 from ocp.learning.plans.problem import planned_problem
 from ocp.learning.protocol import Trained
 from ocp.learning.unrolls.fopg import FOPG

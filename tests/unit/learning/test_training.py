@@ -18,13 +18,13 @@ from ocp.errors import InputError, NotConverged
 from ocp.learning.ars import ARS
 from ocp.learning.evaluation import SEED, evaluate
 from ocp.learning.experiment import EXACT, Budget
-from ocp.learning.normaliser import LEAST_SCALE, Normaliser
+from ocp.learning.network import LEAST_SCALE, Normaliser
 from ocp.learning.protocol import Trained
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.training import train
 from ocp.learning.unrolls.aobg import AoBG
 from ocp.learning.unrolls.fopg import FOPG
-from ocp.learning.unrolls.starts import Starts
+from ocp.learning.unrolls.unrolling import Starts
 from ocp.learning.unrolls.zopg import ZOPG
 from ocp.store.checkpoint import Checkpoint
 from tests.unit.learning.scalar import A, B, experiment, scalar

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from ocp.words.numbers import LARGEST, number, typed, whole
+from ocp.validation import LARGEST, number, parse_number, whole
 
 NO_NUMBERS = ("", "-", ".", "e5", "1e", "1_0", "１２", "٣", "0x10", "1,5", "1d3", "--1", "1 0",
               "nan", "inf", "-inf", "Infinity", "1e999", "-1e999", "1e-999", "true")  # fmt: skip
@@ -32,14 +32,14 @@ def test_nothing_else_is_a_number(word: str) -> None:
     assert number(word) is None and whole(word) is None
     for kind in (int, float, int | None, Annotated[float | None, Field(gt=0)]):
         with pytest.raises(ValueError, match="number"):
-            typed(word, kind)
+            parse_number(word, kind)
 
 
 @pytest.mark.parametrize("word", ["9223372036854775808", "-" + "9" * 5000, "1e23", "1e308"])
 def test_whole_numbers_that_are_too_large(word: str) -> None:
     assert whole(word) is None
     with pytest.raises(ValueError, match=r"at most 9.2e\+18"):
-        typed(word, int)
+        parse_number(word, int)
 
 
 @pytest.mark.parametrize("word", ["0.99999999999999999999", "9007199254740993.5"])
@@ -59,18 +59,24 @@ def test_minus_zero_is_zero() -> None:
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_every_double_reads_as_itself(value: float) -> None:
     assert number(repr(value)) == value
-    assert typed(f" {value!r}", float | None) == value
+    assert parse_number(f" {value!r}", float | None) == value
 
 
 @given(st.integers(-LARGEST, LARGEST))
 def test_every_whole_number_reads_as_itself(value: int) -> None:
-    assert whole(str(value)) == value == typed(value, int)
+    assert whole(str(value)) == value == parse_number(value, int)
 
 
 def test_values_are_numbers_as_words_are() -> None:
-    assert typed(np.float64(2.5), float) == 2.5 and type(typed(np.int64(3), int)) is int
+    assert (
+        parse_number(np.float64(2.5), float) == 2.5 and type(parse_number(np.int64(3), int)) is int
+    )
     for value, kind in ((True, int), (True, float), (math.nan, float), (math.inf, int | None),
                         (10**400, float), (2**63, int), (np.float64("inf"), float)):  # fmt: skip
         with pytest.raises(ValueError, match="number"):
-            typed(value, kind)
-    assert typed(True, bool) is True and typed("1_0", str) == "1_0" and typed(None, int) is None
+            parse_number(value, kind)
+    assert (
+        parse_number(True, bool) is True
+        and parse_number("1_0", str) == "1_0"
+        and parse_number(None, int) is None
+    )
