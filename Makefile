@@ -10,7 +10,7 @@ setup: $(READY)
 
 $(READY): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet --editable ".[dev]"
+	PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet --no-compile --editable ".[dev]"
 	touch $(READY)
 
 demo: setup
@@ -27,7 +27,7 @@ lint: setup
 	$(BIN)/lint-imports
 
 test: lint
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto --dist worksteal
 
 # Golden, docs and property tests as on other processors, all that this computer can act;
 # CPU="nehalem haswell" some of them. .ci/run acts one a day for all tests.
@@ -48,7 +48,7 @@ promises: setup
 	$(BIN)/python -m reports.site
 
 bench: setup
-	$(BIN)/pytest -m bench -s tests/benchmarks
+	$(BIN)/pytest -m bench -s tests/benchmarks tests/unit/benchmarks
 
 # Solves every named problem from 21 guesses and rewrites the table of the site;
 # PROBLEMS="hopper push-1d" does some of them.

@@ -26,7 +26,7 @@ def place(case: Broken, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "broken.py").write_bytes(case.content)
 
 
-@pytest.mark.parametrize("case", REFUSED[:100], ids=lambda case: case.name)
+@pytest.mark.parametrize("case", REFUSED[:30], ids=lambda case: case.name)
 def test_a_broken_file_is_refused_in_one_sentence(case, tmp_path, monkeypatch, capsys) -> None:
     place(case, tmp_path, monkeypatch)
     asked = ["collect", "broken.py", "-o", "data.nc"] if case.needs == "collect" else ["solve"]

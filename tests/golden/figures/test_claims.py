@@ -20,29 +20,37 @@ from tests.golden.figures.verdicts import SLOW, SMALL, VERDICTS
 
 FILES = sorted(Path(problems.studies.__path__[0]).rglob("*.py"))
 BUILTINS = {"bool", "np", "abs", "all", "any", "min", "max", "float", "int"}
-VARIED = [
-    # Those named because their verdicts once flipped there.
+FLIPPED = [
+    # Their verdicts once flipped there.
     ("A1", {"sigma": 0.3}),
     ("P5", {"seed": 2}),
     ("A6", {"h": 0.005}),
-    ("A1", {"sigma": 0.01, "F": 100.0}),
-    ("A2v", {"seed": 1}),
-    ("A2v", {"seed": 2}),
-    ("A6", {"seed": 1}),
-    ("A6", {"seed": 2, "sigma": 0.1, "sigma_box": 0.2}),
-    ("P1", {"seed": 1}),
-    ("P1", {"seed": 2}),
-    ("P2", {"seed": 1}),
-    ("P2", {"seed": 2, "sigma": 0.5}),
-    ("P3", {"seed": 1}),
-    ("P3", {"seed": 2, "sigma": 0.01, "theta": 0.01, "nu": 0.0005}),
-    ("P3", {"seed": 3, "sigma": 1.0}),
-    ("P4", {"seed": 1}),
-    ("P4", {"seed": 2}),
-    ("P5", {"seed": 7, "c": 0.1}),
-    ("P6", {"seed": 1, "m": 3.0, "h": 0.01}),
-    ("P7", {"seed": 1}),
-    ("P7", {"seed": 2}),
+]
+VARIED = [
+    *FLIPPED,
+    *(
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in [
+            ("A1", {"sigma": 0.01, "F": 100.0}),
+            ("A2v", {"seed": 1}),
+            ("A2v", {"seed": 2}),
+            ("A6", {"seed": 1}),
+            ("A6", {"seed": 2, "sigma": 0.1, "sigma_box": 0.2}),
+            ("P1", {"seed": 1}),
+            ("P1", {"seed": 2}),
+            ("P2", {"seed": 1}),
+            ("P2", {"seed": 2, "sigma": 0.5}),
+            ("P3", {"seed": 1}),
+            ("P3", {"seed": 2, "sigma": 0.01, "theta": 0.01, "nu": 0.0005}),
+            ("P3", {"seed": 3, "sigma": 1.0}),
+            ("P4", {"seed": 1}),
+            ("P4", {"seed": 2}),
+            ("P5", {"seed": 7, "c": 0.1}),
+            ("P6", {"seed": 1, "m": 3.0, "h": 0.01}),
+            ("P7", {"seed": 1}),
+            ("P7", {"seed": 2}),
+        ]
+    ),
 ]
 
 

@@ -16,6 +16,8 @@ from tests.benchmarks.mpcc.bench import at_reference, disproof, limited, referen
 from tests.benchmarks.mpcc.report import Row, summary
 from tests.benchmarks.mpcc.scholtes_peer import solve as loop
 
+pytestmark = pytest.mark.bench
+
 
 def a_row(**fields: object) -> Row:
     good = {"name": "a", "reference": 1.0, "cost": 1.0, "stationarity": "B", "audited": True,

@@ -11,6 +11,8 @@ import pytest
 from ocp.errors import InputError
 from tests.benchmarks.mpcc.nl import Stated, read_nl
 
+pytestmark = pytest.mark.bench
+
 HEADER = """g3 1 1 0	# problem by hand
  {n} {m} 1 0 0	# vars, constraints, objectives, ranges, eqns
  0 1 0 0

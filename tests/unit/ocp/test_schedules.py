@@ -64,7 +64,10 @@ def every_branch(name: str, steps: int) -> tuple[Branches, dict[bytes, Result]]:
     return branches, found
 
 
-@pytest.mark.parametrize("name", ["wall-1d", "ball-bounce", "push-1d"])
+@pytest.mark.parametrize(
+    "name",
+    ["wall-1d", *(pytest.param(x, marks=pytest.mark.slow) for x in ("ball-bounce", "push-1d"))],
+)
 def test_any_schedule_with_a_contact_is_led_to_the_best_of_all(name: str) -> None:
     branches, found = every_branch(name, 5)
     lowest = min(result.f for result in found.values())
@@ -110,6 +113,7 @@ def _flipped(branches: Branches, best: Result, pair: int) -> bool:
     return found.ok and found.f < best.f * (1 - 1e-5)
 
 
+@pytest.mark.slow
 def test_several_starts_take_other_relaxations_and_reach_other_minima() -> None:
     found = solve(get("cart-walls", **WALLS), Exact(), starts=2)
     assert found.success and found.cost == pytest.approx(289.151, rel=1e-5)
