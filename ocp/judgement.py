@@ -26,16 +26,15 @@ from ocp.problem import Scales
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
-from ocp.rollout import Gains, Rollout, trajectory_costs
-from ocp.routes.homotopy import Outcome, Progress, Trace, translate
-from ocp.routes.rollouts import pack_rollout
+from ocp.rollout import Rollout, trajectory_costs
+from ocp.routes.homotopy import Progress, RouteResult, Trace, translate
+from ocp.routes.table import route_for
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.stationarity.certificate import Certificate, certify
 from ocp.stationarity.sensitivity import sensitivity
 from ocp.store.dataset import label
 from ocp.store.provenance import versions
-from ocp.transcription.nlp import NLP
 from ocp.transcription.trajectories import trajectories
 
 _FLAT = 1e-7
@@ -45,7 +44,7 @@ _SHARP = 1e-4
 """Share of the characteristic mu at which a step of the barrier law is nearly the exact one."""
 
 
-def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
+def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
     """Audit an outcome, certify and referee it, label it, and say what came of it."""
     began = time.perf_counter()
     nlp, result = outcome.nlp, outcome.result
@@ -62,14 +61,19 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
     idle, span, derivative = float("nan"), 0.0, None
     if kept:
         span = cost_span(session.problem, rolled, physical)
-        asked, point = judged_point(session, outcome, rolled, plan.gains)
+        program, point = route_for(session).invert(session, outcome, rolled, plan.gains)
         given = {**values, "penalty": 0.0}
         certificate = certify(
-            asked, point.x, asked.parameter_vector(given), asked.bounds(given), point.lam_g, span
+            program,
+            point.x,
+            program.parameter_vector(given),
+            program.bounds(given),
+            point.lam_g,
+            span,
         )
         if certificate.stationarity == "not":
             certificate = replace(certificate, reason=outcome.trace.refused)
-        derivative = partial(sensitivity, asked, point, given)
+        derivative = partial(sensitivity, program, point, given)
         idle = idle_cost(session.problem, session.step, values, rolled)
     report = evaluate(session.problem, session.step, rolled, values, plan.gains)
     return Solution(
@@ -91,20 +95,6 @@ def judged(session: Session, outcome: Outcome, seed: int) -> Solution:
         evaluation_s=outcome.trace.evaluation_s,
         derivative=derivative,
     )
-
-
-def judged_point(
-    session: Session, outcome: Outcome, plan: Rollout, gains: Gains | None
-) -> tuple[NLP, Point]:
-    """The program that was asked, and an outcome's point in it, with the multipliers there are."""
-    nlp, point = session.judging_nlp(), outcome.result.point
-    if nlp is outcome.nlp:
-        return nlp, point
-    if nlp.method == outcome.nlp.method:
-        return nlp, Point(translate(point, outcome.nlp, nlp).x)
-    if outcome.on_branch is not None:
-        return nlp, outcome.on_branch.point
-    return nlp, Point(pack_rollout(nlp, plan, gains))
 
 
 def referee_findings(report: RefereeReport, plan: Rollout, sizes: Scales) -> RefereeFindings:
@@ -147,8 +137,8 @@ def _undetermined(found: Nonuniqueness | None, sizes: Scales) -> str:
 
 
 def status_of(
-    outcome: Outcome, found: Audit, kept: bool, certificate: Certificate, cost: float, idle: float,
-    span: float,
+    outcome: RouteResult, found: Audit, kept: bool, certificate: Certificate, cost: float,
+    idle: float, span: float,
 ) -> Status:  # fmt: skip
     """Turn audit, certificate and, where these find no answer, the solver's word into a status."""
     result = outcome.result
@@ -262,7 +252,7 @@ class _Kept:
         point = self._best(nlp, p)
         _LOG.info("interrupted after %d stages; the best point is judged", len(self.records))
         found = Result.at(nlp, point, p, Status.INTERRUPTED, "interrupted")
-        return judged(self.session, Outcome(found, nlp, False, trace), seed)
+        return judged(self.session, RouteResult(found, nlp, False, trace), seed)
 
     def _best(self, nlp: Program, p: np.ndarray) -> Point:
         """The cheapest point that keeps the constraints of what was asked, or that keeps most."""

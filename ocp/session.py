@@ -4,65 +4,39 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynamics.contact import Barrier, ContactLaw, Exact, Step
+from dynamics.contact import ContactLaw, Exact, Step
 from dynamics.contact.law import Schedule
 from ocp.effort import solve_memory, solve_seconds
-from ocp.errors import NotConverged, choose
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Point, Solver
 from ocp.rollout import InitialGuess
-from ocp.routes.branches import polish
-from ocp.routes.complementarity import (
-    ALTERNATIVES,
-    FALLBACK,
-    FALLBACK_SMALL,
-    RELAXATIONS,
-    SMALL_ITERATIONS,
-    SMALL_PAIRS,
-    Route,
-    solve_pairs,
-)
 from ocp.routes.homotopy import (
-    PRIMAL,
     Homotopy,
     HomotopyPath,
     HomotopyStage,
-    Outcome,
     Progress,
-    better,
-    lower,
+    RouteResult,
     translate,
 )
 from ocp.routes.relaxations import (
     AVERAGED_STRATEGY,
     DEFAULT_STRATEGY,
-    MU_LAST,
-    STAGE_ITERATIONS,
     STRATEGIES,
     L1Penalty,
     L1ThenScholtes,
-    from_exact,
     law_path,
-    relaxed,
 )
-from ocp.routes.rollouts import RolloutPolish, RolloutStarts
+from ocp.routes.table import Start, route_for
 from ocp.transcription import Direct, Method
 from ocp.transcription.compiled import StageCompiler
 from ocp.transcription.nlp import NLP
 
 _LOG = logging.getLogger(__name__)
-_NEAR, _WIDE = 1e-6, 1e-3
-"""Relaxations of lam gap, in characteristic units, on which an exact solve starts from a point
-nearby, and from elsewhere."""
-_PARTED = 1e-3
-"""Relative rise of the cost from which on a rollout has parted from its plan."""
 
 
 @dataclass
@@ -125,7 +99,7 @@ class Session:
     def solve(
         self, start: Point | None = None, progress: Progress | None = None,
         guess: InitialGuess | None = None, warm_from: NLP | None = None, number: int = 0,
-    ) -> Outcome:  # fmt: skip
+    ) -> RouteResult:  # fmt: skip
         """Solve at the present values, from a warm point of ``warm_from`` or from a guess.
 
         ``number`` counts several guesses: each takes another relaxation than the one before, since
@@ -133,31 +107,22 @@ class Session:
 
         Raises :class:`~ocp.errors.InputError` at values without mechanics, as without mass.
         """
+        if start is not None and warm_from is not None:
+            point = translate(start, warm_from, self.nlp_of("product"))
+            return self._solve(Start(point=point), progress)
+        return self._solve(Start(guess, number), progress)
+
+    def resume(self, start: Point, progress: Progress | None = None) -> RouteResult:
+        """Solve at the present values from a point of the product NLP that was carried.
+
+        :func:`~ocp.warm_start.carry` makes such points, which need not be near a solution.
+        """
+        return self._solve(Start(point=start, near=False), progress)
+
+    def _solve(self, start: Start, progress: Progress | None) -> RouteResult:
         self.problem.check_physics(self.values)
         follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
-        if start is not None and warm_from is not None:
-            there = translate(start, warm_from, self.nlp_of("product"))
-            return self._warm(follower, there, _NEAR, [{"mu_init": 1e-7}], {})
-        if self.complementary:
-            return Outcome(*solve_pairs(follower, self._route(guess, number)), follower.trace)
-        return self._smooth(follower, guess)
-
-    def _smooth(self, follower: Homotopy, guess: InitialGuess | None) -> Outcome:
-        """Follow the law's own path, and try the exact law's answer as a start beside it."""
-        nlp = self.nlp_of("product")
-        if self.step.exact and self.homotopy is not False:
-            return self._rolled(follower, guess, nlp)
-        schedule, path = self.path()
-        value = self.values[schedule.parameter] if schedule else 0.0
-        result, nlp, finished = follower.follow(path, self.first_point(nlp, guess))
-        if len(path.values) > 1 and self.step.branches == 1:
-            exact = self._absorbed(self.helper(Exact(), Direct()), follower, guess)
-            if exact.finished:
-                x = translate(exact.result.point, exact.nlp, nlp).x
-                below = from_exact(follower, nlp, x, schedule, value)
-                if below is not None and (not finished or lower(below, result)):
-                    result, finished = below, True
-        return Outcome(result, nlp, finished, follower.trace)
+        return route_for(self, start).apply(self, start, follower)
 
     def path(self) -> tuple[Schedule | None, HomotopyPath]:
         """The law's own path and how it falls; one stage, and None, where none is followed.
@@ -193,50 +158,6 @@ class Session:
         sizes = self.problem.scales
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 
-    def _absorbed(self, helper: Session, follower: Homotopy, guess: InitialGuess | None) -> Outcome:
-        """Solve by a helping session, whose table and work are added to the follower's."""
-        found = helper.solve(guess=guess, progress=follower.progress)
-        follower.trace.absorb(found.trace)
-        return found
-
-    def _rolled(self, follower: Homotopy, guess: InitialGuess | None, nlp: NLP) -> Outcome:
-        """Exact law in shooting: a plan made otherwise, rolled out exactly and polished.
-
-        At a kink of the exact law no gradient vanishes, so a gradient method cannot end there. The
-        plan is the complementarity problem's own, by direct transcription; with ``homotopy``, or
-        where its relaxation was hard to follow or it parts from its rollout, the barrier law's path
-        leads to one. Of plans that their rollouts keep to, the cheapest is the answer.
-        """
-        direct, best = self.judging_nlp(), None
-        polisher = RolloutPolish(nlp, direct, self.step, Homotopy(
-            lambda _: direct, self.solver, self.values, follower.progress, follower.trace
-        ))  # fmt: skip
-        helpers = [self.helper(self.law, Direct())]
-        if self.step.branches == 1:
-            barrier = self.helper(Barrier(mu=MU_LAST), self.method)
-            helpers = [barrier] if self.homotopy else [*helpers, barrier]
-        for helper in helpers:
-            if helper.method is self.method:
-                start = helper.first_point(helper.nlp_of("product"), guess)
-                within = Homotopy(helper.nlp_of, self.solver, helper.values, follower.progress,
-                                  follower.trace)  # fmt: skip
-                plan = polisher.along(within, helper.path()[1], start)
-            else:
-                plan = self._absorbed(helper, follower, guess)
-            try:
-                polished, solved = polisher.polish(plan.nlp, plan.result)
-            except NotConverged:
-                continue
-            ended = solved or plan.result
-            polished = replace(polished, status=ended.status, word=ended.word)
-            kept = solved is not None and not lower(solved, polished, _PARTED)
-            best = better(best, Outcome(polished, nlp, kept, follower.trace, solved))
-            hard = any(line.label == "t" and not line.accepted for line in follower.trace.records)
-            if plan.finished and kept and not hard:
-                break
-        assert best is not None
-        return best
-
     def helper(self, law: ContactLaw, method: Method) -> Session:
         """Return the session of the same problem under another law, at the values both have."""
         key = f"{law.name} {method.name}"
@@ -249,10 +170,10 @@ class Session:
         return helper
 
     def judging_nlp(self) -> NLP:
-        """Return the NLP in which an answer is judged: the one that was asked.
+        """Return the NLP in which an answer is judged.
 
         Under the exact law that is the complementarity problem by direct transcription, whatever
-        the method: only there do the pairs stand, and a kink of shooting is seen for what it is.
+        the method: only its variables contain the pairs.
         """
         if not self.step.exact:
             return self.nlp_of("product")
@@ -263,60 +184,6 @@ class Session:
     def total_build_s(self) -> float:
         """Seconds of set-up, of helping sessions too."""
         return self.build_s + sum(helper.total_build_s for helper in self.helpers.values())
-
-    def _route(self, guess: InitialGuess | None, number: int) -> Route:
-        """How the exact law is reached: as asked, or by the default for many or for few pairs."""
-        strategy = choose("strategy", self.strategy, STRATEGIES)
-        asked = Route(strategy, self.problem.scaling, partial(self.first_point, guess=guess))
-        if self.strategy != DEFAULT_STRATEGY:
-            return asked
-        own = guess or self.problem.initial_guess(self.problem.parameters.pack(self.values))
-        rolls = RolloutStarts(self.problem, self.step, self.values, own)
-        rolls = None if isinstance(self.policy, Feedback) else rolls
-        if self.nlp_of("product").pairs.shape[1] > SMALL_PAIRS:
-            return replace(asked, fallback=FALLBACK, rolls=rolls)
-        strategy = RELAXATIONS[-number % len(RELAXATIONS)]
-        return replace(
-            asked,
-            strategy=replace(strategy, most=SMALL_ITERATIONS),
-            fallback=FALLBACK_SMALL,
-            alternatives=ALTERNATIVES,
-            rolls=rolls,
-        )
-
-    def resume(self, start: Point, progress: Progress | None = None) -> Outcome:
-        """Solve at the present values from a point of the product NLP that came from elsewhere.
-
-        :func:`~ocp.warm_start.carry` makes such points; unlike those of a continuation they need
-        not be near. A second try therefore lets the solver's barrier parameter start high, and the
-        exact law starts on a relaxation that is wide enough to exchange contacts.
-        """
-        follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
-        keep = {} if start.lam_g is not None else PRIMAL
-        short = {"max_iter": STAGE_ITERATIONS, **self.solver.options}
-        tries = [{**keep, "mu_init": 1e-7, **short}, {**keep, "mu_init": 1e-3}]
-        return self._warm(follower, start, _WIDE, tries, keep)
-
-    def _warm(
-        self, follower: Homotopy, start: Point, share: float, tries: list[dict[str, Any]],
-        keep: dict[str, Any],
-    ) -> Outcome:  # fmt: skip
-        """One warm stage, by the options of ``tries`` until one succeeds.
-
-        For the exact law it is one on a relaxation of a ``share`` of the characteristic mu, and the
-        polish from there, which is improved only where that is not near.
-        """
-        nlp = self.nlp_of("product")
-        stages = [HomotopyStage(self.step.law.name, 0.0, options=options) for options in tries]
-        if self.complementary:
-            t = share * self.problem.scaling.mu
-            stages = [relaxed(t, {**keep, "mu_init": max(t / 10, 1e-9)})]
-        result = follower.solve_stage(stages[0], nlp, start, True)
-        for stage in stages[1:]:
-            result = result if result.ok else follower.solve_stage(stage, nlp, start, True)
-        if not (self.complementary and result.ok):
-            return Outcome(result, nlp, result.ok, follower.trace)
-        return Outcome(*polish(follower, nlp, result, improving=share == _WIDE), follower.trace)
 
     def first_point(self, nlp: NLP, guess: InitialGuess | None = None) -> Point:
         """Write guessed trajectories into the NLP's variables, with contacts to match.

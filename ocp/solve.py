@@ -21,7 +21,7 @@ from ocp.programs.status import Status
 from ocp.refinement import halved, refined
 from ocp.request import ProblemLike, check_setting_names, rebuilder, resolve_problem
 from ocp.rollout import initial_guesses
-from ocp.routes.homotopy import GAIN, Outcome
+from ocp.routes.homotopy import GAIN, RouteResult
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
@@ -147,7 +147,7 @@ def solve_from(
 
 def from_solution(
     session: Session, start: Solution, progress: Callable[[StageRecord], None] | None = None
-) -> tuple[Outcome, bool]:
+) -> tuple[RouteResult, bool]:
     """Solve a session from a solution, and say whether it converged from there.
 
     Where it did not, the usual path was followed with its trajectories as the guess. Raises as

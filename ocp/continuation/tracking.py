@@ -13,7 +13,7 @@ from ocp.errors import InputError
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.routes.branches import Branches
-from ocp.routes.homotopy import Homotopy, Outcome, lower
+from ocp.routes.homotopy import Homotopy, RouteResult, lower
 from ocp.session import Session
 from ocp.stationarity.kkt import Held, KKTCurve, regular
 
@@ -33,7 +33,7 @@ class Stop:
     """A point on the way round a fold, and the events since the last."""
 
     value: float
-    outcome: Outcome
+    outcome: RouteResult
     events: list[Event]
 
 
@@ -52,7 +52,7 @@ class Tracker:
         self.v, self.events, self.down = np.zeros(0), list[Event](), 0
         self.stuck, self.around, self.kinked, self.wasted = False, False, False, 0
 
-    def begin(self, outcome: Outcome) -> None:
+    def begin(self, outcome: RouteResult) -> None:
         """Stand at an outcome at the session's present values."""
         self.curve, self.stuck, self.events = None, False, []
         program, point = outcome.nlp, outcome.result.point
@@ -77,7 +77,7 @@ class Tracker:
         assert self.curve is not None
         return float(self.v[-1] * self.curve.unit)
 
-    def to(self, value: float) -> Outcome | None:
+    def to(self, value: float) -> RouteResult | None:
         """Move to a value, or past some events towards it, in predictions that come back.
 
         None where a sixteenth of the way is too far and nothing happened, with the tracker where it
@@ -200,7 +200,7 @@ class Tracker:
             change = "acts" if first else "opens"
         return Event("contact", value, cost, change, name, (step,))
 
-    def _outcome(self, iterations: int, seconds: float) -> Outcome:
+    def _outcome(self, iterations: int, seconds: float) -> RouteResult:
         assert self.curve is not None
         curve, session = self.curve, self.session
         (point, f, g), value = curve.result(self.v), self.value
@@ -209,9 +209,9 @@ class Tracker:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
         follower.record(self.name, value, self.program, result, *curve.given(self.v[-1]))
         self.v = self.curve.start
-        return Outcome(result, self.program, True, follower.trace)
+        return RouteResult(result, self.program, True, follower.trace)
 
-    def changed(self, before: KKTCurve, outcome: Outcome) -> list[Event]:
+    def changed(self, before: KKTCurve, outcome: RouteResult) -> list[Event]:
         """Pairs whose state differs from that on another curve, as events at this point."""
         if self.curve is None or not self.curve.own.size:
             return []
@@ -223,7 +223,7 @@ class Tracker:
             for pair in named
         ]
 
-    def jumped(self, outcome: Outcome, value: float) -> bool:
+    def jumped(self, outcome: RouteResult, value: float) -> bool:
         """Whether an outcome lies off the curve's tangent by more than twice the predicted way."""
         assert self.curve is not None
         curve, x = self.curve, outcome.result.point.x
@@ -231,7 +231,7 @@ class Tracker:
         off = (x / curve.sizes)[curve.free] - self.v[: curve.nx] - way
         return bool(np.abs(off).max(initial=0.0) > _JUMP + 2 * np.abs(way).max(initial=0.0))
 
-    def cheaper(self, outcome: Outcome) -> Outcome | None:
+    def cheaper(self, outcome: RouteResult) -> RouteResult | None:
         """A cheaper stationary point that a linear program with complementarity leads to."""
         session = self.session
         if not session.complementary or outcome.nlp.reformulation != "none":
@@ -242,9 +242,9 @@ class Tracker:
             self.wasted += follower.trace.iterations
             return None
         follower.trace.absorb(outcome.trace)
-        return Outcome(better, outcome.nlp, True, follower.trace)
+        return RouteResult(better, outcome.nlp, True, follower.trace)
 
-    def crossing(self, better: Outcome, since: float) -> Event:
+    def crossing(self, better: RouteResult, since: float) -> Event:
         """The switch to another curve: where, at most back to ``since``, it becomes the cheaper."""
         other, curve, v = Tracker(self.session, self.name, self.span, self.log), self.curve, self.v
         other.begin(better)

@@ -16,7 +16,7 @@ from ocp.errors import InputError, choose
 from ocp.judgement import judged
 from ocp.programs.solver import Point
 from ocp.programs.status import Status
-from ocp.routes.homotopy import Outcome
+from ocp.routes.homotopy import RouteResult
 from ocp.session import Session
 from ocp.solution import Solution
 
@@ -175,12 +175,12 @@ class _Walk:
             return end
         return to_value(to_scale(start) + share * (to_scale(end) - to_scale(start)))
 
-    def _solve(self, value: float, point: Point | None = None) -> Outcome:
+    def _solve(self, value: float, point: Point | None = None) -> RouteResult:
         self.session.values[self.followed.parameter] = value
         nlp = None if point is None else self.outcome.nlp
         return self.session.solve(start=point, warm_from=nlp)
 
-    def _add(self, outcome: Outcome, value: float) -> bool:
+    def _add(self, outcome: RouteResult, value: float) -> bool:
         """Judge an outcome; take it as the next point where it is good, or the first."""
         self.session.values[self.followed.parameter] = value
         solution = judged(self.session, outcome, self.seed)
@@ -243,7 +243,7 @@ class _Walk:
             self.followed.events += tracker.changed(curve, tried)
         return True
 
-    def _back(self, *wasted: Outcome) -> bool:
+    def _back(self, *wasted: RouteResult) -> bool:
         """Put the tracker back to the last accepted point: what was tried leads nowhere."""
         self.tracker.wasted += sum(outcome.trace.iterations for outcome in wasted)
         self.session.values[self.followed.parameter] = self.followed.points[-1].value

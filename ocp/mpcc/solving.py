@@ -17,7 +17,7 @@ from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Solver
 from ocp.programs.status import Status
 from ocp.routes.branches import polish
-from ocp.routes.complementarity import Route, solve_pairs
+from ocp.routes.complementarity import Search, solve_pairs
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import STRATEGIES
 from ocp.routes.restoration import restored, violation
@@ -99,12 +99,12 @@ def solve(
     scaling = Scaling(impulse=1.0, gap=1.0)
     best: MPCCSolution | None = None
     for name in strategies:
-        route = Route(STRATEGIES[name], scaling, lambda program: Point(program.extended(inside)))
-        result, program, _ = solve_pairs(follower, route)
-        found = _judged(programs("none"), program, result, inside, name)
+        search = Search(STRATEGIES[name], scaling, lambda program: Point(program.extended(inside)))
+        end = solve_pairs(follower, search)
+        found = _judged(programs("none"), end.nlp, end.result, inside, name)
         if best is None or _rank(found) < _rank(best):
             best = found
-        if best.success and program.n >= _LARGE:
+        if best.success and end.nlp.n >= _LARGE:
             break
     assert best is not None
     if best.infeasibility > TOLERANCES["constraint_violation"]:
@@ -116,14 +116,14 @@ def solve(
 def _restored(
     follower: Homotopy, program: MPCCProgram, end: MPCCSolution, start: np.ndarray
 ) -> MPCCSolution:
-    """Land from where violation is least near an infeasible end, or say what remains of it."""
+    """Polish from where violation is least near an infeasible end; keep the better of both."""
     least = restored(follower, program.extended(end.x))
     if least is None:
         return end
     x, p = least[0], program.parameter_vector(follower.values)
     there = Result.at(program, Point(x), p, Status.INFEASIBLE, "restored")
-    result, source, _ = polish(follower, program, there)
-    found = _judged(program, source, result, start, end.strategy)
+    polished = polish(follower, program, there)
+    found = _judged(program, polished.nlp, polished.result, start, end.strategy)
     return found if _rank(found) < _rank(end) else end
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.homotopy import WARM, Homotopy, lower, translate
+from ocp.routes.homotopy import WARM, Homotopy, RouteResult, lower, translate
 from ocp.stationarity.certificate import RADII, linear_model, tolerance_of
 from ocp.stationarity.lpec import LinearModel
 
@@ -212,10 +212,10 @@ def second_limit(took: int) -> int:
 
 def polish(
     follower: Homotopy, source: Program, result: Result, improving: bool = True
-) -> tuple[Result, Program, bool]:
+) -> RouteResult:
     """Solve the branch on which a relaxation's result lies and, if ``improving``, improve it.
 
-    Returns the answer with its program; the input, and False, where no branch could be solved.
+    The input is returned, unfinished, where no branch could be solved.
     """
     branches = Branches(follower)
     there = translate(result.point, source, branches.program)
@@ -223,5 +223,6 @@ def polish(
     if answer is None and result.ok:
         answer = branches.propose(there)
     if answer is None:
-        return result, source, False
-    return branches.improve(answer) if improving else answer, branches.program, True
+        return RouteResult(result, source, False, follower.trace)
+    answer = branches.improve(answer) if improving else answer
+    return RouteResult(answer, branches.program, True, follower.trace)

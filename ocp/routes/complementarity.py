@@ -10,19 +10,16 @@ import numpy as np
 
 from ocp.problem import Scaling
 from ocp.programs.program import Program
-from ocp.programs.solver import Point, Result
+from ocp.programs.solver import Point
 from ocp.routes.branches import Branches, polish
-from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, lower
+from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, RouteResult, lower
 from ocp.routes.relaxations import CentralPath, ScholtesAdaptive, Strategy
 from ocp.routes.rollouts import RolloutStarts
 from ocp.routes.schedules import distant_schedules, improved
 
-End = tuple[Result, Program, bool]
-"""Where a route ended, in which program, and whether on the exact law."""
-
 
 @dataclass(frozen=True)
-class Route:
+class Search:
     """Which strategy relaxes the pairs, from sizes ``scaling``, and where it starts.
 
     ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
@@ -39,66 +36,68 @@ class Route:
     rolls: RolloutStarts | None = None
 
 
-def solve_pairs(follower: Homotopy, route: Route) -> End:
+def solve_pairs(follower: Homotopy, search: Search) -> RouteResult:
     """Follow a strategy, solve the branch where it ends, and go on to better branches."""
-    first = by_strategy(follower, route, route.strategy)
-    smooth = first[2] and all(record.accepted for record in follower.trace.records)
+    first = by_strategy(follower, search, search.strategy)
+    smooth = first.finished and all(record.accepted for record in follower.trace.records)
     branches = Branches(follower)
-    polished = [first[0]] if first[2] else []
-    if route.rolls is not None and route.alternatives:
-        count, below = (_SMOOTH, first[0].f) if smooth else (_ROUGH, np.inf)
-        points = route.rolls.around(branches.program, [one.point for one in polished], count)
+    polished = [first.result] if first.finished else []
+    if search.rolls is not None and search.alternatives:
+        count, below = (_SMOOTH, first.result.f) if smooth else (_ROUGH, np.inf)
+        points = search.rolls.around(branches.program, [one.point for one in polished], count)
         polished += distant_schedules(branches, points, below)
-    for strategy in () if smooth else route.alternatives:
-        again = by_strategy(follower, route, strategy)
-        polished += [again[0]] if again[2] else []
-    hard = not smooth and not any(lower(one, first[0]) or not first[2] for one in polished)
-    if route.rolls is not None and hard and (route.alternatives or not polished):
-        points = route.rolls.perturbed(branches.program, _PERTURBED)
+    for strategy in () if smooth else search.alternatives:
+        again = by_strategy(follower, search, strategy)
+        polished += [again.result] if again.finished else []
+    hard = not smooth and not any(
+        lower(one, first.result) or not first.finished for one in polished
+    )
+    if search.rolls is not None and hard and (search.alternatives or not polished):
+        points = search.rolls.perturbed(branches.program, _PERTURBED)
         tried = map(branches.solve_branch, points)
         polished += [one for one in tried if one is not None]
-    if not polished and route.fallback is not None:
-        again = by_strategy(follower, route, route.fallback)
-        polished = [again[0]] if again[2] else []
+    if not polished and search.fallback is not None:
+        again = by_strategy(follower, search, search.fallback)
+        polished = [again.result] if again.finished else []
     if not polished:
         return first
     best = min(polished, key=lambda found: found.f)
-    return improved(branches, best), branches.program, True
+    return RouteResult(improved(branches, best), branches.program, True, follower.trace)
 
 
-def by_strategy(follower: Homotopy, route: Route, strategy: Strategy) -> End:
+def by_strategy(follower: Homotopy, search: Search, strategy: Strategy) -> RouteResult:
     """Follow one strategy and solve the branch where it ends, without improving it."""
-    step_backs = 0 if route.alternatives and strategy not in route.alternatives else STEP_BACKS
+    step_backs = 0 if search.alternatives and strategy not in search.alternatives else STEP_BACKS
     if isinstance(strategy, CentralPath):
         strategy = strategy.over(follower.nlp_of("none").chains.shape[-1])
-    paths = strategy.paths(route.scaling)
+    paths = strategy.paths(search.scaling)
     source = follower.nlp_of(paths[0].reformulation)
-    result, source = along(follower, paths, route.start(source), source, step_backs=step_backs)
-    polished = polish(follower, source, result, improving=False)
-    if not polished[2] and result.ok and isinstance(strategy, CentralPath):
-        further = strategy.further(route.scaling)
-        result, source = along(follower, further, result.point, source, warm=True)
-        polished = polish(follower, source, result, improving=False)
+    found = follow_paths(follower, paths, search.start(source), source, step_backs=step_backs)
+    polished = polish(follower, found.nlp, found.result, improving=False)
+    if not polished.finished and found.result.ok and isinstance(strategy, CentralPath):
+        further = strategy.further(search.scaling)
+        found = follow_paths(follower, further, found.result.point, found.nlp, warm=True)
+        polished = polish(follower, found.nlp, found.result, improving=False)
     return polished
 
 
-def along(
+def follow_paths(
     follower: Homotopy,
     paths: list[HomotopyPath],
     point: Point,
     source: Program,
     warm: bool = False,
     step_backs: int = STEP_BACKS,
-) -> tuple[Result, Program]:
+) -> RouteResult:
     """Follow paths one after the other, as far as they go, from a point of ``source``."""
-    result: Result | None = None
+    found: RouteResult | None = None
     for path in paths:
-        result, source, finished = follower.follow(path, point, warm, source, step_backs)
-        if not finished:
+        found = follower.follow(path, point, warm, source, step_backs)
+        if not found.finished:
             break
-        point, warm = result.point, True
-    assert result is not None
-    return result, source
+        point, warm, source = found.result.point, True, found.nlp
+    assert found is not None
+    return found
 
 
 FALLBACK = ScholtesAdaptive()

@@ -100,6 +100,22 @@ class Trace:
         self.refused = other.refused
 
 
+@dataclass(frozen=True)
+class RouteResult:
+    """What a route returns: the result and its NLP, the table, and whether it reached its end.
+
+    ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is.
+    ``on_branch`` is the same plan in the complementarity problem's variables, where the route came
+    from there.
+    """
+
+    result: Result
+    nlp: Any
+    finished: bool
+    trace: Trace
+    on_branch: Result | None = None
+
+
 class Homotopy:
     """Follows paths on the NLPs that ``nlp_of(reformulation)`` gives, with one solver.
 
@@ -120,7 +136,7 @@ class Homotopy:
         warm: bool = False,
         source: Program | None = None,
         step_backs: int = STEP_BACKS,
-    ) -> tuple[Result, Program, bool]:
+    ) -> RouteResult:
         """Follow one path: the last result, its program, and whether the end was reached.
 
         ``start`` is a point of ``source``, by default of the path's first program.
@@ -142,12 +158,12 @@ class Homotopy:
                 continue
             if good is None or tries >= step_backs or value == 0:
                 if path.strict or best is None:
-                    return result, nlp, False
+                    return RouteResult(result, nlp, False, self.trace)
                 break
             tries += 1
             pending = [math.sqrt(good * value), value, *pending]
         assert best is not None
-        return *best, True
+        return RouteResult(*best, True, self.trace)
 
     def solve_stage(self, stage: HomotopyStage, nlp: Program, start: Point, warm: bool) -> Result:
         """Solve one stage and write its line of the table."""
@@ -248,28 +264,12 @@ GAIN = 1e-7
 """Relative fall of the cost for which an answer is exchanged for another."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What one solve left: the result and its NLP, the table, and whether the path was finished.
-
-    ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is.
-    ``on_branch`` is the same plan in the complementarity problem's variables, where the route came
-    from there.
-    """
-
-    result: Result
-    nlp: Any
-    finished: bool
-    trace: Trace
-    on_branch: Result | None = None
-
-
 def lower(one: Result, other: Result, by: float = GAIN) -> bool:
     """Whether one cost is lower than the other by more than a share of it."""
     return one.f < other.f - by * abs(other.f)
 
 
-def better(one: Outcome | None, other: Outcome) -> Outcome:
+def better(one: RouteResult | None, other: RouteResult) -> RouteResult:
     """Combine two outcomes of one problem.
 
     | one | other | taken |

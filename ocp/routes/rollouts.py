@@ -15,7 +15,7 @@ from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.rollout import Gains, InitialGuess, Rollout, initial_guesses, roll_on, roll_out
 from ocp.routes.branches import Branches, polish
-from ocp.routes.homotopy import Homotopy, HomotopyPath, Outcome, lower
+from ocp.routes.homotopy import Homotopy, HomotopyPath, RouteResult, lower
 from ocp.routes.schedules import improved
 from ocp.transcription.nlp import NLP
 
@@ -126,15 +126,16 @@ class RolloutPolish:
         first, there = self._rolled_out(source, plan.point.x)
         if source is self.direct and plan.ok:
             return first, plan
-        solved, _, worked = polish(
-            self.follower, self.direct, replace(first, point=there), improving=False
-        )
-        if not worked:
+        start = replace(first, point=there)
+        branch = polish(self.follower, self.direct, start, improving=False)
+        if not branch.finished:
             return first, None
-        second, _ = self._rolled_out(self.direct, solved.point.x)
-        return (second, solved) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
+        second, _ = self._rolled_out(self.direct, branch.result.point.x)
+        return (
+            (second, branch.result) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
+        )
 
-    def along(self, follower: Homotopy, path: HomotopyPath, start: Point) -> Outcome:
+    def along(self, follower: Homotopy, path: HomotopyPath, start: Point) -> RouteResult:
         """Follow a path, solve the branches of its points, and improve the cheapest.
 
         Near a wide stage another branch may be cheaper than near the last one. The path ends where
@@ -156,11 +157,11 @@ class RolloutPolish:
             one, other = found[-2:] if len(found) > 1 else (solved, None)
             return other is not None and not (lower(one, other) or lower(other, one))
 
-        result, program, finished = follower.follow(replace(path, complete=repeated), start)
+        followed = follower.follow(replace(path, complete=repeated), start)
         if not found:
-            return Outcome(result, program, finished, follower.trace)
+            return followed
         best = improved(Branches(self.follower), min(found, key=lambda one: one.f))
-        return Outcome(best, self.direct, True, follower.trace)
+        return RouteResult(best, self.direct, True, follower.trace)
 
     def _rolled_out(self, nlp: NLP, x: np.ndarray) -> tuple[Result, Point]:
         values = self.follower.values

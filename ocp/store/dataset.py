@@ -10,7 +10,7 @@ from dynamics.systems import Signal
 from ocp.judges.audit import signed_distances
 from ocp.physics.contact_report import ContactReport, contact_report, least_slip
 from ocp.rollout import Rollout
-from ocp.routes.homotopy import Outcome
+from ocp.routes.homotopy import RouteResult
 from ocp.transcription.nlp import NLP
 from ocp.transcription.trajectories import Trajectories
 from ocp.warm_start import multipliers, node_times
@@ -27,7 +27,7 @@ def label(
     plan: Trajectories,
     replay: Rollout,
     book: ContactReport,
-    outcome: Outcome,
+    outcome: RouteResult,
     values: dict[str, float],
     refereed: Rollout,
 ) -> xr.Dataset:
@@ -128,7 +128,7 @@ def _coordinates(
     )
 
 
-def _stages(nlp: NLP, outcome: Outcome, scenarios: int) -> Variables:
+def _stages(nlp: NLP, outcome: RouteResult, scenarios: int) -> Variables:
     records = outcome.trace.records
     found: Variables = {
         "stage_label": ("stage", [record.label for record in records]),

@@ -10,7 +10,7 @@ from typing import Any
 from ocp.errors import interruptible
 from ocp.judgement import judged
 from ocp.rollout import initial_guesses
-from ocp.routes.homotopy import Outcome
+from ocp.routes.homotopy import RouteResult
 from ocp.scheduling import Failure, run_jobs
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
@@ -36,7 +36,7 @@ class StartJob:
 class StartResult:
     """What a solved start sends: its outcome, its NLP's reformulation, and the verdicts."""
 
-    outcome: Outcome
+    outcome: RouteResult
     judged: dict[str, Any]
 
 

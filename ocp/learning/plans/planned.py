@@ -18,7 +18,7 @@ from ocp.problem import Guess, Problem, Scaling
 from ocp.programs.solver import Point
 from ocp.rollout import InitialGuess, roll_on
 from ocp.routes.branches import Branches
-from ocp.routes.homotopy import Homotopy, Outcome, Progress
+from ocp.routes.homotopy import Homotopy, Progress, RouteResult
 from ocp.routes.rollouts import pack_rollout
 from ocp.session import Session
 from ocp.solution import Solution
@@ -156,7 +156,9 @@ def best_plan(
     return BestPlan(best, *episode_return(task, *replay))
 
 
-def _polished(session: Session, guess: InitialGuess, progress: Progress | None) -> Outcome | None:
+def _polished(
+    session: Session, guess: InitialGuess, progress: Progress | None
+) -> RouteResult | None:
     """The best plan near a motion, along its contacts; None where it is none, or none was found."""
     states, inputs = guess
     problem = session.problem
@@ -169,7 +171,7 @@ def _polished(session: Session, guess: InitialGuess, progress: Progress | None) 
     found = branches.solve_branch(Point(pack_rollout(nlp, rolled, None)))
     if found is None:
         return None
-    return Outcome(branches.improve(found), nlp, True, follower.trace)
+    return RouteResult(branches.improve(found), nlp, True, follower.trace)
 
 
 def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[float, int]:

@@ -24,8 +24,8 @@ from ocp.judgement import judged
 from ocp.physics.constraints import broken_constraints
 from ocp.programs.status import Status
 from ocp.rollout import initial_guesses
-from ocp.routes.complementarity import Route, by_strategy
-from ocp.routes.homotopy import Homotopy, Outcome
+from ocp.routes.complementarity import Search, by_strategy
+from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.relaxations import CentralPath
 from ocp.session import Session
 from ocp.solution import Solution
@@ -73,18 +73,17 @@ def default(instance: Instance) -> Answer:
 def alone(instance: Instance) -> Answer:
     """The baseline of times: the first strategy alone, no other start and no improvement."""
 
-    def run(session: Session) -> Outcome:
+    def run(session: Session) -> RouteResult:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        route = Route(CentralPath(), session.problem.scaling, session.first_point)
-        ended = by_strategy(follower, route, route.strategy)
-        return Outcome(*ended, follower.trace)
+        search = Search(CentralPath(), session.problem.scaling, session.first_point)
+        return by_strategy(follower, search, search.strategy)
 
     return _from_session(instance, run)
 
 
 def _from_session(
-    instance: Instance, run: Callable[[Session], Outcome], settings: dict[str, str] | None = None,
-    method: Method | str = "direct",
+    instance: Instance, run: Callable[[Session], RouteResult],
+    settings: dict[str, str] | None = None, method: Method | str = "direct",
 ) -> Answer:  # fmt: skip
     problem = get(instance.problem, **instance.params)
     session = new_session(problem, Exact(), method, settings=settings)
@@ -101,7 +100,7 @@ def _strategy(name: str) -> Callable[[Instance], Answer]:
 
 
 def _start(number: int) -> Callable[[Instance], Answer]:
-    def run(session: Session) -> Outcome:
+    def run(session: Session) -> RouteResult:
         return session.solve(
             guess=initial_guesses(session.problem, session.values, number + 1, SEED)[number]
         )

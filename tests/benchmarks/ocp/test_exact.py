@@ -7,7 +7,7 @@ import math
 import pytest
 
 from dynamics.contact import Exact
-from ocp.routes.homotopy import Outcome
+from ocp.routes.homotopy import RouteResult
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 from tests.benchmarks.ocp.cases import FIVE, LCS, same_guess, session
 from tests.benchmarks.ocp.models import MODELS
@@ -18,7 +18,7 @@ SET = (*FIVE, LCS)
 FASTER, SLACK = 4.0, 5e-3
 
 
-def ours(name: str, strategy: str) -> Outcome:
+def ours(name: str, strategy: str) -> RouteResult:
     """Everything from the problem's parameters to the polished answer."""
     return session(name, Exact(), strategy=strategy).solve()
 

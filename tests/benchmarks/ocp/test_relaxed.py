@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dynamics.contact import Barrier
-from ocp.routes.homotopy import Outcome
+from ocp.routes.homotopy import RouteResult
 from tests.benchmarks.ocp.cases import FIVE, LCS, same_guess, session
 from tests.benchmarks.ocp.models import MODELS
 from tests.benchmarks.ocp.opti_peer import PeerAnswer, relaxed
@@ -18,7 +18,7 @@ CASES = [
 ]
 
 
-def ours(name: str, N: int | None) -> tuple[Outcome, float]:
+def ours(name: str, N: int | None) -> tuple[RouteResult, float]:
     """Everything from the problem's parameters to the answer."""
     made = session(name, Barrier(mu=MU), N, homotopy=False)
     return made.solve(), made.build_s

@@ -13,7 +13,7 @@ from ocp import Direct, MultipleShooting, OpenLoop, Problem, SingleShooting, Sta
 from ocp.judgement import judged
 from ocp.programs.solver import Point, Result
 from ocp.rollout import Rollout, roll_out
-from ocp.routes.homotopy import Outcome, Trace
+from ocp.routes.homotopy import RouteResult, Trace
 from ocp.routes.rollouts import pack_rollout
 from ocp.session import Session
 from problems import get
@@ -49,12 +49,12 @@ def perturbed(session: Session, seed: int) -> Rollout:
     return roll_out(problem, inputs[None], values, session.step)
 
 
-def claimed(session: Session, x: np.ndarray, reformulation: str = "product") -> Outcome:
+def claimed(session: Session, x: np.ndarray, reformulation: str = "product") -> RouteResult:
     """What a solver would hand over that stopped at ``x`` and called it optimal."""
     nlp = session.nlp_of(reformulation)
     f, g = nlp.f_g(x, nlp.parameter_vector(session.values))
     result = Result(Point(x), float(f), np.array(g).ravel(), Status.SOLVED, "claimed", 1, 0.0)
-    return Outcome(result, nlp, True, Trace())
+    return RouteResult(result, nlp, True, Trace())
 
 
 def status_of_random_inputs(name: str, law: str, seed: int = 0) -> Status:

@@ -273,9 +273,9 @@ def test_a_branch_that_cannot_be_guessed_is_proposed() -> None:
     nlp = follower.nlp_of("none")
     start = unsolved(nlp, [2e-3, 1e-3])
     assert Branches(follower).solve_branch(start.point) is None
-    polished, _, worked = polish(follower, nlp, start)
-    assert worked
-    assert polished.point.x == pytest.approx([0, 1e-3], abs=1e-8)
+    found = polish(follower, nlp, start)
+    assert found.finished
+    assert found.result.point.x == pytest.approx([0, 1e-3], abs=1e-8)
 
 
 def test_restoration_exchanges_branches_until_feasible() -> None:

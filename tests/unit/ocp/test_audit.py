@@ -25,14 +25,14 @@ from ocp.judgement import judged
 from ocp.judges.audit import audit, signed_distances, task_gradient, worst_constraints
 from ocp.programs.solver import Point
 from ocp.rollout import roll_out
-from ocp.routes.homotopy import Outcome
+from ocp.routes.homotopy import RouteResult
 from ocp.session import Session
 from ocp.transcription.trajectories import trajectories
 from problems import get
 
 
 @functools.cache
-def solved(law: str = "exact") -> tuple[Session, Outcome]:
+def solved(law: str = "exact") -> tuple[Session, RouteResult]:
     closing = Exact() if law == "exact" else Barrier(mu=1e-3)
     session = Session(get("push-1d"), closing, Direct(), OpenLoop())
     return session, session.solve()

@@ -13,7 +13,7 @@ from ocp.judgement import judged
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.routes.branches import Branches
-from ocp.routes.homotopy import Homotopy, Outcome
+from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.schedules import _apart
 from ocp.solve import new_session, solve
 from problems import get
@@ -94,7 +94,7 @@ def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(
         monkeypatch.setattr(Branches, "solve", failing)
     for solved in (one for one in ended if one.ok):
         best = branches.improve(solved)
-        outcome = Outcome(best, branches.program, True, branches.follower.trace)
+        outcome = RouteResult(best, branches.program, True, branches.follower.trace)
         certificate = judged(session, outcome, 0).certificate
         if certificate.stationarity == "not":
             told += 1

@@ -30,7 +30,8 @@ def follow(plan, values=VALUES, strict: bool = True, complete=None, progress=Non
     found = session()
     follower = Homotopy(found.nlp_of, Solver(), found.values, progress)
     start = found.first_point(found.nlp_of("product"))
-    return follower, follower.follow(HomotopyPath(values, plan, strict, complete), start)
+    end = follower.follow(HomotopyPath(values, plan, strict, complete), start)
+    return follower, (end.result, end.nlp, end.finished)
 
 
 def at_mu(mu: float, **options) -> HomotopyStage:

@@ -1,0 +1,258 @@
+"""Every way to solve a session's problem, in one table; the first route that accepts solves it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from dynamics.contact import Barrier, Exact
+from ocp.errors import NotConverged, choose
+from ocp.policy import Feedback
+from ocp.programs.solver import Point
+from ocp.rollout import Gains, InitialGuess, Rollout
+from ocp.routes.branches import polish
+from ocp.routes.complementarity import (
+    ALTERNATIVES,
+    FALLBACK,
+    FALLBACK_SMALL,
+    RELAXATIONS,
+    SMALL_ITERATIONS,
+    SMALL_PAIRS,
+    Search,
+    solve_pairs,
+)
+from ocp.routes.homotopy import (
+    PRIMAL,
+    Homotopy,
+    HomotopyStage,
+    RouteResult,
+    better,
+    lower,
+    translate,
+)
+from ocp.routes.relaxations import (
+    DEFAULT_STRATEGY,
+    MU_LAST,
+    STAGE_ITERATIONS,
+    STRATEGIES,
+    from_exact,
+    relaxed,
+)
+from ocp.routes.rollouts import RolloutPolish, RolloutStarts, pack_rollout
+from ocp.transcription import Direct
+from ocp.transcription.nlp import NLP
+
+if TYPE_CHECKING:
+    from ocp.session import Session
+
+_NEAR, _WIDE = 1e-6, 1e-3
+"""Relaxations of lam gap, in characteristic units, for a start that is near and for others."""
+_DIVERGED = 1e-3
+"""Relative rise of the cost from which on a rollout has diverged from its plan."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a solve starts: from a ``guess``, or warm from a ``point`` of the product NLP.
+
+    ``number`` counts several guesses. A point that is ``near`` differs by a small step of a
+    parameter; others were carried from another mesh, law or method.
+    """
+
+    guess: InitialGuess | None = None
+    number: int = 0
+    point: Point | None = None
+    near: bool = True
+
+
+class Route(ABC):
+    """A way to solve a session's problem: ``accepts``, ``apply``, ``invert``, as a reduction."""
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def accepts(self, session: Session, start: Start) -> bool:
+        """Whether this route can solve the session's problem from a start."""
+
+    @abstractmethod
+    def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
+        """Solve, in whatever program of the session suits; ``follower`` records the work."""
+
+    def invert(
+        self, session: Session, found: RouteResult, plan: Rollout, gains: Gains | None
+    ) -> tuple[NLP, Point]:
+        """The program that is judged, and the result's point in it, with multipliers if known."""
+        nlp, point = session.judging_nlp(), found.result.point
+        if nlp is found.nlp:
+            return nlp, point
+        if nlp.method == found.nlp.method:
+            return nlp, Point(translate(point, found.nlp, nlp).x)
+        return nlp, Point(pack_rollout(nlp, plan, gains))
+
+
+class WarmStart(Route):
+    """One stage from a point; under the exact law on a narrow relaxation, then polished.
+
+    From a point that is not near the stage is tried again with a high barrier parameter, and the
+    exact law starts on a relaxation that is wide enough to exchange contacts.
+    """
+
+    name = "warm start"
+
+    def accepts(self, session: Session, start: Start) -> bool:
+        """Where there is a point."""
+        return start.point is not None
+
+    def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
+        """Solve the stage, by its first options with which the solver converges."""
+        nlp, point = session.nlp_of("product"), start.point
+        assert point is not None
+        keep: dict[str, Any] = {} if start.near or point.lam_g is not None else PRIMAL
+        tries: list[dict[str, Any]] = [{"mu_init": 1e-7}]
+        if not start.near:
+            short = {"max_iter": STAGE_ITERATIONS, **session.solver.options}
+            tries = [{**keep, "mu_init": 1e-7, **short}, {**keep, "mu_init": 1e-3}]
+        stages = [HomotopyStage(session.step.law.name, 0.0, options=options) for options in tries]
+        if session.complementary:
+            t = (_NEAR if start.near else _WIDE) * session.problem.scaling.mu
+            stages = [relaxed(t, {**keep, "mu_init": max(t / 10, 1e-9)})]
+        result = follower.solve_stage(stages[0], nlp, point, True)
+        for stage in stages[1:]:
+            result = result if result.ok else follower.solve_stage(stage, nlp, point, True)
+        if not (session.complementary and result.ok):
+            return RouteResult(result, nlp, result.ok, follower.trace)
+        return polish(follower, nlp, result, improving=not start.near)
+
+
+class Complementarity(Route):
+    """The exact law in a direct transcription: relaxations, then branches."""
+
+    name = "complementarity"
+
+    def accepts(self, session: Session, start: Start) -> bool:
+        """Where the NLP itself has the pairs."""
+        return session.complementary
+
+    def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
+        """Search by the chosen strategy, or by the default one for many or for few pairs."""
+        return solve_pairs(follower, self._search(session, start))
+
+    def _search(self, session: Session, start: Start) -> Search:
+        problem, guess = session.problem, start.guess
+        strategy = choose("strategy", session.strategy, STRATEGIES)
+        plain = Search(strategy, problem.scaling, partial(session.first_point, guess=guess))
+        if session.strategy != DEFAULT_STRATEGY:
+            return plain
+        own = guess or problem.initial_guess(problem.parameters.pack(session.values))
+        rolls = RolloutStarts(problem, session.step, session.values, own)
+        rolls = None if isinstance(session.policy, Feedback) else rolls
+        if session.nlp_of("product").pairs.shape[1] > SMALL_PAIRS:
+            return replace(plain, fallback=FALLBACK, rolls=rolls)
+        strategy = RELAXATIONS[-start.number % len(RELAXATIONS)]
+        return replace(
+            plain,
+            strategy=replace(strategy, most=SMALL_ITERATIONS),
+            fallback=FALLBACK_SMALL,
+            alternatives=ALTERNATIVES,
+            rolls=rolls,
+        )
+
+
+class ExactShooting(Route):
+    """The exact law in shooting: a plan made otherwise, rolled out exactly and polished.
+
+    At a kink of the exact law no gradient vanishes, so a gradient method cannot end there. The
+    plan is the complementarity problem's own, by direct transcription; with ``homotopy``, or where
+    its relaxation was hard to follow or the rollout diverges from it, it is that of the barrier
+    law's path. Of plans from which their rollouts do not diverge, the cheapest is the answer.
+    """
+
+    name = "exact shooting"
+
+    def accepts(self, session: Session, start: Start) -> bool:
+        """Under the exact law, unless the gradient method alone was chosen."""
+        return session.step.exact and session.homotopy is not False
+
+    def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
+        """Try the plans in turn, until one is finished, kept by its rollout, and was easy."""
+        nlp, direct, best = session.nlp_of("product"), session.judging_nlp(), None
+        polisher = RolloutPolish(nlp, direct, session.step, Homotopy(
+            lambda _: direct, session.solver, session.values, follower.progress, follower.trace
+        ))  # fmt: skip
+        for plan in self._plans(session, start, follower, polisher):
+            try:
+                polished, solved = polisher.polish(plan.nlp, plan.result)
+            except NotConverged:
+                continue
+            ended = solved or plan.result
+            polished = replace(polished, status=ended.status, word=ended.word)
+            kept = solved is not None and not lower(solved, polished, _DIVERGED)
+            found = RouteResult(polished, nlp, kept, follower.trace, solved)
+            best = better(best, found)
+            hard = any(line.label == "t" and not line.accepted for line in follower.trace.records)
+            if plan.finished and kept and not hard:
+                break
+        assert best is not None
+        return best
+
+    def _plans(
+        self, session: Session, start: Start, follower: Homotopy, polisher: RolloutPolish
+    ) -> Iterator[RouteResult]:
+        if session.step.branches > 1 or not session.homotopy:
+            yield _by_helper(session.helper(session.law, Direct()), follower, start.guess)
+        if session.step.branches == 1:
+            barrier = session.helper(Barrier(mu=MU_LAST), session.method)
+            first = barrier.first_point(barrier.nlp_of("product"), start.guess)
+            within = Homotopy(barrier.nlp_of, barrier.solver, barrier.values, follower.progress,
+                              follower.trace)  # fmt: skip
+            yield polisher.along(within, barrier.path()[1], first)
+
+    def invert(
+        self, session: Session, found: RouteResult, plan: Rollout, gains: Gains | None
+    ) -> tuple[NLP, Point]:
+        """The same plan on its branch of the complementarity problem, where it was solved."""
+        if found.on_branch is None:
+            return super().invert(session, found, plan, gains)
+        return session.judging_nlp(), found.on_branch.point
+
+
+class LawPath(Route):
+    """A law's own path; the exact law's answer is tried as another start."""
+
+    name = "law path"
+
+    def accepts(self, session: Session, start: Start) -> bool:
+        """Always."""
+        return True
+
+    def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
+        """Follow the path, and solve at its end from the exact law's answer too."""
+        nlp, (schedule, path) = session.nlp_of("product"), session.path()
+        value = session.values[schedule.parameter] if schedule else 0.0
+        found = follower.follow(path, session.first_point(nlp, start.guess))
+        if len(path.values) > 1 and session.step.branches == 1:
+            exact = _by_helper(session.helper(Exact(), Direct()), follower, start.guess)
+            if exact.finished:
+                x = translate(exact.result.point, exact.nlp, found.nlp).x
+                below = from_exact(follower, found.nlp, x, schedule, value)
+                if below is not None and (not found.finished or lower(below, found.result)):
+                    found = replace(found, result=below, finished=True)
+        return found
+
+
+def _by_helper(helper: Session, follower: Homotopy, guess: InitialGuess | None) -> RouteResult:
+    """Solve by a helping session, whose table and work are added to the follower's."""
+    found = helper.solve(guess=guess, progress=follower.progress)
+    follower.trace.absorb(found.trace)
+    return found
+
+
+ROUTES: tuple[Route, ...] = (WarmStart(), Complementarity(), ExactShooting(), LawPath())
+
+
+def route_for(session: Session, start: Start = Start()) -> Route:
+    """The first route of the table that accepts."""
+    return next(route for route in ROUTES if route.accepts(session, start))
