@@ -10,7 +10,7 @@ from ocp.programs.status import Status
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.solution import Replay, Solution
 from ocp.solve import solve
-from ocp.stored import load
+from ocp.store.lookup import load_solution as load
 from ocp.transcription import Direct, MultipleShooting, SingleShooting
 
 if TYPE_CHECKING:

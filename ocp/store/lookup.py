@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from ocp.errors import InputError, did_you_mean
+from ocp.plugins import load_plugin
+from ocp.problem import Problem
+from ocp.solution import Solution
 from ocp.store.atomic import discard
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST
-from ocp.store.runs import RunEntry, list_runs
+from ocp.store.runs import RunEntry, list_runs, load
 from ocp.validation import expand_path
 
 VARIABLE = "OCP_RUNS"
@@ -91,3 +95,29 @@ def remove(paths: Iterable[Path]) -> None:
         discard(path)
         with suppress(OSError):
             path.parent.rmdir()
+
+
+def load_solution(
+    run: Path | str,
+    problem: Problem | None = None,
+    root: Path | str | None = None,
+    source: Path | str | None = None,
+) -> Solution:
+    """Read a run of ``ocp solve``, or of :meth:`Solution.save`.
+
+    ``run`` is its directory, part of its name in the store ``root``, or ``@last``, as the command
+    line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name. Of a
+    problem of one's own ``source`` names the file, for code that a run names is never loaded; or
+    ``problem`` is what was built of it, or without a file. Warns where the file has changed.
+
+    Raises :class:`~ocp.errors.InputError` where there is no such run, it is no solve, or its
+    problem is not found again, and :class:`~ocp.errors.DamagedRun` where it is not whole.
+    """
+    found = load(find(str(run), root))
+    if problem is not None:
+        return found.solution(problem)
+    problems = load_plugin("problems")
+    own = problems.named_file(source, [found])
+    if note := problems.edited(found, own):
+        warnings.warn(note, stacklevel=2)
+    return found.solution(problems.problem_of(found, own)[2])

@@ -11,7 +11,7 @@ from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.network import Normaliser, first_weights, renormalised, vjp
 from ocp.learning.protocol import Row, State
-from ocp.learning.total_propagation.particles import with_jacobians
+from ocp.learning.total_propagation import with_jacobians
 from ocp.learning.unrolls.ascent import adam_step
 from ocp.learning.unrolls.unrolling import policy_of
 
