@@ -105,14 +105,18 @@ def read(name: str) -> dict[str, Any]:
     return json.loads((DATA / f"{name}.json").read_text(encoding="utf-8"))
 
 
-COLOURS = 96
+COLOURS = 200
 
 
 def save_picture(figure: Figure, name: str) -> Path:
     """Write ``figure`` to ``docs/pictures/<name>.png``, in few colours; returns the file."""
     drawn, small = BytesIO(), BytesIO()
     figure.savefig(drawn, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
-    picture = Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    picture = (
+        Image.open(drawn)
+        .convert("RGB")
+        .quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    )
     picture.save(small, format="png", optimize=True)
     file = DOCS / "pictures" / f"{name}.png"
     write(file, small.getvalue())

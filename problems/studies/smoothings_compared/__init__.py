@@ -7,8 +7,8 @@ NOTES = (
     "In short, at the defaults: plan under the exact law by its default route, or under a sharp"
     " barrier or the adaptive law where few contacts act; trust no gentle barrier and no"
     " randomized plan unreplayed. A learned law is for where no other is known, over several"
-    " seeds, and its word on its own plan is worth nothing: only the replay tells. Trust makes"
-    " its word truer, mostly by keeping the plan at home.",
+    " seeds, and its word on its own plan is worth nothing: only the replay tells. Trust brings"
+    " most replays nearer to their plans; only on push-1d does it make them cheaper.",
     "Every plan is made by direct transcription from the problem's own guess, which is without"
     " contact, and its inputs are replayed under the exact law. An excess is that replay's cost"
     " over the optimum of the exact law by its default route.",
