@@ -65,7 +65,7 @@ def resolve_problem(
         return found.problem(for_problem), for_law
     if for_problem:
         raise InputError(
-            f"{', '.join(for_problem)} cannot be set: {found.name} is built already; give"
+            f"{', '.join(for_problem)} cannot be set: {found.name} is already built; give"
             " parameters to problems.get, or name the problem here"
         )
     return found, for_law
@@ -150,9 +150,9 @@ def _unknown_keyword(
     from ocp.settings import OWN
 
     if key.startswith("policy") or key in OWN or has_option(solver, key):
-        return f"{key} is no argument of solve; settings={{{key!r}: ...}} takes it"
+        return f"{key} is not an argument of solve; use settings={{{key!r}: ...}}"
     made = [
-        f"the {what} is made already; give {key} to {how}"
+        f"the {what} is already built; pass {key} to {how}"
         for what, how, is_made in (
             ("problem", "problems.get", isinstance(found, Problem)),
             ("law", f"{type(contact).__name__}(...)", isinstance(contact, ContactLaw)),

@@ -70,7 +70,7 @@ def judge(
     matter are too rare to have been seen.
     """
     if known is None:
-        return Verdict("no reference", "There is no gradient to hold it against.", np.nan, np.nan)
+        return Verdict("no reference", "There is no reference gradient.", np.nan, np.nan)
     off = moments.mean - known.gradient
     width = np.hypot(moments.standard_error, known.standard_error)
     # Rounding is told by size where there is one: a gradient of 1e-80 is not nothing.
@@ -87,7 +87,7 @@ def judge(
             f"{told}, {worst:.2g} standard errors at most (allowed {limit:.3g}){tail * wide}.",
             error, worst, wide,
         )  # fmt: skip
-    far = f"{told}, " + ("with no variance to show for it" if worst > 1e6 else
+    far = f"{told}, " + ("although the samples do not vary" if worst > 1e6 else
                          f"{worst:.3g} standard errors (allowed {limit:.3g})")  # fmt: skip
     if jump is not None and not jump.discontinuous:
         sentence = f"{far}; the cost is continuous, its steepest slope {jump.slope:.3g}"

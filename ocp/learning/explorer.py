@@ -171,7 +171,7 @@ def random_transitions(
     Raises :class:`~ocp.errors.InputError` where no step was solved or ``n`` is below 1.
     """
     if n < 1:
-        raise InputError(f"at least 1 transition must be asked for, got {n}")
+        raise InputError(f"n must be at least 1 transition, got {n}")
     task = explorer.task
     rng = np.random.default_rng(seed)
     sizes = EPISODES, task.system.nu, len(task.observations)

@@ -142,8 +142,8 @@ def _resume(experiment: Experiment, checkpoint: Checkpoint | None) -> _Progress 
     ]
     if experiment.budget is None and len(rows) > experiment.iterations:
         raise InputError(
-            f"the run to go on with has {len(rows)} iterations already, more than the"
-            f" {experiment.iterations} asked for; ask for more"
+            f"the run to resume has {len(rows)} iterations already, more than the"
+            f" {experiment.iterations} requested; request more"
         )
     state, best = ({n: found[p + n] for n in _under(p, found)} for p in (_RUN, _BEST))
     return _Progress(state, rows, best, float(found["spent"]))
@@ -158,8 +158,7 @@ def _check_same_settings(stored: dict[str, Any], asked: dict[str, Any]) -> None:
     if differ:
         told = ", ".join(f"{n} = {stored.get(n)} not {asked.get(n)}" for n in differ)
         raise InputError(
-            f"the run to go on with was made with other settings: {told}; give the same, or start"
-            " a new run"
+            f"the run to resume has other settings: {told}; give the same, or start a new run"
         )
 
 

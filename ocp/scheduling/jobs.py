@@ -47,7 +47,7 @@ def worker_died(place: int) -> Failure:
     """Say that a job is given up, for its worker died each time."""
     return Failure(
         RuntimeError(
-            f"job {place + 1} is given up: its worker died each time, killed or out of"
-            " memory; run fewer side by side"
+            f"job {place + 1} failed: its worker died each time, killed or out of"
+            " memory; use fewer processes"
         )
     )

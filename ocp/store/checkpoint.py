@@ -140,8 +140,8 @@ class Checkpoint:
         notes = []
         if busy:
             notes.append(
-                "another process does the same just now: this one works beside it, and ends with"
-                " the same numbers"
+                "another process runs the same computation; this one runs independently and"
+                " gives the same numbers"
             )
         if _empty(self.place):
             notes += self._outdated(self._shelf)
@@ -159,7 +159,7 @@ class Checkpoint:
                 if old != source
                 else "the program, or the computer, has changed"
             )
-            yield f"{why} since this was begun: it starts anew; what was done before is in {one}"
+            yield f"{why} since the first run: starting again; earlier results are in {one}"
             return
 
 

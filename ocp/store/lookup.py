@@ -76,10 +76,10 @@ def check_removable(path: Path) -> None:
         raise InputError(f"{path} is a symbolic link; remove the link, or name what it leads to")
     found = list(path.iterdir()) if path.is_dir() else []
     if not {file.name for file in found} & {DATA_FILE, META_FILE}:
-        raise InputError(f"{path} is no run; ocp runs lists what the store holds")
+        raise InputError(f"{path} is not a run; list the runs with ocp runs")
     own = {file.name for file in found if file.is_symlink() or not file.is_dir()} & set(MOST)
     if foreign := sorted({file.name for file in found} - own):
-        raise InputError(f"{path} holds {foreign[0]}, which is no part of a run; move it away")
+        raise InputError(f"{path} holds {foreign[0]}, which does not belong to a run; move it away")
 
 
 def remove(paths: Iterable[Path]) -> None:

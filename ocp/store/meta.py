@@ -231,7 +231,7 @@ def check_own_problem(file: Path, told: dict[str, Any]) -> None:
     if not found and len(told["axes"]) != len("xy"):
         found = f"axes are {len(told['axes'])}, expected 2"
     if found:
-        raise DamagedRun(f"{file} does not tell of a problem: {found}")
+        raise DamagedRun(f"{file} does not describe a problem: {found}")
 
 
 def _misfit_of_parts(meta: dict[str, Any]) -> str:

@@ -84,7 +84,7 @@ def parsed(file: Path, content: bytes) -> dict[str, Any]:
     except RecursionError:
         found = None
     if found is None or _is_deeper(found, _DEEPEST):
-        raise DamagedRun(f"{file} is nested more than {_DEEPEST} deep, which no run is")
+        raise DamagedRun(f"{file} is nested more than {_DEEPEST} levels deep")
     if _CONTROL.search(content):
         found = visible(found)
     if not isinstance(found, dict):
@@ -151,4 +151,4 @@ def visible(value: Any) -> Any:
 
 
 def _no_number(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no number there")
+    raise ValueError(f"{word} is not a JSON number")

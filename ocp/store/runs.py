@@ -202,7 +202,7 @@ def _arrays(file: Path, content: bytes) -> xr.Dataset:
     except (DamagedRun, MemoryError):
         raise
     except Exception as error:
-        raise DamagedRun(f"{file} is no readable netCDF file: {error}") from error
+        raise DamagedRun(f"{file} is not a readable netCDF file: {error}") from error
 
 
 def _visible(data: xr.Dataset) -> xr.Dataset:
@@ -223,7 +223,7 @@ def read_meta(directory: Path) -> dict[str, Any]:
         raise InputError(f"there is no run at {directory}; ocp runs lists what the store holds")
     meta, file = read_sealed(directory), directory / META_FILE
     if "schema" not in meta:
-        raise DamagedRun(f"{file} has no schema version, so it describes no run")
+        raise DamagedRun(f"{file} has no schema version")
     if meta["schema"] != SCHEMA:
         raise DamagedRun(
             f"{file} has schema version {meta['schema']}, this program reads {SCHEMA}; read it with"

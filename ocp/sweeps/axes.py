@@ -39,7 +39,7 @@ def axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ...]:
     else:
         found = [one if isinstance(one, Axis) else axis(one) for one in over]
     if not found:
-        raise InputError(f"a sweep needs something to go over; say --over {GRAMMAR}")
+        raise InputError(f"a sweep needs a parameter; give --over {GRAMMAR}")
     names = [one.name for one in found]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

@@ -115,7 +115,7 @@ class Case:
         if (head == "problem" and params[key].annotation not in (int, float)) or (
             head == "setting" and key in OWN and key not in ("factor", "start")
         ):
-            raise InputError(f"--over: {name} takes words, and a sweep goes over numbers")
+            raise InputError(f"--over: {name} is not a number; a sweep needs numbers")
         return full
 
     def command(self, seed: int = 0, starts: int = 1, rank: str = "planned") -> list[str]:

@@ -123,7 +123,7 @@ def make_grid(
         if names.count(name) > 1:
             raise InputError(f"--over: {name} is given twice; give it once")
         if case.sets(name):
-            raise InputError(f"{axis.name} goes over what --over says; drop its own value")
+            raise InputError(f"{axis.name} is swept by --over; drop its own value")
     return Grid(case, tuple(full), starts, seed, rank_by)
 
 

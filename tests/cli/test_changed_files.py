@@ -35,7 +35,7 @@ ESTIMATE = ["estimate", "mine.py", "-p", "N=3", "-n", "400", "--estimators", "fo
             "--sweep", "m=1:2:3", *QUICK]  # fmt: skip
 SWEEP = ["sweep", "mine.py", "-p", "N=3", "--contact", "exact", "--over", "m=1:2:3", "--quiet"]
 SOLVE = ["solve", "mine.py", "-p", "N=3", "--contact", "exact", "--quiet"]
-ANEW = "the problem's file, or what it imports, has changed since this was begun: it starts anew"
+ANEW = "the problem's file, or what it imports, has changed since the first run: starting again"
 Write = Callable[[int], None]
 
 
@@ -127,7 +127,7 @@ def test_two_of_the_same_at_once_leave_each_other_alone(
 
         patched.setattr(interrupt, "check", check)
         assert main(first) == 0
-    assert "another process does the same just now" in capsys.readouterr().out
+    assert "another process runs the same computation" in capsys.readouterr().out
     one, other = [entry.meta for entry in store.list_runs("runs")]
     assert one is not None and other is not None
     assert json.dumps(one["estimates"]) == json.dumps(other["estimates"])

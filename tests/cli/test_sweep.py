@@ -124,7 +124,7 @@ def _hash(told: dict[str, Any]) -> str:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["sweep", "push-1d"], "a sweep needs something to go over; say --over NAME=A:B:n"),
+        (["sweep", "push-1d"], "a sweep needs a parameter; give --over NAME=A:B:n"),
         (["sweep", "push-1d", "--over", "M"], "expected NAME=A:B:n"),
         (["sweep", "push-1d", "--over", "Mass=1:2:2"], "no parameter 'Mass'"),
         (["sweep", "push-1d", "--over", "M=1:2:2", "-p", "M=3"], "drop its own value"),

@@ -70,8 +70,8 @@ def test_two_at_once_have_places_of_their_own(tmp_path: Path) -> None:
         with second:
             assert second.rows(0) is None
             assert second.notes == [
-                "another process does the same just now: this one works beside it, and ends with"
-                " the same numbers"
+                "another process runs the same computation; this one runs independently and"
+                " gives the same numbers"
             ]
             second.save_rows(0, [{"of": "second"}])
             second.discard()
@@ -136,7 +136,7 @@ def test_another_content_starts_anew_and_says_so(
         assert after.rows(0) is None
         (note,) = after.notes
         assert ("file, or what it imports, has changed" in note) == (changed == "source")
-        assert "it starts anew; what was done before is in" in note
+        assert "starting again; earlier results are in" in note
         assert ".unfinished-" in note
     # Other words are another study, of which nothing is said.
     with Checkpoint(tmp_path, "toy", {"samples": 11}, source) as other:

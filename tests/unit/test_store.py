@@ -184,7 +184,7 @@ def test_damage_is_named(tmp_path: Path, file: str, harm, reason: str) -> None:
 def test_an_unreadable_netcdf_with_the_right_checksum_is_damaged(tmp_path: Path) -> None:
     path = store.save(solution(), tmp_path, []).path
     reseal(path, having(), solution=b"not netCDF")
-    with pytest.raises(DamagedRun, match="no readable netCDF"):
+    with pytest.raises(DamagedRun, match="not a readable netCDF"):
         store.load(path)
 
 

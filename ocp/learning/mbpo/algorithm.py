@@ -93,8 +93,8 @@ class MBPO:
         """Raise :class:`~ocp.errors.InputError` where settings do not fit."""
         if experiment.hidden is None:
             raise InputError(
-                f"mbpo learns a policy that observes, and {experiment.task.name} was asked for one"
-                " input for all steps; give it hidden layers"
+                f"mbpo learns a policy that observes, and {experiment.task.name} has one constant"
+                " input here; give it hidden layers"
             )
         if experiment.start is not None:
             raise InputError(

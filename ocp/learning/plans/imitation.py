@@ -42,8 +42,8 @@ def demonstrations(
         x, u = (plan.data[name].values for name in ("x", "u"))
         if not (np.isfinite(x).all() and np.isfinite(u).all()):
             raise InputError(
-                f"plan {number}, of {plan.problem.name}, has states or inputs that are no numbers;"
-                " leave it out"
+                f"plan {number}, of {plan.problem.name}, has non-finite states or inputs; leave it"
+                " out"
             )
         states.append(x[:, :-1].reshape(-1, x.shape[2]))
         inputs.append(np.broadcast_to(u, (len(x), *u.shape[1:])).reshape(-1, u.shape[2]))

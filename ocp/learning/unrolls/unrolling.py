@@ -150,8 +150,8 @@ def check_rewards(
 def non_finite_reward(experiment: Experiment, step: int, where: str) -> str:
     """That a reward is not a number, and where."""
     return (
-        f"{experiment.task.name}: the reward of step {step} of {where} is not a number, though the"
-        " states are; mend the reward, or end the episode before"
+        f"{experiment.task.name}: the reward of step {step} of {where} is NaN or infinite at"
+        " finite states; correct the reward or end the episode earlier"
     )
 
 

@@ -50,7 +50,7 @@ def test_what_does_not_read_is_told(text: str, sentence: str) -> None:
 
 
 def test_grids_that_cannot_be() -> None:
-    with pytest.raises(InputError, match="needs something to go over; say --over NAME=A:B:n"):
+    with pytest.raises(InputError, match="needs a parameter; give --over NAME=A:B:n"):
         axes([])
     with pytest.raises(InputError, match="M is given twice"):
         axes(["M=1:2:3", "M=1:2:4"])
@@ -81,7 +81,7 @@ def test_names_are_those_of_the_problem_the_law_the_settings_and_the_policy() ->
     [
         ("mss", r"no parameter 'mss'.*push-1d and the barrier law have M, K, .*contact.mu"),
         ("contact.sigma", r"no parameter 'contact.sigma'"),
-        ("setting.strategy", "setting.strategy takes words, and a sweep goes over numbers"),
+        ("setting.strategy", "setting.strategy is not a number; a sweep needs numbers"),
     ],
 )
 def test_names_that_there_are_not(name: str, sentence: str) -> None:
@@ -91,7 +91,7 @@ def test_names_that_there_are_not(name: str, sentence: str) -> None:
 
 
 def test_a_value_of_its_own_and_a_name_in_two_ways_exclude_each_other() -> None:
-    with pytest.raises(InputError, match="M goes over what --over says; drop its own value"):
+    with pytest.raises(InputError, match="M is swept by --over; drop its own value"):
         make_grid(Case("push-1d", {"M": 1.0}), axes(["M=1:2:2"]))
     with pytest.raises(InputError, match=r"contact\.mu is given twice"):
         make_grid(Case("push-1d"), axes(["mu=1:2:2", "contact.mu=1:2:3"]))

@@ -151,5 +151,5 @@ def test_what_a_sweep_cannot_take_is_told() -> None:
         sweep(get("push-1d"), {"M": [1.0, 2.0]})
     with pytest.raises(InputError, match="no argument 'm'"):
         sweep("push-1d", {"M": [1.0, 2.0]}, m=2.0)
-    with pytest.raises(InputError, match="M goes over what --over says"):
+    with pytest.raises(InputError, match="M is swept by --over"):
         sweep("push-1d", {"M": [1.0, 2.0]}, M=2.0)
