@@ -34,8 +34,10 @@ test: lint
 test-cpus: setup
 	$(BIN)/python -m tests.cpus $(CPU)
 
+# The studies that take minutes, and properties on all of their examples, where make test takes 25.
 test-slow: setup
 	$(BIN)/pytest -m slow
+	EXAMPLES=all $(BIN)/pytest tests/property
 
 # Kills, full disks, flipped bits, crowds, broken files, and nonsense against the whole program, in
 # less than twenty minutes; ATTACK_SEED=7 draws others. `make promises` writes the site's table of it.

@@ -4,5 +4,10 @@ from __future__ import annotations
 
 from hypothesis import settings
 
-settings.register_profile("repeatable", deadline=None, derandomize=True, database=None)
+from tests.examples import AT_MOST, EVERY
+
+settings.register_profile(
+    "repeatable", max_examples=100 if EVERY else AT_MOST,
+    deadline=None, derandomize=True, database=None,
+)  # fmt: skip
 settings.load_profile("repeatable")

@@ -5,11 +5,12 @@ from __future__ import annotations
 from itertools import combinations, product
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dynamics.contact.lcp import lcp_solver
 from dynamics.systems import is_p_matrix
+from tests.examples import settings
 from tests.property.p_matrices import KINDS, p_matrix, problems
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from dynamics.contact.randomized import standard_normal_nodes
 from dynamics.systems import ContactSystem, lcs
+from tests.examples import settings
 
 SAMPLED = ("sobol", "monte-carlo")
 

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
@@ -18,6 +18,7 @@ from dynamics.systems.contacts import Shape
 from ocp import Problem, Scaling, Solution, solve
 from problems.scenes import Body, Box, Capsule, Disc, HalfPlane, Obstacle, Pusher, Scene
 from problems.scenes.things import Thing
+from tests.examples import settings
 
 NOTHING = ParameterTable()
 LAWS = [Exact(), Barrier(mu=1e-4), Adaptive(sigma=0.02), Randomized(sigma=0.02)]

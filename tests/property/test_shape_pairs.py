@@ -8,11 +8,12 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from dynamics.systems.contacts import Box, Capsule, Contact, Disc, HalfPlane, Pose, Shape
+from tests.examples import settings
 
 
 class Solid(NamedTuple):

@@ -8,7 +8,7 @@ from itertools import product
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import erfcx
@@ -19,6 +19,7 @@ from dynamics.contact.adaptive import gaussian_mu
 from dynamics.contact.interior_point import scalar_solution
 from dynamics.contact.lcp import lcp_solver
 from dynamics.systems import Parameter, ParameterTable, lcs
+from tests.examples import settings
 from tests.property.p_matrices import p_matrix
 
 exponents = st.floats(-6, 0)

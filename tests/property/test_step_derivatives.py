@@ -7,13 +7,14 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import problems
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized, Step
 from dynamics.systems import ContactSystem, lcs
 from problems import get
+from tests.examples import settings
 from tests.property.p_matrices import p_matrix
 
 

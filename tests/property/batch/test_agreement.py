@@ -7,12 +7,13 @@ import functools
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, affine, open_loop
 from dynamics.contact import Barrier
+from tests.examples import settings
 from tests.unit.batch.backends import FAST
 from tests.unit.batch.rollout_cases import closed, four_contacts, reference, wall
 

@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dynamics.batch import Gaussian
@@ -14,6 +14,7 @@ from dynamics.contact import Barrier
 from ocp.gradients.rollout_objective import RolloutObjective
 from ocp.policy import Feedback
 from problems import get, names
+from tests.examples import settings
 
 HORIZON, SAMPLES = 3, 4
 # Their kernels take a compiler a good part of a minute.

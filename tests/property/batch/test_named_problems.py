@@ -7,12 +7,13 @@ import functools
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import Adaptive, Barrier, Exact
 from problems import get, names
+from tests.examples import settings
 from tests.unit.batch.backends import FAST
 
 HORIZON = 4

@@ -8,7 +8,7 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive
@@ -16,6 +16,7 @@ from ocp.policy import OpenLoop
 from ocp.programs.program import REFORMULATIONS
 from ocp.session import Session
 from problems import get
+from tests.examples import settings
 from tests.unit.ocp.cases import (
     CASES,
     METHODS,

@@ -7,13 +7,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import Gains, Problem, roll_out
 from ocp.rollout import trajectory_costs
 from problems import get
+from tests.examples import settings
 
 seeds = given(seed=st.integers(0, 2**32 - 1))
 some = settings(max_examples=20, deadline=None)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
@@ -21,6 +21,7 @@ from ocp.solution import Solution
 from ocp.solve import solve
 from problems import get, spec
 from problems.parameters import is_structural, unit_of
+from tests.examples import settings
 
 OTHER = (Units(1e3, 1.0, 1.0), Units(1.0, 1e-3, 1.0), Units(1.0, 1.0, 60.0, 1e-9),
          Units(1e-3, 1e2, 1e-3, 1e7))  # fmt: skip

@@ -1,0 +1,16 @@
+"""How many examples a property is tested on: 25 at most by default, all with EXAMPLES=all."""
+
+from __future__ import annotations
+
+import os
+
+import hypothesis
+
+EVERY = os.environ.get("EXAMPLES") == "all"
+AT_MOST = 25
+
+
+def settings(max_examples: int, **others: object) -> hypothesis.settings:
+    """Hypothesis' settings with ``max_examples`` under EXAMPLES=all, else with few of them."""
+    count = max_examples if EVERY else min(max_examples, AT_MOST)
+    return hypothesis.settings(max_examples=count, **others)  # pyright: ignore[reportArgumentType]
