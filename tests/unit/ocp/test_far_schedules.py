@@ -92,8 +92,8 @@ def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(
 
     if not solved:
         monkeypatch.setattr(Branches, "solve", failing)
-    for solved in (one for one in ended if one.ok):
-        best = branches.improve(solved)
+    for one in (branch for branch in ended if branch.ok):
+        best = branches.improve(one)
         outcome = RouteResult(best, branches.program, True, branches.follower.trace)
         certificate = judged(session, outcome, 0).certificate
         if certificate.stationarity == "not":
