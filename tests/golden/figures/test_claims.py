@@ -16,7 +16,7 @@ from problems import studies
 from problems.studies.start_without_contact.claims import open_loop
 from problems.studies.start_without_contact.data import LAWS, PROBLEMS
 from problems.studies.study import WITHIN_NOISE, Claim, largest, over, verdict
-from tests.golden.figures.verdicts import SLOW, SMALL, VERDICTS
+from tests.golden.figures.verdicts import SLOW, SMALL, VERDICTS, small
 
 FILES = sorted(Path(problems.studies.__path__[0]).rglob("*.py"))
 BUILTINS = {"bool", "np", "abs", "all", "any", "min", "max", "float", "int"}
@@ -61,7 +61,8 @@ def marked(identifier: str) -> object:
 def verdicts(identifier: str, **changed: float) -> dict[str, bool]:
     """Verdicts of a study's claims that are not within noise."""
     study = studies.get(identifier)
-    found = study.claims(study.data({**SMALL[identifier], **changed}))
+    data = study.data({**SMALL[identifier], **changed}) if changed else small(identifier)
+    found = study.claims(data)
     assert all(isinstance(claim.holds, bool | np.bool_) for claim in found)
     assert all(claim.source and claim.expected and claim.measured for claim in found)
     assert [claim.claim for claim in found] == list(VERDICTS[identifier])
@@ -166,7 +167,7 @@ def test_the_static_check_sees_typed_verdicts() -> None:
 @pytest.mark.parametrize("identifier", [name for name in SMALL if name not in {*SLOW, "T1"}])
 def test_nothing_holds_where_nothing_was_measured(identifier: str) -> None:
     study = studies.get(identifier)
-    data = study.data(SMALL[identifier])
+    data = small(identifier)
     blank = data.map(lambda v: v * np.nan if v.dtype.kind in "fiu" else v, keep_attrs=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -176,14 +177,14 @@ def test_nothing_holds_where_nothing_was_measured(identifier: str) -> None:
 
 def test_once_typed_verdicts_follow_the_data() -> None:
     heaviside = studies.get("P2")
-    data = heaviside.data(SMALL["P2"])
+    data = small("P2")
     broken = data.assign(fobg_mean=data["fobg_mean"] + 1, delta=0 * data["delta"])
     found = by_name(heaviside.claims(broken))
     assert found["The law of large numbers does not hold for the first order"].holds
     assert found["E delta(theta + w) = 0"].holds
 
     coulomb = studies.get("P3")
-    data = coulomb.data(SMALL["P3"])
+    data = small("P3")
     c = 1 / (np.sqrt(2 * np.pi) * data.attrs["sigma"])
     found = by_name(coulomb.claims(data.assign(half_gradient=0 * data["half_gradient"] + c)))
     assert found["At theta = nu/2 the gradient is c = 1/(sqrt(2 pi) sigma)"].holds

@@ -14,12 +14,12 @@ from problems import studies
 from problems.studies.study import CHOICE, CODE, PAPER, did_hold
 from reports.figures.studies import DRAWINGS
 from reports.style import styled, to_svg
-from tests.golden.figures.verdicts import SLOW, SMALL
+from tests.golden.figures.verdicts import SLOW, SMALL, small
 
 
 @pytest.mark.parametrize("identifier", [name for name in SMALL if name not in SLOW])
 def test_data_carry_units_and_are_drawn(identifier: str) -> None:
-    found = studies.get(identifier).data(SMALL[identifier])
+    found = small(identifier)
     for name, variable in found.variables.items():
         assert variable.dtype.kind not in "fiu" or variable.attrs["units"], name
     with styled():

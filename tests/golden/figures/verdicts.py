@@ -5,6 +5,12 @@ One that does not hold has its reason in what it measures: the errata of the pap
 
 from __future__ import annotations
 
+import functools
+
+import xarray as xr
+
+from problems import studies
+
 SMALL: dict[str, dict[str, float]] = {
     "N0": {},
     "N1": {},
@@ -316,3 +322,9 @@ VERDICTS: dict[str, dict[str, bool]] = {
         "It is O(H^4 (sqrt(2) L_f L_pi)^4H)": True,
     },
 }
+
+
+@functools.cache
+def small(identifier: str) -> xr.Dataset:
+    """Data of a study at the smallest sizes; no test changes them."""
+    return studies.get(identifier).data(SMALL[identifier])
