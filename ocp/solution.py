@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -260,12 +261,13 @@ class Solution:
     def save(self, root: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
         """Store it as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.
 
-        ``root`` is ``$OCP_RUNS``, else ``runs``, where none is said; ``tags`` mark the run.
+        ``root`` is by default ``$OCP_RUNS``, else ``runs``; ``tags`` mark the run.
 
         Raises :class:`~ocp.errors.InputError` where ``root`` cannot be written, and for a tag that
         is no word.
         """
-        return load_plugin("reports").save(self, root, tags)
+        # By name, since the store is built on solutions.
+        return import_module("ocp.store.lookup").save_solution(self, root, tags)
 
     @property
     def success(self) -> bool:

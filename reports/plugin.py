@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import sys
-from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,14 +24,8 @@ def main() -> int:
     return main()
 
 
-def save(solution: Solution, root: Path | str | None, tags: Sequence[str]) -> Path:
-    """Store the run; its record names the script that called."""
-    place = store.default_root() if root is None else root
-    return store.save(solution, place, ["python", Path(sys.argv[0]).name], tags).path
-
-
 def report(solution: Solution, path: Path) -> Path:
-    """Write the PDF of a run that need not be stored."""
+    """Write the PDF of a solution, stored or not."""
     from reports.pdf import write_pdf
 
     write_pdf([store.in_memory_run(solution)], path, own=_own(solution))
@@ -41,7 +33,7 @@ def report(solution: Solution, path: Path) -> Path:
 
 
 def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
-    """Write the motion, plan beside replay."""
+    """Write the motion of plan and replay."""
     from reports.motion.animation import Animation
     from reports.motion.movie import check_format, write
     from reports.style import styled
@@ -53,7 +45,7 @@ def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
 
 
 def plot(solution: Solution) -> Figure:
-    """Draw what ``ocp solve --plot`` writes: the strobe above states, inputs and forces."""
+    """The figure of ``ocp solve --plot``: the strobe above states, inputs and forces."""
     from reports.papers.solution import solution_figure
     from reports.style import literal, styled
 
@@ -62,7 +54,7 @@ def plot(solution: Solution) -> Figure:
 
 
 def html(solution: Solution) -> str:
-    """Verdict beside a bar in its grade's colour, picture and numbers, in one piece offline."""
+    """Verdict with a bar in the colour of its grade, picture and numbers, as one HTML fragment."""
     from reports.figures.motion import trajectories
     from reports.strobe import strobe
     from reports.style import GRADES, literal, styled, to_svg
@@ -106,7 +98,7 @@ def _view(solution: Solution) -> RunView:
 
 
 def _own(solution: Solution) -> ProblemSpec | None:
-    """The problem in the file that this process was given, if it was one."""
+    """The problem of a user's file, if this process loaded one."""
     from problems.registry import load
 
     source = solution.problem.source
