@@ -96,5 +96,5 @@ def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) 
             return typst.compile(str(root / template), root=folder, ignore_system_fonts=True)
         except typst.TypstError as error:
             raise InputError(
-                f"typst cannot compile the report: {error}; check the problem's equations"
+                f"the report does not compile: {error}; check the problem's typst equations"
             ) from error

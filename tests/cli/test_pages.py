@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from ocp import store
-from reports import pages
+from reports.pages.comparison import comparison_page
+from reports.pages.continuation import continuation_page
+from reports.pages.solve import solve_page
 from reports.style import styled
 from reports.view import RunView
 
@@ -26,23 +28,23 @@ def house_style():
 
 
 def test_page_one_names_law_method_and_policy(views) -> None:
-    how = dict(pages.solve_page(views["solve push-disc barrier"])[0]["how"])
+    how = dict(solve_page(views["solve push-disc barrier"])[0]["how"])
     assert how == {"law": "barrier (μ = 0.001)", "method": "direct", "policy": "feedback",
                    "solver": "ipopt", "steps": "20", "scenarios": "3"}  # fmt: skip
-    how = dict(pages.solve_page(views["solve push-1d exact"])[0]["how"])
+    how = dict(solve_page(views["solve push-1d exact"])[0]["how"])
     assert (how["law"], how["policy"]) == ("exact", "open-loop")
 
 
 def test_the_exact_law_is_shown_over_time_and_a_smoothed_one_on_its_path(views) -> None:
-    _, exact = pages.solve_page(views["solve push-1d exact"])
-    _, smoothed = pages.solve_page(views["solve push-1d adaptive"])
+    _, exact = solve_page(views["solve push-1d exact"])
+    _, smoothed = solve_page(views["solve push-1d adaptive"])
     assert "intervals-01" in exact and "contact" not in exact
     assert "contact" in smoothed and "intervals-01" not in smoothed
 
 
 def test_table_and_pictures_have_one_unit(views) -> None:
     view = views["solve push-1d exact"]
-    content, drawn = pages.solve_page(view)
+    content, drawn = solve_page(view)
     lam = view.array("lam")
     assert lam is not None
     assert content["peak"] == "peak [N s]"
@@ -53,7 +55,7 @@ def test_table_and_pictures_have_one_unit(views) -> None:
 
 def test_a_comparison_tells_what_differs(views) -> None:
     runs = [views["solve push-1d exact"], views["solve push-1d adaptive"]]
-    content, drawn = pages.comparison_page(runs)
+    content, drawn = comparison_page(runs)
     assert content["labels"] == ["exact, direct", "adaptive, multiple-shooting"]
     assert content["grades"] == [view.run.meta["grade"] for view in runs]
     assert ["policy", "open-loop"] in content["how"]
@@ -68,7 +70,7 @@ def test_a_comparison_tells_what_differs(views) -> None:
 
 def test_a_comparison_has_forces_and_differences(views) -> None:
     runs = [views["solve push-1d exact"], views["solve push-1d adaptive"]]
-    _, drawn = pages.comparison_page(runs)
+    _, drawn = comparison_page(runs)
     figures = [figure for name, figure in sorted(drawn.items()) if name.startswith("motion-")]
     axes = [axis for figure in figures for axis in figure.axes]
     above = {axis.get_title("left"): axis for axis in axes if axis.get_title("left")}
@@ -84,7 +86,7 @@ def test_a_comparison_has_forces_and_differences(views) -> None:
 
 def test_a_path_shows_its_motions(views) -> None:
     view = views["continue wall-1d barrier"]
-    content, drawn = pages.continuation_page(view)
+    content, drawn = continuation_page(view)
     count = len(view.run.meta["points"])
     titles = [
         axis.get_title("left") for name, figure in sorted(drawn.items())
@@ -105,7 +107,7 @@ def test_a_path_shows_its_motions(views) -> None:
 def test_the_swept_parameter_is_no_constant_and_is_that_of_each_point(views, monkeypatch) -> None:
     view = views["continue wall-1d barrier"]
     monkeypatch.setitem(view.run.meta, "over", "m")
-    content, _ = pages.continuation_page(view)
+    content, _ = continuation_page(view)
     names = [row[0] for row in content["parameters"]]
     assert "m" not in names and "h" in names
     values = view.run.data["value"].values
@@ -117,10 +119,10 @@ def test_floors_are_not_drawn_as_data(views, monkeypatch) -> None:
     points = view.run.meta["points"]
     small = [{**point, "complementarity": 1e-15} for point in points]
     monkeypatch.setitem(view.run.meta, "points", [points[0], *small[1:]])
-    content, drawn = pages.continuation_page(view)
+    content, drawn = continuation_page(view)
     _, middle, _ = drawn["path"].axes
     assert len(middle.lines[0].get_xdata()) == 1
     assert f"{len(points) - 1} of {len(points)} points" in content["floor"]
     monkeypatch.setitem(view.run.meta, "points", small)
-    content, drawn = pages.continuation_page(view)
+    content, drawn = continuation_page(view)
     assert len(drawn["path"].axes) == 2 and "every point" in content["floor"]

@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 from ocp import store
 from ocp.errors import InputError
 from problems import names, spec
-from reports import pages
 from reports.console import shown_stages
 from reports.figures import law
 from reports.notation import full_citation
+from reports.pages.continuation import continuation_page
+from reports.pages.solve import solve_page
 from reports.pdf import render, write_pdf
 from reports.style import styled, to_svg
 from reports.view import RunView
@@ -92,7 +93,7 @@ def test_a_pdf_that_cannot_be_written_leaves_nothing(views, tmp_path: Path) -> N
 def test_the_page_says_what_the_run_says(views) -> None:
     view = views["solve wall-1d barrier"]
     with styled():
-        content, drawn = pages.solve_page(view)
+        content, drawn = solve_page(view)
     assert content["verdict"] == view.run.meta["verdict"]
     assert content["grade"] == "survives"
     assert len(content["stages"]) == len(shown_stages(view.run.stages))
@@ -109,14 +110,14 @@ def test_the_page_says_what_the_run_says(views) -> None:
 
 def test_the_exact_law_lies_at_the_end_of_the_path(views) -> None:
     with styled():
-        content, _ = pages.solve_page(views["solve push-1d exact"])
+        content, _ = solve_page(views["solve push-1d exact"])
     assert "μ = 0" in content["law"]["place"]
 
 
 def test_feedback_has_its_gains_and_all_scenarios(views) -> None:
     view = views["solve push-disc barrier"]
     with styled():
-        _, drawn = pages.solve_page(view)
+        _, drawn = solve_page(view)
     ox = next(axis for axis in drawn["motion-01"].axes if axis.get_title("left") == "ox [m]")
     planned_and_replayed = [line for line in ox.lines if len(line.get_xdata()) > 2]
     assert len(planned_and_replayed) == 2 * 3
@@ -132,7 +133,7 @@ def test_feedback_has_its_gains_and_all_scenarios(views) -> None:
 def test_every_axis_has_a_unit(views, name: str) -> None:
     view = views[name]
     with styled():
-        _, drawn = pages.solve_page(view)
+        _, drawn = solve_page(view)
     assert view.spec is not None
     picture = drawn.get("strobe", drawn.get("strobes-01"))
     assert picture is not None
@@ -163,7 +164,7 @@ def test_the_contact_plane_draws_the_central_path_and_the_points(views) -> None:
 def test_the_continuation_page(views) -> None:
     view = views["continue wall-1d barrier"]
     with styled():
-        content, drawn = pages.continuation_page(view)
+        content, drawn = continuation_page(view)
     assert len(content["points"]) == len(view.run.meta["points"])
     assert content["over"] == "μ [N s m]" and content["how"][0][0] == "μ"
     assert ["law", "barrier"] in content["how"], "mu is no constant of the path"
@@ -187,7 +188,7 @@ def test_events_are_marked_and_listed_on_the_continuation_page(
     ]
     monkeypatch.setitem(view.run.meta, "events", events)
     with styled():
-        content, drawn = pages.continuation_page(view)
+        content, drawn = continuation_page(view)
     assert [row[:5] for row in content["events"]] == [
         ["1", "0.002", "contact", "wall touches", "3"], ["2", "0.005", "fold", "turns", ""]
     ]  # fmt: skip

@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import pytest
 
 from ocp import store
-from reports import pages
 from reports.cli.output import Output
+from reports.pages.solve import solve_page
 from reports.style import styled
 from reports.view import RunView
 
@@ -233,7 +233,7 @@ def test_the_pages_bar_has_the_grade_of_the_run(ocp) -> None:
     ):  # fmt: skip
         found = ocp("solve", *arguments, *QUIET).json
         with styled():
-            content, _ = pages.solve_page(RunView.of(store.load(Path(found["run"]))))
+            content, _ = solve_page(RunView.of(store.load(Path(found["run"]))))
         assert content["grade"] == found["grade"]
         assert content["verdict"] == found["verdict"]
         grades[found["grade"]] = content["verdict"].partition("\n")[0]

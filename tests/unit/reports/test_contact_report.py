@@ -17,10 +17,11 @@ from ocp import solve, store
 from ocp.judges.audit import Audit
 from ocp.physics.contact_report import ContactSummary
 from problems import spec
-from reports import console, pages
+from reports import console
 from reports.cli.solve_command import document
 from reports.figures.contacts import friction_rows
 from reports.figures.panels import draw_rows
+from reports.pages.solve import solve_page
 from reports.style import ORANGE, SKY, styled
 from reports.view import RunView
 
@@ -113,7 +114,7 @@ def test_shading_covers_the_steps_that_slip_and_those_that_stick(run) -> None:
 
 def test_page_has_the_contact_that_acts(run) -> None:
     with styled():
-        content, figures = pages.solve_page(run[1])
+        content, figures = solve_page(run[1])
     (row,) = content["contacts"]
     assert row[0] == "push" and row[1] == "20" and row[2] == "0-19"
     assert "friction-01" in figures

@@ -26,7 +26,7 @@ def test_frames_play_in_real_time() -> None:
 
 
 def test_too_many_frames_are_refused_before_any_is_drawn() -> None:
-    with pytest.raises(InputError, match=r"25000 frames, expected at most 1500; raise --speed"):
+    with pytest.raises(InputError, match=r"25000 frames, at most 1500 are allowed; raise --speed"):
         frame_times(1.0, 25, 0.001)
 
 
@@ -52,7 +52,7 @@ def test_titles_and_the_clock_say_what_is_seen() -> None:
 def test_a_replay_that_is_the_same_is_not_shown_twice() -> None:
     x = np.linspace(0, 0.5, N + 1)
     (motion,) = Animation(sliding_box(NORMAL, NORMAL, x=x, x_replay=x + 1e-9), fps=10).motions
-    assert "replay under the exact law is the same (states within 1e-09)" in motion.title
+    assert "replay under the exact law agrees (states within 1e-09)" in motion.title
 
 
 def test_a_replay_that_runs_away_is_known_as_far_as_it_is_finite() -> None:

@@ -94,7 +94,7 @@ def test_an_encoder_that_fails_is_told_in_one_sentence(tmp_path: Path, monkeypat
     broken.write_text("#!/bin/sh\necho first >&2\necho 'Unknown encoder h264' >&2\nexit 1\n")
     broken.chmod(0o755)
     monkeypatch.setenv("PATH", str(broken.parent), prepend=os.pathsep)
-    with pytest.raises(InputError, match="could not make the film: Unknown encoder h264; install"):
+    with pytest.raises(InputError, match="ffmpeg failed: Unknown encoder h264; install"):
         write(Animation(VIEW, fps=50), tmp_path / "box.mp4")
     assert [path.name for path in tmp_path.iterdir()] == ["bin"]
 
