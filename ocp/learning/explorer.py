@@ -74,7 +74,7 @@ Policy = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
+class EpisodeSteps:
     """One step of n episodes: the transitions, their ``reward`` (n,), and three marks (n,).
 
     ``ended`` where the task says so at the next state, ``solved`` where there is one, ``touched``
@@ -130,14 +130,14 @@ class Explorer:
         """Rewards (n,) of steps."""
         return self._reward(x, u, x_next, self.p)[:, 0]
 
-    def step(self, x: np.ndarray, u: np.ndarray) -> Steps:
+    def step(self, x: np.ndarray, u: np.ndarray) -> EpisodeSteps:
         """Go one step from states (n, nx) under inputs (n, nu)."""
         steps = self._step(x, u, self._step_p)
         if self._count is not None:
             self._count(len(x))
         solved = np.asarray(np.isfinite(steps.x_next).all(axis=1))
         x_next = np.where(solved[:, None], steps.x_next, x)
-        return Steps(
+        return EpisodeSteps(
             x, u, steps.x_next, np.where(solved, self.rewards(x, u, x_next), np.nan),
             solved & self.ended(x_next), solved,
             solved & self._touching(x_next),
@@ -150,7 +150,7 @@ class Explorer:
         return np.asarray(self._distance(x, self.p)[:, 0] <= TOUCHED)
 
     def advance(
-        self, seen: Steps, age: np.ndarray, rng: np.random.Generator
+        self, seen: EpisodeSteps, age: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """States and ages that the next step starts from, some of them first ones."""
         age = age + 1
@@ -178,7 +178,7 @@ def random_transitions(
     x, age = explorer.first(EPISODES, rng)
     largest = np.full(sizes[2], 1e-6)
     gains, width = np.zeros(sizes), np.zeros((EPISODES, 1))
-    parts: list[Steps] = []
+    parts: list[EpisodeSteps] = []
     while sum(int(part.solved.sum()) for part in parts) < n:
         new = age == 0
         gains = np.where(new[:, None, None], rng.standard_normal(sizes), gains)

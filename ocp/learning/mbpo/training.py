@@ -83,7 +83,7 @@ class Walk(NamedTuple):
     gained: np.ndarray
 
 
-class Normalisation(NamedTuple):
+class ObservationScales(NamedTuple):
     """Of observations, and of increments of states, both from the explored steps."""
 
     seen: Normaliser
@@ -144,7 +144,7 @@ class MBPOTrainer:
         own = self.own
         learner: Learner = tree_of("learner", state, self.first_learner)
         agent: Agent = tree_of("agent", state, self.first_agent)
-        scales = Normalisation(Normaliser.of(state), state["moved"])
+        scales = ObservationScales(Normaliser.of(state), state["moved"])
         walk = Walk(*(state[f"walk.{name}"] for name in Walk._fields))
         walk, more, finished = self._walked(agent, scales, walk, k)
         seen = _of("seen", state).with_newest(more, own.capacity)
@@ -169,7 +169,7 @@ class MBPOTrainer:
         }, row  # fmt: skip
 
     def _walked(
-        self, agent: Agent, scales: Normalisation, walk: Walk, k: int
+        self, agent: Agent, scales: ObservationScales, walk: Walk, k: int
     ) -> tuple[Walk, Buffer, list[float]]:
         """Episodes carried on, their transitions, and the returns of those that finished."""
         rng, parts, finished = self.experiment.rng(k, "actions"), [], []
@@ -185,7 +185,7 @@ class MBPOTrainer:
         return walk, Buffer(*columns), finished
 
     def _inputs(
-        self, agent: Agent, scales: Normalisation, rng: np.random.Generator, x: np.ndarray
+        self, agent: Agent, scales: ObservationScales, rng: np.random.Generator, x: np.ndarray
     ) -> np.ndarray:
         """Inputs (n, nu) of the policy with its noise."""
         o = self._normalised(scales, x)
@@ -194,7 +194,7 @@ class MBPOTrainer:
         half = (task.upper - task.lower) / 2
         return (task.upper + task.lower) / 2 + half * np.asarray(t, dtype=float)
 
-    def _normalised(self, scales: Normalisation, x: np.ndarray) -> np.ndarray:
+    def _normalised(self, scales: ObservationScales, x: np.ndarray) -> np.ndarray:
         found = (self.explorer.observations(x) - scales.seen.mean) / scales.seen.scale
         return found.astype(np.float32)
 
@@ -204,7 +204,7 @@ class MBPOTrainer:
         return ((u - middle) / half).astype(np.float32)
 
     def _fitted(
-        self, learner: Learner, scales: Normalisation, seen: Buffer, k: int
+        self, learner: Learner, scales: ObservationScales, seen: Buffer, k: int
     ) -> tuple[Learner, np.ndarray]:
         """The ensemble after more steps, and its members' errors on rows held out."""
         own, rng = self.own, self.experiment.rng(k, "model")
@@ -220,7 +220,7 @@ class MBPOTrainer:
         return learner, np.asarray(member_errors(learner.ensemble, z, y, known))
 
     def _branched(
-        self, learner: Learner, elites: np.ndarray, agent: Agent, scales: Normalisation,
+        self, learner: Learner, elites: np.ndarray, agent: Agent, scales: ObservationScales,
         seen: Buffer, length: int, k: int,
     ) -> Buffer:  # fmt: skip
         """Branches of the ensemble from states seen, each step by an elite drawn for each row."""
@@ -240,7 +240,7 @@ class MBPOTrainer:
         return branch_rollouts(self.explorer, starts, length, choose, predict)
 
     def _improved(
-        self, agent: Agent, scales: Normalisation, seen: Buffer, model: Buffer, k: int
+        self, agent: Agent, scales: ObservationScales, seen: Buffer, model: Buffer, k: int
     ) -> tuple[Agent, Row]:
         """The actor-critic after updates on steps seen and of the model."""
         own, rng = self.own, self.experiment.rng(k, "updates")
@@ -261,7 +261,7 @@ class MBPOTrainer:
         row = {name: float(np.mean(values)) for name, values in told.items()}
         return agent, {**row, "alpha": float(np.exp(agent.networks.log_alpha))}
 
-    def _batch(self, scales: Normalisation, buffer: Buffer, size: int) -> Batch:
+    def _batch(self, scales: ObservationScales, buffer: Buffer, size: int) -> Batch:
         """All of a buffer as the actor-critic reads it, filled up to ``size`` rows."""
         explorer, normalised = self.explorer, partial(self._normalised, scales)
         rewards = explorer.rewards(buffer.x, buffer.u, buffer.x_next)

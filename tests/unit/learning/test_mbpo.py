@@ -96,13 +96,13 @@ def test_the_policy_is_the_experiment_s_own_with_observations_scaled_by_what_was
 
 
 def test_critics_are_told_cut_rewards_and_where_the_task_ends():
-    from ocp.learning.mbpo.training import MBPOTrainer, Normalisation
+    from ocp.learning.mbpo.training import MBPOTrainer, ObservationScales
 
     room = MBPOTrainer(replace(SMALL, cut=0.05), experiment())
     x, u = np.array([[0.2, 0.5], [0.1, 0.0], [0.29, 3.0]]), np.array([[1.0], [0.0], [6.0]])
     seen = Buffer(x, u, following(x, u, M, K, D))
     found = room._batch(
-        Normalisation(Normaliser(2.0, np.ones(2), np.full(2, 8.0)), np.ones(2)), seen, 5
+        ObservationScales(Normaliser(2.0, np.ones(2), np.full(2, 8.0)), np.ones(2)), seen, 5
     )
     rewards = -(seen.x_next[:, 0] ** 2) - 0.1 * u[:, 0] ** 2
     assert (rewards < -0.05).tolist() == [True, False, True]
