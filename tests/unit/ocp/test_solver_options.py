@@ -46,7 +46,10 @@ def test_every_option_of_ipopt_is_known_with_its_type() -> None:
     assert IPOPT["max_iter"].kind == "integer" and IPOPT["linear_solver"].words[7] == "mumps"
 
 
-@pytest.mark.parametrize("name", ENDS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(x, marks=() if x in ENDS else pytest.mark.slow) for x in NUMBERS],
+)
 def test_ipopt_takes_the_numbers_that_are_said_to_be_taken(name: str, capfd) -> None:
     option = IPOPT[name]
     for value in values(option):
