@@ -140,7 +140,7 @@ def status_of(
     outcome: RouteResult, found: Audit, kept: bool, certificate: Certificate, cost: float,
     idle: float, span: float,
 ) -> Status:  # fmt: skip
-    """Turn audit, certificate and, where these find no answer, the solver's word into a status."""
+    """Combine audit, certificate and, where these find no answer, the solver's status."""
     result = outcome.result
     if result.status is Status.INTERRUPTED:
         return result.status
@@ -152,8 +152,8 @@ def status_of(
     # And where standing still breaks constraints that the plan keeps, the plan is better.
     own = found.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
     blind = found.active_steps == 0 and found.task_gradient < _FLAT and own
-    wants = certificate.slope > CONTENT * span
-    if blind or (wants and cost >= idle - _IDLE * abs(idle)):
+    sloped = certificate.slope > CONTENT * span
+    if blind or (sloped and cost >= idle - _IDLE * abs(idle)):
         return Status.NO_PROGRESS
     if certificate.certified:
         return Status.SOLVED
@@ -163,7 +163,7 @@ def status_of(
 
 
 def record(session: Session, seed: int) -> dict[str, Any]:
-    """Everything that tells how an answer came about, ready for JSON."""
+    """Everything that determines an answer, ready for JSON."""
     problem, policy = session.problem, session.policy
     learned = session.law if isinstance(session.law, LearnedLaw) else None
     return {
@@ -199,17 +199,17 @@ FEASIBLE = 1e-6
 
 @contextmanager
 def keeping(session: Session, seed: int, progress: Progress | None) -> Iterator[Progress]:
-    """Give what a solve of the session is to tell its stages to.
+    """Yield the callback that a solve of the session calls after each stage.
 
-    Where Ctrl-C ends the solve inside, raises :class:`~ocp.solution.Interrupted` with the best
+    If Ctrl-C ends the solve, raises :class:`~ocp.solution.Interrupted` with the best
     point of it, judged, its status :attr:`~ocp.programs.status.Status.INTERRUPTED`; before a solver
     has run at all, there is none, and KeyboardInterrupt is raised as it came.
     """
     kept = _Kept(session, progress)
-    session.solver.heard = kept.ended
+    session.solver.heard = kept.add_end
     try:
         with interruptible():
-            yield kept.told
+            yield kept.add_stage
     except KeyboardInterrupt as stop:
         session.solver.heard = None
         if not kept.ends:
@@ -228,14 +228,14 @@ class _Kept:
     records: list[StageRecord] = field(default_factory=list)
     ends: list[tuple[Program, Result]] = field(default_factory=list)
 
-    def told(self, stage: StageRecord) -> None:
-        """Hear of a stage, and pass it on."""
+    def add_stage(self, stage: StageRecord) -> None:
+        """Record a stage, and pass it on."""
         self.records.append(stage)
         if self.progress is not None:
             self.progress(stage)
 
-    def ended(self, program: Program, result: Result) -> None:
-        """Hear where a run of the solver ended."""
+    def add_end(self, program: Program, result: Result) -> None:
+        """Record where a run of the solver ended."""
         self.ends.append((program, result))
 
     def solution(self, seed: int) -> Solution:
@@ -255,7 +255,7 @@ class _Kept:
         return judged(self.session, RouteResult(found, nlp, False, trace), seed)
 
     def _best(self, nlp: Program, p: np.ndarray) -> Point:
-        """The cheapest point that keeps the constraints of what was asked, or that keeps most."""
+        """The cheapest feasible point, or else the least infeasible one."""
         bounds, natural = nlp.bounds(self.session.values), nlp.natural
         found = []
         for program, result in self.ends:
@@ -272,6 +272,6 @@ class _Kept:
 
 
 def _beyond(value: np.ndarray, low: np.ndarray, high: np.ndarray, size: np.ndarray) -> float:
-    """Most that a value is out of its bounds, in natural units; infinite for no number."""
+    """Largest violation of bounds, in natural units; infinite for NaN."""
     off = np.maximum(np.maximum(low - value, value - high), 0.0) / size
     return float(np.nan_to_num(off, nan=np.inf, posinf=np.inf).max(initial=0.0))

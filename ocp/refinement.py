@@ -1,4 +1,4 @@
-"""Whether the step size shows in an answer: plan again at half of it until it does not."""
+"""Halve the step size and plan again until the answer no longer depends on it."""
 
 from __future__ import annotations
 
@@ -107,5 +107,5 @@ def refined(first: Solution, again: Callable[[dict[str, Any], Solution], Solutio
         levels.append(Level.of(finer))
         iterations += finer.iterations
         found = finer if finer.success else found
-    told = {"levels": [asdict(level) for level in levels], "stopped": stopped}
-    return replace(found, iterations=iterations, record={**found.record, "refined": told})
+    history = {"levels": [asdict(level) for level in levels], "stopped": stopped}
+    return replace(found, iterations=iterations, record={**found.record, "refined": history})

@@ -75,10 +75,10 @@ class Unsolved:
         )
 
 
-def at_steps(function: ca.Function, *along: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
+def at_steps(function: ca.Function, *arrays: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
     """Evaluate ``function(*columns, p)`` at every scenario and step of arrays (S, N, .)."""
-    S, N = along[0].shape[:2]
-    columns = [ca.DM(part.reshape(S * N, part.shape[2]).T) for part in along]
+    S, N = arrays[0].shape[:2]
+    columns = [ca.DM(part.reshape(S * N, part.shape[2]).T) for part in arrays]
     found = function.map(S * N).call([*columns, ca.DM(p)])
     return [np.array(value).T.reshape(S, N, value.shape[0]) for value in found]
 
@@ -162,8 +162,8 @@ def step_values(
 
     Without ``own`` the law's parameters are its settings, whatever ``values`` holds.
     """
-    known = values if own else {k: v for k, v in values.items() if k in problem.parameters}
-    return step.p.pack(known)
+    chosen = values if own else {k: v for k, v in values.items() if k in problem.parameters}
+    return step.p.pack(chosen)
 
 
 def _ahead(

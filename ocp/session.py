@@ -1,4 +1,4 @@
-"""A problem under a law, a method and a policy, built once and solved as often as wanted."""
+"""A problem under a law, a method and a policy, built once and solved many times."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class Session:
 
     @property
     def from_afar(self) -> bool:
-        """Whether a solve follows a smoothing, which feels contact where the guess has none."""
+        """Whether a solve follows a smoothing, which has contact forces without contact."""
         if self.complementary:
             return not isinstance(STRATEGIES[self.strategy], L1Penalty | L1ThenScholtes)
         return self.homotopy is not False and (self.step.exact or self.schedule() is not None)

@@ -119,16 +119,16 @@ def _labelled(problem: Problem, plan: xr.Dataset, rolled: Rollout, law: ContactL
         key: {"units": found[0] if len(set(found)) == 1 else f"see {key}_unit"}
         for key, found in units.items()
     }
-    along = ("scenario", "interval")
+    steps = ("scenario", "interval")
     coords = {
         **{key: [signal.name for signal in found] for key, found in entries.items()},
         **{name: plan[name] for name in ("time", "time_interval")},
     }
     data = {
         "x": (("scenario", "node", "state"), rolled.x, one["state"]),
-        "u": ((*along, "control"), rolled.u, one["control"]),
-        "lam": ((*along, "contact"), lam, one["contact"]),
-        "gap": ((*along, "contact"), gap, {"units": system.gap_unit}),
+        "u": ((*steps, "control"), rolled.u, one["control"]),
+        "lam": ((*steps, "contact"), lam, one["contact"]),
+        "gap": ((*steps, "contact"), gap, {"units": system.gap_unit}),
         "cost": ("scenario", rolled.costs, {"units": "1"}),
         **{f"{key}_unit": (key, found, {"units": "1"}) for key, found in units.items()},
     }
@@ -158,7 +158,7 @@ class StageRecord:
 class Solution:
     """A solved (or not) problem.
 
-    ``certificate`` says whether the point is stationary for the problem that was asked,
+    ``certificate`` says whether the point is stationary for the problem as posed,
     ``referee`` what the sharpest contact makes of it,
     ``idle_cost`` what standing still would cost under the same law
     (:func:`~ocp.judges.audit.idle_cost`).
@@ -280,11 +280,11 @@ class Solution:
         return verdict(self)
 
     def __repr__(self) -> str:
-        asked = self.record
-        given = asked["law_parameters"].items()
+        request = self.record
+        given = request["law_parameters"].items()
         parameters = "".join(f" {name.removeprefix(LAW_PREFIX)}={v:g}" for name, v in given)
-        law = f"{asked['contact']}{parameters}"
-        how = f"{asked['problem']}, {law}, {asked['method']}, {asked['policy']}"
+        law = f"{request['contact']}{parameters}"
+        how = f"{request['problem']}, {law}, {request['method']}, {request['policy']}"
         return f"<Solution of {how}: {headline(self)}>"
 
     def _repr_html_(self) -> str:

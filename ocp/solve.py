@@ -115,8 +115,8 @@ def refine_from(
     def again(turned: dict[str, Any], start: Solution) -> Solution:
         compiled = StageCompiler() if session.compiled else None
         finer = replace(session, problem=build(session.problem, turned), compiled=compiled)
-        known = {**session.values, **turned}
-        finer.values |= {name: v for name, v in known.items() if name in finer.values}
+        values = {**session.values, **turned}
+        finer.values |= {name: v for name, v in values.items() if name in finer.values}
         return solve_from(finer, start, seed, progress)
 
     return refined(found, again)
@@ -138,8 +138,8 @@ def solve_from(
 
     Raises :class:`~ocp.solution.Interrupted` with the best point, where Ctrl-C ends it.
     """
-    with keeping(session, seed, progress) as told:
-        outcome, resumed = from_solution(session, start, told)
+    with keeping(session, seed, progress) as watch:
+        outcome, resumed = from_solution(session, start, watch)
         found = judged(session, outcome, seed)
     origin = start.record.get("hash", "a solution in memory")
     return replace(found, record={**found.record, "from": origin, "resumed": resumed})
@@ -255,8 +255,8 @@ def solve_session(
                 if number >= starts and not (session.from_afar and _stands_still(solutions[-1])):
                     break
                 first = keeping(session, seed, progress)
-                with nullcontext(progress) if solutions else first as told:
-                    outcome = session.solve(progress=told, guess=guess, number=number)
+                with nullcontext(progress) if solutions else first as watch:
+                    outcome = session.solve(progress=watch, guess=guess, number=number)
                     solutions.append(judged(session, outcome, seed))
     except KeyboardInterrupt as stop:
         if not solutions:

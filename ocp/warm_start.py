@@ -103,7 +103,9 @@ class _Mesh:
         starts = self.new - self.new[0]
         return np.full(len(self.new), False) if self.same else starts > self.old[-1] * (1 - 1e-9)
 
-    def along(self, values: np.ndarray, axis: int, first: np.ndarray | None = None) -> np.ndarray:
+    def interpolate(
+        self, values: np.ndarray, axis: int, first: np.ndarray | None = None
+    ) -> np.ndarray:
         """Interpolate along an axis of intervals, ``first`` at time 0; hold beyond the ends."""
         if self.same or values.shape[axis] == 1:
             return values
@@ -233,9 +235,9 @@ class _Carrier:
         """States at the ends of intervals (S, N, nx) and inputs (S, N, nu)."""
         mesh, problem, old = self.mesh, self.problem, self.data["x"].values
         before = np.array(problem.limits(self.physical)[1]).ravel() if problem.uses_du else None
-        x = mesh.along(old[:, 1:], 1, old[:, 0].mean(axis=0)).copy()
+        x = mesh.interpolate(old[:, 1:], 1, old[:, 0].mean(axis=0)).copy()
         x[..., self.free_steps] *= mesh.ratio
-        u = mesh.along(self.data["u"].values, 1, before) * self._sizes(problem.system.inputs)
+        u = mesh.interpolate(self.data["u"].values, 1, before) * self._sizes(problem.system.inputs)
         return self._scenarios(x), self._scenarios(u)
 
     def variables(self, nlp: NLP) -> dict[str, np.ndarray]:
@@ -260,7 +262,7 @@ class _Carrier:
         steps = nlp.variables["K"].shape[0]
         if "K" not in self.data:
             return {"k": u.mean(axis=0)[:steps]}
-        found = {name: self.mesh.along(self.data[name].values, 0) for name in ("K", "k")}
+        found = {name: self.mesh.interpolate(self.data[name].values, 0) for name in ("K", "k")}
         return found if steps > 1 else {n: v.mean(axis=0, keepdims=True) for n, v in found.items()}
 
     def _contacts(self, x: np.ndarray, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
@@ -271,11 +273,12 @@ class _Carrier:
         names = [contact.name for contact in step.contacts]
         if [str(value) for value in self.data["contact"].values] == names:
             carried = [
-                self._scenarios(self.mesh.along(self.data[key].values, 1)) for key in ("lam", "gap")
+                self._scenarios(self.mesh.interpolate(self.data[key].values, 1))
+                for key in ("lam", "gap")
             ]
-            known = ~self.mesh.beyond[None, :, None]
-            lam = np.where(known, carried[0] * self._sizes(step.contacts), lam)
-            gap = np.where(known, carried[1], gap)
+            covered = ~self.mesh.beyond[None, :, None]
+            lam = np.where(covered, carried[0] * self._sizes(step.contacts), lam)
+            gap = np.where(covered, carried[1], gap)
         if step.exact:
             return lam, gap
         _, _, mu = at_steps(step.relation, ahead, u, x, lam, p=p)
@@ -316,7 +319,7 @@ class _Carrier:
 
     def _moved(self, name: str, old: np.ndarray, rows: int) -> np.ndarray:
         gains = name in ("K", "k")
-        moved = old if name in _ONCE else self.mesh.along(old, 0 if gains else 1)
+        moved = old if name in _ONCE else self.mesh.interpolate(old, 0 if gains else 1)
         if not gains and len(old) != rows:
             # The cost is a mean over scenarios, so each multiplier is its scenario's share.
             share = moved.sum(axis=0, keepdims=True) / rows

@@ -1,4 +1,4 @@
-"""A solution followed along a parameter, with what happens on the way."""
+"""Follow a solution along a parameter, and locate events."""
 
 from ocp.continuation.walk import Continuation, CurvePoint, continue_over, curve_dataset, resolve
 

@@ -1,4 +1,4 @@
-"""What happens on the way of a continuation."""
+"""Events of a continuation: changes of contact, bounds, folds, switches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KINDS = {
     "fold": ("fold", "folds"),
     "switch": ("switch", "switches"),
 }
-"""What events are called, one and many."""
+"""Names of events, singular and plural."""
 PAIRS = ("contact", "degenerate")
 """Kinds of events at which pairs change."""
 _LISTED = 3
@@ -22,12 +22,13 @@ _LISTED = 3
 
 @dataclass(frozen=True)
 class Event:
-    """What happens on the way at ``value``.
+    """One event of a continuation at ``value``.
 
     ``kind`` is "contact" (strict complementarity is lost at one pair), "degenerate" (at several at
-    once, which are not listed: rounding says which of them comes first), "bound" (at another end),
+    once, which are not listed: their order is within rounding), "bound" (at another end),
     "fold" (the reduced KKT matrix is singular, the path turns) or "switch" (another stationary
-    point is cheaper, or this one ends). ``contact`` and ``steps`` say where, ``change`` what.
+    point is cheaper, or this one ends). ``contact`` and ``steps`` say where,
+    ``change`` what.
     """
 
     kind: str
@@ -38,14 +39,14 @@ class Event:
     steps: tuple[int, ...] = ()
 
     def describe(self, parameter: str) -> str:
-        """The event in words."""
+        """Describe the event in half a sentence."""
         steps = "-".join(dict.fromkeys(f"{step}" for step in (*self.steps[:1], *self.steps[-1:])))
         who = f"{self.contact!r} " if self.contact else ""
         where = f" at step{'s' if len(self.steps) > 1 else ''} {steps}" if steps else ""
         return f"{who}{self.change}{where} ({parameter} = {self.value:.6g})"
 
     def row(self) -> dict[str, Any]:
-        """The event as JSON tells it."""
+        """The event as JSON."""
         return {**vars(self), "steps": list(self.steps)}
 
 

@@ -1,4 +1,4 @@
-"""Follow a solution along a parameter, and know where its contacts change."""
+"""Follow a solution along a parameter, and locate where its contacts change."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ocp.session import Session
 from ocp.solution import Solution
 
 SMALLEST = 1e-3
-"""The step along the curve is never smaller than this fraction of the asked one."""
+"""The step along the curve is never smaller than this fraction of the requested one."""
 _EASY = 15
 _SCALES = {"linear": (float, float), "log": (math.exp, math.log)}
 _SMALL = 1 / 16
@@ -41,7 +41,7 @@ class CurvePoint:
         return [name for name, cost in costs.items() if not math.isfinite(cost)]
 
     def row(self) -> dict[str, Any]:
-        """The point as JSON tells it."""
+        """The point as JSON."""
         found = self.solution
         return {
             "value": self.value,
@@ -83,8 +83,8 @@ def resolve(session: Session, over: str) -> str:
             f" them; solve at each, from the last, with ocp solve {session.problem.name} -p"
             f" {name}=... --from @last, or all of them with ocp sweep"
         )
-    known = {one.removeprefix(LAW_PREFIX): one for one in names} | {one: one for one in names}
-    return choose("parameter", name, known)
+    choices = {one.removeprefix(LAW_PREFIX): one for one in names} | {one: one for one in names}
+    return choose("parameter", name, choices)
 
 
 def continue_over(
@@ -104,10 +104,10 @@ def continue_over(
     changes on the way the place is located to 1e-6 of the range, and the curve goes on with the
     changed set. Where the curve cannot be followed folds are stepped round by pseudo-arclength;
     where there is none, or the curve does not come round, the solver starts at the last answer
-    with its multipliers, and a step that fails is halved, down to a thousandth of the asked one.
+    with its multipliers, and a step that fails is halved, down to a thousandth of its first size.
     Where that finds another curve, or a linear program with complementarity constraints leads to a
-    cheaper point, the curve goes on there: a switch. Where nothing succeeds the curve is said to
-    break, with the reason, and the points so far are kept.
+    cheaper point, the curve continues there: a switch. Where nothing succeeds the curve breaks:
+    the reason is recorded, and the points so far are kept.
 
     Raises :class:`~ocp.errors.InputError` for an unknown parameter or scale, fewer than one step,
     equal or non-finite ends, a log scale through zero, or an end at which there is no such law or
@@ -130,13 +130,13 @@ class _Walk:
     tracker: Tracker
     followed: Continuation
     scales: tuple[Callable[[float], float], Callable[[float], float]]
-    asked: tuple[float, float, int]
+    request: tuple[float, float, int]
     seed: int
     progress: Callable[[CurvePoint], None] | None
 
     def all(self) -> Continuation:
         """Walk to the end, or to where the curve breaks."""
-        session, followed, (start, end, steps) = self.session, self.followed, self.asked
+        session, followed, (start, end, steps) = self.session, self.followed, self.request
         first = self._solve(start)
         if self._add(first, start):
             self.tracker.begin(first)
@@ -149,28 +149,28 @@ class _Walk:
         followed.events = joined(followed.events, None if self.tracker.log else abs(end - start))
         return followed
 
-    def _walk(self, asked: float) -> None:
-        step = asked
+    def _walk(self, full: float) -> None:
+        step = full
         while self.at < 1 - 1e-12 and self.followed.broke is None:
-            whole = math.floor(self.at / asked + 1e-9) + 1
-            value = self._value(whole * asked if step == asked else self.at + step)
+            whole = math.floor(self.at / full + 1e-9) + 1
+            value = self._value(whole * full if step == full else self.at + step)
             tracker = self.tracker
             if self._tracked(value) or (
                 tracker.stuck and self._solved(self._beyond(tracker.value))
             ):
-                step = min(asked, 2 * step)
+                step = min(full, 2 * step)
                 continue
-            small = step <= _SMALL * asked
+            small = step <= _SMALL * full
             if self._turned(value) or self._solved(value, small):
                 easy = self.outcome.trace.iterations <= _EASY
-                step = min(asked, 2 * step) if easy else step
+                step = min(full, 2 * step) if easy else step
                 continue
             step /= 2
-            if step < SMALLEST * asked:
+            if step < SMALLEST * full:
                 self._break(value)
 
     def _value(self, share: float) -> float:
-        (start, end, _), (to_value, to_scale) = self.asked, self.scales
+        (start, end, _), (to_value, to_scale) = self.request, self.scales
         if share >= 1 - 1e-12:
             return end
         return to_value(to_scale(start) + share * (to_scale(end) - to_scale(start)))
@@ -193,7 +193,7 @@ class _Walk:
         self.followed.iterations += solution.iterations
         self.followed.points.append(point)
         if good:
-            first, at, last = (self.scales[1](v) for v in (self.asked[0], value, self.asked[1]))
+            first, at, last = (self.scales[1](v) for v in (self.request[0], value, self.request[1]))
             self.outcome, self.at = outcome, (at - first) / (last - first)
             if self.progress is not None:
                 self.progress(point)
@@ -224,7 +224,7 @@ class _Walk:
         """Let the solver find a point at a value, from where the tracker stands.
 
         One that is not near the tangent, or has pairs, counts only after a ``small`` step. A jump
-        is told as a switch, as is any where the curve has ``ended``.
+        is recorded as a switch, as is any point where the curve has ``ended``.
         """
         tracker, curve = self.tracker, self.tracker.curve
         if curve is not None and curve.own.size and not small:
@@ -237,9 +237,9 @@ class _Walk:
         self.followed.events += tracker.events
         if jumped or ended:
             self.followed.events.append(Event("switch", value, tried.result.f, "the curve ends"))
-        known = jumped or ended or any(e.kind in PAIRS for e in tracker.events)
+        explained = jumped or ended or any(e.kind in PAIRS for e in tracker.events)
         tracker.begin(tried)
-        if curve is not None and not known:
+        if curve is not None and not explained:
             self.followed.events += tracker.changed(curve, tried)
         return True
 
@@ -252,7 +252,7 @@ class _Walk:
 
     def _turned(self, value: float) -> bool:
         """Step round folds; every stop on the way is a point."""
-        tracker, followed, (start, end, _) = self.tracker, self.followed, self.asked
+        tracker, followed, (start, end, _) = self.tracker, self.followed, self.request
         if tracker.curve is None or tracker.kinked:
             return False
         before = tracker.events
@@ -271,8 +271,8 @@ class _Walk:
         return True
 
     def _beyond(self, value: float) -> float:
-        """A value just beyond an event's, at most the last one asked."""
-        start, end, _ = self.asked
+        """A value just beyond an event's, at most the last one requested."""
+        start, end, _ = self.request
         reach = math.copysign(value, end - start) if self.tracker.log else end - start
         beyond = value + 0.5 * LOCATED * reach
         return end if (beyond - end) * (end - start) > 0 else beyond

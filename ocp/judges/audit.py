@@ -1,4 +1,4 @@
-"""Recompute everything a solver claims, and replay the plan under the exact law."""
+"""Recompute the residuals that a solver reports, and replay the plan under the exact law."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TOLERANCES = {
 """What ``success`` demands; complementarity only of the exact law."""
 _ACTIVE = 1e-7
 CONTENT = 1e-4
-"""Share of the cost's span below which its gradient wants nothing: standing still is the answer."""
+"""Share of the cost's span below which its gradient is flat: standing still is optimal."""
 STILL = 0.05
 """Share of the states' characteristic size that an input may move in a horizon and yet hold."""
 
@@ -48,7 +48,7 @@ class Audit:
     friction normal) [N s] and ``dissipation_residual`` [J], what friction misses of the most it
     could take. Where energy is known: ``energy_gain`` [J] the largest rise in one step beyond the
     work done, contact's and the integrator's, ``dissipated`` [J] what contact took in all,
-    ``momentum_residual`` [N s]. ``contacts`` tells of each contact when it acts, how hard, and how
+    ``momentum_residual`` [N s]. ``contacts`` summarises when each contact acts, how hard, and how
     far it slides. ``replay_failed`` names the step at which the replay ended, "" where it did not;
     ``replay_broken`` the constraints that it breaks by what can be seen, the worst of every kind.
     """
@@ -257,10 +257,9 @@ def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
 def idle_cost(problem: Problem, step: Step, values: dict[str, float], plan: Rollout) -> float:
     """Cost of standing still where the plan starts: the lower one of two ways to do so.
 
-    Either the input before the first is held, and the law makes of it what it makes. Or the states
-    stay, where one of the plan's inputs can hold them and the cost wants them elsewhere; the
-    holding itself is not counted. NaN where neither can be, or where it breaks constraints that
-    the plan keeps.
+    Either the input before the first is held, under the law. Or the states stay, where one of the
+    plan's inputs can hold them and the cost has a slope in them; the holding itself costs nothing.
+    NaN where neither is possible, or violates constraints that the plan satisfies.
     """
     given = problem, step, values, plan
     return float(np.fmin(_held_cost(*given), _still_cost(*given)))
@@ -285,8 +284,8 @@ def _still_cost(problem: Problem, step: Step, values: dict[str, float], plan: Ro
         return float("nan")
     costs = trajectory_costs(problem, x, u, physical)
     still = replace(plan, x=x, u=u, costs=costs)
-    wanted = max(_state_slope(problem, x[s, 0], physical) for s in range(S))
-    if wanted <= CONTENT * cost_span(problem, still, physical):
+    slope = max(_state_slope(problem, x[s, 0], physical) for s in range(S))
+    if slope <= CONTENT * cost_span(problem, still, physical):
         return float("nan")
     return float("nan") if broken_constraints(problem, x, u, physical) else still.cost
 

@@ -29,7 +29,7 @@ class TrajectoryEvaluator:
     def __call__(self, *expressions: ca.SX) -> list[np.ndarray]:
         """Evaluate the expressions at every scenario and step."""
         outputs = [ca.densify(expression) for expression in expressions]
-        function = ca.Function("along", self.symbols, outputs)
+        function = ca.Function("evaluate", self.symbols, outputs)
         return at_steps(function, *self.values, p=self.physical)
 
 

@@ -99,10 +99,10 @@ class Branches:
                 break
             self.solved[active.tobytes()] = found
             best, point = found, found.point
-            wanted = self._other_side(found, active)
-            if not wanted.any():
+            changing = self._other_side(found, active)
+            if not changing.any():
                 break
-            active = active ^ wanted
+            active = active ^ changing
         return best
 
     def propose(self, start: Point) -> Result | None:
@@ -163,7 +163,7 @@ class Branches:
         return best
 
     def _at_rest(self, model: LinearModel, best: Result, radius: float) -> bool:
-        """Whether the multipliers alone tell that there is no descent, by weak duality."""
+        """Whether the multipliers alone exclude descent, by weak duality."""
         multipliers = best.point.lam_g
         if multipliers is None:
             return False

@@ -109,7 +109,7 @@ SMALL_ITERATIONS = 128
 SMALL_PAIRS = 128
 """Pairs up to which several ways are followed where the first was hard to follow."""
 _SMOOTH, _ROUGH = 6, 48
-"""Plans rolled out around each known one, after a path that was easy to follow or was not."""
+"""Plans rolled out around each plan so far, after an easy path and after a hard one."""
 _PERTURBED = 8
 """Guesses that are rolled out where that led to nothing better."""
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)

@@ -1,4 +1,4 @@
-"""Follow a path of NLPs to its end: warm starts, step-back, and a table people can read."""
+"""Follow a path of NLPs to its end: warm starts, step-back, and a table of stages."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ class HomotopyStage:
 
 @dataclass(frozen=True)
 class HomotopyPath:
-    """Values of a parameter, from easy to wanted, and the stage at each one.
+    """Values of a parameter, from easy to the target, and the stage at each one.
 
-    ``complete`` tells early that the aim is reached. A path whose last stage must succeed is
+    ``complete`` may end the path early. A path whose last stage must succeed is
     ``strict``; one that only prepares the next is not.
     """
 
@@ -79,9 +79,9 @@ class HomotopyPath:
 
 @dataclass
 class Trace:
-    """What following paths has left behind: the last good point and the table.
+    """The table of stages, the points of accepted ones, and the work.
 
-    ``refused`` says why the last exchange of contacts that promised descent was not made.
+    ``refused`` is the reason why the last proposed exchange of contacts was rejected.
     """
 
     records: list[StageRecord] = field(default_factory=list)
@@ -120,7 +120,7 @@ class Homotopy:
     """Follows paths on the NLPs that ``nlp_of(reformulation)`` gives, with one solver.
 
     A stage that fails is retried at the geometric mean of the last good value and its own, up to
-    four times before a value of the path itself succeeds; what cannot be reached is said by
+    four times before a value of the path itself succeeds; a value that cannot be reached gives
     ``finished = False``.
     """
 
@@ -185,7 +185,7 @@ class Homotopy:
 
     def record(self, label: str, value: float, nlp: Program, result: Result, p: np.ndarray,
                bounds: dict[str, np.ndarray]) -> None:  # fmt: skip
-        """Add a line to the table and tell whoever watches."""
+        """Add a line to the table and call ``progress``."""
         g = result.g
         off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
         line = StageRecord(

@@ -135,7 +135,7 @@ class RolloutPolish:
             (second, branch.result) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
         )
 
-    def along(self, follower: Homotopy, path: HomotopyPath, start: Point) -> RouteResult:
+    def follow(self, follower: Homotopy, path: HomotopyPath, start: Point) -> RouteResult:
         """Follow a path, solve the branches of its points, and improve the cheapest.
 
         Near a wide stage another branch may be cheaper than near the last one. The path ends where

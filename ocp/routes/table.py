@@ -208,7 +208,7 @@ class ExactShooting(Route):
             first = barrier.first_point(barrier.nlp_of("product"), start.guess)
             within = Homotopy(barrier.nlp_of, barrier.solver, barrier.values, follower.progress,
                               follower.trace)  # fmt: skip
-            yield polisher.along(within, barrier.path()[1], first)
+            yield polisher.follow(within, barrier.path()[1], first)
 
     def invert(
         self, session: Session, found: RouteResult, plan: Rollout, gains: Gains | None

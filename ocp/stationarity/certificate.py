@@ -93,7 +93,7 @@ class Certificate:
 
     @property
     def certified(self) -> bool:
-        """Whether the point is stationary for the problem that was asked."""
+        """Whether the point is stationary for the problem as posed."""
         return self.stationarity in ("B", "KKT")
 
     @property
@@ -198,7 +198,7 @@ def _search(
 ) -> tuple[Stationarity, bool, Descent]:
     """Look for descent in shrinking regions; ``B`` as soon as there is none in one of them.
 
-    The flag tells strong stationarity: not even both members of near pairs may grow.
+    The flag marks strong stationarity: not even both members of near pairs may grow.
     """
     found = Descent(0.0)
     for y in _candidates(model, multipliers):

@@ -84,8 +84,8 @@ class KKTCurve:
         self.iterations = 0
 
     @property
-    def along(self) -> np.ndarray:
-        """One unit of the parameter, and nothing of all else."""
+    def parameter_direction(self) -> np.ndarray:
+        """Unit vector of the parameter."""
         return np.eye(1, self.start.size, self.start.size - 1).ravel()
 
     def given(self, tau: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -138,7 +138,7 @@ class KKTCurve:
 
         (x, y), (p, _) = self.point(v), self.given(v[-1])
         H, A = self._second(x, y, p)
-        step = _DIFFERENCE * self.along
+        step = _DIFFERENCE * self.parameter_direction
         last = (self.equations(v + step) - self.equations(v - step)) / (2 * _DIFFERENCE)
         square = sp.bmat([[H, A.T], [A, sp.csr_matrix((self.ng, self.ng))]])
         return sp.csc_matrix(sp.hstack([square, last[:, None]]))
@@ -176,7 +176,9 @@ class KKTCurve:
 
     def tangent(self, v: np.ndarray, border: np.ndarray | None = None) -> np.ndarray:
         """Direction of the curve with ``border' t = 1``; by default one unit of the parameter."""
-        return self.solve(v, self.along if border is None else border, self.along)
+        return self.solve(
+            v, self.parameter_direction if border is None else border, self.parameter_direction
+        )
 
     def newton(self, v: np.ndarray, border: np.ndarray, target: float) -> np.ndarray | None:
         """Come to the curve where ``border' v = target``; None where that does not converge."""
@@ -201,7 +203,7 @@ class KKTCurve:
         ahead = (tau - v[-1]) * self.tangent(v)
         if not np.all(np.isfinite(ahead)):
             return None
-        found = self.newton(v + ahead, self.along, tau)
+        found = self.newton(v + ahead, self.parameter_direction, tau)
         if found is None:
             return None
         off = np.abs(found - v - ahead)[: self.nx].max(initial=0.0)
@@ -261,7 +263,7 @@ def regular(
     if y is None:
         y = fit_multipliers(linear_model(program, point.x, p, bounds))
     curve = KKTCurve(program, values, name, unit, point, y)
-    v = curve.newton(curve.start, curve.along, curve.start[-1])
+    v = curve.newton(curve.start, curve.parameter_direction, curve.start[-1])
     if v is None:
         raise InputError(
             f"no derivative by {name}: with the active set held the optimality conditions are not"

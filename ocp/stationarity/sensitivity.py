@@ -94,7 +94,7 @@ def _check_regular(program: NLP, curve: KKTCurve, v: np.ndarray) -> None:
     right = np.random.default_rng(0).standard_normal(v.size)
     right[-1] = 0.0
     for _ in range(2):
-        right = curve.solve(v, curve.along, right)
+        right = curve.solve(v, curve.parameter_direction, right)
         right /= np.linalg.norm(right)
     small = np.abs(curve.matrix(v) @ right).max() < _SINGULAR
     moved = np.zeros_like(right)
@@ -118,7 +118,7 @@ def _trajectories(program: NLP, curve: KKTCurve, v: np.ndarray) -> tuple[np.ndar
 def _cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
     """Partial derivative of the Lagrangian by the parameter, bounds that are held with it."""
     _, y = curve.point(v)
-    step, ends = _DIFFERENCE / 10 * curve.along, []
+    step, ends = _DIFFERENCE / 10 * curve.parameter_direction, []
     for sign in (1, -1):
         (x, _), (p, bounds) = curve.point(v + sign * step), curve.given(v[-1] + sign * step[-1])
         f, g = curve.program.values(x, p)
