@@ -33,8 +33,7 @@ from ocp.routes.relaxations import (
 )
 from ocp.routes.table import Start, route_for
 from ocp.transcription import Direct, Method
-from ocp.transcription.compiled import StageCompiler
-from ocp.transcription.nlp import NLP
+from ocp.transcription.nlp import NLP, StageCompiler
 
 _LOG = logging.getLogger(__name__)
 

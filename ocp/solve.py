@@ -25,7 +25,7 @@ from ocp.routes.homotopy import GAIN, RouteResult
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
-from ocp.transcription.compiled import StageCompiler
+from ocp.transcription.nlp import StageCompiler
 from ocp.warm_start import carried_guess, carry
 
 Rank = Literal["planned", "exact", "referee"]

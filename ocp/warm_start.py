@@ -16,7 +16,7 @@ from dynamics.contact import Step
 from dynamics.systems import Signal
 from ocp.errors import InputError
 from ocp.problem import Problem
-from ocp.programs.layout import Layout
+from ocp.programs.program import Layout
 from ocp.programs.solver import Point
 from ocp.rollout import at_steps
 from ocp.solution import Solution

@@ -1,5 +1,6 @@
 """Many samples at once: CasADi graphs over arrays, compiled where there is a compiler."""
 
+from dynamics.batch.arguments import BatchWarning, NonFinite
 from dynamics.batch.engines.compiler import CompilerError
 from dynamics.batch.episodes import EpisodeFunction, EpisodeMoments, Episodes
 from dynamics.batch.export import TabulatedPolicy, exported, identifier
@@ -15,7 +16,6 @@ from dynamics.batch.graphs.policy import (
 )
 from dynamics.batch.graphs.tape import UnsupportedOperation
 from dynamics.batch.moments import Moments
-from dynamics.batch.nonfinite import BatchWarning, NonFinite
 from dynamics.batch.random import Gaussian
 from dynamics.batch.rollout import RolloutFunction, RolloutMoments, Rollouts
 from dynamics.batch.stepping import StepFunction, Steps

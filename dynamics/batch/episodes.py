@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.batch.arguments import BLOCK, as_rows
+from dynamics.batch.arguments import BLOCK, NonFinite, as_rows
 from dynamics.batch.engines.rollout_engines import Call, Results
 from dynamics.batch.graphs.objective import Episode
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.moments import Moments
-from dynamics.batch.nonfinite import NonFinite
 from dynamics.batch.random import Gaussian
 from dynamics.batch.rolling import Rolling
 from dynamics.contact import Step

@@ -12,11 +12,14 @@ import numpy as np
 
 from dynamics.batch.arguments import (
     BLOCK,
+    BatchWarning,
+    NonFinite,
     as_output,
     as_rows,
     bind,
     checked_block,
     common_length,
+    non_finite_rows,
 )
 from dynamics.batch.engines.c_flat import c_engine
 from dynamics.batch.engines.casadi_kernel import CasadiEngine
@@ -24,7 +27,6 @@ from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.numpy_kernel import NumpyEngine
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.graphs.tape import Tape, UnsupportedOperation, tape_of
-from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
 
 LONGEST = 40_000
 """Operations beyond which `auto` interprets: compilers take minutes over longer programs."""

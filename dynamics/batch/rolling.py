@@ -8,7 +8,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from dynamics.batch.arguments import as_doubles, as_rows, checked_block
+from dynamics.batch.arguments import (
+    BatchWarning,
+    NonFinite,
+    as_doubles,
+    as_rows,
+    checked_block,
+    non_finite_rows,
+)
 from dynamics.batch.engines.casadi_kernel import CasadiKernel
 from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.numpy_kernel import NumpyKernel
@@ -20,13 +27,12 @@ from dynamics.batch.engines.rollout_engines import (
     RolloutEngine,
     c_rollout_engine,
 )
-from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.objective import Objective
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.graphs.rollout_tapes import build_tapes, parameters_of
+from dynamics.batch.graphs.step_graphs import Asked
 from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
 from dynamics.batch.moments import Moments, merge_chunks
-from dynamics.batch.nonfinite import BatchWarning, NonFinite, non_finite_rows
 from dynamics.batch.random import Gaussian
 from dynamics.contact import Step
 

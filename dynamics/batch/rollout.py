@@ -8,12 +8,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.arguments import BLOCK, as_output, as_rows, common_length
+from dynamics.batch.arguments import BLOCK, NonFinite, as_output, as_rows, common_length
 from dynamics.batch.engines.rollout_engines import Results
 from dynamics.batch.graphs.objective import Costs
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.moments import Moments
-from dynamics.batch.nonfinite import NonFinite
 from dynamics.batch.random import Gaussian
 from dynamics.batch.rolling import Rolling
 from dynamics.contact import Step

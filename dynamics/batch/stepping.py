@@ -8,7 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.batch.arguments import BLOCK, as_rows, checked_block, common_length
+from dynamics.batch.arguments import (
+    BLOCK,
+    NonFinite,
+    as_rows,
+    checked_block,
+    common_length,
+    non_finite_rows,
+)
 from dynamics.batch.engines.casadi_kernel import CasadiKernel
 from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.numpy_kernel import NumpyKernel
@@ -19,7 +26,6 @@ from dynamics.batch.graphs.objective import free_of_cost
 from dynamics.batch.graphs.policy import open_loop
 from dynamics.batch.graphs.rollout_tapes import build_tapes
 from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
-from dynamics.batch.nonfinite import NonFinite, non_finite_rows
 from dynamics.contact import Step
 
 

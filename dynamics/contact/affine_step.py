@@ -6,7 +6,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynamics.contact.lcp import lcp_solver
+from dynamics.contact.interior_point import lcp_solver
 from dynamics.contact.step import Step
 
 

@@ -7,8 +7,7 @@ from functools import cached_property
 import casadi as ca
 
 from dynamics.contact.compliance import Coordinates, LowRank
-from dynamics.contact.curved_gap import CurvedGap
-from dynamics.contact.path import MU_EXACT, MU_LEAST, Path, scaling
+from dynamics.contact.path import MU_EXACT, MU_LEAST, CurvedGap, Path, scaling
 from dynamics.systems import ContactSystem
 
 

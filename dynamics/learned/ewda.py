@@ -10,10 +10,8 @@ import numpy as np
 
 from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.parallel import checked_threads
-from dynamics.learned.ewda_kernel import CompiledMoments
-from dynamics.learned.ewda_moments import Cloud, Moments, NumpyMoments
-from dynamics.learned.normalisation import Normalisation
-from dynamics.learned.origin import Origin
+from dynamics.learned.ewda_kernel import Cloud, CompiledMoments, Moments, NumpyMoments
+from dynamics.learned.samples import Normalisation, Origin
 
 if TYPE_CHECKING:
     import xarray as xr

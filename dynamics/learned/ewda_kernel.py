@@ -1,16 +1,119 @@
-"""The engine of the weighted average in C, with threads over parts of the points."""
+"""The engine of the weighted average in C: order of the points, moments, threads over parts."""
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from dynamics.batch.engines.compiler import find_compiler, load
 from dynamics.batch.engines.parallel import checked_threads, on_threads
-from dynamics.learned.ewda_moments import CUTOFF, Cloud
-from dynamics.learned.ewda_order import boxes, chunked, neighbourly
 from dynamics.learned.ewda_source import CHUNK, FAR, REGISTER, ewda_source
+
+CUTOFF = 1e-25
+"""Weights below this share of the heaviest are left out: all of them are less than its rounding."""
+_BLOCK = 1 << 22
+"""Distances that are held at once."""
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """The data in normalised coordinates: z (n, nz), y (n, ny), and the width sigma."""
+
+    z: np.ndarray
+    y: np.ndarray
+    sigma: float
+
+
+class Moments(Protocol):
+    """Sums over the points, of which c is the nearest to the query q.
+
+    The weights are ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``, 1 for c.
+    """
+
+    def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Index (nq,) of the nearest point c, and ``sum_i w_i a_i b_i'`` (nq, 1 + ny, 1 or 1 + nz).
+
+        ``a = (1, y_i - y_c)``, ``b = (1, z_i - z_c)``, of which without ``slopes`` only the 1.
+        """
+        ...
+
+    def second(
+        self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """``sum_i w_i`` (nq,) and ``sum_i w_i s_i d_i d_i'`` (nq, nz, nz), symmetric.
+
+        ``d_i = z_i - z_c - mean_z``, ``s_i = weights_y' (y_i - y_c - mean_y) + weights_last``
+        with means (nq, nz), (nq, ny) and weights (nq, ny + 1) of every query.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class NumpyMoments:
+    """Distances by products of matrices, a block of queries at a time; moments query by query."""
+
+    points: Cloud
+
+    def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+        """As :class:`Moments` says."""
+        z, y = self.points.z, self.points.y
+        cols = 1 + z.shape[1] if slopes else 1
+        nearest = np.empty(len(q), dtype=np.int64)
+        sums = np.empty((len(q), 1 + y.shape[1], cols))
+        for i, home, near in self._neighbours(q):
+            nearest[i] = home
+            d, w = self._weights(near, q[i], z[home])
+            a = _with_ones(y[near] - y[home]) * w[:, None]
+            sums[i] = a.T @ _with_ones(d)[:, :cols]
+        return nearest, sums
+
+    def second(
+        self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As :class:`Moments` says."""
+        y, nz = self.points.y, q.shape[1]
+        total, sums = np.empty(len(q)), np.empty((len(q), nz, nz))
+        for i, home, near in self._neighbours(q):
+            d, w = self._weights(near, q[i], self.points.z[home])
+            d -= mean_z[i]
+            level = (y[near] - y[home] - mean_y[i]) @ weights[i, :-1] + weights[i, -1]
+            total[i] = w.sum()
+            sums[i] = (d * (w * level)[:, None]).T @ d
+        # A product with scaled rows is symmetric only up to its rounding.
+        return total, 0.5 * (sums + sums.transpose(0, 2, 1))
+
+    def _weights(
+        self, near: np.ndarray, q: np.ndarray, c: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        d = self.points.z[near] - c
+        exponent = -np.einsum("ik,ik->i", d, d + 2 * (c - q)) / (2 * self.points.sigma**2)
+        # Above 0 only by rounding, which far out is of any size: there the neighbours tie.
+        return d, np.exp(np.minimum(exponent, 64.0))
+
+    def _neighbours(self, q: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Every query's number, its nearest point, and the points whose weight counts."""
+        z = self.points.z
+        square = np.einsum("ik,ik->i", z, z)
+        reach = np.abs(z).max(axis=0).sum()
+        cutoff = 2 * self.points.sigma**2 * -np.log(CUTOFF)
+        block = max(1, _BLOCK // len(z))
+        for begin in range(0, len(q), block):
+            part = q[begin : begin + block]
+            distance = square - 2 * (part @ z.T)
+            size = np.abs(part).sum(axis=1)
+            lost = (z.shape[1] + 4) * 2.0**-51 * reach * (reach + 2 * size)
+            for i, row in enumerate(distance):
+                home = int(np.argmin(row))
+                yield begin + i, home, np.flatnonzero(row <= row[home] + cutoff + lost[i])
+
+
+def _with_ones(rows: np.ndarray) -> np.ndarray:
+    return np.hstack((np.ones((len(rows), 1)), rows))
+
 
 _PARTS = 32
 _BATCH = 128
@@ -36,7 +139,7 @@ class _Job(ctypes.Structure):
 
 
 class CompiledMoments:
-    """As :class:`~dynamics.learned.ewda_moments.Moments` says; a query's answer has the same bits
+    """As :class:`~dynamics.learned.ewda_kernel.Moments` says; a query's answer has the same bits
     whatever the threads and the other queries.
 
     Raises ``CompilerError`` where there is no compiler.
@@ -134,3 +237,54 @@ def _aligned(shape: tuple[int, ...], values: np.ndarray | None = None) -> np.nda
     if values is not None:
         array[...] = values
     return array
+
+
+def neighbourly(points: np.ndarray, chunk: int, finest: int) -> np.ndarray:
+    """An order of ``points`` (n, nz) in which every ``chunk`` consecutive ones lie close together.
+
+    Halves at the widest coordinate, again and again, at a multiple of ``chunk``: the leaves of a
+    k-d tree, of which only the last is not full. Those that are full are halved on in the same
+    way, down to ``finest`` points; ``chunk / finest`` is a power of 2.
+    """
+    order = np.arange(len(points))
+    pieces = [(0, len(points))]
+    while pieces:
+        begin, end = pieces.pop()
+        n_chunks = -(-(end - begin) // chunk)
+        if n_chunks < 2:
+            continue
+        piece = order[begin:end]
+        rows = points[piece]
+        column = rows[:, np.argmax(np.ptp(rows, axis=0))]
+        middle = n_chunks // 2 * chunk
+        order[begin:end] = piece[np.argpartition(column, middle)]
+        pieces += [(begin, begin + middle), (begin + middle, end)]
+    full = order[: len(points) // chunk * chunk]
+    while chunk > finest and full.size:
+        groups = full.reshape(-1, chunk)
+        rows = points[groups]
+        widest = np.argmax(np.ptp(rows, axis=1), axis=1)[:, None, None]
+        column = np.take_along_axis(rows, widest, axis=2)[:, :, 0]
+        full[:] = np.take_along_axis(groups, np.argsort(column, axis=1), axis=1).ravel()
+        chunk //= 2
+    return order
+
+
+def chunked(rows: np.ndarray, chunk: int, filling: float) -> np.ndarray:
+    """``rows`` (n, m) as (n_chunks, m, chunk), the last chunk filled up with ``filling``."""
+    n, m = rows.shape
+    n_chunks = -(-n // chunk)
+    padded = np.full((n_chunks * chunk, m), filling)
+    padded[:n] = rows
+    return padded.reshape(n_chunks, chunk, m).transpose(0, 2, 1)
+
+
+def boxes(rows: np.ndarray, chunk: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coordinates (m, count) of every chunk; past the last chunk, of the last.
+
+    ``rows`` (n, m) in the order of the chunks.
+    """
+    starts = np.arange(0, len(rows), chunk)
+    of_box = np.minimum(np.arange(count), len(starts) - 1)
+    low, high = (f.reduceat(rows, starts, axis=0) for f in (np.minimum, np.maximum))
+    return low[of_box].T, high[of_box].T

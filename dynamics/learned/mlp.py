@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from dynamics.learned.normalisation import Normalisation
-from dynamics.learned.origin import Origin
+from dynamics.learned.samples import Normalisation, Origin
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynamics.learned.normalisation import Normalisation
-from dynamics.learned.origin import SCHEMA, Origin
-from dynamics.learned.samples import Samples, split_rows
+from dynamics.learned.samples import SCHEMA, Normalisation, Origin, Samples, split_rows
 from dynamics.systems import Signal
 
 if TYPE_CHECKING:

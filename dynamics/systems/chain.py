@@ -8,7 +8,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynamics.systems.contacts.pose import Pose
+from dynamics.systems.contacts.shapes import Pose
 from dynamics.systems.parameters import Signal
 from dynamics.systems.planar import Link, Number, Vector, root_first
 

@@ -8,10 +8,7 @@ from typing import Literal
 
 import casadi as ca
 
-from dynamics.systems.contacts.cone import ConeForm, Row, Rubbing
-from dynamics.systems.contacts.edge_cone import EDGES
-from dynamics.systems.contacts.linearised_cone import LINEARISED
-from dynamics.systems.contacts.second_order_cone import SECOND_ORDER
+from dynamics.systems.contacts.cone import EDGES, LINEARISED, SECOND_ORDER, ConeForm, Row, Rubbing
 from dynamics.systems.pairs import ContactForces, Pair
 from dynamics.systems.parameters import Signal
 from dynamics.systems.sharp import COULOMB, TRUE_GAPS, Sharp

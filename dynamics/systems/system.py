@@ -8,10 +8,15 @@ from functools import cached_property
 import casadi as ca
 
 from dynamics.systems.elimination import solve_without_pivoting
-from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, deciding_pairs
+from dynamics.systems.pairs import (
+    ContactForces,
+    EnergyBook,
+    Pair,
+    deciding_pairs,
+    has_open_multipliers,
+)
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.sharp import TRUE_GAPS, Sharp, by_true_distance
-from dynamics.systems.uniqueness import has_open_multipliers
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,8 @@ from collections.abc import Callable
 import casadi as ca
 
 from dynamics.systems.contact_rows import Cone, ContactRows, Touching, contact_rows
-from dynamics.systems.pairs import EnergyBook
+from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.pressed_rows import pressed_rows
 from dynamics.systems.sharp import Sharp
 from dynamics.systems.system import ContactSystem, check_shape
 
@@ -75,7 +74,7 @@ def time_stepping(
 
     With ``linearised`` the gaps are expanded at the current q, whose true distance rotating bodies
     may violate; the sharpest contact is that without. With ``load`` [N] in place of ``distance``
-    the contacts never open, see :func:`~dynamics.systems.pressed_rows.pressed_rows`.
+    the contacts never open, see :func:`~dynamics.systems.timestepping.pressed_rows`.
 
     Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I.
     Raises ``ValueError`` where a dimension does not fit.
@@ -144,3 +143,55 @@ def time_stepping(
     free = ca.solve(inertia, M @ v + smooth - h * K @ q)
     rows = pressed_rows(name, contacts, sliding(q), friction, load, inertia, free, v_next, h)
     return built(rows, Sharp())
+
+
+def pressed_rows(
+    name: str,
+    contacts: tuple[Signal, ...],
+    slide: ca.SX,
+    friction: ca.SX | float,
+    load: ca.SX | float,
+    inertia: ca.SX,
+    free: ca.SX,
+    v_next: ca.SX,
+    h: ca.SX | float,
+) -> ContactRows:
+    """Coulomb friction of maximal dissipation, ``|f| <= b = friction h load``, f [N s].
+
+    The way slid in a step is split, ``h J v+ = forward - backward``, and the pairs are
+
+    ``0 <= forward ⟂ b + f >= 0``  and  ``0 <= backward ⟂ b - f >= 0``:
+
+    the multipliers are ways [m], the gaps what is left of the friction cone [N s], so lam gap is in
+    N s m as everywhere. J = ``slide`` (nc, nq), ``load`` > 0 the normal forces [N], a scalar or
+    (nc, 1); ``inertia`` A (nq, nq) and ``free`` (nq, 1) give ``v+ = free + A^-1 J' f``. On the
+    central path ``h J v+ = -2 mu f/(b² - f²)``, a barrier on both faces of the cone. Two ways
+    instead of two impulses and a way keep the multipliers unique in stick.
+
+    The pairs are those of Li, Gong and Chalvatzaki, IMPACT, arXiv 2605.09127, and of adaptive
+    barrier smoothing, fig. 6b. Raises ``ValueError`` where a dimension does not fit.
+    """
+    nc = len(contacts)
+    check_shape(name, "sliding(q)", slide, (nc, inertia.shape[0]))
+    lam = ca.SX.sym("lam", 2 * nc)
+    compliance = slide @ ca.solve(inertia, slide.T)
+    f = ca.solve(compliance, (lam[:nc] - lam[nc:]) / h - slide @ free)
+    bound = ca.SX.ones(nc) * (friction * h * load)
+    return ContactRows(
+        lam,
+        ca.vertcat(bound + f, bound - f),
+        slide.T @ f,
+        tuple(
+            Signal(f"{contact.name} {way}", "m", f"way slid {way} in a step")
+            for way in ("forward", "backward")
+            for contact in contacts
+        ),
+        tuple(Pair("slip", i) for _ in range(2) for i in range(nc)),
+        ContactForces(
+            tuple(contact.name for contact in contacts),
+            ca.SX.ones(nc) * (h * load),
+            f,
+            slide @ v_next,
+            ca.SX.ones(nc) * friction,
+        ),
+    )

@@ -22,7 +22,7 @@ chooses x::
     print(solution.x, solution.f, solution.certificate.stationarity)
 """
 
+from ocp.mpcc.programs import MPCC
 from ocp.mpcc.solving import DEFAULTS, MPCCSolution, solve
-from ocp.mpcc.statement import MPCC
 
 __all__ = ["DEFAULTS", "MPCC", "MPCCSolution", "solve"]

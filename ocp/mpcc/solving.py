@@ -10,8 +10,7 @@ import numpy as np
 
 from ocp.errors import InputError, choose
 from ocp.judges.audit import TOLERANCES
-from ocp.mpcc.programs import MPCCProgram, programs_of
-from ocp.mpcc.statement import MPCC, sized
+from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
 from ocp.problem import Scaling
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Solver

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import json
 import logging
+import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, redirect_stderr
 from dataclasses import dataclass, replace
+from io import StringIO
+from types import FrameType
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError, choose
-from ocp.programs.interruption import noted
 from ocp.programs.options import INTERFACE, check_options
-from ocp.programs.program import Program
-from ocp.programs.scaled import Point, Scaled
+from ocp.programs.program import Point, Program, Scaled
 from ocp.programs.status import Status
 
 _LOG = logging.getLogger(__name__)
@@ -222,3 +225,32 @@ def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
                 f"{nlp.title}: the lower bound of {component} in {block.name} is"
                 f" {lower[at]:g}, {how} its upper bound {upper[at]:g}; exchange or widen them"
             )
+
+
+@contextmanager
+def noted() -> Iterator[list[int]]:
+    """Give a list that holds SIGINT once it came inside; whoever handled it before handles it too.
+
+    CasADi asks Python for signals at every evaluation of a function. IPOPT's interface catches what
+    the handler then raises, stops, and gives the iterate that it was at, without another word;
+    other plugins let it through. What CasADi warns of then is not printed.
+    """
+    seen: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield seen
+        return
+
+    silence = ExitStack()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        seen.append(number)
+        silence.enter_context(redirect_stderr(StringIO()))
+        before(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield seen
+    finally:
+        silence.close()
+        signal.signal(signal.SIGINT, before)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ocp.programs.layout import Layout
-from ocp.programs.program import Functions, PairName, Program
+from ocp.programs.program import Functions, Layout, PairName, Program
 from ocp.programs.solver import Point
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy

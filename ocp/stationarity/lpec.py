@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from ocp.programs.silence import unheard
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -262,3 +266,30 @@ def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> in
         return -1
     signs = factors.U.diagonal()
     return max(0, int((signs < 0).sum()) - m)
+
+
+_ONE = threading.Lock()
+
+
+@contextmanager
+def unheard() -> Iterator[None]:
+    """Lose what goes to file descriptor 1 inside; HiGHS has a ``printf`` that nothing turns off."""
+    with _ONE, Path(os.devnull).open("w") as nowhere:
+        _flush()
+        try:
+            kept = os.dup(1)
+        except OSError:
+            kept = -1
+        try:
+            os.dup2(nowhere.fileno(), 1)
+            yield
+        finally:
+            _flush()
+            os.dup2(kept, 1) if kept >= 0 else os.close(1)
+            with suppress(OSError):
+                os.close(kept)
+
+
+def _flush() -> None:
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).fflush(None)

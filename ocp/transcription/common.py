@@ -11,7 +11,7 @@ from dynamics.contact import Step
 from dynamics.contact.learned_step import LearnedStep
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
-from ocp.programs.layout import Layout
+from ocp.programs.program import Layout
 from ocp.transcription.hidden import Compile, Evaluated, Hidden, Implicit
 
 

@@ -13,8 +13,7 @@ from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
-from ocp.programs.layout import Layout
-from ocp.programs.program import closure_rows
+from ocp.programs.program import Layout, closure_rows
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.hidden import Compile
 from ocp.transcription.nlp import NLP

@@ -10,7 +10,7 @@ import casadi as ca
 from dynamics.contact import Step
 from ocp.policy import Policy
 from ocp.problem import Problem
-from ocp.programs.layout import Layout
+from ocp.programs.program import Layout
 from ocp.transcription.common import Graph
 from ocp.transcription.direct import solved_interval, trajectory_variables, whole
 from ocp.transcription.hidden import Compile

@@ -18,8 +18,7 @@ from dynamics.contact import Step
 from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
-from ocp.programs.layout import Layout
-from ocp.programs.program import Functions
+from ocp.programs.program import Functions, Layout
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.hidden import Compile
 from ocp.transcription.nlp import NLP

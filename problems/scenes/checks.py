@@ -12,7 +12,7 @@ import numpy as np
 
 from dynamics.systems import ParameterTable
 from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Shape
-from dynamics.systems.contacts.pose import Point, Scalar
+from dynamics.systems.contacts.shapes import Point, Scalar
 from ocp.errors import InputError, did_you_mean
 from problems.scenes.things import Body, Goal, Obstacle, Pusher, Thing
 

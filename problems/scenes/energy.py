@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from dynamics.systems import EnergyBook
-from dynamics.systems.contacts.pose import Scalar
+from dynamics.systems.contacts.shapes import Scalar
 from problems.scenes.things import Body, Pusher, Thing
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from dynamics.systems import (
 )
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Pose
-from dynamics.systems.contacts.pose import Point, Scalar, column
+from dynamics.systems.contacts.shapes import Point, Scalar, column
 from problems.scenes.checks import check_names, check_numbers, required
 from problems.scenes.energy import energy_book
 from problems.scenes.things import Body, Goal, Pusher, Thing

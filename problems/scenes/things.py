@@ -8,7 +8,7 @@ import casadi as ca
 
 from dynamics.systems import Signal
 from dynamics.systems.contacts import Pose, Shape
-from dynamics.systems.contacts.pose import Point, Scalar, column
+from dynamics.systems.contacts.shapes import Point, Scalar, column
 
 _AXES = ("x", "y")
 

@@ -10,8 +10,7 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Exact
-from dynamics.learned.origin import Origin
-from dynamics.learned.samples import Samples
+from dynamics.learned.samples import Origin, Samples
 from dynamics.learned.training import train
 from ocp.learning.explorer import Buffer, Explorer, random_transitions
 from ocp.learning.identification import OneStepLoss, RandomSearch, identify, intervals

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from dynamics.batch.nonfinite import BatchWarning
+from dynamics.batch.arguments import BatchWarning
 from reports.cli.logs import libraries_silenced
 
 

@@ -11,8 +11,7 @@ import pytest
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from dynamics.contact.adaptive import quartic_mu
-from dynamics.contact.interior_point import scalar_solution
-from dynamics.contact.lcp import lcp_solver
+from dynamics.contact.interior_point import lcp_solver, scalar_solution
 from dynamics.systems import lcs
 
 

@@ -8,9 +8,8 @@ import casadi as ca
 
 from dynamics.batch.engines import c_source
 from dynamics.batch.engines.c_source import Layout
-from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
-from dynamics.batch.graphs.step_graphs import RolloutTapes
+from dynamics.batch.graphs.step_graphs import Asked, RolloutTapes
 from dynamics.batch.graphs.tape import UnsupportedOperation, tape_of, with_shared_reciprocals
 from dynamics.contact.path import ARRIVED
 

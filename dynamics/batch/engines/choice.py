@@ -6,9 +6,9 @@ import warnings
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
+from dynamics.batch.arguments import BatchWarning
 from dynamics.batch.engines.compiler import CompilerError
 from dynamics.batch.graphs.tape import UnsupportedOperation
-from dynamics.batch.nonfinite import BatchWarning
 
 EngineT = TypeVar("EngineT")
 _told: set[str] = set()

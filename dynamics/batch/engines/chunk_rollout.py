@@ -2,21 +2,161 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
-from typing import Self
+from itertools import pairwise
+from typing import Protocol, Self
 
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.engines.chunk_network import ChunkNetwork, Kernel
-from dynamics.batch.engines.chunk_solver import ChunkSolver
-from dynamics.batch.engines.scratch import Scratch
-from dynamics.batch.graphs.asked import Asked
+from dynamics.batch.engines.parallel import Scratch
 from dynamics.batch.graphs.inner import InnerLoop
-from dynamics.batch.graphs.step_graphs import RolloutTapes
+from dynamics.batch.graphs.step_graphs import Asked, Layers, RolloutTapes
+from dynamics.contact.path import ARRIVED
 
 Array = np.ndarray
+
+
+class ChunkSolver:
+    """Multipliers of one step, branch by branch; the same loops as those of the C text."""
+
+    def __init__(self, loop: InnerLoop, make: Callable[[ca.Function], Kernel]) -> None:
+        self.loop = loop
+        self._kernels = {name: make(graph) for name, graph in loop.graphs().items()}
+
+    def __call__(self, arguments: list[Array], before: Array | None) -> Array:
+        """Multipliers (branches * n, m) [N s]; `before` are those of the step before, if any."""
+        loop, m = self.loop, arguments[0].shape[-1]
+        lam, data = (np.empty((loop.branches * size, m)) for size in (loop.n, loop.n_data))
+        self._kernels["opening"].run(arguments, [lam, data])
+        for branch in range(loop.branches):
+            rows = slice(branch * loop.n, (branch + 1) * loop.n)
+            given = data[branch * loop.n_data :][: loop.n_data]
+            if loop.newton:
+                lam[rows] = self._by_newton(lam[rows], given)
+            else:
+                lam[rows] = self._from_starts(given, None if before is None else before[rows])
+        return lam
+
+    def _run(self, name: str, size: int, *inputs: Array) -> Array:
+        found = np.empty((size, inputs[-1].shape[-1]))
+        self._kernels[name].run(list(inputs), [found])
+        return found
+
+    def _by_newton(self, lam: Array, data: Array) -> Array:
+        loop, still = self.loop, np.arange(lam.shape[-1])
+        for _ in range(loop.newton_iterations):
+            moved, unrest = np.empty((loop.n, len(still))), np.empty((1, len(still)))
+            self._kernels["newton"].run([lam[:, still], data[:, still]], [moved, unrest])
+            lam[:, still] = moved
+            still = still[unrest[0] != 0.0]
+            if not len(still):
+                break
+        end = self._run("settled", loop.n, lam, data)
+        if len(still):
+            rest = np.ascontiguousarray(data[:, still])
+            pair = self._follow(np.ones((loop.n_pair, len(still))), rest, loop.most)
+            end[:, still] = self._run("followed", loop.n, pair, rest)
+        return end
+
+    def _from_starts(self, data: Array, before: Array | None) -> Array:
+        loop = self.loop
+        if before is None:
+            pair = self._follow(np.ones((loop.n_pair, data.shape[-1])), data, loop.most)
+        else:
+            pair = self._run("warm", loop.n_pair, before, data)
+            pair = self._follow(pair, data, loop.most_warm)
+        end = self._run("followed", loop.n, pair, data)
+        end[:, pair[-1] != ARRIVED] = np.inf
+        sound = np.isfinite(data.sum(axis=0))
+        still = np.flatnonzero(sound & ~np.isfinite(end.sum(axis=0)))
+        for k in range(loop.starts):
+            if not len(still):
+                break
+            rest = np.ascontiguousarray(data[:, still])
+            pair = self._run("further", loop.n_pair, np.full((1, len(still)), float(k)), rest)
+            found = self._run("followed", loop.n, self._follow(pair, rest, loop.most_further), rest)
+            solved = np.isfinite(found.sum(axis=0))
+            end[:, still[solved]] = found[:, solved]
+            still = still[~solved]
+        return end
+
+    def _follow(self, pair: Array, data: Array, most: int) -> Array:
+        for _ in range(most):
+            if not np.any(pair[-1] < ARRIVED):
+                break
+            pair = self._run("path", self.loop.n_pair, pair, data)
+        return pair
+
+
+class Kernel(Protocol):
+    """Evaluates one short graph over samples: arrays `(nnz, m)` in and out, samples last."""
+
+    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
+        """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
+        ...
+
+
+class ChunkNetwork:
+    """Mean actions `a = W_L tanh(...) + b_L` of the observation of a state, samples last.
+
+    theta is (n_weights, m), or (n_weights, 1) where all samples share it.
+    """
+
+    def __init__(self, layers: Layers, make: Callable[[ca.Function], Kernel]) -> None:
+        self._layers = layers
+        self._observe, self._back = make(layers.observe), make(layers.observe_adjoint)
+
+    def actions(self, theta: Array, x: Array, p: Array) -> Array:
+        """Mean actions (n_a, m) at states x (nx, m)."""
+        return self._values(theta, x, p)[-1]
+
+    def pulled_back(self, theta: Array, x: Array, p: Array, abar: Array, total: Array) -> Array:
+        """Add `D_theta a' abar` to `total` (n_weights, m), and return `D_x a' abar` (nx, m)."""
+        values, places = self._values(theta, x, p), self._places()
+        bar = abar
+        for k in reversed(range(len(places))):
+            middle, end, before, after = places[k]
+            product = bar[:, None] * values[k][None]
+            total[middle - before * after : middle] += product.reshape(before * after, -1)
+            total[middle:end] += bar
+            weights = theta[middle - before * after : middle].reshape(after, before, -1)
+            bar = _summed(weights, bar, (0, 2))
+            if k:
+                bar *= 1.0 - values[k] ** 2
+        xbar = np.empty_like(x)
+        self._back.run([x, p, bar], [xbar])
+        return xbar
+
+    def _values(self, theta: Array, x: Array, p: Array) -> list[Array]:
+        """The observation, the hidden layers, and the mean action."""
+        seen = np.empty((self._layers.sizes[0], x.shape[-1]))
+        self._observe.run([x, p], [seen])
+        values = [seen]
+        for middle, end, before, after in self._places():
+            if len(values) > 1:
+                np.tanh(values[-1], out=values[-1])
+            weights = theta[middle - before * after : middle].reshape(after, before, -1)
+            values.append(_summed(weights, values[-1], (1, 2)) + theta[middle:end])
+        return values
+
+    def _places(self) -> list[tuple[int, int, int, int]]:
+        """Of every layer: where its offsets begin and end in theta, and its sizes."""
+        found, at = [], 0
+        for before, after in pairwise(self._layers.sizes):
+            found.append((at + before * after, at + (before + 1) * after, before, after))
+            at = found[-1][1]
+        return found
+
+
+def _summed(weights: Array, values: Array, axes: tuple[int, int]) -> Array:
+    """`sum_i w_oi v_i`, or with axes (0, 2) `sum_o w_oi v_o`, for each sample m."""
+    contracted = axes[0]
+    if weights.shape[-1] == 1:
+        matrix = weights[..., 0] if contracted == 1 else weights[..., 0].T
+        return matrix @ values
+    return np.einsum("oim,im->om" if contracted == 1 else "oim,om->im", weights, values)
 
 
 class ChunkRollout:

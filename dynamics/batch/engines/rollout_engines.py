@@ -13,8 +13,7 @@ import numpy as np
 
 from dynamics.batch.engines import c_rollout, compiler
 from dynamics.batch.engines.chunk_rollout import ChunkRollout, Kernel
-from dynamics.batch.engines.parallel import over_chunks, run_chunks
-from dynamics.batch.engines.scratch import transpose
+from dynamics.batch.engines.parallel import over_chunks, run_chunks, transpose
 from dynamics.batch.graphs.step_graphs import RolloutTapes
 from dynamics.batch.random import Gaussian, key_of
 

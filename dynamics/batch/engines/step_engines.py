@@ -13,8 +13,7 @@ from dynamics.batch.engines.c_prelude import prelude
 from dynamics.batch.engines.c_rollout import LONG, UNROLLED
 from dynamics.batch.engines.chunk_rollout import ChunkRollout, Kernel
 from dynamics.batch.engines.compiler import Compiler
-from dynamics.batch.engines.parallel import over_chunks
-from dynamics.batch.engines.scratch import transpose
+from dynamics.batch.engines.parallel import over_chunks, transpose
 from dynamics.batch.graphs.step_graphs import RolloutTapes
 
 CHUNK = 4096

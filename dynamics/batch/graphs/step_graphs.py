@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import ClassVar
 
 import casadi as ca
 
 from dynamics.batch.graphs.acting import Ways
-from dynamics.batch.graphs.asked import Asked
 from dynamics.batch.graphs.inner import InnerLoop
+from dynamics.contact.casadi_map import LearnedMap
 
 
 @dataclass(frozen=True)
@@ -66,3 +67,21 @@ class RolloutTapes:
     derived: ca.Function
     layers: Layers | None = None
     weight: int | None = None
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A step whose next state comes from a model of it, evaluated beside the graphs.
+
+    - `queries: (x, theta, w, p) -> z`, where the model is asked, branch after branch
+    - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
+
+    In place of lam there is `LearnedStep.evaluated`: the model's outputs, and its Jacobians, which
+    the adjoint needs.
+    """
+
+    with_p: ClassVar[tuple[str, ...]] = ("queries", "closing")
+
+    queries: ca.Function
+    closing: ca.Function
+    model: LearnedMap

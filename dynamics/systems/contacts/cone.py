@@ -1,4 +1,4 @@
-"""How friction's cone is written as complementarity pairs: what every form gets and gives."""
+"""Friction's cone as complementarity pairs: by its edges, linearised, or of second order."""
 
 from __future__ import annotations
 
@@ -67,3 +67,60 @@ class ConeForm(NamedTuple):
 
     more: int
     pairs: Callable[[Rubbing], tuple[list[Row], ca.SX, ca.SX]]
+
+
+def _edge_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, ca.SX]:
+    """``lam± ⟂ gap ± f slid``, with the impulse ``sum (J_n ± f J_t)' lam±``.
+
+    At the price that a sliding contact opens at the rate ``f |J_t v|`` (Anitescu, doi
+    10.1007/s10107-005-0590-7).
+    """
+    plus, minus = at.lam
+    J_t, slid = ca.diag(at.friction) @ at.J_t, at.friction * at.slid
+    rows = []
+    for sign, turned, way in (("+", J_t, slid), ("-", -J_t, -slid)):
+        named = [Signal(f"{c.name}{sign}", c.unit, c.description) for c in at.contacts]
+        rows.append(Row("normal", at.gap + way, at.J_n + turned, named))
+    return rows, plus + minus, at.friction * (plus - minus)
+
+
+EDGES = ConeForm(1, _edge_pairs)
+
+
+def _linearised_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, ca.SX]:
+    """``gamma ⟂ gap``, ``beta± ⟂ psi ± slid`` and ``psi ⟂ f gamma - beta+ - beta-``."""
+    gamma, plus, minus, psi = at.lam
+    J_t, slid = ca.diag(at.rubs) @ at.J_t, at.rubs * at.slid
+    still = ca.SX(*J_t.shape)
+    rows = [
+        Row("normal", at.gap, at.J_n, list(at.contacts)),
+        Row("friction", psi + slid, J_t, at.named(" friction+", "N s", "friction impulse")),
+        Row("friction", psi - slid, -J_t, at.named(" friction-", "N s", "friction impulse")),
+        Row("slip", at.bound - plus - minus, still, at.named(" slip", "m", "way slid in a step")),
+    ]
+    return rows, gamma, at.rubs * (plus - minus)
+
+
+LINEARISED = ConeForm(3, _linearised_pairs)
+
+
+def _second_order_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, ca.SX]:
+    """``gamma ⟂ gap``, ``upper ⟂ dual + 2 slid`` and ``dual ⟂ 2 f gamma - upper``.
+
+    The lower eigenvalue stands as the gap of the dual's, so that no equation but the pairs is
+    needed.
+    """
+    gamma, upper, dual = at.lam
+    J_t, slid = ca.diag(at.rubs) @ at.J_t, at.rubs * at.slid
+    still = ca.SX(*J_t.shape)
+    above = at.named(" cone", "N s", "friction impulse above its least")
+    back = at.named(" slip", "m", "twice the way slid back")
+    rows = [
+        Row("normal", at.gap, at.J_n - ca.diag(at.friction) @ at.J_t, list(at.contacts)),
+        Row("friction", dual + 2 * slid, J_t, above),
+        Row("slip", 2 * at.bound - upper, still, back),
+    ]
+    return rows, gamma, at.rubs * (upper - at.bound)
+
+
+SECOND_ORDER = ConeForm(2, _second_order_pairs)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from dynamics.systems.contacts.pose import Pose
-from dynamics.systems.contacts.shape import Shape
+from dynamics.systems.contacts.shapes import Pose, Shape
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,7 @@ from scipy.stats import norm
 
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.mlp import MlpModel
-from dynamics.learned.normalisation import Normalisation
-from dynamics.learned.origin import Origin
-from dynamics.learned.samples import Samples
+from dynamics.learned.samples import Normalisation, Origin, Samples
 from dynamics.learned.training import train
 from dynamics.systems.parameters import Signal
 from ocp.errors import InputError

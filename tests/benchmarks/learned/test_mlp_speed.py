@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from dynamics.learned.mlp import MlpModel
-from dynamics.learned.origin import Origin
-from dynamics.learned.samples import Samples
+from dynamics.learned.samples import Origin, Samples
 from dynamics.learned.training import Recipe, Training
 from dynamics.systems.parameters import Signal
 from tests.benchmarks.batch.race import Row, race, tell

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ocp.programs.layout import Layout
+from ocp.programs.program import Layout
 from tests.examples import settings
 
 shapes = st.lists(

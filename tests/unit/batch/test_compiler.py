@@ -265,7 +265,7 @@ def test_clear_removes_what_a_killed_process_left(own_cache):
 
 def test_a_cleared_object_stays_loaded_for_a_solver(own_cache):
     """CasADi asks the loader for it by name, after another process may have cleared the cache."""
-    from ocp.transcription.compiled import StageCompiler
+    from ocp.transcription.nlp import StageCompiler
 
     x = ca.SX.sym("x")
     function = ca.Function("squared", [x], [x**2])

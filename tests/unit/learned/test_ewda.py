@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.normalisation import Normalisation
+from dynamics.learned.samples import Normalisation
 from tests.unit.learned.ewda_reference import gap, model_of, origin, reference
 
 ENGINES = ["c", "numpy"]

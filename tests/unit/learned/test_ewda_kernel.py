@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from dynamics.batch.arguments import BatchWarning
 from dynamics.batch.engines import choice, compiler
-from dynamics.batch.nonfinite import BatchWarning
-from dynamics.learned.ewda_moments import NumpyMoments
-from dynamics.learned.ewda_order import boxes, chunked, neighbourly
+from dynamics.learned.ewda_kernel import NumpyMoments, boxes, chunked, neighbourly
 from dynamics.learned.ewda_source import ewda_source
 from tests.unit.learned.ewda_reference import model_of
 

@@ -18,9 +18,7 @@ import xarray as xr
 from dynamics.contact.casadi_map import CasadiMap
 from dynamics.learned.mlp import BLOCK, MlpModel
 from dynamics.learned.network import Network, evaluate
-from dynamics.learned.normalisation import Normalisation
-from dynamics.learned.origin import Origin
-from dynamics.learned.samples import Samples
+from dynamics.learned.samples import Normalisation, Origin, Samples
 from dynamics.learned.training import Recipe, Training, train
 from dynamics.learned.transitions import Transitions
 from dynamics.systems.parameters import Signal

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynamics.learned.normalisation import Normalisation
+from dynamics.learned.samples import Normalisation
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import signals
 

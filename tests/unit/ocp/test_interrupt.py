@@ -10,8 +10,7 @@ import pytest
 from dynamics.contact import Barrier, Exact
 from ocp import Status, solve
 from ocp.errors import interruptible
-from ocp.programs.interruption import noted
-from ocp.programs.solver import Solver
+from ocp.programs.solver import Solver, noted
 from ocp.solution import Interrupted, StageRecord
 from ocp.solve import new_session
 from problems import get

@@ -1,0 +1,171 @@
+"""Poses and shapes of bodies in the plane, and where shapes are nearest to one another."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+Scalar = float | ca.SX
+Point = tuple[Scalar, Scalar] | ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a body is: ``position`` (2, 1) [m] of its origin and ``angle`` [rad].
+
+    The angle counts from the second axis of the plane towards the first, in the plane (x, z)
+    about +y: ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. Where a model counts its
+    angle the other way round, pass the angle with its sign changed.
+    """
+
+    position: ca.SX
+    angle: ca.SX
+
+    @classmethod
+    def fixed(cls) -> Pose:
+        """Return the pose of the world itself, which never moves."""
+        return cls(ca.SX.zeros(2), ca.SX(0))
+
+    @cached_property
+    def cos(self) -> ca.SX:
+        """Cosine of the angle."""
+        return ca.cos(self.angle)
+
+    @cached_property
+    def sin(self) -> ca.SX:
+        """Sine of the angle."""
+        return ca.sin(self.angle)
+
+    def turn(self, vector: Point) -> ca.SX:
+        """Turn a vector of the body's frame into the world's, R(angle) vector."""
+        x, z = vector[0], vector[1]
+        return ca.vertcat(x * self.cos + z * self.sin, z * self.cos - x * self.sin)
+
+    def place(self, point: Point) -> ca.SX:
+        """Return where a point of the body is in the world, (2, 1) [m]."""
+        return self.position + self.turn(point)
+
+    def local(self, point: Point) -> ca.SX:
+        """Coordinates (2, 1) of a world point in the body's frame [m]."""
+        x, z = point[0] - self.position[0], point[1] - self.position[1]
+        return ca.vertcat(x * self.cos - z * self.sin, x * self.sin + z * self.cos)
+
+
+def column(point: Point) -> ca.SX:
+    """A point as (2, 1)."""
+    return point if isinstance(point, ca.SX) else ca.vertcat(*(ca.SX(value) for value in point))
+
+
+class Shape(ABC):
+    """All points within ``radius`` [m] of a convex core, in the frame of a body."""
+
+    radius: Scalar
+
+    @property
+    @abstractmethod
+    def corners(self) -> tuple[Point, ...]:
+        """Corners of the core in the body's frame [m]; none where it is unbounded."""
+
+    @abstractmethod
+    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+        """Signed distance [m] of a world point from the surface, and the unit normal out there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box(Shape):
+    """A box with half side lengths ``half_size``, corners rounded by ``radius``.
+
+    The origin of the body is in its middle.
+    """
+
+    half_size: Point
+    radius: Scalar = 0.0
+
+    @property
+    def corners(self) -> tuple[Point, ...]:
+        """The centres of the four rounded corners."""
+        x, z = (self.half_size[i] - self.radius for i in range(2))
+        return ((x, z), (-x, z), (-x, -z), (x, -z))
+
+    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+        """With p the point in the box's frame and ``d = |p| - half_size + radius``,
+
+        ``|max(d, 0)| + min(max(d_1, d_2), 0) - radius``; outside the normal points from the nearest
+        point, inside towards the nearest side. Not differentiable where two sides are equally near
+        inside.
+        """
+        p = pose.local(point)
+        side = ca.if_else(p >= 0, 1, -1)
+        d = side * p - column(self.half_size) + self.radius
+        at_corner = ca.logic_and(d[0] > 0, d[1] > 0)
+        # Away from a corner the root's argument is 1, as its slope at 0 would be infinite.
+        to_corner = ca.sqrt(ca.if_else(at_corner, ca.sumsqr(d), 1))
+        first = d[0] > d[1]
+        distance = ca.if_else(at_corner, to_corner, ca.if_else(first, d[0], d[1]))
+        facing = ca.vertcat(first, ca.logic_not(first))
+        normal = side * ca.if_else(at_corner, d / to_corner, facing)
+        return distance - self.radius, pose.turn(normal)
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule(Shape):
+    """All points within ``radius`` of the segment from ``start`` to ``end``."""
+
+    start: Point
+    end: Point
+    radius: Scalar
+
+    @property
+    def corners(self) -> tuple[Point, ...]:
+        """Both ends of the segment."""
+        return (self.start, self.end)
+
+    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+        """``|point - nearest of the segment| - radius``; not differentiable on the segment."""
+        foot = pose.place(self.start)
+        along = pose.place(self.end) - foot
+        share = ca.fmin(ca.fmax(ca.dot(point - foot, along) / ca.sumsqr(along), 0), 1)
+        apart = point - (foot + share * along)
+        distance = ca.norm_2(apart)
+        return distance - self.radius, apart / distance
+
+
+@dataclass(frozen=True, eq=False)
+class Disc(Shape):
+    """All points within ``radius`` of ``centre``."""
+
+    radius: Scalar
+    centre: Point = (0.0, 0.0)
+
+    @property
+    def corners(self) -> tuple[Point, ...]:
+        """The centre."""
+        return (self.centre,)
+
+    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+        """``|point - centre| - radius``; not differentiable at the centre."""
+        apart = point - pose.place(self.centre)
+        distance = ca.norm_2(apart)
+        return distance - self.radius, apart / distance
+
+
+@dataclass(frozen=True, eq=False)
+class HalfPlane(Shape):
+    """The half-plane through ``origin`` with outward unit ``normal``, of radius zero."""
+
+    origin: Point = (0.0, 0.0)
+    normal: Point = (0.0, 1.0)
+    radius = 0.0
+
+    @property
+    def corners(self) -> tuple[Point, ...]:
+        """None."""
+        return ()
+
+    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+        """``normal' (point - origin)``."""
+        normal = pose.turn(self.normal)
+        return ca.dot(normal, point - pose.place(self.origin)), normal
