@@ -161,4 +161,4 @@ def case_of(spec: ProblemSpec, given: dict[str, Any]) -> Case:
     """The case that any process can build; a file is named by its whole path."""
     from ocp.sweeps.case import Case
 
-    return Case(spec.name if spec.path is None else str(spec.path), **given).of(spec)
+    return Case(spec.name if spec.path is None else str(spec.path), **given).with_content(spec)
