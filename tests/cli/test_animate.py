@@ -60,7 +60,7 @@ def test_a_gif_of_a_stored_run(ocp, store_of_runs: Path) -> None:
         (["push-1d/", "-o", "x.avi"], ["'.avi'", ".gif, .mp4 or .html", "x.gif"]),
         (["push-1d/", "-o", "x.mp4"], ["ffmpeg", "x.gif or x.html"]),
         (["nothing", "-o", "x.gif"], ["no run 'nothing'"]),
-        (["wall-1d/", "-o", "x.gif"], ["continue study", "ocp solve"]),
+        (["wall-1d/", "-o", "x.gif"], ["run of ocp continue", "ocp solve"]),
         (["bare/", "-o", "x.gif"], ["no drawing", "draw(params, state)"]),
         (["push-1d/"], ["--output"]),
         (["push-1d/", "-o", "x.gif", "--fps", "0"], ["--fps"]),

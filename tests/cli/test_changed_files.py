@@ -177,10 +177,10 @@ def test_a_decision_is_of_this_problem_at_these_parameters(
 
     assert told("-p", "N=3", "--at", run) == ""
     assert told("-p", "N=3", "--at", run, "--sweep", "m=1:2:2") == ""
-    assert "that run is of wall-1d, not of mine" in told("-p", "N=3", "--at", other)
+    assert "the run is of wall-1d, not of mine" in told("-p", "N=3", "--at", other)
     assert "at other parameters; give those of the run: -p m=1.0" in told(
         "-p", "N=3", "-p", "m=2", "--at", run
     )
     assert "at other parameters; give those of the run: -p N=3" in told("--at", run)
     weigh(20)
-    assert "mine.py, or what it imports, is not what it was" in told("-p", "N=3", "--at", run)
+    assert "mine.py, or a file it imports, has changed since" in told("-p", "N=3", "--at", run)

@@ -251,7 +251,7 @@ def test_what_does_not_fit_together_is_told(ocp, made: dict[str, Path], tmp_path
     run = shutil.copytree(made["estimate"], tmp_path / "run")
     reseal(run, lacking_entry("estimates.0.reference"))
     done = ocp("report", str(run), "-o", "a.pdf")
-    assert done.code == 4 and "does not fit together (KeyError: 'reference')" in done.err
+    assert done.code == 4 and "is inconsistent (KeyError: 'reference')" in done.err
     assert ocp("report", str(made["estimate"]), "-o", "a.pdf", "--quiet").code == 0
 
 

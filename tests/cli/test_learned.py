@@ -128,7 +128,7 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     judged = ocp("estimate", "push-1d", *words, "-n", "200", "--json", "-q")
     assert judged.code == 0 and judged.json["estimates"]
     refused = ocp("export", "push-1d", *words, "-o", "step.c")
-    assert refused.code == 2 and "has no C" in refused.err
+    assert refused.code == 2 and "cannot be exported to C" in refused.err
 
 
 def test_the_fit_is_that_of_rows_that_the_model_has_not_seen(ocp: Ocp) -> None:
@@ -229,7 +229,7 @@ CASES = {
     "negative noise": ([*LEARN, "mlp", "--noise", "-1", "-o", "x.nc"], "must be at least 0, got"),
     "drowning noise": ([*LEARN, "mlp", "--noise", "1e9", "-o", "x.nc"], "standard deviations"),
     "noise no number": ([*LEARN, "mlp", "--noise", "nan", "-o", "x.nc"], "must be a finite number"),
-    "network's": ([*LEARN, "ewda", "--hidden", "8", "-o", "x.nc"], "--hidden belongs to a network"),
+    "network's": ([*LEARN, "ewda", "--hidden", "8", "-o", "x.nc"], "--hidden is a setting of networks"),
     "hidden": ([*LEARN, "mlp", "--hidden", "8,x", "-o", "x.nc"], "expected whole numbers from 1"),
     "no layer": ([*LEARN, "mlp", "--hidden", "0", "-o", "x.nc"], "expected whole numbers from 1"),
     "wide": ([*LEARN, "mlp", "--hidden", "99999,99999", "-o", "x.nc"], "of memory, and this"),
