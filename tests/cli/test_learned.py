@@ -229,7 +229,10 @@ CASES = {
     "negative noise": ([*LEARN, "mlp", "--noise", "-1", "-o", "x.nc"], "must be at least 0, got"),
     "drowning noise": ([*LEARN, "mlp", "--noise", "1e9", "-o", "x.nc"], "standard deviations"),
     "noise no number": ([*LEARN, "mlp", "--noise", "nan", "-o", "x.nc"], "must be a finite number"),
-    "network's": ([*LEARN, "ewda", "--hidden", "8", "-o", "x.nc"], "--hidden is a setting of networks"),
+    "network's": (
+        [*LEARN, "ewda", "--hidden", "8", "-o", "x.nc"],
+        "--hidden is a setting of networks",
+    ),
     "hidden": ([*LEARN, "mlp", "--hidden", "8,x", "-o", "x.nc"], "expected whole numbers from 1"),
     "no layer": ([*LEARN, "mlp", "--hidden", "0", "-o", "x.nc"], "expected whole numbers from 1"),
     "wide": ([*LEARN, "mlp", "--hidden", "99999,99999", "-o", "x.nc"], "of memory, and this"),

@@ -33,10 +33,12 @@ def test_what_cannot_be_started_from_is_said_in_one_line(ocp, store_of_runs: Pat
     refused(*PUSH, "--from", "nothing", words="there is no run 'nothing'")
     refused(*PUSH, "--from", "push-1d", *here, words="names 2 runs")
     wall = next(p for p in (store_of_runs / "wall-1d").iterdir() if kind(p) == "solve")
-    refused(*PUSH, "--from", str(wall), words="the run solves wall-1d, not push-disc")
+    refused(*PUSH, "--from", str(wall), words="solves wall-1d, not push-disc")
     path = next(p for p in (store_of_runs / "wall-1d").iterdir() if kind(p) == "continue")
     refused("solve", "wall-1d", "--from", str(path), words="expected a run of ocp solve")
-    refused("solve", "wall-1d", "--from", str(wall), "--starts", "2", words="excludes several starts")
+    refused(
+        "solve", "wall-1d", "--from", str(wall), "--starts", "2", words="excludes several starts"
+    )
     run = ocp("solve", "wall-1d", "--json", "--quiet").json["run"]
     (Path(run) / "solution.nc").write_bytes(b"")
     refused("solve", "wall-1d", "--from", run, words="checksum", code=4)
