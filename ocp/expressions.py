@@ -1,4 +1,4 @@
-"""What a problem says in symbols: columns of a known size, in symbols that are declared."""
+"""Expressions of a problem: columns of a known size, in declared symbols."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def column(what: str, value: Any, *sizes: int) -> ca.SX:
 def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str) -> None:
     """Raise :class:`~ocp.errors.InputError` where ``value`` uses a symbol that is not known.
 
-    ``expected`` says in words which ones are.
+    ``expected`` describes which ones are.
     """
     declared = {symbol.element_hash() for part in known for symbol in ca.symvar(part)}
     used = ca.symvar(value)

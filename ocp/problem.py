@@ -26,7 +26,7 @@ Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class Shown(Protocol):
-    """What a problem is called and looks like, for its runs to tell without its code."""
+    """Name and drawing of a problem, which its runs store instead of its code."""
 
     def told(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
         """What a run stores, and of each motion, states (n, nx), the drawing."""
@@ -91,7 +91,7 @@ class Problem:
                 f" per state, {nx}"
             )
         if self.start is not None and self.scenarios.n > 1:
-            raise InputError(f"{self.name}: a start that is chosen goes with one scenario only")
+            raise InputError(f"{self.name}: a free start needs a single scenario")
         if self.start is not None:
             self.start.check(self.name, nx)
         self._check_symbols()
@@ -278,7 +278,7 @@ class Problem:
             least = np.linalg.eigvalsh(matrix).min(initial=np.inf) if known else np.nan
             if not least > 0:
                 raise InputError(
-                    f"{self.name}: the {what} matrix must be positive definite, and its least"
+                    f"{self.name}: the {what} matrix must be positive definite, but its smallest"
                     f" eigenvalue is {least:g}; raise the {raised} above zero"
                 )
         if not np.all(friction >= 0):
@@ -320,7 +320,7 @@ class Problem:
         if not all(
             part.dtype.kind in "if" and np.isfinite(part).all() for part in (states, inputs)
         ):
-            raise InputError(f"{self.name}: the guess must have finite numbers alone")
+            raise InputError(f"{self.name}: the guess must be finite")
         return states, inputs
 
 

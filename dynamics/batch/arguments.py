@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 BLOCK = 32
-"""Samples worked on at once where nobody says otherwise."""
+"""Default number of samples per block."""
 
 
 def checked_block(block: int) -> int:
@@ -24,7 +24,7 @@ def bind(
 ) -> list[Any]:
     """Arguments in the order of `names`, given either all by position or all by name.
 
-    Raises `TypeError` that says which are missing, unknown, or too many.
+    Raises `TypeError` that names missing, unknown and surplus inputs.
     """
     if args and named:
         raise TypeError(f"{what} takes its inputs by position or by name, not both at once")
@@ -51,7 +51,7 @@ def bind(
 def as_rows(value: Any, size: int, name: str, what: str) -> np.ndarray:
     """`value` as float64 `(n_samples, size)`, or `(1, size)` where it was given as `(size,)`.
 
-    A scalar is accepted for size 1. Raises `ValueError` that says which axis is wrong.
+    A scalar is accepted for size 1. Raises `ValueError` that names the wrong axis.
     """
     array = as_doubles(value, name, what)
     if array.ndim == 0 and size == 1:

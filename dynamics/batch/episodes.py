@@ -22,7 +22,7 @@ class Episodes:
     """n episodes of H steps: `value` (n,) the returns, `lived` (n,) steps before the end.
 
     `gradient` and `score` (n, *policy.shape), and `trail` (n, H + 1, nx + 2), the states with the
-    weight of a reward and the steps lived behind them, are None where they were not asked for.
+    weight of a reward and the steps lived behind them, are None where not requested.
     """
 
     value: np.ndarray
@@ -36,10 +36,10 @@ class Episodes:
     def states(self) -> np.ndarray:
         """States (n, H + 1, nx); those after the end of an episode repeat its last one.
 
-        Raises `ValueError` where they were not asked for.
+        Raises `ValueError` where they were not requested.
         """
         if self.trail is None:
-            raise ValueError("the states were not kept; ask for them with states=True")
+            raise ValueError("the states were not kept; pass states=True")
         return self.trail[..., :-2]
 
 
@@ -99,7 +99,7 @@ class EpisodeFunction(Rolling):
         along: Episodes | None = None,
         pull: np.ndarray | None = None,
     ) -> Episodes:
-        """Return of each sample, with its gradient by theta, score and states where asked.
+        """Return of each sample, with its gradient by theta, score and states on request.
 
         Shapes as for `RolloutFunction`. The score, `sum_t a_t D_theta law(x_t)' w_t / sigma^2`,
         counts the steps before the end, and the noise that has a way to the return. With `along`,
@@ -187,7 +187,7 @@ class EpisodeFunction(Rolling):
             if along.trail is None or along.trail.shape[1:] != shape:
                 raise ValueError(
                     f"along needs episodes of {self.horizon} steps of the same system whose states"
-                    " were kept; ask for them with states=True"
+                    " were kept; pass states=True"
                 )
             followed = along.trail.reshape(len(along.trail), -1)
         pulled = None

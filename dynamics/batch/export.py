@@ -58,7 +58,7 @@ extern const double {name}_parameters[{room}];
 
 /* One step: x_next and, unless that pointer is 0, the contact multipliers lam. Where p is 0 the
    values are {name}_parameters. x and x_next may be the same array. Returns 0, or 1 where
-   the step was not solved or came to no number. */
+   the step was not solved or is not finite. */
 int {name}_step(const double *x, const double *u, const double *p, double *x_next, double *lam);
 
 /* The same, and the derivatives A[{nx}*{nx}] = d x_next / d x, B[{nx}*{nu}] = d x_next / d u at the

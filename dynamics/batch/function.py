@@ -54,10 +54,10 @@ class BatchFunction:
     that can be built here. `threads` is None for every CPU. `block` is how many samples are worked
     on at once. Results do not depend on `threads` or `block`, to the last bit.
 
-    After a call `nonfinite` tells which samples gave NaN or infinity; a `BatchWarning` says so too.
+    After a call `nonfinite` holds the samples with NaN or infinity; a `BatchWarning` does too.
 
     Raises `ValueError` for an unknown backend, wrong shapes or counts; `UnsupportedOperation` where
-    the named backend lacks an operation; `CompilerError` where `c` was asked for in vain.
+    the named backend lacks an operation; `CompilerError` where `c` is unavailable.
     """
 
     def __init__(

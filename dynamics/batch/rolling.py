@@ -104,7 +104,7 @@ class Rolling:
     def _summed(
         self, q: Call, last: np.ndarray | None = None
     ) -> tuple[list[Moments | None], NonFinite]:
-        """Moments of cost, gradient and zeroth-order gradient, None for what is not asked for.
+        """Moments of cost, gradient and zeroth-order gradient, None where not requested.
 
         `last` (n, nx) is filled with what every sample carries at the end.
         """
@@ -132,7 +132,7 @@ class Rolling:
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
 
     def _find_bad(self, q: Call, counts: np.ndarray, chunk: int) -> np.ndarray:
-        """Roll the chunks that lost samples out again, to say which samples they were."""
+        """Roll out again the chunks with lost samples, to name these samples."""
         found = []
         for i, count in enumerate(counts):
             begin, end = i * chunk, min((i + 1) * chunk, q.n)

@@ -33,7 +33,7 @@ class RolloutMoments:
     """Moments over samples of the cost, its gradient, and the zeroth-order gradient.
 
     `gradient` is of d cost / d theta and `zeroth` of (cost - baseline) * score, each None where it
-    was not asked for; their arrays have the policy's shape. Samples in which any value is NaN or
+    was not requested; their arrays have the policy's shape. Samples in which any value is NaN or
     infinite are left out of all of them and named by `nonfinite`.
     """
 
@@ -90,11 +90,11 @@ class RolloutFunction(Rolling):
         score: bool = False,
         out: Rollouts | None = None,
     ) -> Rollouts:
-        """Cost of each sample, with its gradient by theta and its score where asked.
+        """Cost of each sample, with its gradient by theta and its score on request.
 
         `x0` (n, nx), `theta` (n, *policy.shape) and `p` (n, np) may each lack the axis of samples
         and are then shared; None for p takes the step's own values. `noise` is `Gaussian`, an array
-        (n, horizon, nu), or None. `n_samples` is needed only where no array tells it. The score,
+        (n, horizon, nu), or None. `n_samples` is needed only where no array implies it. The score,
         sum_t D_theta law(x_t, theta_t)' w_t / sigma^2, is the gradient by theta of the
         log-density of the noise, of that which has a way to the cost (see
         `dynamics.batch.graphs.acting`). `out` is an earlier answer whose arrays are written over.
@@ -146,7 +146,7 @@ class RolloutFunction(Rolling):
             raise ValueError(
                 "the stage cost is of (x, u, du, p): give u_before, the input before the first"
                 if n_before
-                else "u_before was given, but the stage cost is of (x, u, p) and has no use for it"
+                else "u_before was given, but the stage cost is of (x, u, p) and does not use it"
             )
         states = as_rows(x0, self.tapes.nx - n_before, "x0", "the rollout")
         if u_before is None:

@@ -24,7 +24,7 @@ class Branch:
 class Schedule:
     """The smoothing parameter of a homotopy to the exact law, from ``wide`` down by ``factor``.
 
-    ``is_mu`` says that the parameter is the central-path parameter itself.
+    ``is_mu``: the parameter is the central-path parameter itself.
     """
 
     parameter: str
@@ -36,7 +36,7 @@ class Schedule:
 class Closure(ABC):
     """A closure ``lam_i gap_i = mu_i`` of ``0 <= lam ⟂ gap >= 0``: what mu is, and where.
 
-    :meth:`target` says what mu is, :meth:`nodes`, where the law averages over noise, at which
+    :meth:`target` gives mu, :meth:`nodes`, where the law averages over noise, at which
     disturbances the contact is solved.
     """
 

@@ -68,7 +68,7 @@ def law_parameter(name: str, value: float, unit: str, description: str) -> Param
 
 
 def positive(law: str, name: str, value: float, hint: str = "") -> float:
-    """Return ``value`` as a positive finite float or say what was wrong."""
+    """Return ``value`` as a positive finite float; raises ``ValueError`` otherwise."""
     number = float(value)
     if not (math.isfinite(number) and number > 0):
         tail = f"; {hint}" if hint else ""
@@ -77,7 +77,7 @@ def positive(law: str, name: str, value: float, hint: str = "") -> float:
 
 
 def whole(law: str, name: str, value: float, low: int, high: int) -> int:
-    """Return ``value`` as an integer in [low, high] or say what was wrong."""
+    """Return ``value`` as an integer in [low, high]; raises ``ValueError`` otherwise."""
     if not float(value).is_integer() or not low <= value <= high:
         raise ValueError(f"{law}: {name} must be a whole number from {low} to {high}, got {value}")
     return int(np.int64(value))

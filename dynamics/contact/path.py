@@ -88,7 +88,7 @@ _WEAK = 1e-2
 # Of a curved gap: the scale is at least so much of it.
 _LEAST = 1e-6
 TRUE_GAP, ARRIVED, LOST = 2.0, 3.0, 4.0
-"""What the last entry of a pair says beside 1: the true gap is followed, to its end, or lost."""
+"""Values of a pair's last entry beside 1: the true gap is followed, to its end, or lost."""
 
 
 class Path:

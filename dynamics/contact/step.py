@@ -238,12 +238,12 @@ class Step(ABC):
 
     @cached_property
     def held(self) -> tuple[ca.SX, ca.SX] | None:
-        """A symbol for mu and its value, where the law wants mu held in derivatives."""
+        """A symbol for mu and its value, where the law holds mu constant in derivatives."""
         return (ca.SX.sym("mu_held", self.n), self.mu) if self.law.frozen else None
 
     @cached_property
     def differentiable_relation(self) -> ca.SX:
-        """What ``inner`` solves, as derivatives see it: with mu held where the law says so."""
+        """The relation that ``inner`` solves, for derivatives: mu is held if the law is frozen."""
         return ca.vertcat(self.motion, self.contact_relation(self.held[0] if self.held else None))
 
     @cached_property

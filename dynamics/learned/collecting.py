@@ -21,7 +21,7 @@ DrawStates = Callable[[np.random.Generator, int, Sequence[str]], np.ndarray]
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 MOST = 1000
-"""Draws for every row that was asked for, after which a region is given up."""
+"""Draws per requested row after which a region is rejected."""
 AT_ONCE = 200_000
 """States that are drawn at once."""
 
@@ -84,8 +84,8 @@ class _Source:
         while found < wanted:
             if drawn > MOST * wanted:
                 raise ValueError(
-                    f"of {drawn} states drawn in the {where} of the region {found} could be used;"
-                    " move the region to where the system is free of penetration"
+                    f"only {found} of {drawn} states drawn in the {where} of the region could be"
+                    " used; move the region to where the system is free of penetration"
                 )
             share = found / drawn if found else 0.5
             size = min(int(1.1 * (wanted - found) / share) + 64, AT_ONCE)

@@ -38,7 +38,7 @@ class EwdaModel:
 
     ``z`` (n, nz) and ``y`` (n, ny) are the data in their own units. `backend` is ``c``, ``numpy``
     or ``auto`` for the faster one that there is; `threads` are those of ``c``, None for every
-    CPU. Answers of one backend do not depend on the threads or on what else is asked with them.
+    CPU. Results of one backend do not depend on the threads or on other queries.
 
     Raises ``ValueError`` for sigma or data that are not finite, sigma not above 0, and shapes that
     do not fit each other; in calls, for a query that is not finite.
@@ -121,8 +121,8 @@ class EwdaModel:
             row, column = np.argwhere(~within)[0]
             name = self.origin.z[column].name
             raise ValueError(
-                f"ewda: query {row} lies infinitely far from the data or is not a number"
-                f" ({name} = {z[row, column]:g}); ask for finite states and inputs"
+                f"ewda: query {row} is infinitely far from the data or not finite"
+                f" ({name} = {z[row, column]:g}); give finite states and inputs"
             )
         return q
 
@@ -161,7 +161,7 @@ class EwdaModel:
         origin = Origin.of(dataset, KIND)
         names = ("z_data", "y_data", "z_shift", "z_scale")
         if missing := [name for name in names if name not in dataset]:
-            raise ValueError(f"model: the average lacks {', '.join(missing)}; learn it again")
+            raise ValueError(f"model: the average lacks {', '.join(missing)}; train it again")
         z, y, shift, scale = (
             np.ascontiguousarray(dataset[name].values, dtype=float) for name in names
         )

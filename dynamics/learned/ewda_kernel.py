@@ -59,7 +59,7 @@ class NumpyMoments:
     points: Cloud
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """As :class:`Moments` says."""
+        """See :class:`Moments`."""
         z, y = self.points.z, self.points.y
         cols = 1 + z.shape[1] if slopes else 1
         nearest = np.empty(len(q), dtype=np.int64)
@@ -74,7 +74,7 @@ class NumpyMoments:
     def second(
         self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As :class:`Moments` says."""
+        """See :class:`Moments`."""
         y, nz = self.points.y, q.shape[1]
         total, sums = np.empty(len(q)), np.empty((len(q), nz, nz))
         for i, home, near in self._neighbours(q):
@@ -176,7 +176,7 @@ class CompiledMoments:
         }
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """As the protocol says."""
+        """See the protocol."""
         none = np.zeros((len(q), 0))
         size = (1 + self._ny, 1 + self._nz if slopes else 1)
         return self._all(_SLOPES if slopes else _VALUES, size, q, none, none, none)
@@ -184,7 +184,7 @@ class CompiledMoments:
     def second(
         self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As the protocol says."""
+        """See the protocol."""
         size = (1 + self._nz, 1 + self._nz)
         _, sums = self._all(_CURVED, size, q, mean_z, mean_y, weights)
         below = np.tril(sums[:, 1:, 1:])

@@ -24,7 +24,7 @@ _HDF = b"\x89HDF\r\n\x1a\n"
 def read_model(path: Path) -> Any:
     """The model in a netCDF file.
 
-    Raises ``ValueError`` where there is no such file, it is damaged, or it holds no model.
+    Raises ``ValueError`` where file not found, it is damaged, or it holds no model.
     """
     return model_of(read(path), path)
 
@@ -34,7 +34,7 @@ def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
     kind = dataset.attrs["kind"]
     if kind != TRANSITIONS:
         raise ValueError(
-            f"{path} holds a model of kind {kind}, no transitions; give what ocp collect wrote, or"
+            f"{path} holds a model of kind {kind}, not transitions; give what ocp collect wrote, or"
             " a table"
         )
     try:
@@ -47,46 +47,48 @@ def model_of(dataset: xr.Dataset, path: Path) -> Any:
     """The model in what :func:`read` gave of ``path``; raises as :func:`read_model` does."""
     kind = dataset.attrs["kind"]
     if kind == TRANSITIONS:
-        raise ValueError(f"{path} holds transitions, no model; learn one from them: ocp learn")
+        raise ValueError(f"{path} holds transitions, not a model; learn one from them: ocp learn")
     try:
         return _class(kind).of(dataset)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     except KeyError as error:
-        raise ValueError(f"{path}: the model lacks {error}; learn it again") from error
+        raise ValueError(f"{path}: the model lacks {error}; train it again") from error
 
 
 def read(path: Path) -> xr.Dataset:
     """Everything in a file of transitions or of a model, its checksum compared.
 
-    Raises ``ValueError`` where there is no such file, it is cut short or changed, or is something
+    Raises ``ValueError`` where a file is missing, truncated or changed, or is something
     else.
     """
     import xarray as xr
 
     if not path.is_file():
-        found = "is a directory" if path.is_dir() else "there is no such file"
-        raise ValueError(f"{path}: {found}; ocp collect makes data and ocp learn makes models")
+        found = "is a directory" if path.is_dir() else "file not found"
+        raise ValueError(f"{path}: {found}; ocp collect writes data and ocp learn writes models")
     with path.open("rb") as file:
         if file.read(len(_HDF)) != _HDF:
             raise ValueError(
-                f"{path} is no netCDF file; ocp collect makes data and ocp learn makes models"
+                f"{path} is not a netCDF file; ocp collect writes data and ocp learn writes models"
             )
     try:
         dataset = xr.load_dataset(path, engine="netcdf4", mask_and_scale=False, decode_times=False)
     except (OSError, RuntimeError, ValueError, TypeError) as error:
-        raise ValueError(f"{path} is cut short or damaged; make it again") from error
+        raise ValueError(f"{path} is truncated or damaged; create it again") from error
     attributes = {key: _plain(value) for key, value in dataset.attrs.items()}
     kind = attributes.get("kind")
     if kind not in (TRANSITIONS, *MODELS):
         known = ", ".join((TRANSITIONS, *MODELS))
         raise ValueError(
-            f"{path} is a netCDF file of something else: its kind is {kind!r}, expected {known}"
+            f"{path} is not a file of this program: its kind is {kind!r}, expected {known}"
         )
     if attributes.get(CHECKSUM) != checksum(dataset):
-        raise ValueError(f"{path} does not match its checksum: cut short or changed; make it again")
+        raise ValueError(
+            f"{path} does not match its checksum: truncated or changed; create it again"
+        )
     if wrong := misfit(dataset, attributes):
-        raise ValueError(f"{path} is no file of kind {kind} that this program wrote: {wrong}")
+        raise ValueError(f"{path} is not a file of kind {kind} of this program: {wrong}")
     return dataset
 
 

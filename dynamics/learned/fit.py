@@ -1,4 +1,4 @@
-"""How well a learned map fits data it has not seen, and what it does where there are none."""
+"""Fit of a learned map to held-out data, and its behaviour outside of the data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Fit:
 
     ``clean`` and ``noised`` (ny,): root mean square of ``g(z) - y`` and of ``g(z + w) - y``, w of
     width ``sigma`` in normalised units of z, over the standard deviation of y in the data; times
-    ``y_scale`` they are in the coordinates' units. The second has a floor that no map is below: the
+    ``y_scale`` they are in the coordinates' units. The second has a lower bound for every map: the
     spread of the y whose z could have been noised to the same place.
 
     Rays start at the sample farthest out in a random direction of normalised z and follow it, so

@@ -20,7 +20,7 @@ from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTabl
 
 @runtime_checkable
 class StepModel(LearnedMap, Protocol):
-    """A map from state and input to the next state that knows whose data it has learned from."""
+    """A map from state and input to the next state, with the origin of its training data."""
 
     kind: ClassVar[str]
 
@@ -49,7 +49,7 @@ class LearnedLaw(ContactLaw):
         loaded = read_model(Path(model)) if isinstance(model, (str, Path)) else model
         if loaded.kind != self.name:
             raise ValueError(
-                f"{self.name}: {model} is a model of kind {loaded.kind}; say --contact"
+                f"{self.name}: {model} is a model of kind {loaded.kind}; use --contact"
                 f" {loaded.kind}, or learn one with --model {self.name}"
             )
         self.model: StepModel = loaded
@@ -72,7 +72,7 @@ class LearnedLaw(ContactLaw):
         ):
             if [s.name for s in own] != [s.name for s in asked]:
                 raise ValueError(
-                    f"{self.name}: the model has learned from {what}"
+                    f"{self.name}: the model was trained on {what}"
                     f" {', '.join(s.name for s in own)}, but {system.name} has"
                     f" {', '.join(s.name for s in asked)}; give a model of this problem"
                 )

@@ -145,7 +145,7 @@ class MlpModel:
         names = [f"{part}_{layer}" for layer in layers for part in ("weight", "bias")]
         names += ["z_shift", "z_scale", "y_shift", "y_scale"]
         if missing := [name for name in names if name not in dataset]:
-            raise ValueError(f"model: the network lacks {', '.join(missing)}; learn it again")
+            raise ValueError(f"model: the network lacks {', '.join(missing)}; train it again")
         found = {name: np.ascontiguousarray(dataset[name].values, float) for name in names}
         if broken := [name for name, array in found.items() if not np.isfinite(array).all()]:
             raise ValueError(f"model: {', '.join(broken)} of the network are not finite")

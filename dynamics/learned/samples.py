@@ -41,14 +41,14 @@ class Origin:
         """``z``, ``state`` and ``input`` of a dataset: names, and units as ``state_unit`` etc."""
         found: dict[str, Any] = {}
         for dimension, entries in (("z", self.z), ("state", self.y), ("input", self.inputs)):
-            # A type that is said, for of no input at all NumPy would make numbers.
+            # The type is stated, since NumPy would make numbers of an empty list.
             names = np.array([signal.name for signal in entries], dtype=str)
             units = np.array([signal.unit for signal in entries], dtype=str)
             found |= {dimension: names, f"{dimension}_unit": (dimension, units)}
         return found
 
     def attributes(self, kind: str, sigma: float, seed: int) -> dict[str, Any]:
-        """What all models say about themselves."""
+        """Attributes that all models store."""
         return {
             "kind": kind,
             "schema": SCHEMA,

@@ -55,7 +55,7 @@ def _table(path: Path) -> Table:
     if path.suffix not in TABLES:
         raise ValueError(f"{path}: expected a table, {' or '.join(TABLES)}")
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such file")
+        raise ValueError(f"{path}: file not found")
     return _parquet(path) if path.suffix == ".parquet" else _csv(path)
 
 
@@ -67,9 +67,9 @@ def _csv(path: Path) -> Table:
     except pd.errors.EmptyDataError as error:
         raise ValueError(f"{path} is empty; the first line must name the columns") from error
     except pd.errors.ParserError as error:
-        raise ValueError(f"{path} is no CSV table: {str(error).splitlines()[-1]}") from error
+        raise ValueError(f"{path} is not a CSV table: {str(error).splitlines()[-1]}") from error
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is no text in UTF-8, so no CSV table") from error
+        raise ValueError(f"{path} is not UTF-8 text, so not a CSV table") from error
     return {str(head): np.asarray(frame[head]) for head in frame.columns}
 
 
@@ -85,7 +85,7 @@ def _parquet(path: Path) -> Table:
     try:
         table = read(path)
     except (ArrowException, OSError) as error:
-        raise ValueError(f"{path} is no Parquet file, or cut short") from error
+        raise ValueError(f"{path} is not a complete Parquet file") from error
     return {head: table[head].to_numpy() for head in table.column_names}
 
 
@@ -111,7 +111,7 @@ def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
         match = heads.get(_split(column)[0])
         if match is None or column not in (match[0], _split(match[0])[0]):
             raise ValueError(
-                f"{path}: there is no column {column!r} for {name}; there are {', '.join(texts)}"
+                f"{path}: no column {column!r} for {name}; available: {', '.join(texts)}"
             )
         found[name] = match
     return found
@@ -124,7 +124,7 @@ def _guessed(
     states = [name for name in names if f"{name}{NEXT}" in names]
     if not states:
         raise ValueError(
-            f"{path}: no column is the next state of another; call states such as x and x{NEXT},"
+            f"{path}: no column is the next state of another; name states such as x and x{NEXT},"
             f" or map them with columns, of {', '.join(heads)}"
         )
     ends = {f"{name}{NEXT}" for name in states}
@@ -139,7 +139,7 @@ def _column(path: Path, heads: Heads, signal: Signal) -> str:
     """The column of a signal, whose unit, where the table says it, must be the signal's."""
     if signal.name not in heads:
         raise ValueError(
-            f"{path}: there is no column for {signal.name} [{signal.unit}]; it has"
+            f"{path}: no column for {signal.name} [{signal.unit}]; it has"
             f" {', '.join(heads)}; map one with columns {signal.name}=COLUMN"
         )
     column, unit = heads[signal.name]

@@ -39,7 +39,7 @@ class Recipe:
             if value != int(value) or value < 1:
                 raise ValueError(f"mlp: {name} must be a whole number of at least 1, got {value}")
         if not self.hidden:
-            raise ValueError("mlp: hidden names no layer; give at least one, such as 128")
+            raise ValueError("mlp: hidden has no layers; give at least one, such as 128")
         if not (self.rate > 0 and math.isfinite(self.rate)):
             raise ValueError(f"mlp: rate must be positive and finite, got {self.rate}")
         if not 0 <= self.held_out < 1:
@@ -64,7 +64,7 @@ class Epoch:
 class Training:
     """Minimise ``E |h(z + sigma w) - y|²``, w ~ N(0, I) fresh in every minibatch, by Adam [eq. 3].
 
-    z and y are normalised; only z is noised, never y. The network says the next state as in the
+    z and y are normalised; only z is noised, never y. The network predicts the next state as in the
     paper, which makes the minimiser g_sigma itself. An increment, added to the noised state x~, is
     another law: ``x~ + E[y - x | x~]`` keeps the noise and does not pull back to the data.
 
@@ -107,7 +107,7 @@ class Training:
         return now.number >= recipe.epochs or stale
 
     def epochs(self) -> Iterator[Epoch]:
-        """The remaining epochs one by one; what follows is computed when the next one is asked.
+        """The remaining epochs one by one; the next one is computed on request.
 
         Raises ``ValueError`` when the weights are no longer finite.
         """
@@ -144,7 +144,7 @@ class Training:
             return self._network.start
         if "identity" not in state or bytes(state["identity"]) != self._identity():
             raise ValueError(
-                "mlp: the checkpoint is of other data, another recipe, sigma or seed; start anew"
+                "mlp: the checkpoint has other data, recipe, sigma or seed; start again"
             )
         return self._network.progress(state)
 

@@ -30,7 +30,7 @@ class Transitions:
     """n steps: states ``x`` (n, nx), inputs ``u`` (n, nu) and next states ``x_next`` (n, nx).
 
     ``states`` and ``inputs`` name the columns and their units, in which all values are;
-    ``normalisation`` is of z = (x, u). ``provenance`` says where the data come from: ``problem``,
+    ``normalisation`` is of z = (x, u). ``provenance`` states where the data come from: ``problem``,
     ``parameters``, ``seed``, ``region``, ``how``, as far as they are known.
     """
 
@@ -133,7 +133,7 @@ class Transitions:
 
     @property
     def origin(self) -> Origin:
-        """What a model of these data says that it was learned from."""
+        """The origin that a model of these data stores."""
         known = self.provenance
         problem, parameters = str(known.get("problem", "")), known.get("parameters", {})
         return Origin((*self.states, *self.inputs), self.states, problem, parameters, self.hash)
@@ -187,7 +187,7 @@ class Transitions:
         origin, provenance = Origin.of(dataset, KIND), json.loads(attributes["provenance"])
         found = cls.checked(x, u, x_next, origin.y, origin.inputs, provenance)
         if found.hash != attributes["data_hash"]:
-            raise ValueError("the values are not those that were written: their hash differs")
+            raise ValueError("the values were changed: their hash differs")
         return replace(found, normalisation=Normalisation(shift, scale))
 
 

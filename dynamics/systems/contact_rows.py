@@ -56,9 +56,9 @@ class Touching:
 @dataclass(frozen=True, eq=False)
 class ContactRows:
     """The pairs of one step: ``lam`` (nlam, 1), ``gap`` (nlam, 1), and ``push`` (nq, 1) their
-    generalised impulse [N s]; ``signals`` and ``pairs`` say what each is, ``forces`` what they add
+    generalised impulse [N s]; ``signals`` and ``pairs`` describe each, ``forces`` what they add
     up to, None where there is no friction. ``phi`` are the distances at q of contacts and limits,
-    ``curved`` says that any of these is not affine in q.
+    ``curved``: one of these is not affine in q.
     """
 
     lam: ca.SX

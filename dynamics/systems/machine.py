@@ -64,14 +64,14 @@ class Machine:
         for part in (*self.spheres, *self.parts):
             if part.link not in links:
                 raise ValueError(
-                    f"{part.name!r} is on link {part.link!r}, which is none; "
+                    f"{part.name!r} is on link {part.link!r}, which does not exist; "
                     f"choose from {', '.join(links)}"
                 )
         known = {part.name: part.link for part in (*self.spheres, *self.parts)}
         for meeting in self.meetings:
             for name in meeting:
                 if name not in known:
-                    raise ValueError(f"{name!r} is no part; choose from {', '.join(known)}")
+                    raise ValueError(f"{name!r} is not a part; choose from {', '.join(known)}")
             if len({known[name] for name in meeting}) == 1:
                 raise ValueError(f"{' and '.join(meeting)} are on the same link and never meet")
 

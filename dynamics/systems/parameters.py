@@ -27,7 +27,7 @@ class Signal:
     def __post_init__(self) -> None:
         for what, text in (("name", self.name), ("unit", self.unit), ("meaning", self.description)):
             if not text.isprintable():
-                raise ValueError(f"the {what} {text!r} of a signal has signs that nobody can read")
+                raise ValueError(f"the {what} {text!r} of a signal has unprintable characters")
         if not self.name:
             raise ValueError("a signal has no name; write it as 'x [m] position'")
 
@@ -122,7 +122,7 @@ class ParameterTable:
         return self.unpack(self.values)
 
     def pack(self, values: Mapping[str, ArrayLike] | None = None, **law: ArrayLike) -> np.ndarray:
-        """Values by name in the order of :attr:`vector`, (n,); who has none keeps its default.
+        """Values by name in the order of :attr:`vector`, (n,); the others keep their defaults.
 
         ``law`` are parameters of a contact law, without prefix. Values may be arrays over samples,
         (k,) for a number or (k, rows, columns) for a matrix; then the result is (k, n). Names of

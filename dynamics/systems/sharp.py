@@ -21,7 +21,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Sharp:
-    """How a model leads to its sharpest sibling: ``note`` says what that one does better.
+    """How a model leads to its sharpest sibling: ``note`` states what that one does better.
 
     ``build`` makes it: the same x, u, x_next and parameters, lam and gap its own, so that the same
     states and inputs can be replayed. None where nothing sharper than the model is known.
@@ -32,7 +32,7 @@ class Sharp:
 
 
 def by_true_distance(system: ContactSystem) -> Sharp | None:
-    """Sharpen a system written by hand, whose builder has said nothing; None without geometry.
+    """Sharpen a system written by hand, without a builder; None without geometry.
 
     Where its gaps are those of frictionless contacts, one for each distance ``phi`` [m], and equal
     phi for bodies that rest, they are taken for expansions of phi, and the true ones put in their

@@ -1,4 +1,4 @@
-"""A mechanical system with contact, before any law says how the contact closes."""
+"""A mechanical system with contact, before a law closes its contact."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ class ContactSystem:
     may be a linearisation of one. ``mu_per_kappa`` converts the log-barrier weight kappa [1/J] to
     the central-path parameter, ``mu = mu_per_kappa / kappa``.
 
-    ``pairs`` say what each entry of ``lam`` stands for, by default the normal impulse of a contact
+    ``pairs`` give the meaning of each entry of ``lam``, by default the normal impulse of a contact
     of its own; ``forces`` add them up where there is friction, ``book`` has energy and momentum.
 
     Where the Jacobian of ``residual`` by ``x_next`` depends on the state, as where a mass matrix
     does, it must have positive leading minors, as a mass matrix has.
 
     ``sharp`` leads to the sharpest contact that is known for the system, see :attr:`sharpest`.
-    ``refinable`` says that h only discretises: ``h / 4`` is the same system, looked at more often.
+    ``refinable``: h only discretises, and ``h / 4`` is the same system, sampled more often.
     ``mass`` and ``stiffness`` are what must be positive definite, expressions in x and the
     parameters, where the system has them: M (nq, nq), of quasi-dynamics that of the free
     coordinates alone, and its actuators' K.
@@ -122,8 +122,8 @@ class ContactSystem:
         undeclared = _free_symbols(ca.vertcat(self.residual, self.gap), known)
         if undeclared:
             raise ValueError(
-                f"system {self.name!r}: residual or gap uses {', '.join(undeclared)}, which is no"
-                " state, input, contact or declared parameter; declare it as a parameter"
+                f"system {self.name!r}: residual or gap uses {', '.join(undeclared)}, which is not"
+                " a state, input, contact or declared parameter; declare it as a parameter"
             )
 
     @property
@@ -243,7 +243,7 @@ class ContactSystem:
 
 
 def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int]) -> None:
-    """Raise ``ValueError`` where a builder's argument has another shape than its docstring says."""
+    """Raise ``ValueError`` where a builder's argument has another shape than documented."""
     if ca.SX(expression).shape != shape:
         raise ValueError(
             f"system {system!r}: {what} has shape {ca.SX(expression).shape}, expected {shape}"

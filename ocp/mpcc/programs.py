@@ -151,7 +151,7 @@ class Lifted:
 
 
 def programs_of(mpcc: MPCC, p: np.ndarray, start: np.ndarray) -> Callable[[str], MPCCProgram]:
-    """The programs of a problem at parameters p by reformulation, each built when first asked for.
+    """The programs of a problem at parameters p by reformulation, each built at its first use.
 
     The size of the cost is measured at ``start`` (n,).
     """

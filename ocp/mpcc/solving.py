@@ -32,7 +32,7 @@ _LARGE = 300
 class MPCCSolution:
     """An answer to an :class:`MPCC`: x (n,), G and H (k,) there, cost and certificate.
 
-    ``success`` means feasible to 1e-6 and certified B-stationary, whatever a solver said.
+    ``success`` means feasible to 1e-6 and certified B-stationary, whatever the solver's status.
     ``infeasibility`` is the largest violation of a bound, of g, or of min(G, H) = 0; ``worst`` says
     where. ``strategy`` is the one that led there.
     """
@@ -134,7 +134,7 @@ def _rank(found: MPCCSolution) -> tuple[bool, bool, float]:
 def _judged(
     program: MPCCProgram, source: Program, result: Result, start: np.ndarray, name: str
 ) -> MPCCSolution:
-    """Certify a result where it is feasible; else say which constraint is off most."""
+    """Certify a result where it is feasible; else name the most violated constraint."""
     values = {"penalty": 0.0, "relaxation": 0.0}
     mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])
     p, bounds = program.parameter_vector(values), program.bounds(values)

@@ -1,1 +1,1 @@
-"""Programs and their solvers: named blocks, natural units, and what a solver says."""
+"""Programs and their solvers: named blocks, natural units, options and status."""

@@ -1,4 +1,4 @@
-"""What may be said to a solver: its options by name, with their types, ranges and limits."""
+"""Options of the solvers by name, with their types, ranges and limits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LOOSEST = {
     **dict.fromkeys(("feas_tol", "slack_tol", "primal_tolerance"), 1e-6),
 }
 """Largest tolerances: of constraints what the audit demands, of optimality what the certificate
-does; a solver that stops earlier says nothing of the answer."""
+does; a solver that stops earlier proves nothing."""
 _UNO = {
     **dict.fromkeys(("primal_tolerance", "dual_tolerance", "time_limit"), "real"),
     **dict.fromkeys(("loose_primal_tolerance", "loose_dual_tolerance"), "real"),
@@ -39,7 +39,7 @@ _MOST = 2**31 - 1
 class Option:
     """An option's type, ``integer``, ``real`` or ``string``, its range and its words, if any.
 
-    ``default`` and ``meaning`` are the solver's own words, where it has told them.
+    ``default`` and ``meaning`` are quoted from the solver's documentation, where known.
     """
 
     kind: str
@@ -84,7 +84,7 @@ INTERFACE: dict[str, dict[str, Option]] = {
 
 
 def documented(solver: str) -> dict[str, Option]:
-    """The options of a solver that are known beforehand; of the others only its own answer tells.
+    """The documented options of a solver; the others are probed.
 
     IPOPT documents its own; of Uno the names are known, of fatrop and SLEQP nothing.
     """
@@ -111,7 +111,7 @@ def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
         if name in LOOSEST and float(value) > LOOSEST[name]:
             raise InputError(
                 f"{solver} refused its options: {name} must be at most {LOOSEST[name]:g}, got"
-                f" {value:g}; what passes a looser one means nothing"
+                f" {value:g}; a looser tolerance proves nothing"
             )
         checked[name] = int(value) if option.kind == "integer" else value
     return checked

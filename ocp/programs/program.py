@@ -96,7 +96,7 @@ class PairName:
 class Program(ABC):
     """``min f(x, p)`` subject to ``g_lower <= g(x, p) <= g_upper``, bounds, ``0 <= G ⟂ H >= 0``.
 
-    G and H are entries of x, at ``pairs`` (2, m). The program knows nothing of trajectories. By
+    G and H are entries of x, at ``pairs`` (2, m). The program does not know trajectories. By
     ``reformulation`` the pairs stand as rows ``G H - mu`` of the block "contact" ("product"), not
     at all ("none": fixed active sets, or a penalty on G H), as ``G + H - sqrt(G² + H² + 2 t)``
     ("fischer-burmeister") or as ``G H - t²`` with ``(G + t)(H + t) - t²`` in "separation"

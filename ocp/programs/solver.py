@@ -1,4 +1,4 @@
-"""Run a named NLP solver on an NLP and say what it did."""
+"""Run a named NLP solver on an NLP and report its status."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ USUAL: dict[str, dict[str, Any]] = {
 """Options of each solver where none are given: silent, no looser than what the audit asks, and not
 on and on where it is lost."""
 TIMED_OUT = ("Maximum_CpuTime_Exceeded", "Maximum_WallTime_Exceeded", "time limit")
-"""Words of runs that a limit of time ended; there is none unless the user sets one."""
+"""Statuses of runs that a time limit stopped; there is no limit unless the user sets one."""
 _STATUS = {
     **dict.fromkeys(TIMED_OUT, Status.TIME_LIMIT),
     "Solve_Succeeded": Status.SOLVED,
@@ -161,7 +161,7 @@ class Solver:
         return self._ended(nlp, p, result, bool(pressed))
 
     def _ended(self, nlp: Program, p: np.ndarray, result: Result, pressed: bool) -> Result:
-        """Tell whoever listens where a run ended; raises KeyboardInterrupt if that ended it."""
+        """Pass a run's result to the callback; raises KeyboardInterrupt if that ended it."""
         if pressed:
             cost, g = nlp.values(result.point.x, p)
             result = replace(result, f=cost, g=g, status=Status.INTERRUPTED)
@@ -229,10 +229,10 @@ def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
 
 @contextmanager
 def noted() -> Iterator[list[int]]:
-    """Give a list that holds SIGINT once it came inside; whoever handled it before handles it too.
+    """Yield a list that receives SIGINT; the previous handler runs too.
 
     CasADi asks Python for signals at every evaluation of a function. IPOPT's interface catches what
-    the handler then raises, stops, and gives the iterate that it was at, without another word;
+    the handler then raises, stops, and returns its last iterate silently;
     other plugins let it through. What CasADi warns of then is not printed.
     """
     seen: list[int] = []

@@ -19,7 +19,7 @@ class Status(Enum):
     ITERATION_LIMIT = "not converged: the iteration limit was reached"
     TIME_LIMIT = "not converged: it took too long and was given up"
     INFEASIBLE = "not converged: the constraints could not be met from this guess"
-    DIVERGED = "not converged: the iterates diverged or a function returned no number"
+    DIVERGED = "not converged: the iterates diverged or a function returned NaN or infinity"
     INTERRUPTED = (
         "interrupted: stopped by the user; this is the best point by then, and --from its run goes"
         " on there"

@@ -273,7 +273,7 @@ _ONE = threading.Lock()
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Lose what goes to file descriptor 1 inside; HiGHS has a ``printf`` that nothing turns off."""
+    """Discard output on file descriptor 1; HiGHS has a ``printf`` without a switch."""
     with _ONE, Path(os.devnull).open("w") as nowhere:
         _flush()
         try:

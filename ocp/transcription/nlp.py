@@ -31,7 +31,7 @@ class NLP(Program):
     initial states of all scenarios and the input before the first).
 
     ``trajectories`` maps (x, p) to states, inputs, lam and gap where states are no variables,
-    ``contacts`` to lam and gap where those are none.
+    ``contacts`` to lam and gap where these have none.
     """
 
     problem: Problem
@@ -213,7 +213,7 @@ class StageCompiler:
 
     Objects are kept in the user's cache directory by source, compiler and flags, so a second solve
     compiles nothing. Where there is no compiler, or it fails, functions are given back as they
-    are, and ``outcome`` says why.
+    are, and ``outcome`` has the reason.
     """
 
     def __init__(self) -> None:

@@ -20,9 +20,9 @@ from ocp.transcription.hidden import Compile, Hidden, inner_values
 class Stage:
     """``copies`` of a cost (1,) and constraints (nc,) in local variables ``w`` (nw,).
 
-    ``index`` (copies, nw) tells where each copy's locals sit in ``[x; data]``; ``weight`` scales
+    ``index`` (copies, nw) gives the place of each copy's locals in ``[x; data]``; ``weight`` scales
     the cost. ``hidden`` are unknowns that w determines, or nothing; all derivatives go through
-    them. ``rows`` (copies, nc) tells where the constraints go in g.
+    them. ``rows`` (copies, nc) gives the place of the constraints in g.
     """
 
     name: str

@@ -172,7 +172,7 @@ def test_an_arm_that_folds_onto_its_own_bar_stops_there() -> None:
 
 @pytest.mark.parametrize(
     ("meeting", "sentence"),
-    [(("hand", "nose"), "'nose' is no part; choose from hand, end, beam"),
+    [(("hand", "nose"), "'nose' is not a part; choose from hand, end, beam"),
      (("end", "beam"), "end and beam are on the same link and never meet")],
 )  # fmt: skip
 def test_a_meeting_that_cannot_be_is_refused(meeting, sentence: str) -> None:
@@ -183,6 +183,6 @@ def test_a_meeting_that_cannot_be_is_refused(meeting, sentence: str) -> None:
 
 def test_a_part_on_a_link_that_is_none_is_refused() -> None:
     links = folded().links
-    sentence = f"'toe' is on link 'foot', which is none; choose from {links[0].name}"
+    sentence = f"'toe' is on link 'foot', which does not exist; choose from {links[0].name}"
     with pytest.raises(ValueError, match=sentence):
         Machine(links, (Sphere("toe", "foot", (0.0, 0.0), 0.1),))

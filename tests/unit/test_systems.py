@@ -61,7 +61,7 @@ def matrices(**changes):
             lambda: stepping(distance=None, load=1.0, friction=0.5),
             "a load with sliding and friction",
         ),
-        (lambda: stepping(mass=ca.SX.sym("m")), "uses m, which is no state, input, contact or"),
+        (lambda: stepping(mass=ca.SX.sym("m")), "uses m, which is not a state, input, contact or"),
         (lambda: pushing(stiffness=ca.SX.eye(2)), r"stiffness has shape \(2, 2\)"),
         (lambda: pushing(mass=ca.SX.eye(2)), r"mass has shape \(2, 2\), expected \(1, 1\)"),
         (lambda: matrices(C=np.ones((2, 1))), r"matrix C has shape \(2, 1\), expected \(1, 1\)"),

@@ -100,7 +100,7 @@ static void choose_actions(const memory *a, i64 t) {
   V values[(NOBS + HIDDEN) * U];
   look(a, t, values, a->theta + t * NU * U);
 }
-/* Takes what a step says of the action back to the weights, and to the state in `bars`. */
+/* Backpropagates the adjoint of the action to the weights, and to the state in `bars`. */
 static void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, V *total) {
   V values[(NOBS + HIDDEN) * U], action[NU * U], bar[WIDEST * U];
   look(a, t, values, action);

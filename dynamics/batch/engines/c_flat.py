@@ -37,7 +37,7 @@ static i64 evaluate(i64 begin, i64 end, const double *const *a, const i64 *share
   for (int k = 0; k < %(n_out)d; top += U * ny[k++]) y[k] = top;
   i64 bad = 0;
   for (i64 block = begin; block < end; block += U * W) {
-    /* Rows past the end are the last one again, which nobody stores. */
+    /* Rows past the end repeat the last one, and are not stored. */
     i64 left = (end - block + A * W - 1) / (A * W) * A;
     int registers = left < U ? (int)left : U;
     for (int k = 0; k < %(n_in)d; k++)

@@ -68,7 +68,7 @@ _FUSED = (
     ("__builtin_ia32_vfmaddpd256", 4, "__builtin_ia32_vfmaddpd256(a, b, c)"),
     ("__builtin_ia32_vfmaddpd", 2, "__builtin_ia32_vfmaddpd(a, b, c)"),
 )
-# Of two numbers the larger or smaller; where one is no number, whichever the processor takes.
+# Minimum and maximum of two numbers; where one is NaN, the result depends on the processor.
 _LARGER, _SMALLER = (
     (
         (f"__builtin_ia32_{name}pd512_mask", 8, f"__builtin_ia32_{name}pd512_mask(a, b, a, -1, 4)"),

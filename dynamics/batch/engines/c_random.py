@@ -8,7 +8,7 @@ from dynamics.batch.engines.c_source import number
 from dynamics.batch.random import INCREMENTS, MULTIPLIERS, ROUNDS
 
 # A 64-bit product of all lanes costs a processor without AVX-512 three multiplications and more;
-# one of their lower halves is one instruction, which gcc has to be told by its name.
+# of their lower halves is one instruction, which gcc needs by its name.
 _PHILOX = """\
 typedef int H __attribute__((vector_size(8 * W)));
 #if __has_builtin(__builtin_ia32_pmuludq512_mask) && W == 8

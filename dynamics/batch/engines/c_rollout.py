@@ -13,7 +13,7 @@ from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.graphs.step_graphs import RolloutTapes
 
 # Operations up to which the registers of a block are worked on without a loop around them: more
-# would not find room in the processor at once, and take the compiler long.
+# would exceed the registers, and take the compiler long.
 UNROLLED = 200
 # Operations up to which two registers of a block are worked on abreast, which doubles the text.
 LONG = 6000
@@ -304,7 +304,7 @@ def source(
     abreast = 2 if UNROLLED < length <= LONG else 1
     constants = {
         "EACH": "UNROLL" if length <= UNROLLED else "",
-        # Registers of the last block that nobody needs are worth leaving out of a long graph.
+        # Unused registers of the last block are left out of a long graph.
         "LIVE": "U" if length <= UNROLLED else "live",
         "U": abreast * max(1, block // (abreast * machine.width)),
         "PS": "U" if own_p else "1",

@@ -50,7 +50,7 @@ class Layout:
     """Where the entries of inputs and outputs are, for a kernel over registers side by side.
 
     Entry j of an array for register r is number `j * stride + r`, or `j * stride` alone where the
-    stride is 1, which is what all registers share. Strides are C expressions, "1" where not told;
+    stride is 1, which is what all registers share. Strides are C expressions, "1" by default;
     they may name `ts`, which the kernel then takes as its last argument. The kernel works on
     `abreast` registers at once: a long chain of dependent operations leaves a processor idle that
     two such chains keep busy.
@@ -150,7 +150,7 @@ class _Part:
         return [_NAMES.sub(rf"\g<0>_{self.register}", line) for line in lines]
 
     def _needed(self) -> Iterable[str]:
-        """Statements in turn, without those whose value nobody reads, as of products in `fused`."""
+        """Statements in turn, without those whose value is unused, as of products in `fused`."""
         foreign = [line for i, lines in self.stores.items() if i not in self.here for line in lines]
         reverse = foreign[::-1]
         wanted = {kind + i for line in reverse for kind, i in _NAMES.findall(line)}

@@ -166,7 +166,7 @@ def graphs(tapes: RolloutTapes, warm: bool = False) -> dict[str, ca.Function]:
     """
     loop = tapes.forward
     if isinstance(loop, Asked):
-        raise UnsupportedOperation("a learned step is data, and has no C; choose another law")
+        raise UnsupportedOperation("a learned step has no C code; choose another law")
     if isinstance(loop, InnerLoop):
         return {name: graph for name, graph in loop.graphs().items() if warm or name != "warm"}
     return {"step": loop}

@@ -19,9 +19,9 @@ def choose(
 ) -> tuple[str, EngineT]:
     """Build the named backend, or for `auto` the first of `makers` that can be built.
 
-    Under `auto`, a backend that cannot be built is passed over; one `BatchWarning` line says why
-    and what is used instead, once for each reason in a process.
-    Raises `ValueError` for an unknown name, and the backend's own error when it was asked for.
+    Under `auto`, a backend that cannot be built is passed over; a `BatchWarning` line gives the
+    reason and the replacement, once for each reason in a process.
+    Raises `ValueError` for an unknown name, and the backend's own error when it was named.
     """
     if backend != "auto":
         if backend not in makers:
@@ -30,7 +30,7 @@ def choose(
         try:
             return backend, makers[backend]()
         except CompilerError as error:
-            raise CompilerError(f"{error}; take numpy or auto for a backend") from error
+            raise CompilerError(f"{error}; use the numpy or auto backend") from error
     reasons: list[str] = []
     for name, make in makers.items():
         try:

@@ -49,7 +49,7 @@ TWO_ARGUMENTS = frozenset({"atan2", "hypot", "pow"})
 
 
 class CompilerError(RuntimeError):
-    """There is no working C compiler; the message is one line and says what failed."""
+    """There is no working C compiler; the message is one line with the cause."""
 
     exit_code = 2
 
@@ -125,7 +125,7 @@ def _simd(defined: set[str]) -> tuple[str, int, str]:
 def vector_math(mangling: str) -> dict[str, str]:
     """C's name of each function that glibc's vector library has, and its name there.
 
-    `mangling` begins a vector function's name and tells the instruction set; see "Vector Function
+    `mangling` begins a vector function's name and encodes the instruction set; see "Vector Function
     Application Binary Interface Specification for OpenMP", x86 and AArch64.
     """
     try:
@@ -159,7 +159,7 @@ def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
                     os.killpg(process.pid, signal.SIGKILL)
                 raise
     except subprocess.TimeoutExpired:
-        raise CompilerError(f"{command[0]} did not end within {limit_s:g} s") from None
+        raise CompilerError(f"{command[0]} did not finish within {limit_s:g} s") from None
     except (OSError, subprocess.SubprocessError) as error:
         raise CompilerError(f"{command[0]} could not run: {error}") from error
     if process.returncode != 0:
@@ -172,7 +172,7 @@ def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
 _loaded: dict[str, ctypes.CDLL] = {}
 _lock = threading.Lock()
 _ROOM = 1 << 24
-"""Bytes that a compilation may need; with fewer it fails for want of them."""
+"""Bytes that a compilation may need."""
 
 
 def load(source: str, needs: Sequence[str] = ()) -> ctypes.CDLL:
@@ -193,9 +193,9 @@ def load(source: str, needs: Sequence[str] = ()) -> ctypes.CDLL:
                     library = _open(_compile(*made, _private_directory()), needs)
             except OSError as error:
                 reason = f"{error.strerror or error}: {error.filename or 'temporary files'}"
-                raise CompilerError(f"{compiler.path} made no object, {reason}") from error
+                raise CompilerError(f"{compiler.path} produced no object: {reason}") from error
             if library is None:
-                raise CompilerError("the compiled object vanished before it was loaded")
+                raise CompilerError("the compiled object was removed before it was loaded")
             _loaded[key] = library
         return _loaded[key]
 
@@ -298,7 +298,7 @@ def _cache_path() -> Path:
 
 
 def identity() -> str:
-    """What tells this compiler and CPU from others, "" where there is none that works."""
+    """Identity of this compiler and CPU; "" without a working compiler."""
     try:
         return find_compiler().identity
     except CompilerError:
@@ -309,7 +309,7 @@ def info() -> dict[str, object]:
     """What `ocp doctor` shows: the compiler, its vector library, and the cache.
 
     Keys `compiler version instruction_set width vector_math cache objects bytes`; `compiler` is
-    None and `problem` says why where there is none, `cache` is None where it cannot be used.
+    None, with the cause in `problem`, without one; `cache` is None where it is unusable.
     """
     directory = cache_directory()
     objects = _objects(directory) if directory else []

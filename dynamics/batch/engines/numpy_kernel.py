@@ -159,7 +159,7 @@ class _Writer:
         return self.choices.get(i) or operands(self.tape.operations[i])
 
     def _last_uses(self) -> list[int]:
-        """The last reader of each value; -1 for the halves of a choice that nobody else reads."""
+        """The last reader of each value; -1 for the halves of a choice read only there."""
         n = len(self.tape.operations)
         last = [-1] * n
         for row in self.tape.outputs:

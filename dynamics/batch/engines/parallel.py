@@ -36,7 +36,7 @@ def checked_threads(threads: int | None) -> int:
 def over_chunks(n: int, chunk: int, threads: int, work: Callable[[int, int], None]) -> None:
     """Call `work(begin, end)` for consecutive chunks of `range(n)` on up to `threads` threads.
 
-    Chunks are taken in turn by whoever is free; their bounds depend on `n` and `chunk` alone, so
+    Free threads take the chunks in turn; their bounds depend on `n` and `chunk` alone, so
     what is computed does not depend on `threads`. The first exception is raised.
     """
     starts = range(0, n, chunk)
@@ -103,7 +103,7 @@ _TILE = 256
 class Scratch(threading.local):
     """Work arrays by name, each thread its own; fresh memory would cost a page fault every 4 KiB.
 
-    What an array holds is lost once its name is asked for again.
+    A second request for a name overwrites its array.
     """
 
     def __init__(self) -> None:
@@ -125,6 +125,6 @@ class Scratch(threading.local):
 
 
 def transpose(source: np.ndarray, target: np.ndarray) -> None:
-    """Copy between (n_samples, size) arrays of which one is the transpose of a contiguous array."""
+    """Copy between (n_samples, size) arrays, one the transpose of a contiguous array."""
     for begin in range(0, len(source), _TILE):
         target[begin : begin + _TILE] = source[begin : begin + _TILE]

@@ -1,4 +1,4 @@
-"""Backends of a rollout: what is asked of them, and how each answers."""
+"""Backends of a rollout: their request, and how each evaluates it."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class Job(ctypes.Structure):
 
 
 # Samples of the longest SIMD register, how many shares of the work there are for each thread, and
-# samples of which no share is worth while.
+# samples that are not worth sharing.
 _REGISTER, _SHARES, _FEW = 8, 4, 32
 
 
@@ -138,7 +138,7 @@ class CompiledRolloutEngine:
     """Rollouts by a driver `run(next, n, chunk, job)` in machine code.
 
     `make(own_p, own_theta)` builds the driver for parameters that all samples share, or for
-    parameters of each sample's own, which is built when first asked for; `dense` says that the
+    parameters of each sample's own, which is built at its first use; `dense` says that the
     same goes for theta.
     """
 

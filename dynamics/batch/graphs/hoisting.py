@@ -1,6 +1,6 @@
 """Taking out of a repeated graph what depends on parameters alone.
 
-Parameters stay the same over a rollout, so an expression in them, h/m say, is computed once and
+Parameters stay the same over a rollout, so an expression in them, such as h/m, is computed once and
 handed to the graphs of the step as a value, instead of once a step and sample; a division by such
 a value becomes a product with its reciprocal, and a chain of such products one product.
 """

@@ -99,7 +99,7 @@ class Costs(Objective):
 
 
 def free_of_cost(step: Step) -> Costs:
-    """No costs at all, for who wants the step alone."""
+    """No costs, for the step alone."""
     system, p, nothing = step.system, step.p.vector, ca.SX(0)
     return Costs(
         ca.Function("stage", [system.x, system.u, p], [nothing]),
@@ -154,7 +154,7 @@ class Episode(Objective):
         return ca.vertcat(*stays, on, lived + self.alive), -gain
 
     def terminal(self, step: Step) -> ca.SX:
-        """Minus what is gained at the end by those who reach it."""
+        """Minus the terminal reward of the episodes that reach the end."""
         gain = of_first(self.final, step.system.x, p=step.p.vector)
         return -ca.if_else(self.alive, self.carried[0] * gain, 0)
 

@@ -18,7 +18,7 @@ class Parts:
 
     `parts[p]` lists the values of part p, `slots` the place in memory (`n_slots` places in all)
     of each value that a later part reads, and `ends[p]` the outputs (value, output, nonzero) that
-    part p writes. A place is used again once nobody reads what it holds.
+    part p writes. A place is reused once its value is not read any more.
     """
 
     def __init__(self, tape: Tape, size: int) -> None:
@@ -37,7 +37,7 @@ class Parts:
         return operands(operation) + (chosen(self.tape, operation) or ())
 
     def factors(self, i: int, here: set[int]) -> tuple[int, int] | None:
-        """The two factors of a product in the part `here` that nobody else reads, else None."""
+        """The two factors of a product in the part `here` that is read once, else None."""
         operation = self.tape.operations[i]
         if i not in here or self.counts[i] != 1:
             return None

@@ -41,7 +41,7 @@ class RolloutTapes:
       closed form for lam
     - `adjoint: (x, theta, w, p, lam, xbar) -> (xbar_before, thetabar)`
     - `score: (x, theta, w) -> thetabar`, the product D_theta law(x, theta)' w, of what of w acts in
-      state x; `ways` says which noise acts at all
+      state x; `ways` states which noise acts
     - `terminal: (x, p) -> cost` and `terminal_adjoint: (x, p) -> xbar`
 
     A sample whose entry `weight` of x is zero has come to its end: nothing of it changes any more.
@@ -73,7 +73,7 @@ class RolloutTapes:
 class Asked:
     """A step whose next state comes from a model of it, evaluated beside the graphs.
 
-    - `queries: (x, theta, w, p) -> z`, where the model is asked, branch after branch
+    - `queries: (x, theta, w, p) -> z`, where the model is evaluated, branch after branch
     - `closing: (x, theta, w, p, lam) -> (x_next, lam, cost)`
 
     In place of lam there is `LearnedStep.evaluated`: the model's outputs, and its Jacobians, which

@@ -196,7 +196,7 @@ class _Builder:
         args = operation.args
         if operation.op in COMMUTATIVE:
             args = tuple(sorted(args))
-        # float.hex tells 0.0 from -0.0, which == does not.
+        # float.hex distinguishes 0.0 from -0.0, which == does not.
         key = (operation.op, args, operation.value.hex())
         if key not in self.known:
             self.known[key] = len(self.operations)

@@ -129,7 +129,7 @@ def test_failing_compiler_shows_its_last_line_and_is_passed_over(graph, tmp_path
     fake_compiler(tmp_path / "bin", script, monkeypatch)
     with pytest.warns(BatchWarning, match=r"cc failed: cc1: out of memory; 'graph' runs on the"):
         assert BatchFunction(graph).backend == "numpy"
-    with pytest.raises(CompilerError, match=r"out of memory; take numpy or auto for a backend$"):
+    with pytest.raises(CompilerError, match=r"out of memory; use the numpy or auto backend$"):
         BatchFunction(graph, backend="c")
 
 
@@ -151,7 +151,7 @@ def test_compiler_that_makes_rubbish_is_passed_over(graph, tmp_path, monkeypatch
     before = os.environ["PATH"]
     fake_compiler(tmp_path / "bin", script, monkeypatch)
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{before}")
-    with pytest.raises(CompilerError, match=r"does not load|made no object"):
+    with pytest.raises(CompilerError, match=r"does not load|produced no object"):
         BatchFunction(graph, backend="c")
     assert not list(own_cache.glob("*.so")), "a mended compiler gets its turn"
     with pytest.warns(BatchWarning, match="'graph' runs on the numpy"):
@@ -167,7 +167,7 @@ def test_compiler_that_hangs_is_ended_with_all_it_started(graph, tmp_path, monke
     esac"""
     fake_compiler(tmp_path / "bin", script, monkeypatch)
     began = time.monotonic()
-    with pytest.raises(CompilerError, match=r"cc did not end within 0.3 s; take numpy"):
+    with pytest.raises(CompilerError, match=r"cc did not finish within 0.3 s; use the numpy"):
         BatchFunction(graph, backend="c")
     assert time.monotonic() - began < 20, "its child held the pipe open"
 
@@ -177,9 +177,9 @@ def test_without_cache_and_temporary_files_numpy_is_taken(graph, tmp_path, monke
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
     compiler._private_directory.cache_clear()
-    with pytest.warns(BatchWarning, match=r"made no object.*'graph' runs on the numpy"):
+    with pytest.warns(BatchWarning, match=r"produced no object.*'graph' runs on the numpy"):
         assert BatchFunction(graph).backend == "numpy"
-    with pytest.raises(CompilerError, match="made no object"):
+    with pytest.raises(CompilerError, match="produced no object"):
         BatchFunction(graph, backend="c")
 
 

@@ -254,7 +254,7 @@ def test_bad_input_is_told():
     call = given(f)
     with pytest.raises(ValueError, match="along needs episodes of 8 steps"):
         f(**call, along=f(**call))
-    with pytest.raises(ValueError, match="not kept; ask for them with states=True"):
+    with pytest.raises(ValueError, match="not kept; pass states=True"):
         _ = f(**call).states
     with pytest.raises(ValueError, match="a score needs Gaussian noise"):
         f(**call, score=True)

@@ -71,34 +71,34 @@ def test_a_file_cut_short_or_changed_is_told(file: Path) -> None:
     content = file.read_bytes()
     for share in (0.5, 0.9, 0.99):
         file.write_bytes(content[: int(share * len(content))])
-        with pytest.raises(InputError, match="cut short or"):
+        with pytest.raises(InputError, match="truncated or"):
             models.load_any(file)
     # A bit of the numbers, which netCDF itself would never miss.
     place = content.index(np.float64(transitions().x[0, 0]).tobytes()) if file.stem != "mlp" else (
         content.index(np.float64(mlp().weights[0][0, 0]).tobytes())
     )  # fmt: skip
     file.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
-    with pytest.raises(InputError, match="does not match its checksum: cut short or changed"):
+    with pytest.raises(InputError, match="does not match its checksum: truncated or changed"):
         models.load_any(file)
 
 
 def test_files_of_something_else_are_told(file: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.nc"
-    with pytest.raises(InputError, match="there is no such file; ocp collect makes data"):
+    with pytest.raises(InputError, match="file not found; ocp collect writes data"):
         models.load_any(other)
     with pytest.raises(InputError, match="is a directory"):
         models.load_any(tmp_path)
     other.write_text("x,u\n1,2\n")
-    with pytest.raises(InputError, match="is no netCDF file"):
+    with pytest.raises(InputError, match="is not a netCDF file"):
         models.load_any(other)
     xr.Dataset({"a": 1.0}).to_netcdf(other)
-    with pytest.raises(InputError, match="something else: its kind is None, expected transitions"):
+    with pytest.raises(InputError, match="this program: its kind is None, expected"):
         models.load_any(other)
     if file.stem == "transitions":
-        with pytest.raises(InputError, match="holds transitions, no model; learn one"):
+        with pytest.raises(InputError, match="holds transitions, not a model; learn one"):
             models.load_model(file)
     else:
-        with pytest.raises(InputError, match=f"a model of kind {file.stem}, no transitions"):
+        with pytest.raises(InputError, match=f"a model of kind {file.stem}, not transitions"):
             models.load_transitions(file)
 
 

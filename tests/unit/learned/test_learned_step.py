@@ -158,10 +158,10 @@ def test_a_point_is_evaluated_once():
     ("make", "said"),
     [
         (lambda: Ewda(), "needs its model"),
-        (lambda: Ewda("nowhere.nc"), "there is no such file"),
+        (lambda: Ewda("nowhere.nc"), "file not found"),
         (lambda: Mlp(Wavy(PROBLEM.system)), "kind ewda; say --contact ewda"),
         (lambda: Ewda(Wavy(PROBLEM.system), trust=-1.0), "trust must be at least 0"),
-        (lambda: Ewda(Wavy(get("push-disc").system)).close(PROBLEM.system), "has learned from"),
+        (lambda: Ewda(Wavy(get("push-disc").system)).close(PROBLEM.system), "was trained on"),
     ],
 )
 def test_what_a_learned_law_refuses(make, said):

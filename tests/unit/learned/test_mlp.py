@@ -329,7 +329,7 @@ def test_training_holds_out_what_transitions_do() -> None:
     ("change", "said"),
     [
         ({"hidden": (8, 0)}, "hidden layer 2 must be a whole number of at least 1, got 0"),
-        ({"hidden": ()}, "hidden names no layer"),
+        ({"hidden": ()}, "hidden has no layers"),
         ({"epochs": 0}, "epochs must be a whole number of at least 1"),
         ({"batch": 1.5}, "batch must be a whole number of at least 1"),
         ({"rate": 0.0}, "rate must be positive"),

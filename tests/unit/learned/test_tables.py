@@ -77,9 +77,9 @@ def test_missing_columns_are_told(tmp_path: Path) -> None:
         read_table(file, signals=(SIGNALS[0], signals("w [N]")))
     with pytest.raises(ValueError, match=r"no column for q_next \[1\]"):
         read_table(file, {"q": "x"}, (signals("q"), SIGNALS[1]))
-    with pytest.raises(ValueError, match="there is no column 'y' for x; there are v_next, x_next"):
+    with pytest.raises(ValueError, match="no column 'y' for x; available: v_next, x_next"):
         read_table(file, {"x": "y"}, SIGNALS)
-    with pytest.raises(ValueError, match="no column is the next state of another; call states"):
+    with pytest.raises(ValueError, match="no column is the next state of another; name states"):
         read_table(write(tmp_path / "b.csv", ("a", "b", "c", "d", "e")))
     with pytest.raises(ValueError, match="two columns are called x; rename one"):
         read_table(write(tmp_path / "c.csv", ("x", "x [m]", "u", "x_next", "v_next")))
@@ -89,7 +89,7 @@ def test_missing_columns_are_told(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ("", "is empty; the first line must name the columns"),
-        ("x,u,x_next\n1,2,3\n1,2,3,4,5\n", "is no CSV table: "),
+        ("x,u,x_next\n1,2,3\n1,2,3,4,5\n", "is not a CSV table: "),
         ("x,u,x_next\n1,two,3\n", "column 'u' holds 'two' in row 0, counted from 0, which is no"),
         ("x,u,x_next\n" + "1,2,3\n" * 10, "10 rows are too few"),
         ("x,u,x_next\n" + "".join(f"{i},,{i}\n" for i in range(20)), "u is nan in row 0"),
@@ -104,15 +104,15 @@ def test_tables_that_are_none_are_told(tmp_path: Path, content: str, message: st
 
 
 def test_files_that_are_no_tables_are_told(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="there is no such file"):
+    with pytest.raises(ValueError, match="file not found"):
         read_table(tmp_path / "none.csv")
     with pytest.raises(ValueError, match=r"expected a table, \.csv or \.parquet"):
         read_table(tmp_path / "data.txt")
     for name in ("data.parquet", "data.csv"):
         (tmp_path / name).write_bytes(b"\xff\xfe\x00PAR1")
-    with pytest.raises(ValueError, match="is no Parquet file, or cut short"):
+    with pytest.raises(ValueError, match="is not a complete Parquet file"):
         read_table(tmp_path / "data.parquet")
-    with pytest.raises(ValueError, match="is no text in UTF-8"):
+    with pytest.raises(ValueError, match="is not UTF-8 text"):
         read_table(tmp_path / "data.csv")
 
 

@@ -34,9 +34,9 @@ def finger(m: float = 1.0, K: float = 50.0, f: float = 0.5, h: float = 0.1) -> P
 
 
 WRONG = [
-    ({"m": 0.0}, "mass matrix must be positive definite, and its least eigenvalue is 0"),
-    ({"m": np.nan}, "mass matrix must be positive definite, and its least eigenvalue is nan"),
-    ({"K": -3.0}, "stiffness matrix must be positive definite, and its least eigenvalue is -3"),
+    ({"m": 0.0}, "mass matrix must be positive definite, but its smallest eigenvalue is 0"),
+    ({"m": np.nan}, "mass matrix must be positive definite, but its smallest eigenvalue is nan"),
+    ({"K": -3.0}, "stiffness matrix must be positive definite, but its smallest eigenvalue is -3"),
     ({"f": -0.5}, "coefficients of friction must not be negative, got -0.5"),
     ({"h": 0.0}, "step size must be positive, got 0 s"),
 ]
