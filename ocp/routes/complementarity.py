@@ -24,8 +24,8 @@ class Search:
 
     ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
     branches are then solved (:mod:`~ocp.routes.schedules`): a few after a path that was
-    easy to follow, else many, and then ``alternatives`` are followed from the same start. The
-    cheapest of all answers counts.
+    easy to follow, else many, and then ``alternatives`` are followed from the same start. Where
+    few inputs act, rollouts cover their whole range instead. The cheapest of all answers counts.
     """
 
     strategy: Strategy
@@ -42,14 +42,19 @@ def solve_pairs(follower: Homotopy, search: Search) -> RouteResult:
     smooth = first.finished and all(record.accepted for record in follower.trace.records)
     branches = Branches(follower)
     polished = [first.result] if first.finished else []
+    covered = False
     if search.rolls is not None and search.alternatives:
-        count, below = (_SMOOTH, first.result.f) if smooth else (_ROUGH, np.inf)
-        points = search.rolls.around(branches.program, [one.point for one in polished], count)
+        covered = int(search.rolls.acting.sum()) <= _FEW_INPUTS
+        count, below = (_SMOOTH, first.result.f) if smooth and not covered else (_ROUGH, np.inf)
+        known = [one.point for one in polished]
+        if covered:
+            known += search.rolls.throughout(branches.program, _COVERING)[:_CENTRES]
+        points = search.rolls.around(branches.program, known, count)
         polished += distant_schedules(branches, points, below)
-    for strategy in () if smooth else search.alternatives:
+    for strategy in () if smooth or (covered and polished) else search.alternatives:
         again = by_strategy(follower, search, strategy)
         polished += [again.result] if again.finished else []
-    hard = not smooth and not any(
+    hard = not (smooth or covered) and not any(
         lower(one, first.result) or not first.finished for one in polished
     )
     if search.rolls is not None and hard and (search.alternatives or not polished):
@@ -110,6 +115,8 @@ SMALL_PAIRS = 128
 """Pairs up to which several ways are followed where the first was hard to follow."""
 _SMOOTH, _ROUGH = 6, 48
 """Plans rolled out around each plan so far, after an easy path and after a hard one."""
+_FEW_INPUTS, _COVERING, _CENTRES = 4, 320, 8
+"""Acting inputs up to which rollouts cover all plans; how many do; and how many are refined."""
 _PERTURBED = 8
 """Guesses that are rolled out where that led to nothing better."""
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)

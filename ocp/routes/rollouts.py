@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
+import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
@@ -43,31 +45,64 @@ class RolloutStarts:
         ``count`` around each: itself, and others by a constant and two cosines of up to one period
         over the horizon, of every input, since on a body that moves on noise of single steps
         averages out. Their size is log-uniform from 0.03 to 3 characteristic units, seed 0; inputs
-        keep their bounds.
+        keep their bounds. Inputs that do not act stay: their cost would hide that of the motion.
         """
         sizes, N = self.problem.scales, self.problem.N
-        physical = self.problem.parameters.pack(self.values)
-        lower, upper = (np.array(v).ravel() for v in self.problem.limits(physical)[2:4])
         rng, (least, most) = np.random.default_rng(0), np.log(_SIZES)
         waves = np.cos(np.pi * np.outer(np.arange(3), (np.arange(N) + 0.5) / N))
-        best: dict[bytes, Rollout] = {}
+        plans = []
         for u in (self.guess[1], *(program.variables.unpack(one.x)["u"][0] for one in found)):
             size = np.exp(rng.uniform(least, most, (count, 1, 1)))
             size[0] = 0.0
-            noise = size * (rng.standard_normal((count, sizes.u.size, 3)) @ waves)
-            for moved in np.clip(u + sizes.u * noise.transpose(0, 2, 1), lower, upper):
-                rolled = self._rolled(moved)
-                if rolled is not None and np.isfinite(rolled.cost):
-                    key = (rolled.lam / sizes.impulse > rolled.gap / sizes.gap).tobytes()
-                    best[key] = min(best.get(key, rolled), rolled, key=lambda one: one.cost)
+            noise = size * (rng.standard_normal((count, sizes.u.size, 3)) @ waves) * self.acting.T
+            plans += [*(u + sizes.u * noise.transpose(0, 2, 1))]
+        return self._cheapest(program, plans)
+
+    def throughout(self, program: Program, count: int) -> list[Point]:
+        """Plans whose acting inputs are uniform between their bounds, ordered as in :meth:`around`.
+
+        Where a bound is infinite, they are at most three characteristic units from the guess.
+        """
+        u, reach = self.guess[1], _SIZES[1] * self.problem.scales.u
+        lower, upper = self._bounds
+        least = np.where(np.isfinite(lower), lower, u - reach)
+        most = np.where(np.isfinite(upper), upper, u + reach)
+        drawn = np.random.default_rng(0).uniform(least, most, (count, *u.shape))
+        return self._cheapest(program, [*np.where(self.acting, drawn, u)])
+
+    def _cheapest(self, program: Program, plans: Sequence[np.ndarray]) -> list[Point]:
+        sizes, best = self.problem.scales, dict[bytes, Rollout]()
+        for u in plans:
+            rolled = self._rolled(np.clip(u, *self._bounds))
+            if rolled is not None and np.isfinite(rolled.cost):
+                key = (rolled.lam / sizes.impulse > rolled.gap / sizes.gap).tobytes()
+                best[key] = min(best.get(key, rolled), rolled, key=lambda one: one.cost)
         cheapest = sorted(best.values(), key=lambda one: one.cost)
         return [Point(pack_rollout(program, one, None)) for one in cheapest]
+
+    @property
+    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        physical = self.problem.parameters.pack(self.values)
+        lower, upper = (np.array(v).ravel() for v in self.problem.limits(physical)[2:4])
+        return lower, upper
 
     def perturbed(self, program: Program, count: int) -> list[Point]:
         """Where guessed inputs lead, the own and perturbed ones, ``count`` in all."""
         plans = initial_guesses(self.problem, self.values, count, 0, self.guess)
         there = (self.point(program, u) for _, u in plans)
         return [point for point in there if point is not None]
+
+    @cached_property
+    def acting(self) -> np.ndarray:
+        """Whether the step's equations depend on each input (N, nu), along the guess."""
+        system, (x, u) = self.problem.system, self.guess
+        equations = ca.vertcat(system.residual, system.gap)
+        arguments = [system.x, system.u, system.x_next, system.lam, self.problem.parameters.vector]
+        slope = ca.sum1(ca.fabs(ca.jacobian(equations, system.u)))
+        slopes = ca.Function("slopes", arguments, [slope])
+        p = self.problem.parameters.pack(self.values)
+        found = slopes.map(len(u))(x[:-1].T, u.T, x[1:].T, 0, p)
+        return np.array(ca.densify(found)).reshape(len(u), -1, order="C") > 0
 
     def _rolled(self, u: np.ndarray) -> Rollout | None:
         start = self.guess[0][None, 0]

@@ -14,6 +14,7 @@ from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult
+from ocp.routes.rollouts import RolloutStarts
 from ocp.routes.schedules import _apart
 from ocp.solve import new_session, solve
 from problems import get
@@ -60,6 +61,33 @@ def test_the_bounce_is_found_at_whichever_step_is_best() -> None:
     )
     assert found.success and found.cost <= least
     assert found.cost == pytest.approx(2.11242, rel=1e-4)
+
+
+def test_a_throw_far_from_the_guess_is_found() -> None:
+    """A drawn throw, judged by a grid of all throws in closed form.
+
+    Plans near the guess lead to 1.18437, although a throw at 0.605 exists.
+    """
+    *_, instance = drawn("ball-throw", 4, 41507)
+    params = Params(**instance.params)
+    session = new_session(get("ball-throw", **instance.params), Exact())
+    least = min(
+        throws_cost(params, theta, speed)
+        for theta in np.linspace(-1.5, 1.5, 61)
+        for speed in np.linspace(0.02, 1.0, 50) * params.speed_max
+    )
+    assert session.solve().result.f <= least
+
+
+def test_only_the_throw_acts_in_ball_throw_and_every_push_in_push_1d() -> None:
+    for name, acting in (("ball-throw", 2), ("push-1d", get("push-1d").N)):
+        problem = get(name)
+        session = new_session(problem, Exact())
+        values = session.values
+        guess = problem.initial_guess(problem.parameters.pack(values))
+        rolls = RolloutStarts(problem, session.step, values, guess)
+        assert rolls.acting.sum() == acting
+        assert rolls.acting[0].all()
 
 
 @pytest.mark.parametrize("by", [1, 4, 9])
