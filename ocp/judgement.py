@@ -19,10 +19,8 @@ import numpy as np
 from dynamics.learned.laws import LearnedLaw
 from ocp.errors import interruptible
 from ocp.judges.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
-from ocp.judges.referee import RefereeFindings, RefereeReport, evaluate
+from ocp.judges.referee import evaluate
 from ocp.judges.verdict import UNJUDGED
-from ocp.physics.nonuniqueness import Nonuniqueness
-from ocp.problem import Scales
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.programs.status import Status
@@ -40,12 +38,10 @@ from ocp.transcription.trajectories import trajectories
 _FLAT = 1e-7
 _IDLE = 1e-6
 """Relative gain over standing still below which nothing was achieved."""
-_SHARP = 1e-4
-"""Share of the characteristic mu at which a step of the barrier law is nearly the exact one."""
 
 
 def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
-    """Audit an outcome, certify and referee it, label it, and say what came of it."""
+    """Audit an outcome, certify and referee it, label it, and give it a status."""
     began = time.perf_counter()
     nlp, result = outcome.nlp, outcome.result
     values = session.values
@@ -75,14 +71,14 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
             certificate = replace(certificate, reason=outcome.trace.refused)
         derivative = partial(sensitivity, program, point, given)
         idle = idle_cost(session.problem, session.step, values, rolled)
-    report = evaluate(session.problem, session.step, rolled, values, plan.gains)
+    report, referee = evaluate(session.problem, session.step, rolled, values, plan.gains)
     return Solution(
-        data=label(nlp, plan, replay, book, outcome, values, report.referee.replay),
+        data=label(nlp, plan, replay, book, outcome, values, referee.replay),
         cost=rolled.cost,
         status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
         audit=found,
         certificate=certificate,
-        referee=referee_findings(report, rolled, session.problem.scales),
+        referee=report,
         idle_cost=idle,
         stages=outcome.trace.records,
         iterations=outcome.trace.iterations,
@@ -94,45 +90,6 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
         gains=plan.gains,
         evaluation_s=outcome.trace.evaluation_s,
         derivative=derivative,
-    )
-
-
-def referee_findings(report: RefereeReport, plan: Rollout, sizes: Scales) -> RefereeFindings:
-    """What a run keeps of the referee's hearing; without geometry there is no referee."""
-    referee = report.referee
-    nonuniqueness = _undetermined(report.nonuniqueness, sizes)
-    if referee.note is None:
-        return RefereeFindings(note="no geometry", nonuniqueness=nonuniqueness)
-    return RefereeFindings(
-        cost=referee.cost,
-        gap=float(np.abs(referee.replay.x - plan.x).max()),
-        survives=not (report.reasons or report.refined_reasons),
-        survives_at_h=not report.reasons,
-        reasons=list(report.reasons),
-        refined_reasons=list(report.refined_reasons),
-        note=referee.note,
-        refined_cost=referee.refined_cost,
-        refined_note=referee.refined_note,
-        penetration=report.planned.penetration,
-        between=report.planned.between,
-        force_distance=report.planned.force_distance,
-        replay_penetration=report.replayed.penetration,
-        replay_between=report.replayed.between,
-        broken=[one.violation for one in report.broken],
-        nonuniqueness=nonuniqueness,
-    )
-
-
-def _undetermined(found: Nonuniqueness | None, sizes: Scales) -> str:
-    if found is None:
-        return ""
-    mu, unit = _SHARP * sizes.mu, found.unit.removeprefix("1")
-    return (
-        f"the contact forces at step {found.step} are not unique"
-        f" ({', '.join(found.contacts)}): from the same state and input, {found.state} can"
-        f" also end {found.distance:.2g} {unit}".rstrip()
-        + " away; plan with a unique step"
-        f" instead: --method multiple-shooting --contact barrier -c mu={mu:.0e}"
     )
 
 

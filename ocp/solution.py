@@ -16,7 +16,7 @@ from dynamics.systems import LAW_PREFIX
 from ocp.errors import InputError
 from ocp.factories import closing_law
 from ocp.judges.audit import Audit, signed_distances
-from ocp.judges.referee import RefereeFindings
+from ocp.judges.referee import RefereeReport
 from ocp.judges.verdict import Grade, grade, headline, verdict
 from ocp.physics.constraints import (
     Violation,
@@ -190,7 +190,7 @@ class Solution:
     status: Status
     audit: Audit
     certificate: Certificate
-    referee: RefereeFindings
+    referee: RefereeReport
     idle_cost: float
     stages: list[StageRecord]
     iterations: int

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ocp.judges.audit import Audit
-    from ocp.judges.referee import RefereeFindings
+    from ocp.judges.referee import RefereeReport
     from ocp.solution import Solution, StageRecord
     from ocp.stationarity.certificate import Certificate
 
@@ -189,7 +189,7 @@ def result_table(solution: Solution) -> Table:
     return table
 
 
-def judged_rows(certificate: Certificate, referee: RefereeFindings) -> list[tuple[str, str, str]]:
+def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[str, str, str]]:
     """Findings of referee and certificate, as name, number and explanation."""
     rows = [("", "no referee", "the system has no geometry")]
     if referee.survives is not None:
@@ -210,7 +210,7 @@ def judged_rows(certificate: Certificate, referee: RefereeFindings) -> list[tupl
     return rows
 
 
-def distance_rows(referee: RefereeFindings) -> list[tuple[str, str, str]]:
+def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
     """Largest penetration between nodes and largest distance with force, with their place."""
     found = (
         ("penetration between nodes", referee.between),

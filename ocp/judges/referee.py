@@ -21,7 +21,7 @@ from ocp.physics.constraints import (
     travelled,
 )
 from ocp.physics.measures import Physics, Worst, distances, measure
-from ocp.physics.nonuniqueness import Nonuniqueness, find_nonuniqueness
+from ocp.physics.nonuniqueness import find_nonuniqueness
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, Unsolved, roll_on, trajectory_costs
 
@@ -38,6 +38,8 @@ At the nodes true gaps leave none but rounding. In between the straight way cuts
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
 LEAST_COST, _LEAST_GAP = 1e-9, 1e-4
+_SHARP = 1e-4
+"""Share of the characteristic mu at which a step of the barrier law is nearly the exact one."""
 
 
 @dataclass(frozen=True)
@@ -126,26 +128,7 @@ def place_of(symbol: ca.SX | float, among: ca.SX) -> int | None:
 
 @dataclass(frozen=True)
 class RefereeReport:
-    """Physics of a plan and of its replay, see :func:`evaluate`.
-
-    ``reasons`` are those why the plan does not survive, see :func:`survival`, ``refined_reasons``
-    those why it does not at h/4, see :func:`survival_refined`. ``planned`` and ``replayed`` measure
-    plan and replay; ``broken`` are the constraints that the replay breaks by anything at all, the
-    worst first; ``nonuniqueness`` the first step of the plan that the model does not determine.
-    """
-
-    referee: Referee
-    reasons: tuple[str, ...]
-    refined_reasons: tuple[str, ...]
-    planned: Physics
-    replayed: Physics
-    broken: tuple[Broken, ...]
-    nonuniqueness: Nonuniqueness | None
-
-
-@dataclass(frozen=True)
-class RefereeFindings:
-    """What the sharpest contact makes of a plan, see :mod:`ocp.judges.referee`.
+    """How a plan does under the sharpest contact; a run stores it.
 
     ``cost`` and ``gap``, the largest difference of a state from the plan, are those of its replay;
     ``survives_at_h`` is None without geometry, and ``reasons`` say why it is False, each half a
@@ -190,23 +173,56 @@ def evaluate(
     plan: Rollout,
     values: dict[str, float],
     gains: Gains | None = None,
-) -> RefereeReport:
-    """Referee a plan that was made with ``step``, and measure both.
+) -> tuple[RefereeReport, Referee]:
+    """Referee a plan that was made with ``step``: the report, and the replay behind it.
 
     The plan's inputs are replayed, or the policy where there is one, from the plan's own starts.
+    Without geometry there is no referee, and the report has no costs.
     """
     physical = problem.parameters.pack(values)
-    outcome = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
-    there = outcome.replay
+    found = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
+    two = _other_solution(problem, plan, values)
+    if found.note is None:
+        return RefereeReport(note="no geometry", nonuniqueness=two), found
+    there = found.replay
     planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
     replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
-    broken = tuple(
-        broken_constraints(problem, there.x, there.u, physical, seen_sizes(problem, plan.x))
+    broken = broken_constraints(problem, there.x, there.u, physical, seen_sizes(problem, plan.x))
+    reasons = survival(problem, plan, found, replayed, broken)
+    finer = survival_refined(problem, plan, found, values)
+    return RefereeReport(
+        cost=found.cost,
+        gap=float(np.abs(there.x - plan.x).max()),
+        survives=not (reasons or finer),
+        survives_at_h=not reasons,
+        reasons=list(reasons),
+        refined_reasons=list(finer),
+        note=found.note,
+        refined_cost=found.refined_cost,
+        refined_note=found.refined_note,
+        penetration=planned.penetration,
+        between=planned.between,
+        force_distance=planned.force_distance,
+        replay_penetration=replayed.penetration,
+        replay_between=replayed.between,
+        broken=[one.violation for one in broken],
+        nonuniqueness=two,
+    ), found
+
+
+def _other_solution(problem: Problem, plan: Rollout, values: dict[str, float]) -> str:
+    """Describe the first step of a plan whose contact has another solution, "" without one."""
+    found = find_nonuniqueness(problem, plan.x, plan.u, plan.lam, values)
+    if found is None:
+        return ""
+    mu, unit = _SHARP * problem.scales.mu, found.unit.removeprefix("1")
+    return (
+        f"the contact forces at step {found.step} are not unique"
+        f" ({', '.join(found.contacts)}): from the same state and input, {found.state} can"
+        f" also end {found.distance:.2g} {unit}".rstrip()
+        + " away; plan with a unique step"
+        f" instead: --method multiple-shooting --contact barrier -c mu={mu:.0e}"
     )
-    nonuniqueness = find_nonuniqueness(problem, plan.x, plan.u, plan.lam, values)
-    reasons = survival(problem, plan, outcome, replayed, broken)
-    finer = survival_refined(problem, plan, outcome, values)
-    return RefereeReport(outcome, reasons, finer, planned, replayed, broken, nonuniqueness)
 
 
 def seen_gap(problem: Problem, x: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypedDict
 
 from ocp.errors import DamagedRun, InputError
 from ocp.judges.audit import Audit
-from ocp.judges.referee import RefereeFindings
+from ocp.judges.referee import RefereeReport
 from ocp.programs.status import Status
 from ocp.solution import Grade, StageRecord
 from ocp.stationarity.certificate import Certificate
@@ -88,7 +88,7 @@ class SolveMeta(TypedDict):
     grade: Grade
     audit: Audit
     certificate: Certificate
-    referee: RefereeFindings
+    referee: RefereeReport
     stages: list[StageRecord]
     others: list[Row]
     cost: float

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ocp.errors import DamagedRun, InputError
 from ocp.judges.audit import Audit
-from ocp.judges.referee import RefereeFindings
+from ocp.judges.referee import RefereeReport
 from ocp.problem import Problem
 from ocp.programs.status import Status
 from ocp.rollout import Gains
@@ -82,9 +82,9 @@ class StoredRun:
         return self._described(Certificate, "certificate")
 
     @cached_property
-    def referee(self) -> RefereeFindings:
+    def referee(self) -> RefereeReport:
         """What the referee found; raises as :attr:`audit` does."""
-        return self._described(RefereeFindings, "referee")
+        return self._described(RefereeReport, "referee")
 
     @cached_property
     def stages(self) -> list[StageRecord]:

@@ -68,15 +68,15 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
     problem, values, data = found.problem, found.values, found.data
     x, u, lam, gap = (data[name].values for name in ("x", "u", "lam", "gap"))
     plan = Rollout(x, u, lam, gap, np.array([found.cost]))
-    report = evaluate(problem, problem.exact_step, plan, values)
-    assert report.refined_reasons == () and report.referee.refined is not None
-    own = report.referee.refined
+    report, sharp = evaluate(problem, problem.exact_step, plan, values)
+    assert report.refined_reasons == [] and sharp.refined is not None
+    own = sharp.refined
 
     def reasons(cost: float = found.cost, note: str = "", low: float = 0.0, at: int = 4) -> str:
         moved = own.x.copy()
         moved[0, at, 1] -= low
         there = replace(own, x=moved, costs=np.array([cost]))
-        seen = replace(report.referee, refined=there, refined_note=note)
+        seen = replace(sharp, refined=there, refined_note=note)
         return "; ".join(survival_refined(problem, plan, seen, values))
 
     assert reasons() == reasons((1 + 0.99 * COST_SHARE) * found.cost) == ""

@@ -23,7 +23,7 @@ from dynamics.contact import Barrier
 from ocp import solve, store
 from ocp.errors import DamagedRun, InputError
 from ocp.judges.audit import Audit
-from ocp.judges.referee import RefereeFindings
+from ocp.judges.referee import RefereeReport
 from ocp.physics.constraints import Violation
 from ocp.physics.measures import Worst
 from ocp.programs.status import Status
@@ -58,7 +58,7 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
     problem = get("wall-1d")
     values = dict(zip(problem.parameters.names, problem.parameters.values.tolist(), strict=True))
     certificate = Certificate("not", moves=[ContactChange("opening contact", "wall", 0, 2, 4)])
-    refereed = RefereeFindings(
+    refereed = RefereeReport(
         3.0, 0.5, False, ["it costs 3"], "true gaps", force_distance=Worst(0.1, "wall", 0, 2)
     )
     return Solution(
