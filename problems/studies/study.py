@@ -105,7 +105,7 @@ class FigureStudy:
 
     @property
     def _module(self) -> Any:
-        return import_module(f"problems.studies.{self.module}")
+        return import_module(self.module)
 
     @property
     def Params(self) -> type[StudyParams]:

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from reports.cli import interrupt, logs, streams
+from reports.cli import interrupt, streams
 from reports.cli.options import click_command
 
 NAME = "centralpath"
@@ -134,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     streams.prepare()
     quiet = "-q" in given or "--quiet" in given
     try:
-        with logs.libraries_silenced(quiet), interrupt.watched():
+        with streams.libraries_silenced(quiet), interrupt.watched():
             command = typer.main.get_command(app)
             code = command.main(args=given, prog_name="ocp", standalone_mode=False)
             interrupt.check()

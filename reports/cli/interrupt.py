@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from reports.cli.start import EXIT_CODE, end
+from reports.cli import EXIT_CODE, end
 
 __all__ = ["EXIT_CODE", "answered", "check", "seen", "watched"]
 

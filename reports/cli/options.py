@@ -21,7 +21,7 @@ import typer
 from typer.core import TyperCommand
 from typer.models import ArgumentInfo
 
-from reports.cli import logs, streams
+from reports.cli import streams
 from reports.cli.output import Output
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def carry_out(command: Command[T], options: Options) -> int:
     """Check the options of a command, then do its work, with its log on stderr under ``-v``."""
     if options.as_json:
         streams.reserve()
-    with logs.log_to_stderr(options.verbose), _understood(getattr(options, "named_runs", ())):
+    with streams.log_to_stderr(options.verbose), _understood(getattr(options, "named_runs", ())):
         options.check()
         return work(command, options, command.check(options))
 

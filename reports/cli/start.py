@@ -3,8 +3,8 @@
 import os
 import sys
 
-EXIT_CODE = 130
-"""Exit code after Ctrl-C, as shells define it (128 + SIGINT)."""
+from reports.cli import end
+
 # What the module signal wraps: that one imports for 10 ms, in which Ctrl-C would raise a traceback.
 _signal = __import__("_signal")
 
@@ -22,14 +22,6 @@ def main() -> int:
     # What is left is Python's own end, in which a handler of Python's would raise in odd places.
     _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     return code
-
-
-def end(*_: object) -> None:
-    """End the process at once, as a handler of Ctrl-C."""
-    try:
-        os.write(2, b"stopped by the user\n")
-    finally:
-        os._exit(EXIT_CODE)
 
 
 def _open_closed() -> None:

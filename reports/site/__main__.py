@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from ocp.store.atomic import write
-from reports.site import code_pages, figures, gallery
+from reports.site import architecture, code_pages, figures, gallery
 from reports.site.measured import DATA, GENERATED, table_pages
 
 
 def pages() -> dict[str, str]:
     """Every generated page by its path below ``docs/generated``."""
-    return {**gallery.pages(), **figures.pages(), **table_pages(), **code_pages.pages()}
+    return {
+        **gallery.pages(),
+        **figures.pages(),
+        **table_pages(),
+        **code_pages.pages(),
+        **architecture.pages(),
+    }
 
 
 def main() -> None:

@@ -11,18 +11,28 @@ from reports.site.markdown import table
 from reports.site.measured import DOCS
 
 ROOT = DOCS.parent
+_HEAD = (
+    "# Architecture\n\n"
+    "Four packages, one direction: `dynamics <- ocp <- problems <- reports`. A system is a "
+    "symbolic graph; a contact law closes it; a transcription turns a problem into an NLP; a "
+    "route solves it; three judges examine the solution; the store keeps it; reports show it. "
+    "The walk of one solve through the files is in `CONTRIBUTING.md`.\n\n"
+    "The figure and the table below are drawn from the code: the layers are the import "
+    "contracts of `pyproject.toml`, where a line imports only lines below it, and the imports "
+    "are read from the source files.\n\n"
+)
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 
 
 def pages() -> dict[str, str]:
-    """``tables/architecture.md``: the layers as text, then each package with its imports."""
+    """``architecture.md``: the layers as text, then each package with its imports."""
     names = sorted(_units())
     rows = [
         (f"`{name}`", _summary(name), ", ".join(f"`{other}`" for other in _imports(name, names)))
         for name in names
     ]
     listed = table(("package", "contents", "imports"), rows)
-    return {"tables/architecture.md": f"```text\n{layers()}```\n\n{listed}"}
+    return {"architecture.md": f"{_HEAD}```text\n{layers()}```\n\n{listed}"}
 
 
 def layers() -> str:

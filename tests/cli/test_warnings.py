@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dynamics.batch.arguments import BatchWarning
-from reports.cli.logs import libraries_silenced
+from reports.cli.streams import libraries_silenced
 
 
 @pytest.mark.parametrize("quiet", [False, True])

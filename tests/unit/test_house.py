@@ -109,11 +109,11 @@ def test_no_room_is_crowded() -> None:
 
 
 def test_the_map_of_the_house_is_true() -> None:
-    """Every file and room that CONTRIBUTING.md names is there, on at most 120 lines."""
+    """Every file and room that CONTRIBUTING.md names is there, on at most 150 lines."""
     text = (ROOT / "CONTRIBUTING.md").read_text()
     named = re.findall(r"`((?:dynamics|ocp|problems|reports|tests|examples)/[\w/.]+)`", text)
     assert [name for name in named if not (ROOT / name).exists()] == []
-    assert len(text.splitlines()) <= 120 and len(named) > 25
+    assert len(text.splitlines()) <= 150 and len(named) > 25
 
 
 def test_a_file_is_checked_by_its_own_tests() -> None:
