@@ -215,4 +215,4 @@ def test_what_a_program_prints_past_its_switches_reaches_no_terminal(
 def test_no_number_is_undecided() -> None:
     found = judge(free_pair(lambda a, b: a + b), [np.nan, 0.0])
     assert found.stationarity == "undecided"
-    assert "no number" in found.sentence
+    assert "NaN or infinite" in found.sentence
