@@ -48,14 +48,14 @@ def render(runs: Sequence[StoredRun], cones: bool = False, own: ProblemSpec | No
 
 
 PAGES = {
-    "solve": "solve.solve_page",
-    "continue": "continuation.continuation_page",
-    "sweep": "sweep.sweep_page",
-    "estimate": "estimate.estimate_page",
-    "figure": "study.study_page",
-    "train": "training.training_page",
+    "solve": "reports.pages.solve.solve_page",
+    "continue": "reports.pages.continuation.continuation_page",
+    "sweep": "reports.pages.sweep.sweep_page",
+    "estimate": "reports.pages.estimate.estimate_page",
+    "figure": "reports.pages.study.study_page",
+    "train": "reports.pages.training.training_page",
 }
-"""Module below :mod:`reports.pages` and function of each kind of run, imported when it is drawn."""
+"""Module and function of each kind of run, imported when it is drawn."""
 _TEMPLATES_OF = {"continue": "continuation", "figure": "study", "train": "training"}
 
 
@@ -74,8 +74,8 @@ def _page(
             " others one by one"
         )
     (kind,) = kinds
-    module, _, name = PAGES[kind].partition(".")
-    page = getattr(import_module(f"reports.pages.{module}"), name)
+    module, _, name = PAGES[kind].rpartition(".")
+    page = getattr(import_module(module), name)
     given: dict[str, tuple[Any, ...]] = {
         "solve": (views[0], cones), "continue": (views[0], cones), "sweep": (views[0],),
         "estimate": (views[0].run, own), "figure": (views[0].run,), "train": (views,),

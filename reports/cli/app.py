@@ -20,30 +20,30 @@ from reports.cli.options import click_command
 NAME = "centralpath"
 EXAMPLES = ("list", "show push-disc", "solve push-disc --contact exact", "runs", "solve --help")
 COMMANDS = {
-    "list": "list_command:LIST",
-    "laws": "list_command:LAWS",
-    "methods": "list_command:METHODS",
-    "settings": "list_command:SETTINGS",
-    "show": "show_command:COMMAND",
-    "solve": "solve_command:COMMAND",
-    "replay": "replay_command:COMMAND",
-    "continue": "continue_command:COMMAND",
-    "sweep": "sweep_command:COMMAND",
-    "estimate": "estimate_command:COMMAND",
-    "collect": "learning.collect_command:COMMAND",
-    "learn": "learning.learn_command:COMMAND",
-    "train": "learning.train_command:COMMAND",
-    "evaluate": "learning.evaluate_command:COMMAND",
-    "figure": "figure_command:COMMAND",
-    "report": "report_command:COMMAND",
-    "animate": "animate_command:COMMAND",
-    "export": "export_command:COMMAND",
-    "runs": "runs_command:RUNS",
-    "runs rm": "runs_command:RM",
-    "runs export": "runs_command:EXPORT",
-    "doctor": "doctor_command:COMMAND",
+    "list": "reports.cli.list_command:LIST",
+    "laws": "reports.cli.list_command:LAWS",
+    "methods": "reports.cli.list_command:METHODS",
+    "settings": "reports.cli.list_command:SETTINGS",
+    "show": "reports.cli.show_command:COMMAND",
+    "solve": "reports.cli.solve_command:COMMAND",
+    "replay": "reports.cli.replay_command:COMMAND",
+    "continue": "reports.cli.continue_command:COMMAND",
+    "sweep": "reports.cli.sweep_command:COMMAND",
+    "estimate": "reports.cli.estimate_command:COMMAND",
+    "collect": "reports.cli.learning.collect_command:COMMAND",
+    "learn": "reports.cli.learning.learn_command:COMMAND",
+    "train": "reports.cli.learning.train_command:COMMAND",
+    "evaluate": "reports.cli.learning.evaluate_command:COMMAND",
+    "figure": "reports.cli.figure_command:COMMAND",
+    "report": "reports.cli.report_command:COMMAND",
+    "animate": "reports.cli.animate_command:COMMAND",
+    "export": "reports.cli.export_command:COMMAND",
+    "runs": "reports.cli.runs_command:RUNS",
+    "runs rm": "reports.cli.runs_command:RM",
+    "runs export": "reports.cli.runs_command:EXPORT",
+    "doctor": "reports.cli.doctor_command:COMMAND",
 }
-"""Module below :mod:`reports.cli` and name of each command; it is imported when it is called."""
+"""Module and name of each command; it is imported when it is called."""
 
 
 class Program(TyperGroup):
@@ -57,7 +57,7 @@ class Program(TyperGroup):
         """Import a command, or return None for an unknown one."""
         if cmd_name in COMMANDS and self.commands[cmd_name] is None:
             module, _, attribute = COMMANDS[cmd_name].partition(":")
-            command = getattr(import_module(f"reports.cli.{module}"), attribute)
+            command = getattr(import_module(module), attribute)
             self.commands[cmd_name] = click_command(cmd_name, command)
         return self.commands.get(cmd_name)
 

@@ -137,5 +137,5 @@ def test_a_folder_that_is_gone_is_told(tmp_path: Path, monkeypatch, capsys) -> N
     gone.rmdir()
     assert main(["solve", "mine.py"]) == 2
     assert capsys.readouterr().err == (
-        "error: the working folder is gone; change into one that is there\n"
+        "error: the working directory no longer exists; change to another one\n"
     )

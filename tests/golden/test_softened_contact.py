@@ -11,7 +11,8 @@ import pytest
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from dynamics.contact.adaptive import quartic_mu
-from dynamics.contact.interior_point import lcp_solver, scalar_solution
+from dynamics.contact.affine_step import lcp_solver
+from dynamics.contact.interior_point import scalar_solution
 from dynamics.systems import lcs
 
 

@@ -102,7 +102,7 @@ def test_a_cut_between_nodes_is_told_with_its_tolerance() -> None:
     found = solve(get("planar-push", friction=0.0, gap="true"), Exact())
     cut = found.referee.replay_between
     assert found.referee.survives and cut is not None and cut.amount > 1e-3
-    said = f"cuts {cut.amount:.2g} m into {cut.contact} in step {cut.step}, within the tolerance"
+    said = f"penetrates {cut.contact} by {cut.amount:.2g} m in step {cut.step}, within"
     assert said in found.verdict
     tolerance = float(found.verdict.partition("within the tolerance of ")[2].split()[0])
     assert cut.amount < tolerance <= 0.1 * found.problem.scales.gap

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynamics.contact.interior_point import lcp_solver
+from dynamics.contact.affine_step import lcp_solver
 from dynamics.systems import is_p_matrix
 from tests.examples import settings
 from tests.property.p_matrices import KINDS, p_matrix, problems

@@ -16,7 +16,8 @@ from scipy.stats import norm, t
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from dynamics.contact.adaptive import gaussian_mu
-from dynamics.contact.interior_point import lcp_solver, scalar_solution
+from dynamics.contact.affine_step import lcp_solver
+from dynamics.contact.interior_point import scalar_solution
 from dynamics.systems import Parameter, ParameterTable, lcs
 from tests.examples import settings
 from tests.property.p_matrices import p_matrix

@@ -8,7 +8,7 @@ import pytest
 
 from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
-from dynamics.contact.interior_point import lcp_solver
+from dynamics.contact.affine_step import lcp_solver
 from dynamics.systems import lcs
 from tests.unit.batch.backends import BACKENDS
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynamics.batch import BatchFunction, BatchWarning
-from dynamics.contact.interior_point import lcp_solver
+from dynamics.contact.affine_step import lcp_solver
 from tests.unit.batch.backends import BACKENDS, FAST
 
 
