@@ -306,7 +306,7 @@ def test_a_stage_is_told_in_one_line_without_a_terminal(ocp) -> None:
     rows = [line.split() for line in done.err.partition("cost under")[0].splitlines()]
     assert rows[0] == ["stage", "parameter", "cost", "lam·gap", "residual", "iter", "s"]
     stages = done.json["stages"]
-    told = [row for row in rows[1:] if row[0].isdigit() and row[-1] != "less."]
+    told = [row for row in rows[1:] if row[0].isdigit() and row[-1] != "cost."]
     assert [int(row[0]) for row in told] == sorted({int(row[0]) for row in told}), "each once"
     for row in told:
         stage = stages[int(row[0]) - 1]

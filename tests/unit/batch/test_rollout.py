@@ -292,7 +292,7 @@ def test_cost_of_input_increments(policy, backend):
     np.testing.assert_allclose(got.cost[0], total + float(terminal(x, step.p.values)), rtol=1e-12)
     with pytest.raises(ValueError, match="give u_before, the input before the first"):
         f(**given)
-    with pytest.raises(ValueError, match="has no use for it"):
+    with pytest.raises(ValueError, match="does not use it"):
         rollout("four", "barrier", policy)(**given, u_before=before)
 
 
