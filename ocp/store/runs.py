@@ -142,7 +142,8 @@ def write(
         flush(room)
         final = _rename_into(room, shelf, name)
         flush(shelf)
-    return StoredRun(final, data, described, dict(parts or {}))
+    # Read from the text that was written: a page of this run and of the stored one are the same.
+    return StoredRun(final, data, json.loads(files[META_FILE]), dict(parts or {}))
 
 
 def _completed(

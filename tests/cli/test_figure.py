@@ -126,7 +126,7 @@ def test_a_stored_figure_is_drawn_again_without_computing(
     ("arguments", "sentence"),
     [
         (("P6", "--format", "eps"), "unknown format 'eps'; there are pdf, svg, png"),
-        (("P6", "--panel", "1"), "--panel takes a letter, a to z, got '1'"),
+        (("P6", "--panel", "1"), "--panel must be a letter from a to z, got '1'"),
         (("nowhere/", "--panel", "a"), "there is no run 'nowhere/'"),
     ],
 )

@@ -218,13 +218,13 @@ LEARN = ("learn", "data.nc", "--model")
 CASES = {
     "problem": (["collect", "push-2d", "-o", "x.nc"], "did you mean 'push-1d'"),
     "objective": (["collect", "coulomb", "-o", "x.nc"], "has no transitions"),
-    "few samples": ([*COLLECT[:2], "-n", "20", "-o", "x.nc"], "needs at least 30, ten for each"),
+    "few samples": ([*COLLECT[:2], "-n", "20", "-o", "x.nc"], "needs at least 30, ten per state"),
     "odd samples": ([*COLLECT[:2], "-n", "2.5", "-o", "x.nc"], "--samples must be a whole number"),
     "many samples": ([*COLLECT[:2], "-n", "1e15", "-o", "x.nc"], "take fewer"),
     "place": ([*COLLECT[:2], "-o", "."], ". is a directory; name a file such as data.nc"),
     "parameter": ([*COLLECT, "-p", "width=-1"], "width (distance of the centres"),
     "model": ([*LEARN, "ewdb", "-o", "x.nc"], "unknown model 'ewdb' (did you mean 'ewda'?)"),
-    "no data": (["learn", "none.nc", "--model", "ewda", "-o", "x.nc"], "there is no such file"),
+    "no data": (["learn", "none.nc", "--model", "ewda", "-o", "x.nc"], "file not found"),
     "zero noise": ([*LEARN, "ewda", "--noise", "0", "-o", "x.nc"], "must be above 0, got 0; 0.2"),
     "negative noise": ([*LEARN, "mlp", "--noise", "-1", "-o", "x.nc"], "must be at least 0, got"),
     "drowning noise": ([*LEARN, "mlp", "--noise", "1e9", "-o", "x.nc"], "standard deviations"),
@@ -243,11 +243,11 @@ CASES = {
     ),
     "a model as data": (
         ["learn", "model.nc", "--model", "ewda", "-o", "x.nc"],
-        "holds a model of kind ewda, no transitions",
+        "holds a model of kind ewda, not transitions",
     ),
-    "a table as netCDF": (["show", "table.nc"], "is no netCDF file"),
-    "cut data": (["learn", "cut.nc", "--model", "ewda", "-o", "x.nc"], "cut short or damaged"),
-    "cut model": (["show", "cut.nc"], "cut short or damaged"),
+    "a table as netCDF": (["show", "table.nc"], "is not a netCDF file"),
+    "cut data": (["learn", "cut.nc", "--model", "ewda", "-o", "x.nc"], "truncated or damaged"),
+    "cut model": (["show", "cut.nc"], "truncated or damaged"),
     "nan in a table": (
         ["learn", "nan.csv", "--model", "ewda", "-o", "x.nc"],
         "2 of 30 rows hold values that are not finite (4, 9, counted from 0; x is nan in row 4)",
@@ -271,15 +271,15 @@ CASES = {
     ),
     "cut model in a solve": (
         ["solve", "push-1d", "--contact", "mlp", "-c", "model=cut.nc"],
-        "cut short or damaged",
+        "truncated or damaged",
     ),
     "no model in a solve": (
         ["solve", "push-1d", "--contact", "mlp", "-c", "model=none.nc"],
-        "none.nc: there is no such file",
+        "none.nc: file not found",
     ),
     "data as a model": (
         ["solve", "push-1d", "--contact", "ewda", "-c", "model=data.nc"],
-        "holds transitions, no model; learn one from them",
+        "holds transitions, not a model; learn one from them",
     ),
 }
 

@@ -80,9 +80,9 @@ def test_what_will_take_long_is_told_in_one_line(ocp, monkeypatch: pytest.Monkey
 
 def test_the_line_has_time_and_what_matters_of_memory(capsys) -> None:
     output = Output(as_json=False, quiet=False)
-    output.foretell("this", 59.0, 1e12)
-    output.foretell("this", 7200.0, 5e9)
-    output.foretell("this", 300.0, 5e8)
+    output.announce("this", 59.0, 1e12)
+    output.announce("this", 7200.0, 5e9)
+    output.announce("this", 300.0, 5e8)
     assert capsys.readouterr() == (
         "",
         "this will take about 2 hours and 5 GB of memory (an estimate)\n"

@@ -14,20 +14,21 @@ MODULES, FILES = 200, 120
 MEASURE = """
 import json, os, sys
 
-root, called = sys.argv[1] + os.sep, set()
+packages = ("dynamics", "ocp", "problems", "reports")
+roots, called = tuple(os.path.join(sys.argv[1], p, "") for p in packages), set()
 
 def profile(frame, event, argument):
     code = frame.f_code
     # Bodies of modules and classes have no fast locals; names such as <listcomp> do not count.
     if event == "call" and code.co_flags & 1 and code.co_name[0] != "<":
-        if code.co_filename.startswith(root):
+        if code.co_filename.startswith(roots):
             called.add(code.co_filename)
 
 sys.setprofile(profile)
 from reports.cli.app import main
 code = main(["solve", "push-disc", "-p", "N=10", "--contact", "exact", "--pdf", "x.pdf", "-q"])
 sys.setprofile(None)
-ours = [m for m in sys.modules if m.split(".")[0] in ("dynamics", "ocp", "problems", "reports")]
+ours = [m for m in sys.modules if m.split(".")[0] in packages]
 print(json.dumps({"code": code, "files": sorted(called), "modules": sorted(ours)}))
 """
 

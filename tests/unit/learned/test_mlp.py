@@ -212,9 +212,9 @@ def test_what_is_resumed_ends_in_the_same_bits(tmp_path: Path) -> None:
     assert same_weights(whole.model(), resumed.model()) and resumed.done
     longer = Training(data, 0.2, replace(TINY, epochs=7), state=whole.state)
     assert [epoch.number for epoch in longer.epochs()] == [7]
-    with pytest.raises(ValueError, match="checkpoint is of other data, another recipe"):
+    with pytest.raises(ValueError, match="checkpoint has other data, recipe"):
         Training(data, 0.3, TINY, state=part.state)
-    with pytest.raises(ValueError, match="checkpoint is of other data, another recipe"):
+    with pytest.raises(ValueError, match="checkpoint has other data, recipe"):
         Training(pushed(500, seed=1), 0.2, TINY, state=part.state)
 
 

@@ -189,7 +189,7 @@ def test_other_settings_cannot_go_on(tmp_path):
     ):
         with pytest.raises(InputError, match=f"other settings: .*{words}"):
             run("fopg", tmp_path, **given)
-    with pytest.raises(InputError, match="has 6 iterations already, more than the 2 asked for"):
+    with pytest.raises(InputError, match="has 6 iterations already, more than the 2 requested"):
         run("fopg", tmp_path, iterations=2)
     assert_same(run("fopg", tmp_path, iterations=9), run("fopg", iterations=9))
 
