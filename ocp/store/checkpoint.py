@@ -72,7 +72,7 @@ class Checkpoint:
         """Hold the first directory that nobody does; raises InputError where none can be made."""
         if self._shelf is None:
             return self
-        with write_errors(f"what is done to {self._shelf}", "another directory with --out"):
+        with write_errors(f"the checkpoint in {self._shelf}", "another directory with --out"):
             self._place, self._lock, busy = _held(self._shelf, self._name)
         self._saved = time.monotonic()
         self.notes = self._notes(busy)
@@ -133,7 +133,7 @@ class Checkpoint:
 
     def _write(self, name: str, content: bytes) -> None:
         if self.place is not None:
-            write(self.place / name, content, "what is done to")
+            write(self.place / name, content, "the checkpoint")
 
     def _notes(self, busy: bool) -> list[str]:
         assert self.place is not None and self._shelf is not None

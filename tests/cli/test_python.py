@@ -162,7 +162,10 @@ def test_what_is_wrong_is_told_in_the_same_words(ocp, line, python) -> None:
             "mu cannot be set: the law is made already; give it to Exact(...)",
         ),
         ({"problem": get("wall-1d"), "m": 2.0}, "the problem is already built; pass m to problems"),
-        ({"problem": get("wall-1d"), "params": {"m": 2.0}}, "m cannot be set: wall-1d is built"),
+        (
+            {"problem": get("wall-1d"), "params": {"m": 2.0}},
+            "m cannot be set: wall-1d is already built",
+        ),
         ({"method": "direct", "transcription": MultipleShooting()}, "are one argument; give one"),
         ({"problem": 3}, "a problem is a name, a file or an ocp.Problem, got int"),
         (

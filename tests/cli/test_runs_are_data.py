@@ -117,7 +117,7 @@ def test_nor_does_a_start_or_a_decision(ocp, made: Path, received: dict[str, Pat
     for line in (["solve", str(made / "mine.py"), "-p", "N=4", "--from"],
                  ["estimate", str(made / "mine.py"), "-p", "N=4", "-n", "10", "--at"]):  # fmt: skip
         assert ocp(*line, str(run), "-q").code == 0
-    with pytest.raises(InputError, match=r"not loaded.*--source FILE"):
+    with pytest.raises(InputError, match=r"never loads code.*--source FILE"):
         load(run)
     assert not list(run.parents[1].rglob("*.ran"))
 

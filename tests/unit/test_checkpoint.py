@@ -168,7 +168,7 @@ def test_the_content_is_of_all_files_that_are_named(tmp_path: Path) -> None:
 def test_a_place_that_cannot_be_made_gets_its_sentence(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with (
-        pytest.raises(ValueError, match="cannot write what is done to"),
+        pytest.raises(ValueError, match="cannot write the checkpoint"),
         Checkpoint(tmp_path, "toy", ASKED),
     ):
         pass

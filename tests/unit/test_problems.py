@@ -333,7 +333,7 @@ BROKEN = {
     "odd": (USER.replace("v [m/s]", "v [m/s]; w [m]"), "3 states; expected positions and as many"),
     "mass": (USER.replace("v [m/s]", "v [m/s]; w [m]; a [1]"), r"mass has shape \(1, 1\), exp"),
     "contacts": (USER.replace("wall [N s]", "a [N s]; b [N s]"), r"distance\(q\) has shape"),
-    "strange": (USER.replace("v, u: u,", "v, u: ca.SX.sym('a'),"), "uses a, which is no state"),
+    "strange": (USER.replace("v, u: u,", "v, u: ca.SX.sym('a'),"), "uses a, which is not a state"),
     "bound": (
         USER.replace(END, END + "u_upper=ca.SX([1, 2]),"),
         "u_upper has 2 entries, expected 1",
