@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from reports.cli import logs, streams
+from reports.cli import streams
 from reports.cli import options as parser
 from reports.cli.app import commands, main
 
@@ -88,9 +88,9 @@ def test_logging_is_pythons_own(caplog) -> None:
 
 
 def test_levels_are_set_back(capsys) -> None:
-    loggers = [logging.getLogger(name) for name in logs.PACKAGES]
+    loggers = [logging.getLogger(name) for name in streams.PACKAGES]
     before = [(logger.level, list(logger.handlers)) for logger in loggers]
-    with logs.shown(2):
+    with streams.log_to_stderr(2):
         logging.getLogger("ocp.anything").debug("heard %s", "once")
     assert "ocp.anything: heard once" in capsys.readouterr().err
     assert [(logger.level, logger.handlers) for logger in loggers] == before
