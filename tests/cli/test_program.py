@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from reports.cli import streams
 from reports.cli import options as parser
+from reports.cli import streams
 from reports.cli.app import commands, main
 
 ROOT = Path(__file__).parents[2]

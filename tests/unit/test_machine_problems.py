@@ -124,7 +124,9 @@ def test_bad_input_gets_its_sentence(name: str, values: dict, sentence: str):
 
 
 def test_simulations_refuse_what_does_not_fit():
-    with pytest.raises(InputError, match="not a machine that can be simulated; available: hopper, half-cheetah"):
+    with pytest.raises(
+        InputError, match="not a machine that can be simulated; available: hopper, half-cheetah"
+    ):
         simulate("push-disc")
     with pytest.raises(InputError, match=r"shape \(50, 2\), expected \(50, 3\)"):
         simulate("hopper", inputs=np.zeros((50, 2)))
