@@ -94,14 +94,20 @@ class RolloutStarts:
 
     @cached_property
     def acting(self) -> np.ndarray:
-        """Whether the step's equations depend on each input (N, nu), along the guess."""
+        """Whether the step's equations depend on each input (N, nu), in the states of the guess.
+
+        Inputs and multipliers are drawn, seed 0: at a guessed one a slope may be zero by chance.
+        """
         system, (x, u) = self.problem.system, self.guess
         equations = ca.vertcat(system.residual, system.gap)
         arguments = [system.x, system.u, system.x_next, system.lam, self.problem.parameters.vector]
         slope = ca.sum1(ca.fabs(ca.jacobian(equations, system.u)))
         slopes = ca.Function("slopes", arguments, [slope])
         p = self.problem.parameters.pack(self.values)
-        found = slopes.map(len(u))(x[:-1].T, u.T, x[1:].T, 0, p)
+        rng, scales = np.random.default_rng(0), self.problem.scales
+        drawn = u + scales.u * rng.standard_normal(u.shape)
+        lam = scales.impulse * rng.random((len(u), system.nlam))
+        found = slopes.map(len(u))(x[:-1].T, drawn.T, x[1:].T, lam.T, p)
         return np.array(ca.densify(found)).reshape(len(u), -1, order="C") > 0
 
     def _rolled(self, u: np.ndarray) -> Rollout | None:

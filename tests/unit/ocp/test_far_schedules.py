@@ -80,8 +80,9 @@ def test_a_throw_far_from_the_guess_is_found() -> None:
 
 
 def test_only_the_throw_acts_in_ball_throw_and_every_push_in_push_1d() -> None:
-    for name, acting in (("ball-throw", 2), ("push-1d", get("push-1d").N)):
-        problem = get(name)
+    """At no speed the guess's cost has no slope in the angle, which acts all the same."""
+    cases = [(get("ball-throw"), 2), (get("ball-throw", speed_start=0.0), 2)]
+    for problem, acting in (*cases, (get("push-1d"), get("push-1d").N)):
         session = new_session(problem, Exact())
         values = session.values
         guess = problem.initial_guess(problem.parameters.pack(values))
