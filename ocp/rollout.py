@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
 
 import casadi as ca
 import numpy as np
@@ -47,6 +48,10 @@ class Rollout:
     def cost(self) -> float:
         """Mean cost over scenarios."""
         return float(self.costs.mean())
+
+    def __getitem__(self, which: Sequence[int] | np.ndarray) -> Rollout:
+        """The scenarios ``which`` alone."""
+        return Rollout(*(part[which] for part in astuple(self)))
 
 
 @dataclass(frozen=True)
@@ -135,20 +140,24 @@ def roll_on(
     x, u = np.full((S, N + 1, problem.system.nx), np.nan), np.empty((S, N, problem.system.nu))
     lam, gap = np.full((S, N, step.n), np.nan), np.full((S, N, step.n), np.nan)
     u[:] = np.nan if isinstance(inputs, Gains) else inputs
+    error = np.zeros((S, N, step.n))
     x[:, 0] = start
+    # Gains read the state of every node; inputs are rolled out in one call.
+    each = 1 if isinstance(inputs, Gains) else N
+    for first in range(0, N, each):
+        steps = slice(first, first + each)
+        if isinstance(inputs, Gains):
+            u[:, first] = [np.clip(inputs.input(first, one), lower, upper) for one in x[:, first]]
+        x[:, 1:][:, steps], lam[:, steps], gap[:, steps], error[:, steps] = _ahead(
+            step, x[:, first], u[:, steps], p, substeps
+        )
     lost: list[Unsolved] = []
-    for s in range(S):
-        open_loop = None if isinstance(inputs, Gains) else _ahead(step, x[s, 0], u[s], p, substeps)
-        for k in range(N):
-            if isinstance(inputs, Gains):
-                u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
-            found = open_loop or _ahead(step, x[s, k], u[s, k : k + 1], p, substeps)
-            after, lam_k, gap_k, error = (part[k if open_loop else 0] for part in found)
-            if not np.all(error <= STEP_TOLERANCE):
-                worst = int(np.argmax(error))
-                lost.append(Unsolved(k, step.contacts[worst].name, s, float(error[worst])))
-                break
-            x[s, k + 1], lam[s, k], gap[s, k] = after, lam_k, gap_k
+    wrong = ~np.all(error <= STEP_TOLERANCE, axis=2)
+    for s in np.flatnonzero(wrong.any(axis=1)):
+        k = int(np.argmax(wrong[s]))
+        x[s, k + 1 :], lam[s, k:], gap[s, k:] = np.nan, np.nan, np.nan
+        worst = int(np.argmax(error[s, k]))
+        lost.append(Unsolved(k, step.contacts[worst].name, int(s), float(error[s, k, worst])))
     rolled = Rollout(x, u, lam, gap, trajectory_costs(problem, x, u, physical))
     for one in lost:
         rolled.costs[one.scenario] = np.nan
@@ -169,18 +178,23 @@ def step_values(
 def _ahead(
     step: Step, x: np.ndarray, u: np.ndarray, p: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Roll on by inputs u (K, nu), each held for ``count`` steps.
+    """Roll states x (S, nx) on by inputs u (S, K, nu), each held for ``count`` steps.
 
-    Returns, by input, the state after its steps (K, nx), lam and gap of the last (K, n), and the
-    largest error of any (K, n). That is infinite where a state is NaN: a single contact, solved in
-    closed form, has no error of its own.
+    Returns, by input, the state after its steps (S, K, nx), lam and gap of the last (S, K, n), and
+    the largest error of any (S, K, n). That is infinite where a state is NaN: a single contact,
+    solved in closed form, has no error of its own.
     """
-    K = len(u)
-    found = step.solve.mapaccum(K * count)(x, np.repeat(u, count, axis=0).T, p)
-    after, lam, gap, error = (np.array(v).T.reshape(K, count, v.shape[0]) for v in found)
-    right = np.isfinite(error) & np.isfinite(after).all(axis=2, keepdims=True)
-    largest = np.where(right, error, np.inf).max(axis=1, initial=0.0)
-    return after[:, -1], lam[:, -1], gap[:, -1], largest
+    S, K = u.shape[:2]
+    rolled = step.solve.map(S).mapaccum(K * count)
+    columns = np.repeat(u, count, axis=1).swapaxes(0, 1).reshape(K * count * S, u.shape[2]).T
+    found = (
+        np.array(v).T.reshape(K, count, S, v.shape[0]).transpose(2, 0, 1, 3)
+        for v in rolled(x.T, columns, p)
+    )
+    after, lam, gap, error = found
+    right = np.isfinite(error) & np.isfinite(after).all(axis=3, keepdims=True)
+    largest = np.where(right, error, np.inf).max(axis=2, initial=0.0)
+    return after[:, :, -1], lam[:, :, -1], gap[:, :, -1], largest
 
 
 def trajectory_costs(
@@ -188,14 +202,10 @@ def trajectory_costs(
 ) -> np.ndarray:
     """Cost of each trajectory, x (S, N+1, nx), u (S, N, nu); returns (S,)."""
     before = np.array(problem.limits(physical)[1]).ravel()
-    costs = np.empty(len(x))
-    terms = problem.cost_terms
-    for s in range(len(x)):
-        du = np.diff(np.vstack([before, u[s]]), axis=0)
-        stage, _ = terms(x[s, :-1].T, u[s].T, du.T, physical)
-        _, terminal = terms(x[s, -1], u[s, -1], du[-1], physical)
-        costs[s] = float(ca.sum2(stage)) + float(terminal)
-    return costs
+    du = np.diff(u, axis=1, prepend=np.broadcast_to(before, (len(u), 1, before.size)))
+    stage, _ = at_steps(problem.cost_terms, x[:, :-1], u, du, p=physical)
+    _, terminal = at_steps(problem.cost_terms, x[:, -1:], u[:, -1:], du[:, -1:], p=physical)
+    return stage.sum(axis=(1, 2)) + terminal[:, 0, 0]
 
 
 def initial_guesses(

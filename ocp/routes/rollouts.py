@@ -34,11 +34,6 @@ class RolloutStarts:
     values: dict[str, float]
     guess: InitialGuess
 
-    def point(self, program: Program, u: np.ndarray) -> Point | None:
-        """Where inputs (N, nu) lead; None where a step is not solved."""
-        rolled = self._rolled(u)
-        return rolled and Point(pack_rollout(program, rolled, None))
-
     def around(self, program: Program, found: Sequence[Point], count: int) -> list[Point]:
         """Plans around the guess and what was ``found``, the cheapest first, one a schedule.
 
@@ -56,7 +51,7 @@ class RolloutStarts:
             size[0] = 0.0
             noise = size * (rng.standard_normal((count, sizes.u.size, 3)) @ waves) * self.acting.T
             plans += [*(u + sizes.u * noise.transpose(0, 2, 1))]
-        return self._cheapest(program, plans)
+        return self._cheapest(program, np.array(plans))
 
     def throughout(self, program: Program, count: int) -> list[Point]:
         """Plans whose acting inputs are uniform between their bounds, ordered as in :meth:`around`.
@@ -68,17 +63,17 @@ class RolloutStarts:
         least = np.where(np.isfinite(lower), lower, u - reach)
         most = np.where(np.isfinite(upper), upper, u + reach)
         drawn = np.random.default_rng(0).uniform(least, most, (count, *u.shape))
-        return self._cheapest(program, [*np.where(self.acting, drawn, u)])
+        return self._cheapest(program, np.where(self.acting, drawn, u))
 
-    def _cheapest(self, program: Program, plans: Sequence[np.ndarray]) -> list[Point]:
-        sizes, best = self.problem.scales, dict[bytes, Rollout]()
-        for u in plans:
-            rolled = self._rolled(np.clip(u, *self._bounds))
-            if rolled is not None and np.isfinite(rolled.cost):
-                key = (rolled.lam / sizes.impulse > rolled.gap / sizes.gap).tobytes()
-                best[key] = min(best.get(key, rolled), rolled, key=lambda one: one.cost)
-        cheapest = sorted(best.values(), key=lambda one: one.cost)
-        return [Point(pack_rollout(program, one, None)) for one in cheapest]
+    def _cheapest(self, program: Program, plans: np.ndarray) -> list[Point]:
+        """Those of ``plans`` (S, N, nu) that are cheapest of their schedule, the cheapest first."""
+        sizes, best = self.problem.scales, dict[bytes, int]()
+        rolled = self._rolled(np.clip(plans, *self._bounds))
+        active = rolled.lam / sizes.impulse > rolled.gap / sizes.gap
+        for s in np.argsort(rolled.costs, kind="stable"):
+            if np.isfinite(rolled.costs[s]):
+                best.setdefault(active[s].tobytes(), s)
+        return [Point(pack_rollout(program, rolled[[s]], None)) for s in best.values()]
 
     @property
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -89,8 +84,9 @@ class RolloutStarts:
     def perturbed(self, program: Program, count: int) -> list[Point]:
         """Where guessed inputs lead, the own and perturbed ones, ``count`` in all."""
         plans = initial_guesses(self.problem, self.values, count, 0, self.guess)
-        there = (self.point(program, u) for _, u in plans)
-        return [point for point in there if point is not None]
+        rolled = self._rolled(np.array([u for _, u in plans]))
+        solved = np.flatnonzero(np.isfinite(rolled.x).all(axis=(1, 2)))
+        return [Point(pack_rollout(program, rolled[[s]], None)) for s in solved]
 
     @cached_property
     def acting(self) -> np.ndarray:
@@ -110,10 +106,9 @@ class RolloutStarts:
         found = slopes.map(len(u))(x[:-1].T, drawn.T, x[1:].T, lam.T, p)
         return np.array(ca.densify(found)).reshape(len(u), -1, order="C") > 0
 
-    def _rolled(self, u: np.ndarray) -> Rollout | None:
-        start = self.guess[0][None, 0]
-        rolled, unsolved = roll_on(self.problem, u[None], self.values, self.step, start)
-        return rolled if unsolved is None else None
+    def _rolled(self, plans: np.ndarray) -> Rollout:
+        starts = np.broadcast_to(self.guess[0][0], (len(plans), self.problem.system.nx))
+        return roll_on(self.problem, plans, self.values, self.step, starts)[0]
 
 
 def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import Gains, Problem, roll_out
-from ocp.rollout import trajectory_costs
+from ocp.rollout import roll_on, trajectory_costs
 from problems import get
 from tests.examples import settings
 
@@ -132,3 +132,22 @@ def test_costs_on_increments_start_from_the_input_before(seed: int) -> None:
     before = np.concatenate([np.tile([-1.0, 0.2], (2, 1, 1)), u[:, :-1]], axis=1)
     stage = 0.01 * off[:, :-1] + 0.1 * ((u - before) ** 2).sum(axis=-1)
     np.testing.assert_allclose(found, stage.sum(axis=1) + 10 * off[:, -1], rtol=1e-12)
+
+
+@some
+@seeds
+def test_a_scenario_alone_has_the_bits_it_has_among_others(seed: int) -> None:
+    """Also beside one whose inputs are NaN from a step on."""
+    noise = np.random.default_rng(seed)
+    problem = problem_of("push-disc")
+    u = noise.standard_normal((4, N, 2))
+    u[2, 5:] = np.nan
+    x0 = np.tile(problem.initial_states(problem.parameters.pack(values_of(problem))), (4, 1))
+    x0[:, :2] += 0.1 * noise.standard_normal((4, 2))
+    together, unsolved = roll_on(problem, u, values_of(problem), x0=x0)
+    assert unsolved is not None
+    assert (unsolved.scenario, unsolved.step) == (2, 5)
+    for s in range(4):
+        alone, _ = roll_on(problem, u[[s]], values_of(problem), x0=x0[[s]])
+        for name in ("x", "lam", "gap", "costs"):
+            np.testing.assert_array_equal(getattr(together, name)[[s]], getattr(alone, name))
