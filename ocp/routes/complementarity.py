@@ -10,12 +10,12 @@ import numpy as np
 
 from ocp.problem import Scaling
 from ocp.programs.program import Program
-from ocp.programs.solver import Point
+from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, RouteResult, lower
 from ocp.routes.relaxations import CentralPath, ScholtesAdaptive, Strategy
 from ocp.routes.rollouts import RolloutStarts
-from ocp.routes.schedules import distant_schedules, improved
+from ocp.routes.schedules import VAIN, distant_schedules, improved
 
 
 @dataclass(frozen=True)
@@ -37,24 +37,26 @@ class Search:
 
 
 def solve_pairs(follower: Homotopy, search: Search) -> RouteResult:
-    """Follow a strategy, solve the branch where it ends, and go on to better branches."""
+    """Follow a strategy, solve the branch where it ends, and go on to better branches.
+
+    Where rollouts cover the few inputs that act, no path is followed unless they lead nowhere.
+    """
+    branches = Branches(follower)
+    if search.rolls is not None and search.alternatives:
+        found = covering(branches, search.rolls)
+        if found:
+            return _best(branches, found, _VAIN)
     first = by_strategy(follower, search, search.strategy)
     smooth = first.finished and all(record.accepted for record in follower.trace.records)
-    branches = Branches(follower)
     polished = [first.result] if first.finished else []
-    covered = False
     if search.rolls is not None and search.alternatives:
-        covered = int(search.rolls.acting.sum()) <= _FEW_INPUTS
-        count, below = (_SMOOTH, first.result.f) if smooth and not covered else (_ROUGH, np.inf)
-        known = [one.point for one in polished]
-        if covered:
-            known += search.rolls.throughout(branches.program, _COVERING)[:_CENTRES]
-        points = search.rolls.around(branches.program, known, count)
+        count, below = (_SMOOTH, first.result.f) if smooth else (_ROUGH, np.inf)
+        points = search.rolls.around(branches.program, [one.point for one in polished], count)
         polished += distant_schedules(branches, points, below)
-    for strategy in () if smooth or (covered and polished) else search.alternatives:
+    for strategy in () if smooth else search.alternatives:
         again = by_strategy(follower, search, strategy)
         polished += [again.result] if again.finished else []
-    hard = not (smooth or covered) and not any(
+    hard = not smooth and not any(
         lower(one, first.result) or not first.finished for one in polished
     )
     if search.rolls is not None and hard and (search.alternatives or not polished):
@@ -64,10 +66,21 @@ def solve_pairs(follower: Homotopy, search: Search) -> RouteResult:
     if not polished and search.fallback is not None:
         again = by_strategy(follower, search, search.fallback)
         polished = [again.result] if again.finished else []
-    if not polished:
-        return first
-    best = min(polished, key=lambda found: found.f)
-    return RouteResult(improved(branches, best), branches.program, True, follower.trace)
+    return _best(branches, polished) if polished else first
+
+
+def covering(branches: Branches, rolls: RolloutStarts) -> list[Result]:
+    """Branches of the cheapest rollouts over the whole range of the inputs, where few act."""
+    if rolls.acting.sum() > _FEW_INPUTS:
+        return []
+    best = rolls.throughout(branches.program, _COVERING)[:_CENTRES]
+    points = rolls.around(branches.program, best, _AROUND)
+    return distant_schedules(branches, points, np.inf, _FAR)
+
+
+def _best(branches: Branches, found: list[Result], vain: int = VAIN) -> RouteResult:
+    best = improved(branches, min(found, key=lambda one: one.f), vain)
+    return RouteResult(best, branches.program, True, branches.follower.trace)
 
 
 def by_strategy(follower: Homotopy, search: Search, strategy: Strategy) -> RouteResult:
@@ -115,8 +128,11 @@ SMALL_PAIRS = 128
 """Pairs up to which several ways are followed where the first was hard to follow."""
 _SMOOTH, _ROUGH = 6, 48
 """Plans rolled out around each plan so far, after an easy path and after a hard one."""
-_FEW_INPUTS, _COVERING, _CENTRES = 4, 320, 8
-"""Acting inputs up to which rollouts cover all plans; how many do; and how many are refined."""
+_FEW_INPUTS, _COVERING, _CENTRES, _AROUND = 3, 1000, 8, 24
+"""Acting inputs up to which rollouts cover all plans; how many do; how many of these are refined,
+and by how many plans around each."""
+_FAR, _VAIN = 3, 4
+"""Branches solved then, and neighbours tried in vain: most schedules were rolled out before."""
 _PERTURBED = 8
 """Guesses that are rolled out where that led to nothing better."""
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)

@@ -20,7 +20,7 @@ _ALL, _WORK = 800, 540_000
 """Iterations after which a search ends, and iterations times pairs, for a large problem."""
 _NEAREST = 1e-3
 """Characteristic sizes below which a member counts as being as near as that."""
-_VAIN = 20
+VAIN = 20
 """Neighbours in a row, from the most promising on, after which none is likely to cost less."""
 
 
@@ -39,11 +39,11 @@ class ScheduleMove:
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
-def improved(branches: Branches, found: Result) -> Result:
+def improved(branches: Branches, found: Result, vain: int = VAIN) -> Result:
     """Exchange branches to first order, and schedules for neighbouring ones, in turn."""
     best = branches.improve(found)
     for _ in range(_TURNS):
-        found = improve_schedule(branches, best)
+        found = improve_schedule(branches, best, vain)
         if not lower(found, best):
             return best
         best = branches.improve(found)
@@ -52,14 +52,14 @@ def improved(branches: Branches, found: Result) -> Result:
     return best
 
 
-def improve_schedule(branches: Branches, best: Result) -> Result:
+def improve_schedule(branches: Branches, best: Result, vain: int = VAIN) -> Result:
     """Exchange a schedule for a neighbour that costs less, until none does.
 
     On a grid of time every instant of a contact is a minimum of its own: the pairs of the steps
     beside it are far from (0, 0), so that no descent to first order leads there, however long the
     steps of a trust region. Hence single pairs change sides, and runs of active pairs are moved by
     a step, and the branch is solved again: first twice what helped the last time, then what the
-    multipliers promise most of (:func:`predicted_gains`).
+    multipliers promise most of (:func:`predicted_gains`), until ``vain`` in a row cost no less.
     """
     program, trace = branches.program, branches.follower.trace
     until = trace.iterations + min(_ALL, _WORK // max(program.pairs.shape[1], 1))
@@ -75,11 +75,11 @@ def improve_schedule(branches: Branches, best: Result) -> Result:
                 continue
             neighbours.append((move is last, fall[other].sum() / way[other].sum(), move, changed))
         neighbours.sort(key=lambda one: one[:2], reverse=True)
-        vain = 0
+        failed = 0
         for _, _, move, changed in neighbours:
             if changed.tobytes() in tried:
                 continue
-            if trace.iterations > until or vain == _VAIN:
+            if trace.iterations > until or failed == vain:
                 return best
             tried.add(changed.tobytes())
             found = branches.solve(best.point, changed, _ITERATIONS, label=NEIGHBOUR)
@@ -87,7 +87,7 @@ def improve_schedule(branches: Branches, best: Result) -> Result:
                 best, active = found, changed
                 last = move.twice if isinstance(move, ScheduleMove) else None
                 break
-            vain += 1
+            failed += 1
         else:
             return best
 
@@ -155,13 +155,15 @@ _FEASIBLE = 1e-6
 """Violation, in natural units, of a plan that keeps its limits."""
 
 
-def distant_schedules(branches: Branches, points: Sequence[Point], below: float) -> list[Result]:
+def distant_schedules(
+    branches: Branches, points: Sequence[Point], below: float, most: int = _FAR_MOST
+) -> list[Result]:
     """Solve the branches of the cheapest feasible ``points``, one of every kind of schedule.
 
     An event that falls some steps earlier or later, or one more of them, makes another minimum,
     often in a valley of its own that no exchange of neighbours leads to. A point must cost less
     than ``below``; where that is infinite, points that break limits come after the others, so that
-    eight are solved if there are as many.
+    ``most`` are solved if there are as many.
     """
     program, seen, polished = branches.program, [], []
     for point in _ordered(branches, points, below):
@@ -170,7 +172,7 @@ def distant_schedules(branches: Branches, points: Sequence[Point], below: float)
             seen.append(active)
             found = branches.solve_branch(point, _FAR_ITERATIONS)
             polished += [] if found is None else [found]
-        if len(seen) == _FAR_MOST:
+        if len(seen) == most:
             break
     return polished
 
