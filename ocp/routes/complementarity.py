@@ -71,10 +71,9 @@ def solve_pairs(follower: Homotopy, search: Search) -> RouteResult:
 
 def covering(branches: Branches, rolls: RolloutStarts) -> list[Result]:
     """Branches of the cheapest rollouts over the whole range of the inputs, where few act."""
-    if rolls.acting.sum() > _FEW_INPUTS:
+    if not 0 < rolls.acting.sum() <= _FEW_INPUTS:
         return []
-    best = rolls.throughout(branches.program, _COVERING)[:_CENTRES]
-    points = rolls.around(branches.program, best, _AROUND)
+    points = rolls.throughout(branches.program, _COVERING, _CENTRES, _NEAR)
     return distant_schedules(branches, points, np.inf, _FAR)
 
 
@@ -128,7 +127,7 @@ SMALL_PAIRS = 128
 """Pairs up to which several ways are followed where the first was hard to follow."""
 _SMOOTH, _ROUGH = 6, 48
 """Plans rolled out around each plan so far, after an easy path and after a hard one."""
-_FEW_INPUTS, _COVERING, _CENTRES, _AROUND = 3, 1000, 8, 24
+_FEW_INPUTS, _COVERING, _CENTRES, _NEAR = 3, 1000, 16, 16
 """Acting inputs up to which rollouts cover all plans; how many do; how many of these are refined,
 and by how many plans around each."""
 _FAR, _VAIN = 3, 4

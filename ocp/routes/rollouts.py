@@ -18,11 +18,13 @@ from ocp.programs.status import Status
 from ocp.rollout import Gains, InitialGuess, Rollout, initial_guesses, roll_on, roll_out
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy, HomotopyPath, RouteResult, lower
-from ocp.routes.schedules import improved
+from ocp.routes.schedules import improved, is_apart
 from ocp.transcription.nlp import NLP
 
 _SIZES = 0.03, 3.0
 """Of the noise, in characteristic units."""
+_NEARER = 2.0, 0.7, 0.25
+"""Distances between covering plans within which others are drawn around the best of them."""
 
 
 @dataclass(frozen=True)
@@ -51,29 +53,58 @@ class RolloutStarts:
             size[0] = 0.0
             noise = size * (rng.standard_normal((count, sizes.u.size, 3)) @ waves) * self.acting.T
             plans += [*(u + sizes.u * noise.transpose(0, 2, 1))]
-        return self._cheapest(program, np.array(plans))
+        return self._points(program, self._cheapest(np.array(plans)))
 
-    def throughout(self, program: Program, count: int) -> list[Point]:
-        """Plans whose acting inputs are uniform between their bounds, ordered as in :meth:`around`.
+    def throughout(self, program: Program, count: int, centres: int, near: int) -> list[Point]:
+        """Plans whose acting inputs cover their range, the cheapest first, one a schedule.
 
-        Where a bound is infinite, they are at most three characteristic units from the guess.
+        First ``count`` over all of it, then ``near`` around each of ``centres`` of them, the
+        cheapest of every kind of schedule, three times, each time nearer: a valley may be narrower
+        than what lies between two plans.
+        Without a bound the range ends three characteristic units from the guess.
         """
         u, reach = self.guess[1], _SIZES[1] * self.problem.scales.u
         lower, upper = self._bounds
         least = np.where(np.isfinite(lower), lower, u - reach)
         most = np.where(np.isfinite(upper), upper, u + reach)
-        drawn = np.random.default_rng(0).uniform(least, most, (count, *u.shape))
-        return self._cheapest(program, np.where(self.acting, drawn, u))
+        width = np.where(self.acting, most - least, 0.0)
+        rng, inputs = np.random.default_rng(0), self.acting.sum()
+        spread = np.zeros((count, *u.shape))
+        spread[:, self.acting] = _sequence(count, inputs) - 0.5
+        found = self._cheapest(np.where(self.acting, (least + most) / 2, u) + width * spread)
+        for size in _NEARER:
+            chosen = self._kinds(found, centres)
+            noise = rng.uniform(-1, 1, (len(chosen), near, *u.shape))
+            moved = found.u[chosen, None] + size * count ** (-1 / inputs) * width * noise
+            found = self._cheapest(np.vstack([found.u, moved.reshape(-1, *u.shape)]))
+        return self._points(program, found)
 
-    def _cheapest(self, program: Program, plans: np.ndarray) -> list[Point]:
+    def _cheapest(self, plans: np.ndarray) -> Rollout:
         """Those of ``plans`` (S, N, nu) that are cheapest of their schedule, the cheapest first."""
-        sizes, best = self.problem.scales, dict[bytes, int]()
+        best = dict[bytes, int]()
         rolled = self._rolled(np.clip(plans, *self._bounds))
-        active = rolled.lam / sizes.impulse > rolled.gap / sizes.gap
+        active = self._active(rolled)
         for s in np.argsort(rolled.costs, kind="stable"):
             if np.isfinite(rolled.costs[s]):
                 best.setdefault(active[s].tobytes(), s)
-        return [Point(pack_rollout(program, rolled[[s]], None)) for s in best.values()]
+        return rolled[np.array([*best.values()], dtype=int)]
+
+    def _active(self, rolled: Rollout) -> np.ndarray:
+        sizes = self.problem.scales
+        return rolled.lam / sizes.impulse > rolled.gap / sizes.gap
+
+    def _kinds(self, rolled: Rollout, most: int) -> list[int]:
+        """The first of every kind of schedule, at most so many."""
+        active, chosen = self._active(rolled), list[int]()
+        for s, one in enumerate(active):
+            if len(chosen) < most and all(is_apart(one.T, active[k].T) for k in chosen):
+                chosen.append(s)
+        return chosen
+
+    @staticmethod
+    def _points(program: Program, plans: Rollout) -> list[Point]:
+        each = (plans[[s]] for s in range(len(plans.x)))
+        return [Point(pack_rollout(program, one, None)) for one in each]
 
     @property
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -85,8 +116,7 @@ class RolloutStarts:
         """Where guessed inputs lead, the own and perturbed ones, ``count`` in all."""
         plans = initial_guesses(self.problem, self.values, count, 0, self.guess)
         rolled = self._rolled(np.array([u for _, u in plans]))
-        solved = np.flatnonzero(np.isfinite(rolled.x).all(axis=(1, 2)))
-        return [Point(pack_rollout(program, rolled[[s]], None)) for s in solved]
+        return self._points(program, rolled[np.isfinite(rolled.x).all(axis=(1, 2))])
 
     @cached_property
     def acting(self) -> np.ndarray:
@@ -109,6 +139,17 @@ class RolloutStarts:
     def _rolled(self, plans: np.ndarray) -> Rollout:
         starts = np.broadcast_to(self.guess[0][0], (len(plans), self.problem.system.nx))
         return roll_on(self.problem, plans, self.values, self.step, starts)[0]
+
+
+def _sequence(count: int, dimension: int) -> np.ndarray:
+    """Points (count, dimension) of the additive recurrence that fills the unit cube evenly.
+
+    Its steps are powers of 1/phi, where phi solves ``phi^(dimension + 1) = phi + 1``.
+    """
+    phi = 1.5
+    for _ in range(60):
+        phi = (phi + 1.0) ** (1.0 / (dimension + 1))
+    return np.outer(np.arange(1, count + 1), phi ** -np.arange(1.0, dimension + 1)) % 1.0
 
 
 def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray:

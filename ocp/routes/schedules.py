@@ -168,7 +168,7 @@ def distant_schedules(
     program, seen, polished = branches.program, [], []
     for point in _ordered(branches, points, below):
         active = branches.schedule(point.x)
-        if all(_apart(active, other, program.chains) > _APART for other in seen):
+        if all(is_apart(active[program.chains], other[program.chains]) for other in seen):
             seen.append(active)
             found = branches.solve_branch(point, _FAR_ITERATIONS)
             polished += [] if found is None else [found]
@@ -192,7 +192,12 @@ def _ordered(branches: Branches, points: Sequence[Point], below: float) -> Itera
         yield from (point for _, point in sorted(broken, key=lambda one: one[0]))
 
 
-def _apart(one: np.ndarray, other: np.ndarray, chains: np.ndarray) -> float:
+def is_apart(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether schedules (contacts, N) are of two kinds (:func:`apart`)."""
+    return apart(one, other) > _APART
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
     """Steps by which contacts are moved from one schedule to another, over those of the horizon."""
-    moved = np.cumsum(one[chains].astype(int) - other[chains].astype(int), axis=1)
-    return float(np.abs(moved).sum() / chains.shape[1])
+    moved = np.cumsum(one.astype(int) - other.astype(int), axis=1)
+    return float(np.abs(moved).sum() / one.shape[1])

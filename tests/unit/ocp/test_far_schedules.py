@@ -15,7 +15,7 @@ from ocp.programs.status import Status
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.rollouts import RolloutStarts
-from ocp.routes.schedules import _apart
+from ocp.routes.schedules import apart
 from ocp.solve import new_session, solve
 from problems import get
 from problems.ball_throw import Params, roll
@@ -63,12 +63,16 @@ def test_the_bounce_is_found_at_whichever_step_is_best() -> None:
     assert found.cost == pytest.approx(2.11242, rel=1e-4)
 
 
-def test_a_throw_far_from_the_guess_is_found() -> None:
-    """A drawn throw, judged by a grid of all throws in closed form.
+@pytest.mark.parametrize(
+    ("seed", "index", "known"), [(41507, 3, 0.60505), (4242, 10, 0.667125), (41507, 0, None)]
+)
+def test_a_throw_far_from_the_guess_is_found(seed: int, index: int, known: float | None) -> None:
+    """Drawn throws, judged by a grid of all throws in closed form.
 
-    Plans near the guess lead to 1.18437, although a throw at 0.605 exists.
+    The valleys of the first two are narrow: plans near the guess lead to 1.18437, and a thousand
+    even plans to 0.96619. Their best costs are those of a grid refined around its twelve best.
     """
-    *_, instance = drawn("ball-throw", 4, 41507)
+    *_, instance = drawn("ball-throw", index + 1, seed)
     params = Params(**instance.params)
     session = new_session(get("ball-throw", **instance.params), Exact())
     least = min(
@@ -76,7 +80,7 @@ def test_a_throw_far_from_the_guess_is_found() -> None:
         for theta in np.linspace(-1.5, 1.5, 61)
         for speed in np.linspace(0.02, 1.0, 50) * params.speed_max
     )
-    assert session.solve().result.f <= least
+    assert session.solve().result.f <= min(least, known or np.inf)
 
 
 def test_only_the_throw_acts_in_ball_throw_and_every_push_in_push_1d() -> None:
@@ -93,11 +97,10 @@ def test_only_the_throw_acts_in_ball_throw_and_every_push_in_push_1d() -> None:
 
 @pytest.mark.parametrize("by", [1, 4, 9])
 def test_schedules_lie_apart_by_the_steps_that_contacts_move(by: int) -> None:
-    steps = np.arange(40)
-    chains = steps.reshape(2, 20)
+    steps = np.arange(40).reshape(2, 20)
     one, other = (np.isin(steps, [at, at + 1]) for at in (3, 3 + by))
-    assert _apart(one, other, chains) == _apart(other, one, chains) == pytest.approx(2 * by / 20)
-    assert _apart(one, one, chains) == 0
+    assert apart(one, other) == apart(other, one) == pytest.approx(2 * by / 20)
+    assert apart(one, one) == 0
 
 
 @pytest.mark.parametrize("solved", [False, True])
