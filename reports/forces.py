@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from ocp.problem import Problem
     from ocp.task import Task
 
-_LEAST = 0.02
+LEAST = 0.02
 """Forces below this fraction of the largest are not drawn."""
-_LONGEST, _ACROSS, _CONE = 0.18, 0.4, 0.7
+_LONGEST, _ACROSS, CONE = 0.18, 0.4, 0.7
+"""Longest arrow in sides of the view, the longer and the shorter, and a cone in arrows."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +86,35 @@ def caption(largest: float, unit: str, rough: bool) -> str:
     return f"arrows: contact {what}, the longest {largest:.3g} {unit}{cones}"
 
 
-def longest_arrow(axis: Axes) -> float:
-    """Length [m] of the arrow of the largest force."""
-    sides = float(np.ptp(axis.get_xlim())), float(np.ptp(axis.get_ylim()))
-    return min(_LONGEST * max(sides), _ACROSS * min(sides))
+def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str]]:
+    """Sizes (N, points) of the forces of plan and replay by suffix, and the contacts that act.
+
+    These are names by column: contacts with a visible force in the plan or in its replay.
+    """
+    found = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
+    sizes = {key: np.hypot(one.normal, one.friction) for key, one in found.items() if one}
+    if not sizes:
+        return {}, {}
+    most = np.max([np.nanmax(size, axis=0, initial=0.0) for size in sizes.values()], axis=0)
+    acting = np.flatnonzero((most > LEAST * most.max(initial=0.0)) & (most > 0))
+    names = [signal.name for signal in view.signals("contacts")]
+    if "point" in view.run.data.coords and view.run.data.sizes["point"] == most.size:
+        names = [str(name) for name in view.run.data["point"].values]
+    return sizes, {int(i): names[i] for i in acting}
+
+
+def longest_arrow(size: np.ndarray) -> float:
+    """Length [m] of the arrow of the largest force, inside a view of ``size`` (2,)."""
+    return min(_LONGEST * float(size.max()), _ACROSS * float(size.min()))
+
+
+def visible(
+    contacts: Sequence[ContactFrame], pushes: tuple[np.ndarray, np.ndarray], largest: float
+) -> Iterator[tuple[ContactFrame, float, float]]:
+    """Contacts with their normal and friction force, without the smallest forces."""
+    for frame, normal, friction in zip(contacts, *pushes, strict=False):
+        if math.hypot(normal, friction) >= LEAST * largest > 0:
+            yield frame, float(normal), float(friction)
 
 
 def draw_contacts(
@@ -103,12 +129,12 @@ def draw_contacts(
 
     The ``largest`` force is as long as :func:`longest_arrow`; the smallest are left out.
     """
-    longest, drawn = longest_arrow(axis), list[Artist]()
-    for frame, normal, friction in zip(contacts, *pushes, strict=False):
-        if math.hypot(normal, friction) >= _LEAST * largest > 0:
-            if frame.friction and cones:
-                drawn.append(draw_cone(axis, frame, longest, cones))
-            drawn.append(draw_force(axis, frame, normal, friction, longest / largest, alpha))
+    longest = longest_arrow(np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1))
+    drawn = list[Artist]()
+    for frame, normal, friction in visible(contacts, pushes, largest):
+        if frame.friction and cones:
+            drawn.append(draw_cone(axis, frame, longest, cones))
+        drawn.append(draw_force(axis, frame, normal, friction, longest / largest, alpha))
     return drawn
 
 
@@ -132,7 +158,7 @@ def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 
     """Draw the friction cone, half as wide as atan(friction) on either side of the normal."""
     middle = math.degrees(math.atan2(frame.ny, frame.nx))
     half = math.degrees(math.atan(frame.friction))
-    cone = Wedge((frame.x, frame.y), _CONE * length, middle - half, middle + half, zorder=3,
+    cone = Wedge((frame.x, frame.y), CONE * length, middle - half, middle + half, zorder=3,
                  facecolor=(PURPLE, 0.22 * strength),
                  edgecolor=(PURPLE, 0.8 * strength), linewidth=0.6)  # fmt: skip
     return axis.add_patch(cone)

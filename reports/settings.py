@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from textwrap import fill
 from typing import Any
 
-from ocp.settings import Setting, declared
+from dynamics.laws import LAWS
+from ocp.errors import InputError, did_you_mean
+from ocp.gradients.interpolation import RULES
+from ocp.learning.algorithms import ALGORITHMS
+from ocp.learning.experiment import Experiment
+from ocp.learning.identification import RandomSearch
+from ocp.learning.identification.psi_learning import PsiLearning
+from ocp.policy import POLICIES
+from ocp.programs.options import documented
+from ocp.programs.solver import IPOPT_DEFAULTS, SOLVERS
+from ocp.settings import Setting, Settings, declared
 
 
 @dataclass(frozen=True)
@@ -26,69 +36,48 @@ class SettingGroup:
 
 def laws() -> list[SettingGroup]:
     """Contact laws with the settings that ``-c`` takes."""
-    from dynamics.laws import LAWS
-
-    return [
-        SettingGroup(name, "-c NAME=VALUE", law.summary, declared(law))
-        for name, law in LAWS.items()
-    ]
+    return _groups(LAWS, "-c NAME=VALUE")
 
 
 def solves() -> SettingGroup:
     """Our own settings of a solve."""
-    from ocp.settings import Settings
-
-    return SettingGroup(
-        "solve", "-s NAME=VALUE", "method, homotopy and solver of a solve", declared(Settings)
-    )
+    about = "method, homotopy and solver of a solve"
+    return SettingGroup("solve", "-s NAME=VALUE", about, declared(Settings))
 
 
 def policies() -> list[SettingGroup]:
     """Policies with their settings."""
-    from ocp.policy import POLICIES
-
-    return [
-        SettingGroup(name, "-s policy.NAME=VALUE", policy.summary, declared(policy))
-        for name, policy in POLICIES.items()
-    ]
+    return _groups(POLICIES, "-s policy.NAME=VALUE")
 
 
 def estimators() -> list[SettingGroup]:
     """Estimators that mix two orders, with the settings of ``ocp estimate``."""
-    from ocp.gradients.interpolation import RULES
+    return _groups(RULES, "-s {}.NAME=VALUE")
 
+
+def _groups(table: Mapping[str, Any], syntax: str) -> list[SettingGroup]:
+    """A group for each class of a table; ``{}`` in the syntax stands for its name."""
     return [
-        SettingGroup(name, f"-s {name}.NAME=VALUE", rule.summary, declared(rule))
-        for name, rule in RULES.items()
+        SettingGroup(name, syntax.format(name), cls.summary, declared(cls))
+        for name, cls in table.items()
     ]
 
 
 def training() -> list[SettingGroup]:
     """Settings of ``ocp train``: of all algorithms, and of each."""
-    from ocp.learning.algorithms import ALGORITHMS
-    from ocp.learning.experiment import Experiment
-    from ocp.learning.identification import RandomSearch
-    from ocp.learning.identification.psi_learning import PsiLearning
-
     psi = SettingGroup(
         "psi", "-s psi=NAMES, and -s psi.NAME=VALUE",
-        "physical parameters NAMES learned beside the policy, from psi.NAME on",
+        "physical parameters NAMES, learned with the policy; psi.NAME is an initial value",
         [*declared(PsiLearning), *declared(RandomSearch)],
     )  # fmt: skip
     every = SettingGroup(
         "train", "-s NAME=VALUE", "settings of all algorithms of ocp train", declared(Experiment)
     )
-    return [every, psi] + [
-        SettingGroup(name, f"-s {name}.NAME=VALUE", algorithm.summary, declared(algorithm))
-        for name, algorithm in ALGORITHMS.items()
-    ]
+    return [every, psi, *_groups(ALGORITHMS, "-s {}.NAME=VALUE")]
 
 
 def solver(name: str) -> SettingGroup:
     """The options of a solver, from its documentation, with our defaults."""
-    from ocp.programs.options import documented
-    from ocp.programs.solver import IPOPT_DEFAULTS, SOLVERS
-
     given: dict[str, Any] = IPOPT_DEFAULTS if name == "ipopt" else {}
     found = [
         Setting(key, option.expected, given.get(key, option.default), option.meaning)
@@ -104,8 +93,6 @@ def groups() -> list[SettingGroup]:
 
 def changed(group: SettingGroup) -> SettingGroup:
     """The options of a solver whose default here differs from the solver's own."""
-    from ocp.programs.options import documented
-
     own = documented(group.name)
     kept = [one for one in group.settings if default_text(one.default) != own[one.name].default]
     return replace(group, settings=kept)
@@ -116,9 +103,6 @@ def matching(word: str) -> list[SettingGroup]:
 
     Raises :class:`~ocp.errors.InputError` with the nearest name where there is none.
     """
-    from ocp.errors import InputError, did_you_mean
-    from ocp.programs.solver import SOLVERS
-
     named = {group.name: group for group in groups()}
     if word in SOLVERS:
         return [solver(word)]
@@ -154,11 +138,3 @@ def default_text(value: Any) -> str:
     if isinstance(value, tuple):
         return ",".join(map(str, value)) or "affine"
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def methods() -> Iterator[Mapping[str, Any]]:
-    """Names and summaries of the methods."""
-    from ocp.transcription import METHODS
-
-    for name, method in METHODS.items():
-        yield {"name": name, "summary": method.summary}

@@ -7,7 +7,6 @@ import re
 import sys
 import traceback
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,50 +14,24 @@ import typer
 from typer.core import TyperGroup
 
 from reports.cli import interrupt, streams
-from reports.cli.options import click_command
+from reports.cli.commands import COMMANDS
+from reports.cli.parser import click_command
 
 NAME = "centralpath"
 EXAMPLES = ("list", "show push-disc", "solve push-disc --contact exact", "runs", "solve --help")
-COMMANDS = {
-    "list": "reports.cli.list_command:LIST",
-    "laws": "reports.cli.list_command:LAWS",
-    "methods": "reports.cli.list_command:METHODS",
-    "settings": "reports.cli.list_command:SETTINGS",
-    "show": "reports.cli.show_command:COMMAND",
-    "solve": "reports.cli.solve_command:COMMAND",
-    "replay": "reports.cli.replay_command:COMMAND",
-    "continue": "reports.cli.continue_command:COMMAND",
-    "sweep": "reports.cli.sweep_command:COMMAND",
-    "estimate": "reports.cli.estimate_command:COMMAND",
-    "collect": "reports.cli.learning.collect_command:COMMAND",
-    "learn": "reports.cli.learning.learn_command:COMMAND",
-    "train": "reports.cli.learning.train_command:COMMAND",
-    "evaluate": "reports.cli.learning.evaluate_command:COMMAND",
-    "figure": "reports.cli.figure_command:COMMAND",
-    "report": "reports.cli.report_command:COMMAND",
-    "animate": "reports.cli.animate_command:COMMAND",
-    "export": "reports.cli.export_command:COMMAND",
-    "runs": "reports.cli.runs_command:RUNS",
-    "runs rm": "reports.cli.runs_command:RM",
-    "runs export": "reports.cli.runs_command:EXPORT",
-    "doctor": "reports.cli.doctor_command:COMMAND",
-}
-"""Module and name of each command; it is imported when it is called."""
 
 
-class Program(TyperGroup):
-    """The commands, imported on demand; a command may have two words, such as ``runs rm``."""
+class CommandGroup(TyperGroup):
+    """The commands; a command may have two words, such as ``runs rm``."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         self.commands = dict.fromkeys(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Import a command, or return None for an unknown one."""
+        """Build the parser of a command, or return None for an unknown one."""
         if cmd_name in COMMANDS and self.commands[cmd_name] is None:
-            module, _, attribute = COMMANDS[cmd_name].partition(":")
-            command = getattr(import_module(module), attribute)
-            self.commands[cmd_name] = click_command(cmd_name, command)
+            self.commands[cmd_name] = click_command(cmd_name, COMMANDS[cmd_name])
         return self.commands.get(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[Any, Any, list[str]]:
@@ -100,7 +73,7 @@ def _print_version(wanted: bool) -> None:
 
 
 app = typer.Typer(
-    cls=Program,
+    cls=CommandGroup,
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,

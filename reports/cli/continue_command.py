@@ -3,44 +3,34 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import MISSING, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from reports.cli.options import Command, SolverOptions, option
-
-if TYPE_CHECKING:
-    from ocp.continuation import Continuation
-    from reports.cli.request import Request
+from dynamics.systems import LAW_PREFIX
+from ocp import store
+from ocp.continuation import Continuation, continue_over, curve_dataset, resolve
+from ocp.continuation.events import describe_events
+from ocp.continuation.walk import check_range, check_value
+from ocp.effort import FOLLOWED, check_memory, points_memory
+from ocp.errors import InputError, choose, interruptible
+from reports.cli import interrupt
+from reports.cli.commands import ContinueOptions
+from reports.cli.request import Request, assignments, check_places
+from reports.tables import curve_lines, event_table
 
 SCALES = {"log": "in equal ratios", "linear": "in equal steps"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class ContinueOptions(SolverOptions):
-    """The parameter, and its first and last value."""
-
-    over: str = option(MISSING, "--over", help="Parameter, such as contact.mu or M.")
-    start: float = option(MISSING, "--from", help="First value.")
-    end: float = option(MISSING, "--to", help="Last value.")
-    steps: int = option(20, "--steps", min=1, max=100_000, help="Number of steps.")
-    scale: str = option("linear", "--scale", help="log or linear.")
-
-
 def check(options: ContinueOptions) -> Request:
     """Build the session, and check the range of the parameter."""
-    from ocp.continuation import resolve
-    from ocp.continuation.walk import check_range
-    from ocp.effort import check_memory, points_memory
-    from ocp.errors import InputError, choose
-    from reports.cli.request import Request, assignments, check_places
-
     choose("scale", options.scale, SCALES)
     request = Request.read(options)
     check_memory(f"--steps {options.steps}", points_memory(request.session.problem, options.steps))
     check_places(options.out, options.pdf)
     name = resolve(request.session, options.over)
     for value in (options.start, options.end):
-        request.check_value(name, value)
+        if not name.startswith(LAW_PREFIX):
+            request.spec.params({**request.params, name.removeprefix("problem."): value})
+        check_value(request.session, name, value)
     check_range(options.scale, options.start, options.end, options.steps)
     law, _, parameter = name.rpartition(".")
     option, given = ("-c", options.law_settings) if law == "contact" else ("-p", options.params)
@@ -51,11 +41,6 @@ def check(options: ContinueOptions) -> Request:
 
 def run(options: ContinueOptions, request: Request) -> int:
     """Continue a solution along a parameter of problem, law or start, and store the path."""
-    from ocp import store
-    from ocp.continuation import curve_dataset
-    from ocp.effort import FOLLOWED
-    from reports.tables import event_table
-
     options.output.announce(
         f"{options.steps} steps of {request.spec.name}",
         options.steps * FOLLOWED * request.session.seconds, request.session.memory,
@@ -75,11 +60,6 @@ def run(options: ContinueOptions, request: Request) -> int:
 
 def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:
     """The path, and whether Ctrl-C ended it; the path then holds the finished points."""
-    from ocp.continuation import Continuation, continue_over, resolve
-    from ocp.errors import interruptible
-    from reports.cli import interrupt
-    from reports.tables import curve_lines
-
     session, over, finished = request.session, options.over, []
 
     def note(point: Any) -> None:
@@ -106,19 +86,21 @@ def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation,
 
 
 def _meta(options: ContinueOptions, request: Request, path: Continuation) -> dict[str, Any]:
+    over, problem = path.parameter, request.session.problem
+    tables = (problem.parameters, request.session.step.p)
     return {
         "kind": "continue",
         "argv": options.argv,
         "tags": options.tags,
         "seed": options.seed,
         "record": {**path.points[0].solution.record, **request.origin},
-        "source_digest": request.session.problem.source_digest,
-        "over": path.parameter,
+        "source_digest": problem.source_digest,
+        "over": over,
         "from": options.start,
         "to": options.end,
         "steps": options.steps,
         "scale": options.scale,
-        "unit": _unit(request.session, path.parameter),
+        "unit": next((table.get(over).unit for table in tables if over in table), ""),
         "points": [point.row() for point in path.points],
         "events": [event.row() for event in path.events],
         "iterations": path.iterations,
@@ -129,16 +111,7 @@ def _meta(options: ContinueOptions, request: Request, path: Continuation) -> dic
     }
 
 
-def _unit(session: Any, name: str) -> str:
-    for table in (session.problem.parameters, session.step.p):
-        if name in table:
-            return table.get(name).unit
-    return ""
-
-
 def _verdict(path: Any, end: float) -> str:
-    from ocp.continuation.events import describe_events
-
     happened = describe_events(path.events, path.parameter)
     events = f"\nAlong the path {happened}." if happened else ""
     if path.broke is not None:
@@ -150,14 +123,3 @@ def _verdict(path: Any, end: float) -> str:
         f"Followed to {path.parameter} = {end:g}: cost from {first.cost:.6g} to {last.cost:.6g},"
         f" under exact physics {last.audit.exact_cost:.6g} there{fate}.{events}"
     )
-
-
-COMMAND = Command(
-    ContinueOptions,
-    check,
-    run,
-    examples=(
-        "continue push-disc --over contact.mu --from 1e-1 --to 1e-5 --scale log",
-        "continue push-1d --over M --from 1 --to 2 --contact exact --pdf path.pdf",
-    ),
-)

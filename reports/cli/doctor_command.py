@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from reports.cli.options import Command, Options, option
-from reports.cli.output import Output
+import casadi as ca
+
+from dynamics.batch.engines import compiler
+from ocp.errors import InputError
+from ocp.programs.solver import SOLVERS
+from ocp.store.provenance import versions
+from reports.cli.commands import DoctorOptions
+from reports.cli.streams import Output
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 LINEAR_SOLVERS = ("mumps", "spral")
-
-
-@dataclass(frozen=True, kw_only=True)
-class DoctorOptions(Options):
-    """Whether to clear the cache."""
-
-    clear_cache: bool = option(
-        False, "--clear-cache", help="Clear the cache of compiled kernels first."
-    )
 
 
 def check(options: DoctorOptions) -> dict[str, Any]:
@@ -45,8 +41,6 @@ def run(options: DoctorOptions, place: dict[str, Any]) -> int:
 
 def _clear(output: Output) -> int:
     """Clear the cache of kernels; print and return the number of removed objects."""
-    from dynamics.batch.engines import compiler
-
     count = compiler.clear()
     output.say(f"{count} compiled object{'' if count == 1 else 's'} removed from the kernel cache")
     return count
@@ -54,8 +48,6 @@ def _clear(output: Output) -> int:
 
 def common_root(roots: dict[str, str]) -> str:
     """Return the common root; raises InputError where another distribution shadows a package."""
-    from ocp.errors import InputError
-
     if len(set(roots.values())) > 1:
         places = ", ".join(f"{name} from {root}" for name, root in roots.items())
         raise InputError(
@@ -67,12 +59,6 @@ def common_root(roots: dict[str, str]) -> str:
 
 def computer() -> dict[str, Any]:
     """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
-    import casadi as ca
-
-    from dynamics.batch.engines import compiler
-    from ocp.programs.solver import SOLVERS
-    from ocp.store.provenance import versions
-
     return {
         "versions": {**versions(), **{n: version(n) for n in ("matplotlib", "typst", "typer")}},
         "threads": len(os.sched_getaffinity(0)),
@@ -84,8 +70,6 @@ def computer() -> dict[str, Any]:
 
 def _linear_solver_works(name: str) -> bool:
     """Solve a problem of one variable with IPOPT over this linear solver."""
-    import casadi as ca
-
     x = ca.MX.sym("x")
     quiet = {"print_level": 0, "sb": "yes", "linear_solver": name}
     try:
@@ -104,14 +88,3 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-COMMAND = Command(
-    DoctorOptions,
-    check,
-    run,
-    examples=(
-        "doctor",
-        "doctor --json",
-    ),
-)

@@ -2,52 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from reports.cli.options import Command, ProblemOptions, option
-
-if TYPE_CHECKING:
-    from ocp.gradients.sweep import SweepRun
-    from ocp.store.checkpoint import Checkpoint
-    from reports.cli.estimate_request import EstimateRequest
-
-BACKENDS = ("auto", "c", "numpy", "casadi")
-"""Engines of batched evaluation; auto takes the first that can be built."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimateOptions(ProblemOptions):
-    """Estimators, samples, noise, sweep and engine."""
-
-    estimators: str = option(
-        "zobg,fobg,alpha", "--estimators", help="Names separated by commas; list with ocp list."
-    )
-    samples: str = option("1e5", "--samples", "-n", help="Samples per estimator.")
-    sweep: str | None = option(None, "--sweep", metavar="NAME=A:B:n[:log]", help="Sweep over NAME.")
-    sigma: float | None = option(None, "--sigma", help="Standard deviation of the noise.")
-    reference: str = option(
-        "auto", "--reference", help="auto, closed-form, quadrature, zobg or none."
-    )
-    reference_samples: str | None = option(
-        None, "--reference-samples", help="Samples of a sampled reference."
-    )
-    at: str | None = option(None, "--at", help="Stored run whose inputs are the decision.")
-    backend: str = option(
-        "auto", "--backend", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}."
-    )
-    threads: int | None = option(None, "--threads", min=1, max=1024, help="CPUs to use.")
+from ocp import store
+from ocp.effort import check_time
+from ocp.errors import choose, interruptible
+from ocp.gradients.sweep import SweepRun, summary, sweep_dataset
+from ocp.store.checkpoint import Checkpoint
+from reports import estimates
+from reports.cli import interrupt
+from reports.cli.commands import BACKENDS, EstimateOptions
+from reports.cli.estimate_request import EstimateRequest
+from reports.cli.request import check_places
 
 
 def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoint]:
     """Build the objective at every point, and check the total time."""
-    from ocp.effort import check_time
-    from ocp.errors import choose
-    from ocp.gradients.sweep import SweepRun
-    from ocp.store.checkpoint import Checkpoint
-    from reports.cli.estimate_request import EstimateRequest
-    from reports.cli.request import check_places
-
     choose("backend", options.backend, dict.fromkeys(BACKENDS))
     request = EstimateRequest.read(options)
     check_places(options.out, options.pdf)
@@ -63,17 +33,7 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
 
 
 def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Checkpoint]) -> int:
-    """Estimate the gradient of a smoothed objective with several estimators, and judge each.
-
-    The cost of an objective, or of a problem's rollout, is averaged over Gaussian noise on the
-    decision or on the inputs. Finished points are kept: after Ctrl-C the same command resumes.
-    """
-    from ocp import store
-    from ocp.errors import interruptible
-    from ocp.gradients.sweep import sweep_dataset
-    from reports import estimates
-    from reports.cli import interrupt
-
+    """Estimate the gradient of a smoothed objective with several estimators, and judge each."""
     request, study, checkpoint = checked
     output, interrupted = options.output, False
     with checkpoint:
@@ -106,8 +66,6 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
 
 def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
     """Description of the stored run."""
-    from ocp.gradients.sweep import summary
-
     swept = request.sweep
     return {
         "kind": "estimate",
@@ -125,14 +83,3 @@ def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
         "status": "done" if study.finished else "stopped",
         "verdict": summary(study.rows),
     }  # fmt: skip
-
-
-COMMAND = Command(
-    EstimateOptions,
-    check,
-    run,
-    examples=(
-        "estimate heaviside --samples 1e5 --sweep sigma=0.01:1:9:log",
-        "estimate push-1d --contact exact --estimators zobg,alpha -s alpha.gamma=1",
-    ),
-)

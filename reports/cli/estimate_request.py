@@ -5,22 +5,27 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from ocp.errors import InputError, choose, did_you_mean
-from reports.cli.request import assignments, contact_law, whole
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ocp.gradients.estimate import NamedObjective
-    from ocp.gradients.estimation import Sampling
-    from ocp.gradients.objective import SampledObjective
-    from ocp.gradients.sweep import Sweep
-    from ocp.store.stored_run import StoredRun
-    from problems.objectives import ObjectiveSpec
-    from problems.spec import ProblemSpec
-    from reports.cli.estimate_command import EstimateOptions
+from ocp.factories import contact_law, split_policy_settings
+from ocp.gradients.estimate import NamedObjective, rollout_objective, static_objective
+from ocp.gradients.estimation import Sampling
+from ocp.gradients.interpolation import RULES
+from ocp.gradients.objective import SampledObjective
+from ocp.gradients.reference import reference_kind
+from ocp.gradients.sweep import Sweep
+from ocp.store.json_values import to_json
+from ocp.store.provenance import content_digest
+from ocp.store.stored_run import StoredRun
+from ocp.validation import parse
+from problems.objectives import ObjectiveSpec, named
+from problems.parameters import unit_of
+from problems.spec import ProblemSpec
+from reports.cli.commands import EstimateOptions
+from reports.cli.request import assignments, whole
 
 _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "at": "--at"}
 
@@ -40,12 +45,6 @@ class EstimateRequest:
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
         """Check the command line; raises InputError for the first word that does not fit."""
-        from ocp.factories import split_policy_settings
-        from ocp.gradients.estimation import Sampling
-        from ocp.gradients.reference import reference_kind
-        from ocp.gradients.sweep import Sweep
-        from problems.objectives import named
-
         spec = named(options.problem)
         given = assignments("-p", options.params)
         if "sigma" in given and options.sigma is not None:
@@ -109,8 +108,6 @@ class EstimateRequest:
     @property
     def content(self) -> str:
         """Digest of the user's files: the problem's and a learned law's."""
-        from ocp.store.provenance import content_digest
-
         given = assignments("-c", self.options.law_settings)
         return content_digest(getattr(self.spec, "digest", None), given)
 
@@ -128,8 +125,6 @@ class EstimateRequest:
 
     def unit(self) -> str:
         """Unit of what is swept."""
-        from problems.parameters import unit_of
-
         if self.sweep is None or self.sweep.name == "samples":
             return "1"
         known = self.spec.Params.model_fields.get(self.sweep.name)
@@ -146,8 +141,6 @@ def build(
     spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], options: EstimateOptions
 ) -> NamedObjective:
     """Return the objective with all its parameters and the default noise."""
-    from ocp.gradients.estimate import rollout_objective, static_objective
-    from problems.objectives import ObjectiveSpec
 
     engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
     own = _policy_settings(options)
@@ -167,8 +160,6 @@ def build(
 
 
 def _policy_settings(options: EstimateOptions) -> dict[str, str]:
-    from ocp.factories import split_policy_settings
-
     return split_policy_settings(assignments("-s", options.settings))[0]
 
 
@@ -179,12 +170,11 @@ def _check_sweep(
     options: EstimateOptions,
 ) -> None:
     """Raise InputError for a swept value out of range, and for a second value of what is swept."""
-    from problems.spec import ProblemSpec
-
     law, sign, parameter = swept.name.partition(".")
     of_law = (law, sign) == ("contact", ".")
     beside = {name: "-p " + name for name in given}
-    beside |= {f"contact.{name}": "-c " + name for name in assignments("-c", options.law_settings)}
+    own = assignments("-c", options.law_settings)
+    beside |= {f"contact.{name}": "-c " + name for name in own}
     beside |= {name: f"--{name}" for name in ("sigma", "samples") if name in options.given}
     if swept.name in beside:
         raise InputError(f"--sweep sets {swept.name}; drop {beside[swept.name]}")
@@ -192,7 +182,7 @@ def _check_sweep(
         if swept.name in spec.Params.model_fields:
             spec.params({**given, swept.name: value})
         elif of_law:
-            contact_law(options.contact, [*(options.law_settings or ()), f"{parameter}={value}"])
+            contact_law(options.contact, {**own, parameter: str(value)})
     if isinstance(spec, ProblemSpec) and swept.name in spec.Params.model_fields:
         # The range of a parameter may allow what mechanics does not: a user's mass below zero.
         for value in (min(swept.values), max(swept.values)):
@@ -203,11 +193,7 @@ def _stored_decision(
     options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
 ) -> np.ndarray:
     """Inputs, or gains, of a stored run of this problem, in the order of a decision."""
-    import numpy as np
-
-    from reports.cli.runs_command import stored
-
-    run = stored(str(options.at), options.out)
+    run = options.stored(str(options.at))
     if run.kind != "solve":
         raise InputError(
             f"--at {options.at}: that is a run of ocp {run.kind}; give a run of ocp solve"
@@ -225,8 +211,6 @@ def _check_same(
     run: StoredRun, options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
 ) -> None:
     """Raise InputError unless a run is of this problem and has all parameters but the swept."""
-    from ocp.store.json_values import to_json
-
     at = f"--at {options.at}: the run is of"
     if run.meta["problem"] != spec.name:
         raise InputError(
@@ -252,9 +236,6 @@ def _check_same(
 
 def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
-    from ocp.gradients.interpolation import RULES
-    from ocp.validation import parse
-
     known = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
     settings: dict[str, dict[str, float]] = {}
     for key, value in given.items():

@@ -2,53 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from reports.cli.options import Command, SourceOptions, argument, option
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from dynamics.batch import TabulatedPolicy
-    from dynamics.contact import ContactLaw, Step
-    from ocp.problem import Problem
-    from ocp.solution import Solution
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExportOptions(SourceOptions):
-    """The run or problem, the file, and the law if it is not the run's own."""
-
-    what: str = argument(
-        metavar="RUN|PROBLEM",
-        help="A run: its path, or part of its name; or a problem: its name or file.",
-    )
-    file: Path = option(MISSING, "--output", "-o", help="The C file to write.")
-    params: list[str] | None = option(
-        None, "--param", "-p", metavar="K=V", help="Parameter of the problem."
-    )
-    contact: str | None = option(
-        None, "--contact", help="Contact law; default: that of the run, or barrier."
-    )
-    law_settings: list[str] | None = option(
-        None, "--contact-setting", "-c", metavar="K=V", help="Setting of the contact law."
-    )
-
-    @property
-    def named_runs(self) -> list[str]:
-        """Runs that the command reads, as given."""
-        return [] if self.is_problem else [self.what]
-
-    @property
-    def is_problem(self) -> bool:
-        """Whether the argument is a problem, by its name or its file."""
-        from problems import names
-
-        return self.what in names() or self.what.endswith(".py")
+from dynamics.batch import TabulatedPolicy, exported, identifier
+from dynamics.contact import ContactLaw, Step
+from dynamics.contact.learned_step import LearnedStep
+from ocp.errors import InputError, did_you_mean
+from ocp.factories import closing_law
+from ocp.problem import Problem
+from ocp.rollout import step_values
+from ocp.solution import Solution
+from ocp.store import atomic
+from problems import names, spec
+from problems.objectives import objective_names
+from problems.plugin import problem_of
+from reports.cli.commands import ExportOptions
+from reports.cli.request import assignments, check_place
 
 
 @dataclass(frozen=True)
@@ -77,16 +50,12 @@ class ExportRequest:
     @property
     def values(self) -> np.ndarray:
         """Values of the step's parameters."""
-        from ocp.rollout import step_values
-
         defaults = self.problem.parameters.defaults
         return step_values(self.problem, self.step, defaults, own=False)
 
     @property
     def policy(self) -> TabulatedPolicy | None:
         """The run's inputs, or its gains within the bounds on u."""
-        from dynamics.batch import TabulatedPolicy
-
         if self.solution is None:
             return None
         gains = self.solution.gains
@@ -108,9 +77,6 @@ class ExportRequest:
 
 def check(options: ExportOptions) -> ExportRequest:
     """Find the step and policy; raises InputError for a law without C code."""
-    from dynamics.contact.learned_step import LearnedStep
-    from ocp.errors import InputError
-
     request = _find(options)
     if isinstance(request.step, LearnedStep):
         raise InputError(
@@ -122,20 +88,16 @@ def check(options: ExportOptions) -> ExportRequest:
 
 def _find(options: ExportOptions) -> ExportRequest:
     """Find the problem or the run, and make the law."""
-    from ocp.errors import InputError
-    from problems import spec
-    from reports.cli.request import assignments, check_place, closing_law
-
     check_place(options.file, "C file")
-    what = options.what
-    if options.is_problem:
+    what, given = options.what, assignments("-c", options.law_settings)
+    if not options.named_runs:
         if "out" in options.given:
             raise InputError(f"--out is for a run, but {what} is a problem; drop it")
         if options.source is not None:
             raise InputError(f"--source is for a run, but {what} is a problem; drop it")
         found = spec(what)
         problem = found.problem(assignments("-p", options.params))
-        law = closing_law(options.contact or "barrier", options.law_settings, problem.system)
+        law = closing_law(options.contact or "barrier", given, problem.system)
         return ExportRequest(found.name, found.title, problem, law)
     request = _read_run(what, options)
     if options.params:
@@ -145,37 +107,26 @@ def _find(options: ExportOptions) -> ExportRequest:
     if options.contact is None and not options.law_settings:
         return request
     name, system = options.contact or request.law.name, request.problem.system
-    return replace(request, law=closing_law(name, options.law_settings, system))
+    return replace(request, law=closing_law(name, given, system))
 
 
 def _read_run(what: str, options: ExportOptions) -> ExportRequest:
     """Read a run; raises InputError, with the closest name, where there is none."""
-    from ocp.errors import InputError, did_you_mean
-    from problems import names
-    from problems.objectives import objective_names
-    from problems.plugin import problem_of
-    from reports.cli.request import closing_law
-    from reports.cli.runs_command import stored
-
     if what in objective_names():
         raise InputError(f"{what} is an objective without dynamics and has no step to export")
     try:
-        run = stored(what, options.out)
+        run = options.stored(what)
     except InputError as error:
         hint = did_you_mean(what, names())
         raise InputError(f"{error}; it is no problem's name either{hint}") from error
     found, _, problem = problem_of(run, options.own([run]))
     solution = run.solution(problem)
-    settings = [f"{key}={value}" for key, value in run.record["contact_settings"].items()]
-    law = closing_law(run.record["contact"], settings, problem.system)
+    law = closing_law(run.record["contact"], run.record["contact_settings"], problem.system)
     return ExportRequest(found.name, found.title, problem, law, solution, run.path.name)
 
 
 def run(options: ExportOptions, request: ExportRequest) -> int:
     """Write one step of a problem, its derivatives and a run's policy as one C11 file."""
-    from dynamics.batch import exported, identifier
-    from ocp.store import atomic
-
     text = exported(request.step, request.values, request.name, request.about, request.policy)
     content = text.encode()
     atomic.write(options.file, content, "the C file")
@@ -184,27 +135,9 @@ def run(options: ExportOptions, request: ExportRequest) -> int:
     if request.policy is not None:
         functions.append(f"{name}_policy")
     options.output.say(f"C file: {options.file} ({', '.join(functions)})")
-    options.output.document(
-        {
-            "file": str(options.file),
-            "problem": request.name,
-            "contact": request.law.name,
-            "contact_settings": request.law.settings(),
-            "run": request.run,
-            "policy": request.policy_name,
-            "functions": functions,
-            "bytes": len(content),
-        }
-    )
+    options.output.document({
+        "file": str(options.file), "problem": request.name, "contact": request.law.name,
+        "contact_settings": request.law.settings(), "run": request.run,
+        "policy": request.policy_name, "functions": functions, "bytes": len(content),
+    })  # fmt: skip
     return 0
-
-
-COMMAND = Command(
-    ExportOptions,
-    check,
-    run,
-    examples=(
-        "export push-disc --contact barrier -c mu=1e-3 -o step.c",
-        "export @last -o policy.c",
-    ),
-)

@@ -3,44 +3,33 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import Any
 
-from reports.cli.options import Command, LawOptions, RunOptions, SourceOptions, option
+from dynamics.contact import ContactLaw
+from ocp.factories import closing_law
+from ocp.physics.constraints import describe_violations
+from ocp.solution import Replay, Solution
+from ocp.store.stored_run import StoredRun
+from problems.plugin import problem_of
+from reports.cli.commands import ReplayOptions
+from reports.cli.request import assignments
 from reports.cli.solve_command import NOT_CONVERGED
+from reports.console import number, small
 
-if TYPE_CHECKING:
-    from dynamics.contact import ContactLaw
-    from ocp.solution import Replay, Solution
-    from ocp.store.stored_run import StoredRun
-
-    ReplayRequest = tuple[StoredRun, Solution, ContactLaw]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReplayOptions(RunOptions, LawOptions, SourceOptions):
-    """Which run, under which law."""
-
-    contact: str = option("exact", "--contact", help="Contact law; list with ocp laws.")
+ReplayRequest = tuple[StoredRun, Solution, ContactLaw]
 
 
 def check(options: ReplayOptions) -> ReplayRequest:
     """Read the run's plan, and make the law."""
-    from problems.plugin import problem_of
-    from reports.cli.request import closing_law
-    from reports.cli.runs_command import stored
-
-    found = stored(options.run, options.out)
+    found = options.stored(options.run)
     problem = problem_of(found, options.own([found]))[2]
-    law = closing_law(options.contact, options.law_settings, problem.system)
+    law = closing_law(options.contact, assignments("-c", options.law_settings), problem.system)
     return found, found.solution(problem), law
 
 
 def run(options: ReplayOptions, request: ReplayRequest) -> int:
     """Simulate the inputs, or the feedback policy, of a stored run under a contact law."""
-    from ocp.physics.constraints import describe_violations
-    from reports.console import number, small
-
     (stored, solution, law), output = request, options.output
     rolled = solution.replay(law)
     output.say(
@@ -82,14 +71,3 @@ def document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:
         "final_state": rolled.data["x"].values[:, -1],
         "states": [str(name) for name in rolled.data["state"].values],
     }
-
-
-COMMAND = Command(
-    ReplayOptions,
-    check,
-    run,
-    examples=(
-        "replay @last",
-        "replay @last --contact barrier -c mu=1e-2",
-    ),
-)

@@ -1,62 +1,66 @@
-"""``ocp report RUN... -o FILE.pdf``: a PDF from stored runs."""
+"""``ocp report`` and ``ocp animate``: a PDF of stored runs, and the motion of one."""
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
+from rich.progress import Progress
 
-from reports.cli.options import Command, SourceOptions, argument, option
-
-if TYPE_CHECKING:
-    from ocp.store.stored_run import StoredRun
-    from problems.spec import ProblemSpec
-
-    ReportRequest = tuple[list[StoredRun], ProblemSpec | None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReportOptions(SourceOptions):
-    """The runs, and the file."""
-
-    runs: list[str] = argument(help="Runs: paths, or parts of their names.")
-    pdf: Path = option(MISSING, "--output", "-o", help="The PDF to write.")
-    cones: bool = option(False, "--cones", help="Draw friction cones at the contact forces.")
-
-    @property
-    def named_runs(self) -> list[str]:
-        """Runs that the command reads, as given."""
-        return self.runs
+from ocp.store.stored_run import StoredRun
+from problems.spec import ProblemSpec
+from reports.cli import interrupt
+from reports.cli.commands import AnimateOptions, ReportOptions
+from reports.cli.request import check_place
+from reports.motion.animation import Animation, check_drawable, frame_times
+from reports.motion.movie import check_format, write
+from reports.pdf import write_pdf
+from reports.style import styled
+from reports.view import RunView
 
 
-def check(options: ReportOptions) -> ReportRequest:
+def check_report(options: ReportOptions) -> tuple[list[StoredRun], ProblemSpec | None]:
     """Read the runs, and the problem's file if one is given."""
-    from reports.cli.request import check_place
-    from reports.cli.runs_command import stored
-
     check_place(options.pdf, "PDF")
-    runs = [stored(text, options.out) for text in options.runs]
+    runs = [options.stored(text) for text in options.runs]
     return runs, options.own(runs)
 
 
-def run(options: ReportOptions, request: ReportRequest) -> int:
-    """Write a PDF of one stored run, or of several side by side."""
-    from reports.pdf import write_pdf
-
+def run_report(options: ReportOptions, request: tuple[list[StoredRun], ProblemSpec | None]) -> int:
+    """Write the PDF."""
     runs, own = request
     write_pdf(runs, options.pdf, options.cones, own)
-    output = options.output
-    output.say(f"PDF: {options.pdf}")
-    output.document({"pdf": str(options.pdf), "runs": [str(item.path) for item in runs]})
+    options.output.say(f"PDF: {options.pdf}")
+    options.output.document({"pdf": str(options.pdf), "runs": [str(item.path) for item in runs]})
     return 0
 
 
-COMMAND = Command(
-    ReportOptions,
-    check,
-    run,
-    examples=(
-        "report @last -o report.pdf",
-        "report @2 @last -o both.pdf",
-    ),
-)
+def check_animate(options: AnimateOptions) -> RunView:
+    """Read the run, and check that it can be drawn."""
+    check_format(options.file, options.fps)
+    check_place(options.file, "animation")
+    found = options.stored(options.run)
+    view = RunView.of(found, options.own([found]))
+    check_drawable(view)
+    frame_times(float(view.time[-1]), options.fps, options.speed)
+    return view
+
+
+def run_animate(options: AnimateOptions, view: RunView) -> int:
+    """Draw the frames, with a bar on a terminal and a check for Ctrl-C after each."""
+    output, file = options.output, options.file
+    hidden = output.quiet or not output.console.is_terminal
+    with styled(), Progress(console=output.console, transient=True, disable=hidden) as bar:
+        animation = Animation(view, options.fps, options.speed, options.cones)
+        task = bar.add_task("frames", total=len(animation.times))
+
+        def report(done: int) -> None:
+            interrupt.check()
+            bar.update(task, completed=done)
+
+        size = write(animation, file, report)
+    output.say(f"animation: {file} ({len(animation.times)} frames)")
+    output.document({
+        "animation": str(file), "run": str(view.run.path), "frames": len(animation.times),
+        "fps": animation.fps, "speed": options.speed,
+        "duration_s": float(animation.times[-1]), "bytes": size,
+        "panels": [motion.title for motion in animation.motions],
+    })  # fmt: skip
+    return 0

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ocp import store, validation
 from ocp.errors import InputError
+from ocp.session import Session
+from ocp.solve import new_session
+from ocp.store import atomic
+from problems import ProblemSpec
+from problems.plugin import source
 from reports.cli.options import SolverOptions
 
 if TYPE_CHECKING:
-    from dynamics.contact import ContactLaw
-    from dynamics.systems import ContactSystem
-    from ocp.session import Session
     from ocp.sweeps.case import Case
-    from problems import ProblemSpec
 
 
 def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
@@ -34,29 +37,36 @@ def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
     return values
 
 
-def contact_law(name: str, given: Iterable[str] | None) -> ContactLaw:
-    """Make the law called ``name`` from the settings of ``-c``."""
-    from ocp import factories
-
-    return factories.contact_law(name, assignments("-c", given))
-
-
-def closing_law(name: str, given: Iterable[str] | None, system: ContactSystem) -> ContactLaw:
-    """Make a law that can close ``system``; raises InputError where it cannot."""
-    from ocp import factories
-
-    return factories.closing_law(name, assignments("-c", given), system)
-
-
 def whole(option: str, text: str) -> int:
     """Read a count such as ``100000`` or ``1e5``; raises InputError for anything else."""
-    from ocp.validation import parse_number
-
     try:
-        return parse_number(text, int)
+        return validation.parse_number(text, int)
     except ValueError as error:
         example = "" if "most" in str(error) else " such as 100000 or 1e5"
         raise InputError(f"{option} must be {error}{example}, got {text!r}") from None
+
+
+def layers(option: str, text: str, words: str = "") -> tuple[int, ...]:
+    """Read the sizes of hidden layers, such as ``64,64``; raises InputError for anything else.
+
+    ``words`` name what the option accepts besides.
+    """
+    units = [validation.whole(part) for part in text.split(",")]
+    if not all(count is not None and 0 < count <= 100_000 for count in units):
+        raise InputError(
+            f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{words}, got"
+            f" {text!r}"
+        )
+    return tuple(count for count in units if count is not None)
+
+
+@contextmanager
+def input_errors(prefix: str = "") -> Iterator[None]:
+    """Raise a ValueError inside as InputError, after ``prefix``."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f"{prefix}{error}") from error
 
 
 EXAMPLES = {
@@ -70,8 +80,6 @@ EXAMPLES = {
 
 def check_places(out: Path, pdf: Path | None) -> None:
     """Raise InputError where no run can be stored in ``out``, or no report written to ``pdf``."""
-    from ocp import store
-
     store.check_writable(out)
     if pdf is not None:
         check_place(pdf, "PDF")
@@ -79,9 +87,6 @@ def check_places(out: Path, pdf: Path | None) -> None:
 
 def check_place(file: Path, what: str) -> None:
     """Raise InputError where ``file``, such as a PDF, cannot be written."""
-    from ocp import store
-    from ocp.store import atomic
-
     if file.is_dir():
         example = EXAMPLES.get(what, "report.gif")
         raise InputError(f"{file} is a directory; name a file such as {file / example}")
@@ -107,8 +112,6 @@ class Request:
     @classmethod
     def read(cls, options: SolverOptions) -> Request:
         """Check the command line; raises InputError for the first word that does not fit."""
-        from ocp.solve import new_session
-
         spec, given = read_names(options)
         return cls(spec, given, new_session(spec, **given))
 
@@ -121,15 +124,6 @@ class Request:
     def case(self) -> Case:
         """The same request for another process."""
         return case_of(self.spec, self.given)
-
-    def check_value(self, name: str, value: float) -> None:
-        """Raise InputError where parameter ``name``, of law or problem, cannot have ``value``."""
-        from dynamics.systems import LAW_PREFIX
-        from ocp.continuation.walk import check_value
-
-        if not name.startswith(LAW_PREFIX):
-            self.spec.params({**self.params, name.removeprefix("problem."): value})
-        check_value(self.session, name, value)
 
     @property
     def origin(self) -> dict[str, Any]:
@@ -144,8 +138,6 @@ def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
     Raises :class:`~ocp.errors.InputError` for an unknown problem, and for words that are no
     assignments.
     """
-    from problems.plugin import source
-
     return source(options.problem), {
         "params": assignments("-p", options.params),
         "contact": options.contact,

@@ -3,77 +3,38 @@
 from __future__ import annotations
 
 import re
-from dataclasses import MISSING, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from reports.cli.options import RUN, Command, RunOptions, StoreOptions, argument, option
-
-if TYPE_CHECKING:
-    from ocp.store.stored_run import StoredRun
-
-    RunsRequest = tuple[StoredRun | None, datetime | None]
-    from ocp.store.stored_run import StoredRun
-
-    ExportRequest = tuple[StoredRun, str]
-
+from ocp import store
+from ocp.errors import InputError, choose
+from ocp.store import export
+from ocp.store.lookup import check_removable, find, remove
+from ocp.store.run_files import visible
+from ocp.store.stored_run import StoredRun
+from reports.cli.commands import RmOptions, RunsExportOptions, RunsOptions
+from reports.cli.request import check_place
+from reports.console import print_table
+from reports.tables import filter_values, run_lines, run_table
 
 FILTERS = ("problem", "kind", "contact", "method", "algorithm", "status")
 """Filters of a listing, by their names in its objects."""
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunsOptions(StoreOptions):
-    """One run, or filters on all of them."""
-
-    run: str | None = argument(default=None, help=RUN)
-    problem: str | None = option(None, "--problem", help="Only runs of this problem.")
-    kind: str | None = option(
-        None, "--kind", help="Only this kind: solve, continue, estimate, train, ..."
-    )
-    contact: str | None = option(None, "--contact", help="Only runs under this contact law.")
-    method: str | None = option(None, "--method", help="Only runs by this method.")
-    algorithm: str | None = option(
-        None, "--algorithm", help="Only policies trained by this algorithm."
-    )
-    status: str | None = option(
-        None, "--status", help="Only this status: solved, survives, interrupted, damaged, ..."
-    )
-    tags: list[str] | None = option(
-        None,
-        "--tag",
-        metavar="WORD",
-        help="Only runs with this tag; repeat for several, all of which must match.",
-    )
-    since: str | None = option(
-        None,
-        "--since",
-        metavar="WHEN",
-        help="Only runs since a date (2026-01-31) or in the last 2h, 7d.",
-    )
-    last: int | None = option(
-        None, "--last", "-n", min=1, metavar="N", help="Only the last N matching runs."
-    )
-
-    @property
-    def named_runs(self) -> list[str]:
-        """Runs that the command reads, as given."""
-        return [] if self.run is None else [self.run]
+RunsRequest = tuple[StoredRun | None, datetime | None]
 
 
 def check(options: RunsOptions) -> RunsRequest:
     """Read the one run, None for all, and the date of ``--since``."""
-    from ocp.errors import InputError
-
     narrowed = sorted(options.given & {*FILTERS, "tags", "since", "last"})
     if options.run is not None and narrowed:
         raise InputError(
             f"a single run takes no filter; drop --{narrowed[0].replace('tags', 'tag')}"
         )
     since = None if options.since is None else moment(options.since)
-    return (None if options.run is None else stored(options.run, options.out)), since
+    return (None if options.run is None else options.stored(options.run)), since
 
 
 def moment(text: str) -> datetime:
@@ -81,8 +42,6 @@ def moment(text: str) -> datetime:
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """
-    from ocp.errors import InputError
-
     if match := re.fullmatch(r"(\d{1,6})([smhdw])", text, re.ASCII):
         return datetime.now(UTC) - timedelta(seconds=int(match[1]) * _SECONDS[match[2]])
     try:
@@ -96,13 +55,7 @@ def moment(text: str) -> datetime:
 
 
 def run(options: RunsOptions, request: RunsRequest) -> int:
-    """List the stored runs, the latest last, or show one.
-
-    Commands accept the number before a run as its name: @1, or @last, is the latest.
-    """
-    from reports.console import print_table
-    from reports.tables import run_table
-
+    """List the stored runs, the latest last, or show one."""
     one, since = request
     if one is not None:
         options.output.document({"run": str(one.path), **one.meta})
@@ -121,9 +74,6 @@ def run(options: RunsOptions, request: RunsRequest) -> int:
 def _print(
     options: RunsOptions, entries: list[dict[str, Any]], every: list[dict[str, Any]]
 ) -> None:
-    from ocp.store.run_files import visible
-    from reports.tables import filter_values, run_lines
-
     if entries:
         # Folders may have any name.
         print("\n".join(run_lines(visible(entries))))
@@ -147,17 +97,8 @@ def _matches(options: RunsOptions, since: datetime | None, entry: dict[str, Any]
     return since is None or (created is not None and datetime.fromisoformat(created) >= since)
 
 
-def stored(text: str, root: Path) -> StoredRun:
-    """Read the run that ``text`` names; raises as ``store.find`` and ``store.load`` do."""
-    from ocp import store
-
-    return store.load(store.find(text, root))
-
-
 def listing(root: Path) -> list[dict[str, Any]]:
     """Return one object a run, oldest first: at (``@1`` is the latest), run, problem, ...."""
-    from ocp import store
-
     entries = store.list_runs(root)
     return [_row(entry, f"@{len(entries) - place}") for place, entry in enumerate(entries)]
 
@@ -182,29 +123,8 @@ def _row(entry: Any, at: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-RUNS = Command(
-    RunsOptions, check, run,
-    examples=(
-        "runs", "runs @last", "runs --problem push-disc --contact barrier --since 2h",
-        "runs --tag paper --status survives --json", "runs rm @2",
-        "runs export @last -o motion.csv",
-    ),
-)  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class RmOptions(StoreOptions):
-    """Which runs."""
-
-    runs: list[str] = argument(
-        metavar="RUN...", help="Runs: paths, parts of their names, or numbers such as @2."
-    )
-
-
 def check_rm(options: RmOptions) -> list[Path]:
     """Find the runs; raises InputError for a folder that is no run."""
-    from ocp.store.lookup import check_removable, find
-
     found = [find(text, options.out) for text in options.runs]
     for path in found:
         check_removable(path)
@@ -213,8 +133,6 @@ def check_rm(options: RmOptions) -> list[Path]:
 
 def run_rm(options: RmOptions, found: list[Path]) -> int:
     """Delete stored runs, damaged ones too; nothing is deleted unless every name is a run."""
-    from ocp.store.lookup import remove
-
     remove(found)
     for path in found:
         options.output.say(f"removed: {path}")
@@ -222,51 +140,21 @@ def run_rm(options: RmOptions, found: list[Path]) -> int:
     return 0
 
 
-RM = Command(RmOptions, check_rm, run_rm, examples=("runs rm @last", "runs rm @2 @3 @4"))
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunsExportOptions(RunOptions):
-    """Which run, the file, and its format."""
-
-    file: Path = option(MISSING, "--output", "-o", help="The file to write.")
-    form: str | None = option(
-        None, "--format", metavar="csv|npz", help="csv or npz; default: by the file's name."
-    )
-
-
-def check_export(options: RunsExportOptions) -> ExportRequest:
+def check_export(options: RunsExportOptions) -> tuple[StoredRun, str]:
     """Read the run, and check that it can be written in that format."""
-    from ocp.errors import choose
-    from ocp.store import export
-    from reports.cli.request import check_place
-
     check_place(options.file, "data")
     form = options.form or options.file.suffix.removeprefix(".").lower()
     choose("format", form, export.FORMATS)
-    found = stored(options.run, options.out)
+    found = options.stored(options.run)
     if form == "csv":
         export.check_rows(found)
     return found, form
 
 
-def run_export(options: RunsExportOptions, request: ExportRequest) -> int:
-    """Write the arrays of a stored run to a file for other programs.
-
-    CSV has one row per scenario and node of a solve, per point, scenario and node of a
-    continuation, per point and estimator of an estimate, per iteration of a training; its header
-    has the units. NPZ has every array by name, and the run's description as JSON in meta.
-    """
-    from ocp.store import export
-
+def run_export(options: RunsExportOptions, request: tuple[StoredRun, str]) -> int:
+    """Write the arrays of a stored run to a file for other programs."""
     found, form = request
     export.FORMATS[form](found, options.file)
     options.output.say(f"{form}: {options.file}")
     options.output.document({"file": str(options.file), "format": form, "run": str(found.path)})
     return 0
-
-
-EXPORT = Command(
-    RunsExportOptions, check_export, run_export,
-    examples=("runs export @last -o motion.csv", "runs export push-disc -o push.npz"),
-)  # fmt: skip

@@ -4,65 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, replace
+from typing import Any, cast
 
-from reports.cli.options import Command, SolverOptions, option
-from reports.cli.output import Output
-
-if TYPE_CHECKING:
-    from ocp.solution import Solution, StageRecord
-    from ocp.solve import Rank
-    from ocp.store.stored_run import StoredRun
-    from problems.spec import ProblemSpec
-    from reports.cli.request import Request
+from ocp import store
+from ocp.effort import check_memory
+from ocp.errors import InputError, choose
+from ocp.programs.status import Status
+from ocp.refinement import halved
+from ocp.request import rebuilder
+from ocp.solution import Interrupted, Solution, StageRecord
+from ocp.solve import Rank, refine_from, solve_from, solve_session
+from ocp.store import atomic
+from problems.plugin import edited, problem_of
+from reports import console
+from reports.cli import interrupt
+from reports.cli.commands import SolveOptions
+from reports.cli.request import Request, check_place, check_places
+from reports.cli.streams import Output
+from reports.papers.formats import format_of
 
 NOT_CONVERGED = 3
-RANKS: dict[str, Rank] = {"planned": "planned", "exact": "exact", "referee": "referee"}
 REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at h/4"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class SolveOptions(SolverOptions):
-    """Initial guess, multi-start, and the requirements on the answer."""
-
-    start: str | None = option(
-        None, "--from", metavar="RUN", help="Start from a stored run of the same problem."
-    )
-    starts: int = option(
-        1, "--starts", min=1, max=10_000, help="Number of perturbed initial guesses."
-    )
-    rank: str = option(
-        "planned", "--rank", help="Cost that ranks several starts: planned, exact or referee."
-    )
-    jobs: int = option(
-        1, "--jobs", "-j", min=1, max=1024, help="Number of parallel processes for several starts."
-    )
-    require: str | None = option(
-        None, "--require", metavar="survives", help="Exit 3 unless the plan survives."
-    )
-    refine: bool = option(
-        False, "--refine", help="Solve again at h/2, h/4, ... until the cost no longer changes."
-    )
-    plot: Path | None = option(
-        None, "--plot", metavar="FILE", help="Draw the solution to a .pdf, .svg or .png file."
-    )
 
 
 def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     """Build the session, and read the solution to start from."""
-    from ocp.effort import check_memory
-    from ocp.errors import InputError, choose
-    from ocp.refinement import halved
-    from reports.cli.request import Request, check_place, check_places
-    from reports.papers.formats import format_of
-
-    choose("rank", options.rank, RANKS)
     if options.require is not None:
         choose("requirement", options.require, REQUIREMENTS)
-    if "rank" in options.given and options.starts == 1:
-        raise InputError("--rank needs several starts; give --starts 2 or more")
     if "jobs" in options.given and options.starts == 1:
         raise InputError("--jobs needs several starts; give --starts 2 or more")
     if options.start is not None and options.starts > 1:
@@ -82,12 +51,8 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
 
 def _start(request: Request, options: SolveOptions) -> Solution:
     """Return the stored solution that ``--from`` names, of this problem at its own parameters."""
-    from ocp.errors import InputError
-    from problems.plugin import edited, problem_of
-    from reports.cli.runs_command import stored
-
     run, name = str(options.start), request.session.problem.name
-    found = stored(run, options.out)
+    found = options.stored(run)
     if found.meta["problem"] != name:
         raise InputError(
             f"--from {run}: the run solves {found.meta['problem']}, not {name}; start from a run of"
@@ -101,8 +66,6 @@ def _start(request: Request, options: SolveOptions) -> Solution:
 
 def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     """Solve a problem under a contact law, audit the answer, and store the run."""
-    from ocp import store
-
     request, start = checked
     output, session = options.output, request.session
     workers = min(options.jobs, options.starts)
@@ -119,7 +82,10 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     output.verdict(solution.verdict, solution.grade)
     content = document(solution, stored.meta)
     if options.plot is not None:
-        _plot(stored, options.plot, request.spec)
+        from reports.papers.bare import bare
+
+        drawn = bare(stored, format_of(options.plot), own=request.spec)
+        atomic.write(options.plot, drawn, "the figure")
         output.say(f"figure: {options.plot}")
         content["plot"] = str(options.plot)
     output.finish(stored, content, options.pdf, request.spec)
@@ -128,25 +94,9 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     return 0 if solution.success and survives and finite else NOT_CONVERGED
 
 
-def _plot(run: StoredRun, file: Path, own: ProblemSpec) -> None:
-    """Draw the bare figure of a run."""
-    from ocp.store import atomic
-    from reports.papers.bare import bare
-    from reports.papers.formats import format_of
-
-    atomic.write(file, bare(run, format_of(file), own=own), "the figure")
-
-
 def _solved(options: SolveOptions, request: Request, start: Solution | None) -> Solution:
     """Solve; after Ctrl-C return the best point, or store the best of several starts and raise."""
-    from ocp import store
-    from ocp.programs.status import Status
-    from ocp.request import rebuilder
-    from ocp.solution import Interrupted
-    from ocp.solve import refine_from, solve_from, solve_session
-    from reports import console
-    from reports.cli import interrupt
-
+    rank = cast("Rank", options.rank)
     with console.progress(options.output.progress, f"{request.spec.name}: building") as report:
 
         def on_stage(stage: StageRecord) -> None:
@@ -157,15 +107,13 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
             if start is not None:
                 found = solve_from(request.session, start, options.seed, on_stage)
             elif min(options.jobs, options.starts) == 1:
-                found = solve_session(
-                    request.session, options.starts, options.seed, on_stage, RANKS[options.rank]
-                )
+                found = solve_session(request.session, options.starts, options.seed, on_stage, rank)
             else:
                 from ocp.sweeps.starts import solve_starts
 
                 found = solve_starts(
                     request.session, request.case, options.starts, options.seed, on_stage,
-                    RANKS[options.rank], options.jobs,
+                    rank, options.jobs,
                 )  # fmt: skip
             if not options.refine:
                 return found
@@ -184,8 +132,6 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
 
 def show(output: Output, solution: Solution) -> None:
     """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
-    from reports import console
-
     if solution.stages and output.table_of_stages:
         output.note(console.stage_table(solution.stages))
     if unseen := console.hidden_stages(solution.stages):
@@ -245,17 +191,3 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
         "jit": record.get("jit"),
         "versions": meta["versions"],
     }
-
-
-COMMAND = Command(
-    SolveOptions,
-    check,
-    run,
-    examples=(
-        "solve push-disc",
-        "solve push-disc -p M=2 -p N=40 --contact exact --pdf plan.pdf",
-        "solve push-disc --contact adaptive -c sigma=0.05 -s tol=1e-8 --tag soft",
-        "solve push-disc -p goal_x=0.5 --from @last",
-        "solve push-disc --contact exact --starts 8 --jobs 2 --rank exact",
-    ),
-)

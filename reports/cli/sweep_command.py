@@ -4,36 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, cast
 
-from reports.cli.options import Command, SolverOptions, option
-from reports.cli.solve_command import NOT_CONVERGED, RANKS
+import xarray as xr
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from ocp.session import Session
-    from ocp.store.checkpoint import Checkpoint
-    from ocp.sweeps.grid import Grid
-    from ocp.sweeps.job import JobResult
-
-
-@dataclass(frozen=True, kw_only=True)
-class SweepOptions(SolverOptions):
-    """The grid, and the processes that solve it."""
-
-    over: list[str] | None = option(
-        None, "--over", metavar="NAME=A:B:n[:log]",
-        help="Values of a parameter, a law setting (contact.mu), a setting (setting.tol).",
-    )  # fmt: skip
-    starts: int = option(1, "--starts", min=1, max=10_000, help="Initial guesses at each point.")
-    rank: str = option(
-        "planned", "--rank", help="Cost that ranks several starts: planned, exact or referee."
-    )
-    jobs: int = option(1, "--jobs", "-j", min=1, max=1024, help="Number of parallel processes.")
-    scheduler: str | None = option(
-        None, "--scheduler", metavar="ADDRESS", help="Address of a Dask cluster for the points."
-    )
+from ocp import store
+from ocp.errors import InputError
+from ocp.session import Session
+from ocp.solve import Rank
+from ocp.store.checkpoint import Checkpoint
+from ocp.sweeps.axes import axes
+from ocp.sweeps.grid import Grid, dataset, dimension, saved_points
+from ocp.sweeps.job import JobResult
+from ocp.sweeps.summary import rows, run_meta, where
+from ocp.sweeps.sweep import check_parallel_memory, check_points, make_grid, solve_grid
+from reports.cli import interrupt
+from reports.cli.commands import SweepOptions
+from reports.cli.request import case_of, check_places, read_names
+from reports.cli.solve_command import NOT_CONVERGED
+from reports.sweep_tables import live, point_table
 
 
 @dataclass(frozen=True)
@@ -47,19 +36,15 @@ class SweepRequest:
 
 def check(options: SweepOptions) -> SweepRequest:
     """Read the grid, build its first point, and check memory and places before any work."""
-    from ocp.errors import InputError, choose
-    from ocp.sweeps.axes import axes
-    from ocp.sweeps.sweep import check_parallel_memory, check_points, make_grid
-    from reports.cli.request import case_of, check_places, read_names
-
-    choose("rank", options.rank, RANKS)
-    if "rank" in options.given and options.starts == 1:
-        raise InputError("--rank needs several starts; give --starts 2 or more")
     if options.scheduler is not None and "jobs" in options.given:
         raise InputError("--jobs starts local processes, --scheduler uses a cluster; drop one")
     over = axes(options.over or ())
     study = make_grid(
-        case_of(*read_names(options)), over, options.starts, options.seed, RANKS[options.rank]
+        case_of(*read_names(options)),
+        over,
+        options.starts,
+        options.seed,
+        cast("Rank", options.rank),
     )
     session = study.check()
     check_parallel_memory(session, options.jobs)
@@ -69,16 +54,7 @@ def check(options: SweepOptions) -> SweepRequest:
 
 
 def run(options: SweepOptions, request: SweepRequest) -> int:
-    """Solve a problem at every point of a grid, over processes or a Dask cluster.
-
-    Each point is what ocp solve gives there. Finished points are kept: after Ctrl-C or a kill the
-    same command resumes, with the same result as without the stop.
-    """
-    from ocp import store
-    from ocp.sweeps.grid import dataset
-    from ocp.sweeps.summary import rows, run_meta
-    from reports.sweep_tables import point_table
-
+    """Solve a problem at every point of a grid, over processes or a Dask cluster."""
     output, study = options.output, request.study
     count, session = math.prod(study.shape), request.session
     output.announce(
@@ -108,18 +84,9 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
 
 def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
     """All points; reports kept points, and after Ctrl-C how to resume."""
-    from ocp.sweeps.grid import dimension, saved_points
-    from ocp.sweeps.summary import where
-    from ocp.sweeps.sweep import solve_grid
-    from reports.cli import interrupt
-    from reports.sweep_tables import live
-
     study, output = request.study, options.output
-    dims = {axis.name: dimension(axis.name) for axis in study.axes}
-    names = [
-        where({dims[name]: value for name, value in place.items()}, [*dims.values()])
-        for place in study.places
-    ]
+    dims = [dimension(axis.name) for axis in study.axes]
+    names = [where(dict(zip(dims, place.values(), strict=True)), dims) for place in study.places]
     for line in request.checkpoint.notes:
         output.say(line)
     found = saved_points(study, request.checkpoint)
@@ -149,14 +116,3 @@ def _document(
                                          "seed")},
         "arrays": {str(name): list(array.dims) for name, array in data.data_vars.items()},
     }  # fmt: skip
-
-
-COMMAND = Command(
-    SweepOptions,
-    check,
-    run,
-    examples=(
-        "sweep push-disc --over M=0.5:2:7 --over contact.mu=1e-4:1e-1:4:log -j 2",
-        "sweep push-1d --over N=10:40:4 --contact exact --starts 3 --pdf sweep.pdf",
-    ),
-)

@@ -14,9 +14,9 @@ from gymnasium.spaces import Box
 from dynamics.batch import BatchFunction, StepFunction
 from dynamics.contact import Step
 from ocp.errors import InputError
+from ocp.factories import closing_law
 from ocp.rollout import STEP_TOLERANCE
 from problems.tasks.registry import spec
-from reports.cli.request import closing_law
 
 LARGEST = float(np.finfo(np.float32).max)
 """Of what is observed, in any unit: a state beyond it is no number in single precision."""
@@ -64,8 +64,7 @@ class World:
         self.spec = spec(name)
         self.params = self.spec.params(params)
         self.task = task = self.spec.build(self.params)
-        given = [f"{key}={value}" for key, value in (settings or {}).items()]
-        self.law = closing_law(contact, given, task.system)
+        self.law = closing_law(contact, settings or {}, task.system)
         self.step: Step = self.law.close(task.system)
         self.p = self.step.p.pack(task.parameters.defaults)
         decisions = self.spec.decisions

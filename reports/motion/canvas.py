@@ -17,16 +17,12 @@ from matplotlib.path import Path
 
 from problems.drawing import ContactFrame, HalfPlane, Mark, Segment, Shape, Spring
 from reports import shapes
-from reports.forces import caption
+from reports.forces import CONE, caption, longest_arrow, visible
 from reports.motion.animation import Animation, Motion
 from reports.shapes import Camera
 from reports.style import FAINT, GREY, INK, PURPLE, VERMILLION, literal
 
 _POINTS = 72.0
-LEAST = 0.02
-"""Forces below this fraction of the largest are not drawn."""
-LONGEST, ACROSS, CONE = 0.18, 0.4, 0.7
-"""Longest arrow in sides of the view, the longer and the shorter, and a cone in arrows."""
 HEAD = 5.0, 2.0
 """Length and half the width of an arrow's head [pt]."""
 _NONE = (0.0, 0.0, 0.0, 0.0)
@@ -94,20 +90,13 @@ class MotionArtist:
         for shape in self._motion.shapes[frame]:
             yield of_shape(shape, middle, size, point)
         forces = self._motion.forces
-        if forces is None or not self._largest > 0:
+        if forces is None:
             return
-        longest = longest_arrow(size)
-        pushes = forces.normal[frame], forces.friction[frame]
-        for contact, normal, friction in zip(self._motion.contacts[frame], *pushes, strict=False):
-            if math.hypot(normal, friction) >= LEAST * self._largest:
-                if self._cones and contact.friction:
-                    yield cone(contact, CONE * longest)
-                yield arrow(contact, normal, friction, longest / self._largest, point)
-
-
-def longest_arrow(size: np.ndarray) -> float:
-    """Length [m] of the arrow of the largest force: seen well, and inside a view of ``size``."""
-    return min(LONGEST * float(size.max()), ACROSS * float(size.min()))
+        longest, pushes = longest_arrow(size), (forces.normal[frame], forces.friction[frame])
+        for pushed in visible(self._motion.contacts[frame], pushes, self._largest):
+            if self._cones and pushed[0].friction:
+                yield cone(pushed[0], CONE * longest)
+            yield arrow(*pushed, longest / self._largest, point)
 
 
 def of_shape(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:

@@ -15,11 +15,10 @@ import numpy as np
 
 from ocp.rollout import at_steps
 from ocp.task import Task
-from problems.drawing import ContactFrame, Shape
+from problems.drawing import Shape
 from reports import shapes
-from reports.forces import caption, forces_of
+from reports.forces import acting_contacts, caption, longest_arrow, visible
 from reports.motion.animation import Animation, Motion
-from reports.motion.canvas import LEAST, longest_arrow
 from reports.shapes import Camera
 from reports.style import CYCLE, PLANNED, PURPLE, REPLAYED, VERMILLION
 from reports.units import label
@@ -117,23 +116,16 @@ def _numbers(shape: Shape, kinds: dict[tuple[str, str], int], digits: int) -> li
 
 def _arrows(motion: Motion, frame: int, largest: float, digits: int) -> list[list[float | None]]:
     forces = motion.forces
-    if forces is None or not largest > 0:
+    if forces is None:
         return []
-    pushes = zip(motion.contacts[frame], forces.normal[frame], forces.friction[frame], strict=False)
-    return [
-        _arrow(contact, float(normal), float(friction), digits)
-        for contact, normal, friction in pushes if math.hypot(normal, friction) >= LEAST * largest
-    ]  # fmt: skip
-
-
-def _arrow(
-    contact: ContactFrame, normal: float, friction: float, digits: int
-) -> list[float | None]:
-    tx, ty = contact.tangent
-    force = normal * contact.nx + friction * tx, normal * contact.ny + friction * ty
-    shown = (*force, contact.nx, contact.ny, contact.friction)
-    place = round(contact.x, digits), round(contact.y, digits)
-    return [*place, *(_short(value) for value in shown)]
+    pushes, arrows = (forces.normal[frame], forces.friction[frame]), []
+    for contact, normal, friction in visible(motion.contacts[frame], pushes, largest):
+        tx, ty = contact.tangent
+        force = normal * contact.nx + friction * tx, normal * contact.ny + friction * ty
+        shown = (*force, contact.nx, contact.ny, contact.friction)
+        place = round(contact.x, digits), round(contact.y, digits)
+        arrows.append([*place, *(_short(value) for value in shown)])
+    return arrows
 
 
 def _short(value: float) -> float | None:
@@ -165,21 +157,10 @@ def charts(animation: Animation) -> list[Chart]:
 
 def _forces(view: RunView, motion: Motion) -> Chart | None:
     """Size of the force of every contact that acts in the plan or in the replay."""
-    found = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
-    sizes = {
-        suffix: np.hypot(forces.normal, forces.friction)
-        for suffix, forces in found.items() if forces is not None
-    }  # fmt: skip
-    own = sizes.get(motion.suffix)
-    if own is None:
+    sizes, acting = acting_contacts(view)
+    own, forces = sizes.get(motion.suffix), motion.forces
+    if own is None or forces is None or not acting:
         return None
-    most = np.max([np.nanmax(size, axis=0, initial=0.0) for size in sizes.values()], axis=0)
-    acting = np.flatnonzero((most > LEAST * most.max(initial=0.0)) & (most > 0))
-    if not acting.size:
-        return None
-    names = _contact_names(view, own.shape[1])
-    forces = found[motion.suffix]
-    assert forces is not None
     what = "impulse" if forces.unit == "N s" else "force"
     whose = "" if isinstance(view.problem, Task) else ", planned"
     return {
@@ -187,17 +168,11 @@ def _forces(view: RunView, motion: Motion) -> Chart | None:
         "label": label(what, forces.unit),
         "wide": False,
         "curves": [
-            {"name": names[i], "values": own[:, i], "color": CYCLE[place % len(CYCLE)],
+            {"name": name, "values": own[:, i], "color": CYCLE[place % len(CYCLE)],
              "dash": place // len(CYCLE) % 3}
-            for place, i in enumerate(acting)
+            for place, (i, name) in enumerate(acting.items())
         ],
     }  # fmt: skip
-
-
-def _contact_names(view: RunView, count: int) -> list[str]:
-    if "point" in view.run.data.coords and view.run.data.sizes["point"] == count:
-        return [str(name) for name in view.run.data["point"].values]
-    return [signal.name for signal in view.signals("contacts")]
 
 
 def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:

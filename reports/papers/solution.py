@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ocp.errors import InputError
-from reports.forces import forces_of
+from reports.forces import acting_contacts, forces_of
 from reports.strobe import draw_strobe
 from reports.style import CYCLE, INK, WIDTH
 from reports.units import label
@@ -19,8 +19,6 @@ from reports.view import RunView
 
 _COLUMNS = 3
 _ROW, _TALLEST = 1.75, 3.0
-_LEAST = 0.02
-"""Contacts whose force stays below this fraction of the largest are left out."""
 _DASHES = ("-", (0, (4, 2)))
 _LEVEL = 1e-6
 """Of its size, below which a change is drawn as none."""
@@ -103,24 +101,12 @@ def _by_unit(view: RunView, kind: str, name: str) -> Iterable[SignalGroup]:
 
 def _pushed(view: RunView) -> SignalGroup | None:
     """Size of the force of every contact that acts, in scenario 0."""
-    forces, again = forces_of(view), forces_of(view, "_replay")
-    if forces is None:
+    forces, (sizes, acting) = forces_of(view), acting_contacts(view)
+    if forces is None or not acting:
         return None
-    sizes = [
-        np.hypot(known.normal, known.friction) for known in (forces, again) if known is not None
-    ]
-    most = np.max([np.nanmax(size, axis=0, initial=0.0) for size in sizes], axis=0)
-    acting = np.flatnonzero((most > _LEAST * most.max(initial=0.0)) & (most > 0))
-    if not acting.size:
-        return None
-    names = [signal.name for signal in view.signals("contacts")]
-    if "point" in view.run.data.coords and view.run.data.sizes["point"] == most.size:
-        names = [str(name) for name in view.run.data["point"].values]
-    planned, *replayed = (size[None][..., acting] for size in sizes)
+    planned, *replayed = (size[None][..., [*acting]] for size in sizes.values())
     what = "impulses" if forces.unit == "N s" else "contact forces"
-    return SignalGroup(
-        label(what, forces.unit), [names[i] for i in acting], planned, *(replayed or [None])
-    )
+    return SignalGroup(label(what, forces.unit), [*acting.values()], planned, *(replayed or [None]))
 
 
 def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
@@ -129,9 +115,9 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
             continue
         look = {"linestyle": dash, "linewidth": 1.1 if len(values) == 1 else 0.6}
         for i, name in enumerate(group.names):
-            told = name if dash == _DASHES[0] else None
             for scenario, line in enumerate(values[..., i]):
-                color, text = CYCLE[i % len(CYCLE)], told if scenario == 0 else None
+                color = CYCLE[i % len(CYCLE)]
+                text = name if dash == _DASHES[0] and scenario == 0 else None
                 if line.size < time.size:
                     axis.stairs(line, time, baseline=None, color=color, label=text, **look)
                 else:

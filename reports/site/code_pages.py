@@ -6,6 +6,7 @@ import ast
 from collections.abc import Sequence
 from typing import Any
 
+from ocp.transcription import METHODS
 from reports import settings
 from reports.cli.app import commands, first_paragraph
 from reports.settings import SettingGroup
@@ -57,7 +58,7 @@ INTRODUCTIONS = {
 
 def settings_pages() -> dict[str, str]:
     """A page each for laws, methods, estimators, training and the solver, and a list."""
-    methods = [(f"`{row['name']}`", escaped(row["summary"])) for row in settings.methods()]
+    methods = [(f"`{name}`", escaped(method.summary)) for name, method in METHODS.items()]
     solves = [settings.solves(), *settings.policies()]
     written = {
         "laws": settings_page("Contact laws", INTRODUCTIONS["laws"], settings.laws()),

@@ -329,7 +329,7 @@ def test_a_point_of_a_continuation_is_told_in_one_line(ocp) -> None:
 
 
 def test_what_is_not_finite_is_null(ocp, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    from reports.cli.output import Output
+    from reports.cli.streams import Output
 
     Output(as_json=True, quiet=False).document({"a": math.nan, "b": [math.inf, 1.0]})
     assert strict(capsys.readouterr().out) == {"a": None, "b": [None, 1.0]}

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from reports.cli import options as parser
+from reports.cli import parser
 from reports.cli.app import main
 from tests.cli.command_lines import OBJECTIVES, lines
 

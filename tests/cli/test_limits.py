@@ -11,7 +11,7 @@ import pytest
 from ocp import effort
 from ocp.continuation import walk
 from ocp.judgement import judged
-from reports.cli.output import Output
+from reports.cli.streams import Output
 
 WALL = ("solve", "wall-1d")
 TOO_MUCH = {

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from reports.cli import options as parser
-from reports.cli import streams
+from reports.cli import parser, streams
 from reports.cli.app import commands, main
 
 ROOT = Path(__file__).parents[2]
@@ -55,10 +54,10 @@ def test_examples_are_understood(ocp, name: str, monkeypatch) -> None:
     """Every example passes the parser: its options exist, its numbers are in range."""
     seen = []
     monkeypatch.setattr(parser, "carry_out", lambda *given: seen.append(given) or 0)
-    for line in COMMANDS[name].command.examples:
+    for line in COMMANDS[name].declared.examples:
         done = ocp(*line.split())
         assert (done.code, done.err) == (0, ""), line
-    assert len(seen) == len(COMMANDS[name].command.examples) > 0
+    assert len(seen) == len(COMMANDS[name].declared.examples) > 0
 
 
 def test_stages_are_logged_at_info_and_solvers_at_debug(ocp, caplog) -> None:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from ocp import store
-from reports.cli.output import Output
+from reports.cli.streams import Output
 from reports.pages.solve import solve_page
 from reports.style import styled
 from reports.view import RunView

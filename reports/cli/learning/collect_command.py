@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import time
+from dataclasses import dataclass
+from typing import Any
 
-from reports.cli.options import PROBLEM, Command, Options, argument, option
-
-if TYPE_CHECKING:
-    from dynamics.learned.region import Region
-    from ocp.problem import Problem
-
-
-@dataclass(frozen=True, kw_only=True)
-class CollectOptions(Options):
-    """The problem, the number of transitions, and the file."""
-
-    problem: str = argument(help=PROBLEM)
-    file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
-    params: list[str] | None = option(
-        None, "--param", "-p", metavar="K=V", help="Parameter of the problem."
-    )
-    samples: str = option("1e5", "--samples", "-n", help="Number of transitions.")
-    seed: int = option(0, "--seed", min=0, help="Seed of the random draws.")
+from dynamics.learned.collecting import collect
+from dynamics.learned.region import Region
+from dynamics.learned.transitions import LEAST
+from ocp.effort import check_memory
+from ocp.errors import InputError
+from ocp.problem import Problem
+from ocp.store import models
+from problems import spec
+from problems.objectives import objective_names
+from problems.regions import region_of
+from reports import learned
+from reports.cli.learning.options import CollectOptions
+from reports.cli.request import assignments, check_place, input_errors, whole
 
 
 @dataclass(frozen=True)
@@ -39,14 +34,6 @@ class CollectRequest:
 
 def check(options: CollectOptions) -> CollectRequest:
     """Build the problem, find its region, and check memory and file."""
-    from dynamics.learned.transitions import LEAST
-    from ocp.effort import check_memory
-    from ocp.errors import InputError
-    from problems import spec
-    from problems.objectives import objective_names
-    from problems.regions import region_of
-    from reports.cli.request import assignments, check_place, whole
-
     if options.problem in objective_names():
         raise InputError(
             f"{options.problem} is an objective without dynamics and has no transitions"
@@ -68,23 +55,11 @@ def check(options: CollectOptions) -> CollectRequest:
 
 
 def run(options: CollectOptions, request: CollectRequest) -> int:
-    """Draw states without penetration and inputs, and advance each by one step of the exact law.
-
-    Half are drawn in the problem's region, half in a tube around the path from start to goal.
-    """
-    import time
-
-    from dynamics.learned.collecting import collect
-    from ocp.errors import InputError
-    from ocp.store import models
-    from reports import learned
-
+    """Draw states without penetration and inputs, and advance each by one step of the exact law."""
     began, step = time.perf_counter(), request.problem.exact_step
     origin = {"problem": request.name, "parameters": request.params}
-    try:
+    with input_errors(f"{request.name}: "):
         data = collect(step, request.region, request.samples, options.seed, provenance=origin)
-    except ValueError as error:
-        raise InputError(f"{request.name}: {error}") from error
     models.save(data.dataset(), options.file)
     document, seconds = learned.data_document(data), time.perf_counter() - began
     for line in learned.lines(document):
@@ -93,11 +68,3 @@ def run(options: CollectOptions, request: CollectRequest) -> int:
     options.output.say(f"data: {options.file} ({len(data)} transitions, {seconds:.1f} s)")
     options.output.document({"file": str(options.file), **document, "seconds": seconds})
     return 0
-
-
-COMMAND = Command(
-    CollectOptions,
-    check,
-    run,
-    examples=("collect push-1d --samples 1e5 -o data.nc",),
-)

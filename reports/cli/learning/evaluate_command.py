@@ -2,55 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from reports.cli.options import Command, LawOptions, RunOptions, option
+from dynamics.contact import ContactLaw
+from ocp.effort import check_memory
+from ocp.factories import closing_law
+from ocp.learning.evaluation import evaluate
+from ocp.learning.experiment import Experiment
+from ocp.learning.protocol import Trained
+from ocp.store.stored_run import StoredRun
+from problems.tasks.training import rebuilt
+from reports.cli.learning.options import EvaluateOptions
+from reports.cli.request import assignments
+from reports.trained.judgement import judgement, judgement_table, sentence
 
-if TYPE_CHECKING:
-    from dynamics.contact import ContactLaw
-    from ocp.learning.experiment import Experiment
-    from ocp.learning.protocol import Trained
-    from ocp.store.stored_run import StoredRun
-
-    EvaluateRequest = tuple[StoredRun, Experiment, Trained, ContactLaw]
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(RunOptions, LawOptions):
-    """The policy, the law, and the number of episodes."""
-
-    contact: str = option("exact", "--contact", help="Contact law; list with ocp laws.")
-    episodes: int = option(
-        100, "--episodes", "-n", min=1, max=1_000_000, help="Number of episodes."
-    )
-    seed: int = option(0, "--seed", min=0, help="Seed of the initial states.")
+EvaluateRequest = tuple[StoredRun, Experiment, Trained, ContactLaw]
 
 
 def check(options: EvaluateOptions) -> EvaluateRequest:
     """Read the policy, build its task, and make the law."""
-    from ocp.effort import check_memory
-    from problems.tasks.training import rebuilt
-    from reports.cli.request import closing_law
-    from reports.cli.runs_command import stored
-
-    found = stored(options.run, options.out)
+    found = options.stored(options.run)
     experiment, policy = rebuilt(found)
     task = experiment.task
-    law = closing_law(options.contact, options.law_settings, task.system)
+    law = closing_law(options.contact, assignments("-c", options.law_settings), task.system)
     numbers = task.horizon * (task.system.nx + task.system.nu)
     check_memory(f"--episodes {options.episodes}", 32.0 * options.episodes * numbers)
     return found, experiment, policy, law
 
 
 def run(options: EvaluateOptions, request: EvaluateRequest) -> int:
-    """Evaluate a trained policy: returns, lengths, measures, and violations in its episodes.
-
-    The initial states differ from those of every training; the same seed gives the same episodes.
-    """
-    from ocp.learning.evaluation import evaluate
-    from reports.trained.judgement import judgement, judgement_table, sentence
-
+    """Evaluate a trained policy: returns, lengths, measures, and violations in its episodes."""
     found, experiment, policy, law = request
     seen = evaluate(experiment, policy, law, options.episodes, options.seed)
     content: dict[str, Any] = {
@@ -68,14 +49,3 @@ def run(options: EvaluateOptions, request: EvaluateRequest) -> int:
     output.note(judgement_table(content))
     output.document(content)
     return 0
-
-
-COMMAND = Command(
-    EvaluateOptions,
-    check,
-    run,
-    examples=(
-        "evaluate @last",
-        "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000",
-    ),
-)

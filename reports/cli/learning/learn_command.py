@@ -2,44 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
+import time
+from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from reports.cli.options import PROBLEM, Command, Options, argument, option
+import xarray as xr
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from dynamics.learned.training import Recipe, Training
-    from dynamics.learned.transitions import Transitions
-    from ocp.store.checkpoint import Checkpoint
-    from problems.spec import ProblemSpec
+from dynamics.learned.ewda import EwdaModel
+from dynamics.learned.fit import fit
+from dynamics.learned.samples import split_rows
+from dynamics.learned.tables import TABLES, read_table
+from dynamics.learned.training import Recipe, Training
+from dynamics.learned.transitions import Transitions
+from ocp.effort import check_memory
+from ocp.errors import InputError, choose
+from ocp.store import atomic, models
+from ocp.store.checkpoint import Checkpoint
+from problems import spec
+from reports import learned
+from reports.cli import interrupt
+from reports.cli.learning.options import NOISE, LearnOptions
+from reports.cli.request import assignments, check_place, input_errors, layers
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
 NETWORK = ("hidden", "epochs")
 HELD_OUT = 0.1
-NOISE = 0.2
 _COPIES = 6
 """Copies of all weights in training: current, best, gradient, two moments of Adam, the update."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LearnOptions(Options):
-    """The data, the model, and the file."""
-
-    data: Path = argument(help="A file of ocp collect, a .csv or a .parquet.")
-    model: str = option(MISSING, "--model", help="ewda or mlp.")
-    file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
-    noise: float = option(NOISE, "--noise", help="sigma, in normalised units; 0: no noise (mlp).")
-    hidden: str = option("128,128,128,128", "--hidden", help="Units of each hidden layer (mlp).")
-    epochs: int = option(200, "--epochs", min=1, help="Largest number of epochs (mlp).")
-    seed: int = option(0, "--seed", min=0, help="Seed of everything random.")
-    problem: str | None = option(None, "--problem", help=f"Problem of the data. {PROBLEM}")
-    columns: str | None = option(
-        None, "--columns", metavar="NAME=COLUMN,...", help="Column names in a table."
-    )
 
 
 @dataclass(frozen=True)
@@ -53,11 +43,6 @@ class LearnRequest:
 
 def check(options: LearnOptions) -> LearnRequest:
     """Read the data, and check the settings of the model."""
-    from ocp.errors import InputError, choose
-    from ocp.store import atomic
-    from ocp.store.checkpoint import Checkpoint
-    from reports.cli.request import check_place
-
     choose("model", options.model, MODELS)
     network = options.model == "mlp"
     foreign = [f"--{name}" for name in NETWORK if name in options.given and not network]
@@ -74,7 +59,7 @@ def check(options: LearnOptions) -> LearnRequest:
             f"--noise: sigma {options.noise:g} is in standard deviations of the data, at most 1000;"
             " choose a value such as 0.2"
         )
-    hidden = _hidden(options.hidden)
+    hidden = layers("--hidden", options.hidden)
     data = _data(options)
     check_place(options.file, "model")
     recipe = _recipe(options, data, hidden) if network else None
@@ -87,52 +72,17 @@ def check(options: LearnOptions) -> LearnRequest:
 
 
 def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -> Recipe:
-    from dynamics.learned.training import Recipe
-    from ocp.effort import check_memory
-    from ocp.errors import InputError
-
-    layers = pairwise((data.z.shape[1], *hidden, data.x.shape[1]))
-    weights = sum(before * after for before, after in layers)
+    sizes = pairwise((data.z.shape[1], *hidden, data.x.shape[1]))
+    weights = sum(before * after for before, after in sizes)
     check_memory(f"--hidden: a network of {weights:.3g} weights", _COPIES * 4.0 * weights)
-    try:
+    with input_errors():
         return Recipe(hidden, options.epochs, held_out=HELD_OUT)
-    except ValueError as error:
-        raise InputError(str(error)) from error
-
-
-def _training(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> Training:
-    from dynamics.learned.training import Training
-    from ocp.errors import InputError
-
-    state, samples = request.checkpoint.state("training"), request.data.samples()
-    try:
-        return Training(samples, options.noise, recipe, options.seed, state)
-    except ValueError as error:
-        raise InputError(str(error)) from error
-
-
-def _hidden(text: str) -> tuple[int, ...]:
-    from ocp.errors import InputError
-    from ocp.validation import whole
-
-    units = [whole(part) for part in text.split(",")]
-    if not all(count is not None and 0 < count <= 100_000 for count in units):
-        raise InputError(
-            f"--hidden: expected whole numbers from 1 to 100000 with commas, such as 128,128, got"
-            f" {text!r}"
-        )
-    return tuple(count for count in units if count is not None)
 
 
 def _data(options: LearnOptions) -> Transitions:
     """Read the data; those of a problem must be of its states and inputs."""
-    from dynamics.learned.tables import TABLES, read_table
-    from ocp.errors import InputError
-    from ocp.store import models
-    from reports.cli.request import assignments
-
-    spec = _spec(options)
-    system = None if spec is None else spec.problem().system
+    problem = None if options.problem is None else spec(options.problem)
+    system = None if problem is None else problem.problem().system
     signals = None if system is None else (system.states, system.inputs)
     if options.data.suffix not in TABLES:
         if options.columns is not None:
@@ -141,37 +91,18 @@ def _data(options: LearnOptions) -> Transitions:
     else:
         pairs = None if options.columns is None else options.columns.split(",")
         columns = assignments("--columns", pairs)
-        origin = {} if spec is None else {"problem": spec.name}
-        try:
+        origin = {} if problem is None else {"problem": problem.name}
+        with input_errors():
             data = read_table(options.data, columns, signals, origin)
-        except ValueError as error:
-            raise InputError(str(error)) from error
-    try:
-        if spec is not None and signals is not None:
-            data.check_signals(*signals, spec.name)
+    with input_errors(f"{options.data}: "):
+        if problem is not None and signals is not None:
+            data.check_signals(*signals, problem.name)
         _ = data.samples().scales
-    except ValueError as error:
-        raise InputError(f"{options.data}: {error}") from error
     return data
 
 
-def _spec(options: LearnOptions) -> ProblemSpec | None:
-    from problems import spec
-
-    return None if options.problem is None else spec(options.problem)
-
-
 def run(options: LearnOptions, request: LearnRequest) -> int:
-    """Learn a time step from transitions: a weighted average, or a network on noised inputs.
-
-    A tenth of the rows is held out to measure the fit. The state of the training is kept: after
-    Ctrl-C the same command resumes.
-    """
-    import time
-
-    from ocp.store import models
-    from reports import learned
-
+    """Learn a time step from transitions: a weighted average, or a network on noised inputs."""
     began, epochs, resumed = time.perf_counter(), None, 0
     with request.checkpoint as checkpoint:
         for line in checkpoint.notes:
@@ -179,7 +110,9 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
         if request.recipe is None:
             dataset = _described(options, request.data, *_averaged(options, request.data))
         else:
-            training = _training(options, request, request.recipe)
+            state, samples = checkpoint.state("training"), request.data.samples()
+            with input_errors():
+                training = Training(samples, options.noise, request.recipe, options.seed, state)
             resumed = training.epoch
             dataset = _described(options, request.data, *_trained(options, request, training))
             epochs = training.epoch
@@ -193,29 +126,19 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
         options.output.say(f"resumed after epoch {resumed}")
     how = "" if epochs is None else f", {epochs} epochs"
     options.output.say(f"model: {options.file} ({options.model}{how}, {seconds:.1f} s)")
-    options.output.document(
-        {
-            **{"file": str(options.file), **document, "seconds": seconds},
-            **{"epochs": epochs, "resumed": resumed},
-        }
-    )
+    times = {"seconds": seconds, "epochs": epochs, "resumed": resumed}
+    options.output.document({"file": str(options.file), **document, **times})
     return 0
 
 
 def _described(options: LearnOptions, data: Transitions, model: Any, held_out: Any) -> xr.Dataset:
     """A model and its errors on the held-out rows."""
-    from dynamics.learned.fit import fit
-    from reports import learned
-
     fitted = fit(model, data.samples(), held_out, options.noise or NOISE, options.seed)
     return learned.model_dataset(model.dataset(), fitted.dataset(), data, len(held_out))
 
 
 def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:
     """The average of all rows except the held-out ones, and the numbers of those."""
-    from dynamics.learned.ewda import EwdaModel
-    from dynamics.learned.samples import split_rows
-
     kept, held_out = split_rows(len(data), HELD_OUT, options.seed)
     z, y = data.z[kept], data.x_next[kept]
     scales, sigma = data.normalisation, options.noise
@@ -224,9 +147,6 @@ def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:
 
 def _trained(options: LearnOptions, request: LearnRequest, training: Training) -> tuple[Any, Any]:
     """The network after its last epoch, and the numbers of the held-out rows."""
-    from reports import learned
-    from reports.cli import interrupt
-
     try:
         with learned.training_progress(options.quiet, training.epoch, options.epochs) as report:
             for epoch in training.epochs():
@@ -238,14 +158,3 @@ def _trained(options: LearnOptions, request: LearnRequest, training: Training) -
         request.checkpoint.save_state("training", **training.state)
         raise
     return training.model(), training.held_out
-
-
-COMMAND = Command(
-    LearnOptions,
-    check,
-    run,
-    examples=(
-        "learn data.nc --model ewda -o model.nc",
-        "learn data.nc --model mlp --hidden 64,64 --epochs 100 -o model.nc",
-    ),
-)

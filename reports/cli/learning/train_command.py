@@ -2,71 +2,36 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from reports.cli.options import Command, LawOptions, TagOptions, argument, option
+from dynamics.contact import ContactLaw
+from ocp import store
+from ocp.errors import InputError, interruptible
+from ocp.factories import closing_law
+from ocp.learning.experiment import Experiment
+from ocp.learning.protocol import Algorithm
+from ocp.learning.training import check_training
+from ocp.scheduling import Failure, run_jobs
+from ocp.store.checkpoint import Checkpoint
+from ocp.task import Task
+from problems.tasks import registry
+from problems.tasks.registry import TaskSpec
+from problems.tasks.training import TrainingJob, record, trained, unfinished
+from reports.cli import interrupt
+from reports.cli.learning.options import TrainOptions
+from reports.cli.learning.training_options import algorithms, is_psi, learned_parameters
+from reports.cli.request import assignments, check_places
+from reports.trained.live import live
+from reports.trained.summary import document, groups, meta, summary_table, verdict
 
-if TYPE_CHECKING:
-    from dynamics.contact import ContactLaw
-    from ocp.learning.experiment import Experiment
-    from ocp.learning.protocol import Algorithm
-    from ocp.store.checkpoint import Checkpoint
-    from ocp.task import Task
-    from problems.tasks.registry import TaskSpec
-    from problems.tasks.training import TrainingJob
-
-_OWN_LAW = {"adaptive": "law=quartic"}
+_OWN_LAW = {"adaptive": {"law": "quartic"}}
 """Default settings of a law in training, from the paper."""
 _ENDED = 0
 """Index in a checkpoint of the path of the finished run."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainOptions(LawOptions, TagOptions):
-    """A task, algorithms with their settings, seeds, and processes."""
-
-    task: str = argument(help="A named task.")
-    algorithm: str = option(
-        "usual",
-        "--algorithm",
-        "-a",
-        help="Names separated by commas; usual: the default of the task.",
-    )
-    contact: str = option(
-        "own",
-        "--contact",
-        help="Contact law in training; own: adaptive for fopg, exact for others.",
-    )
-    params: list[str] | None = option(
-        None, "--param", "-p", metavar="K=V", help="Parameter of the task."
-    )
-    settings: list[str] | None = option(
-        None, "--setting", "-s", metavar="K=V",
-        help="Setting of all algorithms, or of one: ars.rate=0.1.",
-    )  # fmt: skip
-    seeds: int = option(1, "--seeds", min=1, max=1000, help="Number of seeds, from --seed on.")
-    seed: int = option(0, "--seed", min=0, help="The first seed.")
-    iterations: int | None = option(
-        None,
-        "--iterations",
-        min=1,
-        help="Iterations of each training; default: that of the task, or 100.",
-    )
-    jobs: int | None = option(
-        None,
-        "--jobs",
-        "-j",
-        min=1,
-        max=1024,
-        help="Number of parallel processes; default: one per CPU.",
-    )
-    scheduler: str | None = option(
-        None, "--scheduler", metavar="ADDRESS", help="Address of a Dask cluster for the trainings."
-    )
-    pdf: Path | None = option(None, "--pdf", help="Write a PDF report to this file.")
 
 
 @dataclass(frozen=True)
@@ -81,11 +46,6 @@ class TrainRequest:
 
 def check(options: TrainOptions) -> TrainRequest:
     """Build the task and every algorithm, and check that the runs can be stored."""
-    from ocp.errors import InputError
-    from ocp.learning.training import check_training
-    from problems.tasks import registry
-    from reports.cli.request import assignments, check_places
-
     spec = registry.spec(options.task)
     task = spec.task(assignments("-p", options.params))
     if options.scheduler is not None and options.jobs is not None:
@@ -103,10 +63,6 @@ def check(options: TrainOptions) -> TrainRequest:
 
 def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[TrainingJob], int]:
     """Every seed of every algorithm, and the number of processes."""
-    from problems.tasks.training import TrainingJob
-    from reports.cli.learning.training_options import algorithms, is_psi, learned_parameters
-    from reports.cli.request import assignments
-
     given = assignments("-s", options.settings)
     psi = learned_parameters(given, task.parameters.names)
     given = {key: value for key, value in given.items() if not is_psi(key)}
@@ -129,30 +85,17 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
 
 def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
     """The chosen law, or that of the algorithm."""
-    from reports.cli.request import closing_law
-
     name = algorithm.contact if options.contact == "own" else options.contact
-    words = list(options.law_settings or ())
-    if not words and name in _OWN_LAW:
-        words = [_OWN_LAW[name]]
-    return closing_law(name, words, task.system)
+    settings = assignments("-c", options.law_settings) or _OWN_LAW.get(name, {})
+    return closing_law(name, settings, task.system)
 
 
 def _cpus() -> int:
-    import os
-
     return len(os.sched_getaffinity(0))
 
 
 def run(options: TrainOptions, request: TrainRequest) -> int:
-    """Train a policy through contact, with several algorithms and seeds in parallel.
-
-    Every policy is evaluated under the exact law, and every training is stored as a run. After
-    Ctrl-C the same command resumes, with the same result as without the stop.
-    """
-    from ocp.errors import interruptible
-    from problems.tasks.training import unfinished
-
+    """Train a policy through contact, with several algorithms and seeds in parallel."""
     output = options.output
     with ExitStack() as held:
         for checkpoint in request.checkpoints:
@@ -181,11 +124,6 @@ def _trained(
     options: TrainOptions, request: TrainRequest, left: list[int], stored: dict[int, Path]
 ) -> dict[int, Exception]:
     """Run the trainings ``left``, add each to ``stored`` as it ends, and return the failures."""
-    from ocp.scheduling import Failure, run_jobs
-    from problems.tasks.training import trained
-    from reports.cli import interrupt
-    from reports.trained.live import live
-
     failed = {}
     jobs = [replace(request.jobs[place], kept=request.checkpoints[place].place) for place in left]
     ends = {request.jobs[place].name: request.experiments[place].iterations for place in left}
@@ -212,18 +150,10 @@ def _stored_before(request: TrainRequest) -> dict[int, Path]:
 
 
 def _store(options: TrainOptions, request: TrainRequest, place: int, data: Any) -> Path:
-    from ocp import store
-    from problems.tasks.training import record
-    from reports.trained.summary import meta
-
     job, experiment = request.jobs[place], request.experiments[place]
-    described = {
-        "argv": options.argv,
-        "tags": options.tags,
-        "seed": job.seed,
-        "record": record(experiment),
-    }
-    path = store.write(options.out, job.task, data, {**described, **meta(data)}).path
+    request_of = {"argv": options.argv, "tags": options.tags, "seed": job.seed}
+    about = {**request_of, "record": record(experiment), **meta(data)}
+    path = store.write(options.out, job.task, data, about).path
     request.checkpoints[place].save_rows(_ENDED, [{"run": str(path.resolve())}])
     return path
 
@@ -234,9 +164,7 @@ def _print_results(
     """Print the results; then raise the first failure, if there is one."""
     if not paths:
         raise next(iter(failed.values()))
-    from ocp import store
     from reports.pdf import write_pdf
-    from reports.trained.summary import document, groups, summary_table, verdict
 
     output, runs = options.output, [store.load(path) for path in paths]
     found = groups(runs)
@@ -255,22 +183,3 @@ def _print_results(
     output.document({"task": options.task, **document(found), "failed": errors, "pdf": pdf})
     if failed:
         raise next(iter(failed.values()))
-
-
-def epilog() -> str:
-    """Tasks, algorithms and settings for the help."""
-    from reports.cli.learning.training_options import help_text
-
-    return help_text()
-
-
-COMMAND = Command(
-    TrainOptions,
-    check,
-    run,
-    epilog,
-    examples=(
-        "train ball-throw",
-        "train hopper --algorithm fopg,ars --seeds 3 --iterations 200 --tag night",
-    ),
-)

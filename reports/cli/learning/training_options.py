@@ -5,26 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import Any, get_type_hints
 
 from ocp.errors import InputError, choose, did_you_mean
+from ocp.learning.algorithms import ALGORITHMS
 from ocp.learning.experiment import Experiment
+from ocp.learning.identification import RandomSearch
+from ocp.learning.identification.psi_learning import PsiLearning
+from ocp.learning.protocol import Algorithm
 from ocp.settings import declared
-from ocp.validation import whole
-from problems.tasks.registry import default_settings, make_algorithm, settings_of
+from ocp.validation import parse
+from problems.tasks import registry
+from problems.tasks.registry import TaskSpec, default_settings, make_algorithm, settings_of
+from reports.cli.request import layers
 from reports.settings import default_text
-
-if TYPE_CHECKING:
-    from ocp.learning.protocol import Algorithm
-    from problems.tasks.registry import TaskSpec
-
 
 OWN = {setting.name: setting.meaning for setting in declared(Experiment)}
 """Settings that every algorithm has, fields of :class:`~ocp.learning.experiment.Experiment`."""
 _SHAPES: dict[str, tuple[int, ...] | None] = {"affine": (), "open-loop": None}
 
 
-Chosen = list[tuple["Algorithm", dict[str, Any]]]
+Chosen = list[tuple[Algorithm, dict[str, Any]]]
 """Algorithms, each with the fields of its experiment by name."""
 
 
@@ -36,8 +37,6 @@ def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Chosen:
 
     Raises :class:`~ocp.errors.InputError` for an unknown algorithm or setting, and for a bad value.
     """
-    from ocp.learning.algorithms import ALGORITHMS
-
     words = [name.strip() for name in names.split(",") if name.strip()]
     if not words:
         raise InputError(f"--algorithm: expected names with commas, got {names!r}")
@@ -65,43 +64,24 @@ def _unknown(key: str, chosen: Mapping[str, type]) -> str:
 
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
-    from ocp.validation import parse
-
     if name == "hidden":
-        return _hidden(text)
+        if text in _SHAPES:
+            return _SHAPES[text]
+        return layers(f"setting {key}", text, f", {' or '.join(_SHAPES)}")
     if name not in OWN:
         return parse(f"setting {key}", text, get_type_hints(cls)[name])
     return parse(f"setting {key}", text, type(settings_of(Experiment)[name].default))
 
 
-def _hidden(text: str) -> tuple[int, ...] | None:
-    if text in _SHAPES:
-        return _SHAPES[text]
-    units = [whole(part) for part in text.split(",")]
-    if not all(count is not None and 0 < count <= 100_000 for count in units):
-        raise InputError(
-            "setting hidden must be whole numbers from 1 to 100000 with commas, such as 64,64,"
-            f" {' or '.join(_SHAPES)}, got {text!r}"
-        )
-    return tuple(count for count in units if count is not None)
-
-
 def help_text() -> str:
     """Tasks, algorithms and settings with their defaults, a line each."""
-    from ocp.learning.algorithms import ALGORITHMS
-    from problems.tasks import registry
-
     specs = [registry.spec(name) for name in registry.names()]
     tasks = [(spec.name, f"{spec.title}; {spec.learner}") for spec in specs]
     shared = {field.name: field for field in fields(Experiment)}
     parts = ["Tasks, and their default algorithm:", *_table(tasks)]
     parts += ["", "Settings of all algorithms, -s name=value:"]
     parts += _table([(_setting(name, shared[name].default), OWN[name]) for name in OWN])
-    parts += [
-        "",
-        "Physical parameters learned with the policy:",
-        *_table([*PSI_SETTINGS.items()]),
-    ]
+    parts += ["", "Physical parameters learned with the policy:", *_table([*PSI_SETTINGS.items()])]
     for name, cls in ALGORITHMS.items():
         own = {field.name: field.default for field in settings_of(cls).values()}
         parts += ["", f"{name}: {cls.summary}; {cls.contact} law", _listed(own)]
@@ -145,8 +125,6 @@ class LearnedParameters:
 
     def wrap(self, algorithm: Algorithm) -> Algorithm:
         """The algorithm, on a model with learned parameters if there are any."""
-        from ocp.learning.identification import RandomSearch
-        from ocp.learning.identification.psi_learning import PsiLearning
 
         if not self.names:
             return algorithm
@@ -159,10 +137,6 @@ def learned_parameters(given: Mapping[str, str], physical: Sequence[str]) -> Lea
 
     Raises :class:`~ocp.errors.InputError` for unknown names and bad values.
     """
-    from ocp.learning.identification import RandomSearch
-    from ocp.learning.identification.psi_learning import PsiLearning
-    from ocp.validation import parse
-
     kinds = [get_type_hints(PsiLearning), get_type_hints(RandomSearch)]
     own, search = (
         {f.name: kind[f.name] for f in fields(cls) if kind[f.name] in (int, float)}

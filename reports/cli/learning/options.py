@@ -1,0 +1,124 @@
+"""Options of the commands that collect data, and train models and policies."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from reports.cli.options import (
+    PROBLEM,
+    LawOptions,
+    Options,
+    RunOptions,
+    TagOptions,
+    argument,
+    assigned,
+    option,
+)
+
+NOISE = 0.2
+"""Default noise of a learned model, in standard deviations of the data."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollectOptions(Options):
+    """Draw states without penetration and inputs, and advance each by one step of the exact law.
+
+    Half are drawn in the problem's region, half in a tube around the path from start to goal.
+    """
+
+    code: ClassVar = "reports.cli.learning.collect_command"
+    examples: ClassVar = ("collect push-1d --samples 1e5 -o data.nc",)
+    problem: str = argument(help=PROBLEM)
+    file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
+    params: list[str] | None = assigned("--param", "-p", help="Parameter of the problem.")
+    samples: str = option("1e5", "-n", help="Number of transitions.")
+    seed: int = option(0, min=0, help="Seed of the random draws.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnOptions(Options):
+    """Learn a time step from transitions: a weighted average, or a network on noised inputs.
+
+    A tenth of the rows is held out to measure the fit. The state of the training is kept: after
+    Ctrl-C the same command resumes.
+    """
+
+    code: ClassVar = "reports.cli.learning.learn_command"
+    examples: ClassVar = (
+        "learn data.nc --model ewda -o model.nc",
+        "learn data.nc --model mlp --hidden 64,64 --epochs 100 -o model.nc",
+    )
+    data: Path = argument(help="A file of ocp collect, a .csv or a .parquet.")
+    model: str = option(MISSING, help="ewda or mlp.")
+    file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
+    noise: float = option(NOISE, help="sigma, in normalised units; 0: no noise (mlp).")
+    hidden: str = option("128,128,128,128", help="Units of each hidden layer (mlp).")
+    epochs: int = option(200, min=1, help="Largest number of epochs (mlp).")
+    seed: int = option(0, min=0, help="Seed of everything random.")
+    problem: str | None = option(None, help=f"Problem of the data. {PROBLEM}")
+    columns: str | None = option(
+        None, metavar="NAME=COLUMN,...", help="Column names in a table."
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions(LawOptions, TagOptions):
+    """Train a policy through contact, with several algorithms and seeds in parallel.
+
+    Every policy is evaluated under the exact law, and every training is stored as a run. After
+    Ctrl-C the same command resumes, with the same result as without the stop.
+    """
+
+    code: ClassVar = "reports.cli.learning.train_command"
+    examples: ClassVar = (
+        "train ball-throw",
+        "train hopper --algorithm fopg,ars --seeds 3 --iterations 200 --tag night",
+    )
+    task: str = argument(help="A named task.")
+    algorithm: str = option(
+        "usual", "-a", help="Names separated by commas; usual: the default of the task."
+    )
+    contact: str = option(
+        "own", help="Contact law in training; own: adaptive for fopg, exact for others."
+    )
+    params: list[str] | None = assigned("--param", "-p", help="Parameter of the task.")
+    settings: list[str] | None = assigned(
+        "--setting", "-s", help="Setting of all algorithms, or of one: ars.rate=0.1."
+    )
+    seeds: int = option(1, min=1, max=1000, help="Number of seeds, from --seed on.")
+    seed: int = option(0, min=0, help="The first seed.")
+    iterations: int | None = option(
+        None, min=1, help="Iterations of each training; default: that of the task, or 100."
+    )
+    jobs: int | None = option(
+        None, "-j", min=1, max=1024, help="Number of parallel processes; default: one per CPU."
+    )
+    scheduler: str | None = option(
+        None, metavar="ADDRESS", help="Address of a Dask cluster for the trainings."
+    )
+    pdf: Path | None = option(None, help="Write a PDF report to this file.")
+
+    @classmethod
+    def epilog(cls) -> str:
+        """Tasks, algorithms and settings."""
+        from reports.cli.learning.training_options import help_text
+
+        return f"\n{help_text()}\n"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions(RunOptions, LawOptions):
+    """Evaluate a trained policy: returns, lengths, measures, and violations in its episodes.
+
+    The initial states differ from those of every training; the same seed gives the same episodes.
+    """
+
+    code: ClassVar = "reports.cli.learning.evaluate_command"
+    examples: ClassVar = (
+        "evaluate @last", "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000",
+    )  # fmt: skip
+    contact: str = option("exact", help="Contact law; list with ocp laws.")
+    episodes: int = option(100, "-n", min=1, max=1_000_000, help="Number of episodes.")
+    seed: int = option(0, min=0, help="Seed of the initial states.")
