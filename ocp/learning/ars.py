@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any, ClassVar
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, at_least, positive
-from ocp.learning.protocol import Row, State, Trained
-from ocp.learning.unrolls.unrolling import (
-    finite_samples,
-    initial_state,
-    normalised_state,
-    policy_of,
-    roll,
-    sample_row,
-)
+from ocp.learning.protocol import Algorithm, Row, State
+from ocp.learning.unrolls.unrolling import finite_samples, normalised_state, roll, sample_row
 
 
 @dataclass(frozen=True, kw_only=True)
-class ARS:
+class ARS(Algorithm):
     """V2-t of Mania, Guy and Recht (2018): normalised observations, top directions, sigma_R.
 
     ``theta <- theta + rate / (top sigma_R) sum_i (r_i+ - r_i-) delta_i`` over the ``top`` of
@@ -40,10 +33,6 @@ class ARS:
     spread: Annotated[float, "distance gone along each direction"] = 0.1
     rate: Annotated[float, "length of a step"] = 0.05
 
-    def settings(self) -> dict[str, Any]:
-        """All of them."""
-        return asdict(self)
-
     def check(self, experiment: Experiment) -> None:
         """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
         at_least(1, "directions", self.directions)
@@ -54,11 +43,6 @@ class ARS:
             )
         positive("spread", self.spread)
         positive("rate", self.rate)
-
-    def begin(self, experiment: Experiment) -> State:
-        """The first policy."""
-        self.check(experiment)
-        return initial_state(experiment)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """One step along the best directions."""
@@ -82,10 +66,6 @@ class ARS:
         }
         moved = {**state, "theta": theta + change}
         return normalised_state(experiment, moved, found, good), row
-
-    def policy(self, experiment: Experiment, state: State) -> Trained:
-        """The policy of the state."""
-        return policy_of(state)
 
 
 def search_direction(returns: np.ndarray, delta: np.ndarray, top: int) -> np.ndarray:

@@ -14,7 +14,8 @@ from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, 
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
 from ocp.learning.balancing import balancing_feedback, embed_affine
-from ocp.learning.network import Normaliser, first_weights
+from ocp.learning.explorer import squash
+from ocp.learning.network import first_weights
 from ocp.learning.rollouts import TaskRollouts
 from ocp.task import Task
 
@@ -79,6 +80,9 @@ class Experiment:
     start: Trained | None = None
     params: Mapping[str, Any] = field(default_factory=dict)
     threads: int | None = None
+    _compiled: list[TaskRollouts] = field(default_factory=list, init=False)
+    _made: dict[Any, Any] = field(default_factory=dict, init=False)
+    _counted: list[float] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         for name in ("iterations", "evaluate_every", "episodes"):
@@ -135,19 +139,11 @@ class Experiment:
         self._compiled.append(found)
         return found
 
-    @cached_property
-    def _compiled(self) -> list[TaskRollouts]:
-        return []
-
     def cached(self, make: Callable[[Experiment], T]) -> T:
         """What ``make`` makes of the experiment, made at the first asking only."""
         if make not in self._made:
             self._made[make] = make(self)
         return self._made[make]
-
-    @cached_property
-    def _made(self) -> dict[Any, Any]:
-        return {}
 
     def count_steps(self, steps: float) -> None:
         """Count ``steps`` of any contact law that were simulated to learn from.
@@ -161,10 +157,6 @@ class Experiment:
         total = sum(self._counted)
         self._counted.clear()
         return total
-
-    @cached_property
-    def _counted(self) -> list[float]:
-        return []
 
     @property
     def physics(self) -> np.ndarray:
@@ -202,12 +194,6 @@ class Experiment:
             )
         return theta
 
-    def first_normaliser(self) -> Normaliser:
-        """What observations are normalised by at first: as ``start`` does it, or not at all."""
-        if self.start is not None:
-            return self.start.normaliser
-        return Normaliser.identity(len(self.task.observations))
-
     def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """First states (n, nx) of episodes, at the model's parameters."""
         return self.task.reset(n, rng, self.physics)
@@ -226,11 +212,7 @@ class Experiment:
             action = self.policy.means(trained.theta, seen)
         else:
             action = np.broadcast_to(trained.theta, (len(states), self.task.system.nu))
-        half, middle = (
-            (self.task.upper - self.task.lower) / 2,
-            (self.task.upper + self.task.lower) / 2,
-        )
-        return middle + half * np.tanh(action + noise)
+        return squash(self.task, action + noise)
 
     @cached_property
     def _observe(self) -> BatchFunction:

@@ -17,8 +17,7 @@ from ocp.learning.experiment import Experiment
 from ocp.learning.network import vjp
 from ocp.learning.protocol import Row, State, Trained
 from ocp.learning.rollouts import episode_rewards
-from ocp.learning.unrolls.unrolled import Clipping
-from ocp.learning.unrolls.unrolling import Starts, non_finite_reward, policy_of, with_observations
+from ocp.learning.unrolls.unrolling import Clipping, Starts, non_finite_reward, with_observations
 
 
 @dataclass(frozen=True)
@@ -218,7 +217,7 @@ class TotalPropagation(Clipping):
         starts, steps = Starts.of(state), self.steps(experiment)
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
-        found = simulate_particles(experiment, policy_of(state), starts.x, self.sigma * noise)
+        found = simulate_particles(experiment, Trained.of(state), starts.x, self.sigma * noise)
         lost = np.argwhere(found.good & ~np.isfinite(found.rewards))
         if len(lost):
             step, sample = lost[0].tolist()

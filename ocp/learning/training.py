@@ -16,7 +16,7 @@ from ocp.effort import check_memory
 from ocp.errors import InputError
 from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
-from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.protocol import Row, State, Trained, prefixed, under
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
 
@@ -122,9 +122,9 @@ def _policy_arrays(trained: Trained) -> dict[str, np.ndarray]:
 def _arrays(experiment: Experiment, progress: _Progress) -> dict[str, Any]:
     """What a checkpoint holds."""
     return {
-        **{_RUN + name: value for name, value in progress.state.items()},
-        **{_BEST + name: value for name, value in progress.best.items()},
-        **{_CURVE + name: values for name, values in _curves(progress.rows).items()},
+        **prefixed(_RUN, progress.state),
+        **prefixed(_BEST, progress.best),
+        **prefixed(_CURVE, _curves(progress.rows)),
         "spent": np.array(progress.spent),
         _SETTINGS: np.array(json.dumps(to_json(experiment.settings()), sort_keys=True)),
     }
@@ -135,7 +135,7 @@ def _resume(experiment: Experiment, checkpoint: Checkpoint | None) -> _Progress 
     if found is None:
         return None
     _check_same_settings(json.loads(str(found[_SETTINGS])), to_json(experiment.settings()))
-    curves = {name: found[_CURVE + name] for name in _under(_CURVE, found)}
+    curves = under(_CURVE, found)
     rows = [
         {name: float(values[i]) for name, values in curves.items() if not np.isnan(values[i])}
         for i in range(len(curves["wall_s"]))
@@ -145,12 +145,7 @@ def _resume(experiment: Experiment, checkpoint: Checkpoint | None) -> _Progress 
             f"the run to resume has {len(rows)} iterations already, more than the"
             f" {experiment.iterations} requested; request more"
         )
-    state, best = ({n: found[p + n] for n in _under(p, found)} for p in (_RUN, _BEST))
-    return _Progress(state, rows, best, float(found["spent"]))
-
-
-def _under(prefix: str, names: dict[str, np.ndarray]) -> list[str]:
-    return [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
+    return _Progress(under(_RUN, found), rows, under(_BEST, found), float(found["spent"]))
 
 
 def _check_same_settings(stored: dict[str, Any], asked: dict[str, Any]) -> None:

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment, at_least, not_below
-from ocp.learning.explorer import COLUMNS, Buffer, Explorer
+from ocp.learning.explorer import Buffer, Explorer
 from ocp.learning.identification import OneStepLoss, RandomSearch
 from ocp.learning.identification.identify import search_iteration
 from ocp.learning.identification.random_search import Cloud
-from ocp.learning.protocol import Algorithm, Row, State, Trained
+from ocp.learning.protocol import Algorithm, Row, State, Trained, prefixed, under
 
 _OWN, _CLOUD, _SEEN = "psi_learning.", "psi_cloud.", "psi_seen."
 
 
 @dataclass(frozen=True, kw_only=True)
-class PsiLearning:
+class PsiLearning(Algorithm):
     """Any ``algorithm``, on a model whose parameters ``names`` are learned as the policy is.
 
     In every iteration ``walkers`` episodes go ``steps`` steps on under the exact law at the task's
@@ -47,14 +47,9 @@ class PsiLearning:
 
     def settings(self) -> dict[str, Any]:
         """Its own, and the algorithm's."""
-        own = {
-            key: value for key, value in vars(self).items() if key not in ("algorithm", "search")
-        }
-        return {
-            **own, **{f"search.{key}": value for key, value in asdict(self.search).items()},
-            "of": self.algorithm.name,
-            **{f"of.{key}": value for key, value in self.algorithm.settings().items()},
-        }  # fmt: skip
+        own = {k: v for k, v in vars(self).items() if k not in ("algorithm", "search")}
+        search, inner = prefixed("search.", vars(self.search)), self.algorithm.settings()
+        return {**own, **search, "of": self.algorithm.name, **prefixed("of.", inner)}
 
     def check(self, experiment: Experiment) -> None:
         """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
@@ -74,8 +69,7 @@ class PsiLearning:
         return {
             **self.algorithm.begin(experiment), "psi": experiment.physics,
             _OWN + "x": x, _OWN + "age": age, _OWN + "start": start, _OWN + "pass": np.array(0),
-            **_under(_CLOUD, self.search.begin(start)),
-            **{_SEEN + name: getattr(seen, name) for name in COLUMNS},
+            **prefixed(_CLOUD, self.search.begin(start)), **prefixed(_SEEN, vars(seen)),
         }  # fmt: skip
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
@@ -97,27 +91,22 @@ class PsiLearning:
         explorer, rng = experiment.cached(_explorer), experiment.rng(k, "psi transitions")
         policy = self.algorithm.policy(experiment, state)
         task = experiment.task
-        x, age, seen = state[_OWN + "x"], state[_OWN + "age"], _seen(state)
+        x, age, seen = state[_OWN + "x"], state[_OWN + "age"], Buffer(**under(_SEEN, state))
         for _ in range(self.steps):
             u = experiment.inputs(policy, x)
             u += self.sigma * (task.upper - task.lower) / 2 * rng.standard_normal(u.shape)
             step = explorer.step(x, np.clip(u, task.lower, task.upper))
             seen = seen.with_newest(Buffer.solved(step.x, step.u, step.x_next), self.capacity)
             x, age = explorer.advance(step, age, rng)
-        rows = {_SEEN + name: getattr(seen, name) for name in COLUMNS}
-        return {**state, **rows, _OWN + "x": x, _OWN + "age": age}
+        return {**state, **prefixed(_SEEN, vars(seen)), _OWN + "x": x, _OWN + "age": age}
 
     def _searched(self, experiment: Experiment, state: State) -> tuple[State, float]:
         """The state after the search went on, and the loss a transition at its psi."""
-        seen = _seen(state)
+        seen = Buffer(**under(_SEEN, state))
         if not len(seen):
             raise InputError(f"{experiment.task.name}: no step of its episodes was solved")
         loss = experiment.cached(self._loss).in_scales_of(seen)
-        cloud: Cloud = {
-            key.removeprefix(_CLOUD): value
-            for key, value in state.items()
-            if key.startswith(_CLOUD)
-        }
+        cloud: Cloud = under(_CLOUD, state)
         number = int(state[_OWN + "pass"])
         for _ in range(self.searched):
             if self.search.done(cloud):
@@ -129,7 +118,7 @@ class PsiLearning:
             seeds = [experiment.seed, number]
             cloud = search_iteration(loss, seen, self.search, cloud, seeds, self.rows)
         psi = loss.parameters(cloud["mean"][None])[0, : len(experiment.physics)]
-        found = {"psi": psi, _OWN + "pass": np.array(number), **_under(_CLOUD, cloud)}
+        found = {"psi": psi, _OWN + "pass": np.array(number), **prefixed(_CLOUD, cloud)}
         return {**state, **found}, float(loss(cloud["mean"], seen)[0]) / len(seen)
 
     def _loss(self, experiment: Experiment) -> OneStepLoss:
@@ -142,11 +131,3 @@ class PsiLearning:
 
 def _explorer(experiment: Experiment) -> Explorer:
     return Explorer(experiment.task, count=experiment.count_steps, threads=experiment.threads)
-
-
-def _under(prefix: str, arrays: State) -> State:
-    return {prefix + name: value for name, value in arrays.items()}
-
-
-def _seen(state: State) -> Buffer:
-    return Buffer(*(state[_SEEN + name] for name in COLUMNS))

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment, at_least, positive
-from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.protocol import Algorithm, Row, State, Trained
 
 if TYPE_CHECKING:
     from ocp.learning.mbpo.training import MBPOTrainer
 
 
 @dataclass(frozen=True, kw_only=True)
-class MBPO:
+class MBPO(Algorithm):
     """Janner, Fu, Zhang and Levine, When to trust your model, 2019, algorithm 2.
 
     In every iteration ``walkers`` episodes go ``steps`` steps on under the exact law, whatever law
@@ -67,10 +67,6 @@ class MBPO:
     updates: Annotated[int, "of actor and critics in an iteration"] = 1000
     batch: Annotated[int, "steps in a batch of an update"] = 128
     real: Annotated[float, "part of a batch that was seen, not of branches"] = 0.05
-
-    def settings(self) -> dict[str, Any]:
-        """All of them."""
-        return asdict(self)
 
     def begin(self, experiment: Experiment) -> State:
         """Networks out of the seed, and the steps explored.

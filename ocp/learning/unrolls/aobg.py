@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import log, sqrt
 from typing import Annotated, ClassVar
 
 import numpy as np
 
 from ocp.errors import InputError
+from ocp.gradients.interpolation import bernstein, inverse_variance
 from ocp.learning.experiment import Experiment, positive
 from ocp.learning.protocol import Row, State
-from ocp.learning.unrolls.unrolled import Unrolled
-from ocp.learning.unrolls.unrolling import (
-    finite_samples,
-    gradient_row,
-    next_starts,
-    normalised_state,
-    roll,
-    sample_row,
-)
+from ocp.learning.unrolls.unrolling import Unrolled, finite_samples, roll
 from ocp.learning.unrolls.zopg import likelihood_ratio
 
 
@@ -64,23 +56,12 @@ class AoBG(Unrolled):
         alpha, bias = mixing(gradients[0], gradients[1], self.gamma, self.delta)
         g1, g0 = (each.mean(axis=0) for each in gradients)
         mixed = alpha * g1 + (1 - alpha) * g0
-        moved = {
-            **self.climb(state, mixed),
-            **next_starts(experiment, state, first, k),
-        }
-        changed = normalised_state(experiment, moved, first, good)
-        row = {
-            **sample_row(first, good),
-            **gradient_row(gradients[0]),
-            "alpha": alpha,
-            "bias": bias,
-        }
-        row["gradient_norm"] = float(np.linalg.norm(mixed))
-        row["gradient_variance"] = sum(
+        changed, row = self.stepped(experiment, state, mixed[None], first, good, k)
+        variance = sum(
             weight**2 * float(each.var(axis=0, ddof=1).sum())
             for weight, each in zip((alpha, 1 - alpha), gradients, strict=True)
         )
-        return changed, row
+        return changed, {**row, "gradient_variance": variance, "alpha": alpha, "bias": bias}
 
 
 def mixing(
@@ -89,19 +70,17 @@ def mixing(
     """Weight alpha of ``first`` (n, d) against ``zeroth`` (m, d), samples, and B = |g1 - g0|.
 
     ``alpha* = s0² / (s0² + s1²)``, the variances of both means, minimises the variance. The bias is
-    at most gamma with probability 1 - delta where ``alpha B + eps <= gamma``, with the vector
-    Bernstein bound ``eps = sqrt(2 v l / m) + 2 L l / (3 m)`` of the zeroth order's mean, ``l =
-    log((d + 1) / delta)``, v the variance of a sample and L its largest deviation in the batch:
-    alpha = alpha* where that holds, (gamma - eps) / B where not, and 0 where eps > gamma.
+    at most gamma with probability 1 - delta where ``alpha B + eps <= gamma``, with the bound eps of
+    the zeroth order's mean (:func:`~ocp.gradients.interpolation.bernstein`) by the largest
+    deviation in the batch: alpha = alpha* where that holds, (gamma - eps) / B where not, and 0
+    where eps > gamma.
     """
     (n, d), m = first.shape, len(zeroth)
     g1, g0 = first.mean(axis=0), zeroth.mean(axis=0)
     v1, v0 = (float(each.var(axis=0, ddof=1).sum()) for each in (first, zeroth))
     largest = float(np.linalg.norm(zeroth - g0, axis=1).max())
-    level = log((d + 1) / delta)
-    eps = sqrt(2 * v0 * level / m) + 2 * largest * level / (3 * m)
-    bias, total = float(np.linalg.norm(g1 - g0)), v0 / m + v1 / n
-    best = v0 / m / total if total > 0 else 1.0
+    eps = bernstein(m, d, v0, largest, delta)
+    bias, best = float(np.linalg.norm(g1 - g0)), inverse_variance(v1 / n, v0 / m)
     if eps > gamma:
         return 0.0, bias
     return (best if best * bias <= gamma - eps else (gamma - eps) / bias), bias

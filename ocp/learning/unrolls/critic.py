@@ -10,10 +10,9 @@ from dynamics.batch import BatchFunction, DensePolicy, Episodes, Gaussian, dense
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.network import Normaliser, first_weights, renormalised, vjp
-from ocp.learning.protocol import Row, State
+from ocp.learning.protocol import Row, State, Trained
 from ocp.learning.total_propagation import with_jacobians
 from ocp.learning.unrolls.ascent import adam_step
-from ocp.learning.unrolls.unrolling import policy_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +83,7 @@ class Critic:
         states, on, ahead = episodes.states, _alive(episodes), _going_on(episodes)
         drawn = noise.draw(len(on), on.shape[1], experiment.task.system.nu)
         x, x_next = states[:, :-1][on], states[:, 1:][on]
-        u = experiment.inputs(policy_of(state), x, drawn[on])
+        u = experiment.inputs(Trained.of(state), x, drawn[on])
         rewards, togo = np.zeros(on.shape), np.zeros(len(on))
         found = experiment.cached(_rewards)(x, u, x_next, _psi(experiment, state))
         rewards[on] = found[:, 0]

@@ -10,15 +10,7 @@ from ocp.errors import choose
 from ocp.learning.experiment import Experiment, at_least
 from ocp.learning.protocol import Row, State
 from ocp.learning.unrolls.critic import Critic
-from ocp.learning.unrolls.unrolled import Clipping
-from ocp.learning.unrolls.unrolling import (
-    finite_samples,
-    gradient_row,
-    next_starts,
-    normalised_state,
-    roll,
-    sample_row,
-)
+from ocp.learning.unrolls.unrolling import Clipping, finite_samples, roll
 
 SHARP = Barrier(mu=1e-10)
 """What stands for exact contact where gradients are wanted (abs, sec. 7.4)."""
@@ -83,12 +75,7 @@ class FOPG(Clipping):
         assert found.gradient is not None
         gradients = self.clipped(found.gradient[good])
         visited = found if followed is None else followed
-        row = {**sample_row(visited, good), **gradient_row(gradients)}
-        moved = {
-            **self.climb(state, gradients.mean(axis=0)),
-            **next_starts(experiment, state, visited, k),
-        }
-        changed = normalised_state(experiment, moved, visited, good)
+        changed, row = self.stepped(experiment, state, gradients, visited, good, k)
         if critic:
             learned, more = critic.learned(experiment, state, changed, visited, noise, k)
             changed, row = {**changed, **learned}, {**row, **more}

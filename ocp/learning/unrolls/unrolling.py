@@ -1,22 +1,20 @@
-"""Episodes of the policy that is being learned, their gradients, and what is kept of them."""
+"""Unrolls of the policy that is learned, and what algorithms that follow their gradients share."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from dynamics.batch import Episodes, Gaussian
 from dynamics.contact import ContactLaw
-from ocp.errors import InputError, NotConverged
-from ocp.learning.experiment import Experiment
+from ocp.errors import InputError, NotConverged, choose
+from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.network import Normaliser, renormalised
-from ocp.learning.protocol import Row, State, Trained
-
-if TYPE_CHECKING:
-    from ocp.learning.experiment import Experiment
+from ocp.learning.protocol import Algorithm, Row, State, Trained
+from ocp.learning.unrolls.ascent import RULES, ascend
 
 
 @dataclass(frozen=True)
@@ -56,16 +54,6 @@ class Starts:
     def of(cls, state: dict[str, np.ndarray]) -> Starts:
         """Out of a state that holds :meth:`arrays`."""
         return cls(state["starts.x"], state["starts.age"])
-
-
-def initial_state(experiment: Experiment) -> State:
-    """The policy to start from and its observations, none yet if it comes out of the seed."""
-    return {"theta": experiment.first_theta(), **experiment.first_normaliser().arrays()}
-
-
-def policy_of(state: State) -> Trained:
-    """The policy of a state."""
-    return Trained(state["theta"], Normaliser.of(state))
 
 
 def roll(
@@ -119,7 +107,7 @@ def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: 
         if part is not None:
             good &= np.isfinite(part).all(axis=1)
     for sample in np.flatnonzero(~np.isfinite(episodes.value)):
-        check_rewards(experiment, policy_of(state), episodes.states[sample], int(sample), k)
+        check_rewards(experiment, Trained.of(state), episodes.states[sample], int(sample), k)
     if not good.any():
         raise NotConverged(
             f"{experiment.task.name}: no sample of iteration {k} stayed finite; lower the learning"
@@ -183,15 +171,92 @@ def sample_row(episodes: Episodes, good: np.ndarray) -> Row:
     }
 
 
-def gradient_row(gradients: np.ndarray) -> Row:
-    """Norm of the mean of ``gradients`` (n, n_theta), and the trace of their covariance."""
-    row = {"gradient_norm": float(np.linalg.norm(gradients.mean(axis=0)))}
-    if len(gradients) > 1:
-        row["gradient_variance"] = float(gradients.var(axis=0, ddof=1).sum())
-    return row
+@dataclass(frozen=True, kw_only=True)
+class Unrolled(Algorithm):
+    """Settings of an algorithm that unrolls a policy and steps along a gradient.
+
+    ``samples`` unrolls of ``unroll`` steps, at most an episode's, from a buffer of states, with
+    Gaussian noise of standard deviation ``sigma`` on the actions before tanh; steps of ``rate``
+    by ``optimiser``, one of :func:`~ocp.learning.unrolls.ascent.ascend`'s.
+    """
+
+    samples: Annotated[int, "unrolls an iteration"] = 64
+    unroll: Annotated[int, "steps of an unroll, at most an episode's"] = 32
+    sigma: Annotated[float, "standard deviation of the noise on the actions before tanh"] = 0.1
+    rate: Annotated[float, "length of a step of the optimiser"] = 0.01
+    optimiser: Annotated[str, f"rule of a step: {', '.join(RULES)}"] = "adam"
+
+    least: ClassVar[int] = 1
+    """Samples that the estimate needs."""
+
+    def check(self, experiment: Experiment) -> None:
+        """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
+        if self.samples == 1 < self.least:
+            raise InputError(f"samples is 1, but a variance needs two; give at least {self.least}")
+        at_least(self.least, "samples", self.samples)
+        at_least(1, "unroll", self.unroll)
+        positive("sigma", self.sigma)
+        positive("rate", self.rate)
+        choose("optimiser", self.optimiser, RULES)
+
+    def starts(self) -> int:
+        """States in the buffer."""
+        return self.samples
+
+    def steps(self, experiment: Experiment) -> int:
+        """Steps of an unroll, no more than an episode has."""
+        return min(self.unroll, experiment.task.horizon)
+
+    def begin(self, experiment: Experiment) -> State:
+        """The first policy and a buffer of first states."""
+        state = super().begin(experiment)
+        starts = Starts.first(experiment, self.starts(), self.steps(experiment))
+        return {**state, **starts.arrays()}
+
+    def climb(self, state: State, gradient: np.ndarray) -> State:
+        """The state with a step along ``gradient`` (n_theta,) taken."""
+        return ascend(self.optimiser, state, gradient, self.rate)
+
+    def stepped(
+        self, experiment: Experiment, state: State, gradients: np.ndarray, episodes: Episodes,
+        good: np.ndarray, k: int,
+    ) -> tuple[State, Row]:  # fmt: skip
+        """State after a step along the mean of ``gradients`` (n, n_theta), and iteration k's row.
+
+        ``episodes``, of which those that are ``good`` (n,) count, carry the buffer on.
+        """
+        mean = gradients.mean(axis=0)
+        starts = Starts.of(state)
+        starts = starts.after(experiment, episodes.states, episodes.lived.astype(int), k)
+        moved = {**self.climb(state, mean), **starts.arrays()}
+        row = {**sample_row(episodes, good), "gradient_norm": float(np.linalg.norm(mean))}
+        if len(gradients) > 1:
+            row["gradient_variance"] = float(gradients.var(axis=0, ddof=1).sum())
+        return normalised_state(experiment, moved, episodes, good), row
 
 
-def next_starts(experiment: Experiment, state: State, episodes: Episodes, k: int) -> State:
-    """The buffer's entries, carried on by the unrolls."""
-    starts = Starts.of(state)
-    return starts.after(experiment, episodes.states, episodes.lived.astype(int), k).arrays()
+@dataclass(frozen=True, kw_only=True)
+class Clipping(Unrolled):
+    """Settings of one that may cut every sample's gradient to ``clip`` times their median length.
+
+    Cutting biases the mean, whatever the estimate, and saves it from the few samples that lose
+    their way; by default nothing is cut.
+    """
+
+    clip: Annotated[
+        float | None, "a sample's longest gradient in median lengths of all, which biases the mean"
+    ] = None
+
+    def check(self, experiment: Experiment) -> None:
+        """As all, and the length."""
+        super().check(experiment)
+        if self.clip is not None:
+            positive("clip", self.clip)
+
+    def clipped(self, gradients: np.ndarray) -> np.ndarray:
+        """``gradients`` (n, n_theta), none longer than ``clip`` times their median length."""
+        if self.clip is None:
+            return gradients
+        lengths = np.linalg.norm(gradients, axis=1)
+        longest = self.clip * np.median(lengths)
+        return gradients * np.minimum(1.0, longest / np.maximum(lengths, 1e-300))[:, None]

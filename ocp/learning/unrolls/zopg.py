@@ -12,15 +12,7 @@ from dynamics.batch import Episodes, Gaussian
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State
-from ocp.learning.unrolls.unrolled import Clipping
-from ocp.learning.unrolls.unrolling import (
-    finite_samples,
-    gradient_row,
-    next_starts,
-    normalised_state,
-    roll,
-    sample_row,
-)
+from ocp.learning.unrolls.unrolling import Clipping, finite_samples, roll
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,13 +47,7 @@ class ZOPG(Clipping):
         pair = antithetic_pair(experiment, state, state["starts.x"], steps, noise)
         good = np.logical_and(*(finite_samples(experiment, state, each, k) for each in pair))
         gradients = self.clipped(likelihood_ratio(pair, good))
-        moved = {
-            **self.climb(state, gradients.mean(axis=0)),
-            **next_starts(experiment, state, pair[0], k),
-        }
-        changed = normalised_state(experiment, moved, pair[0], good)
-        row = {**sample_row(pair[0], good), **gradient_row(gradients)}
-        return changed, row
+        return self.stepped(experiment, state, gradients, pair[0], good, k)
 
 
 def antithetic_pair(
