@@ -35,7 +35,7 @@ _POINT = 1e5
 """Bytes that are kept of a solved point beside its trajectories, labels above all."""
 _ARRAYS = 4
 """Copies of what is sampled that are held at once."""
-_STUDY = 2e6
+STUDY = 2e6
 """Bytes of a figure's largest arrays at its default counts, at most."""
 _CGROUPS = Path("/sys/fs/cgroup")
 _OF_PROCESS = Path("/proc/self/cgroup")
@@ -71,14 +71,6 @@ def _limits() -> list[Path]:
     return files
 
 
-def stages(problem: Problem, law: ContactLaw | None = None) -> float:
-    """How often the stage stands in a program: over steps, scenarios and nodes of the law."""
-    nodes = 1
-    if law is not None:
-        nodes = len(law.nodes(problem.system, law.parameters(problem.system)))
-    return float(problem.N) * problem.scenarios.n * nodes
-
-
 def stage_size(problem: Problem, policy: Policy | None = None) -> int:
     """Variables of a stage: ``nx + nu + 2 nlam``, and the gains where there is feedback."""
     system = problem.system
@@ -89,9 +81,15 @@ def stage_size(problem: Problem, policy: Policy | None = None) -> int:
 def solve_memory(
     problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None
 ) -> float:
-    """Bytes that a solve takes, about: a polynomial in :func:`stage_size` a stage."""
-    v = stage_size(problem, policy)
-    return stages(problem, law) * (_LINEAR * v + _SQUARE * v**2)
+    """Bytes that a solve takes, about: a polynomial in :func:`stage_size` a stage.
+
+    A stage stands in the program at every step, scenario and node of the law.
+    """
+    v, nodes = stage_size(problem, policy), 1
+    if law is not None:
+        nodes = len(law.nodes(problem.system, law.parameters(problem.system)))
+    stages = float(problem.N) * problem.scenarios.n * nodes
+    return stages * (_LINEAR * v + _SQUARE * v**2)
 
 
 def solve_seconds(
@@ -116,11 +114,6 @@ def sampling_memory(decision: float, samples: float) -> float:
     return _ARRAYS * 8.0 * decision * samples
 
 
-def study_memory(growth: float) -> float:
-    """Bytes of a figure whose counts are ``growth`` times the default ones, multiplied."""
-    return _STUDY * growth
-
-
 def check_memory(what: str, needed: float) -> None:
     """Raise :class:`~ocp.errors.InputError` where ``needed`` bytes are more than there are."""
     there = machine_memory()
@@ -142,15 +135,7 @@ def long_task_notice(what: str, seconds: float, memory: float = 0.0) -> str | No
     if seconds < LONG:
         return None
     size = f" and {_gigabytes(memory)} of memory" if memory > 1e9 else ""
-    return f"{what} will take about {duration(seconds)}{size} (an estimate)"
-
-
-def duration(seconds: float) -> str:
-    """Seconds in the largest unit of which there are two or more, to two digits."""
-    for unit, length in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * length:
-            return f"{float(f'{seconds / length:.2g}'):g} {unit}"
-    return f"{float(f'{seconds:.2g}'):g} s"
+    return f"{what} will take longer than a minute{size} (an estimate)"
 
 
 def _gigabytes(count: float) -> str:

@@ -30,6 +30,15 @@ class DamagedRun(RuntimeError):
 
 
 @contextmanager
+def input_errors(*kinds: type[Exception]) -> Iterator[None]:
+    """Turn a ValueError, or one of ``kinds``, into an :class:`InputError` of the same words."""
+    try:
+        yield
+    except (ValueError, *kinds) as error:
+        raise InputError(str(error)) from error
+
+
+@contextmanager
 def interruptible() -> Iterator[None]:
     """Raise the KeyboardInterrupt inside again where compiled code made a SystemError of it.
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
 from dynamics.contact import ContactLaw
-from ocp.errors import InputError, choose, did_you_mean
+from ocp.errors import InputError, choose, did_you_mean, input_errors
 from ocp.policy import POLICIES, Policy
 from ocp.transcription import METHODS, Method
 
@@ -59,10 +59,8 @@ def closing_law(
 ) -> ContactLaw:
     """Make a law that can close ``system``; raises InputError where it cannot."""
     law = contact_law(contact, values)
-    try:
+    with input_errors():
         law.parameters(system)
-    except ValueError as error:
-        raise InputError(str(error)) from error
     return law
 
 
@@ -103,7 +101,5 @@ def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) ->
 
     hints = get_type_hints(cls.__init__)
     typed = {key: parse(f"{name}: {key}", value, hints[key]) for key, value in values.items()}
-    try:
+    with input_errors(TypeError):
         return cls(**typed)
-    except (ValueError, TypeError) as error:
-        raise InputError(str(error)) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,14 +25,6 @@ Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
 
 
-class Shown(Protocol):
-    """Name and drawing of a problem, which its runs store instead of its code."""
-
-    def told(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """What a run stores, and of each motion, states (n, nx), the drawing."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Minimise the mean over scenarios of ``sum_k l(x_k, u_k, du_k) + l_N(x_N)``, k < N.
@@ -42,8 +34,8 @@ class Problem:
     ``system.x`` and the parameters. ``x0`` (nx,), ``u_before`` (nu,), and all bounds are
     expressions in the parameters, so that a study may turn any of them. ``source`` is the user's
     file that it was built by, None for one that has a name or none, and ``source_digest`` that of
-    all the file was made of then (:mod:`problems.source_digest`); ``shown`` is what its runs tell
-    of it without that file.
+    all the file was made of then (:mod:`problems.source_digest`); ``shown`` is the
+    :class:`problems.user_code.UserProblemRecord` that its runs store.
 
     Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
     """
@@ -71,7 +63,7 @@ class Problem:
     citation: str = ""
     source: str | None = None
     source_digest: str | None = None
-    shown: Shown | None = None
+    shown: Any = None
 
     def __post_init__(self) -> None:
         self._check_kinds()

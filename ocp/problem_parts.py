@@ -18,6 +18,8 @@ from ocp.validation import Count, Index, Line, NotNegative, Positive, validate_f
 class Constraint:
     """``lower <= expression <= upper``, the expression in (x, u, p), or (x, p) at the end.
 
+    A single bound holds for every entry.
+
     Raises :class:`~ocp.errors.InputError` where one of them is no column.
     """
 
@@ -34,7 +36,8 @@ class Constraint:
             bound = column(
                 f"{side} of constraint {name}", getattr(self, side), expression.numel(), 1
             )
-            object.__setattr__(self, side, bound)
+            every = ca.repmat(bound, expression.numel() // bound.numel())
+            object.__setattr__(self, side, every)
 
 
 @dataclass(frozen=True)

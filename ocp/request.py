@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from os import PathLike, fspath
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, choose, did_you_mean
@@ -15,29 +15,8 @@ from ocp.problem import Problem
 from ocp.programs.options import documented, has_option
 from ocp.programs.solver import SOLVERS
 
-
-class ProblemSource(Protocol):
-    """What builds a problem at any parameters: :class:`problems.ProblemSpec`."""
-
-    @property
-    def name(self) -> str:
-        """Name of the problem."""
-        ...
-
-    @property
-    def Params(self) -> Any:
-        """Its parameters, a pydantic model."""
-        ...
-
-    def params(self, values: Mapping[str, Any]) -> Any:
-        """Check parameters; raises :class:`~ocp.errors.InputError` for a bad one."""
-        ...
-
-    def problem(self, values: Mapping[str, Any] | None = None) -> Problem:
-        """Build the problem; raises :class:`~ocp.errors.InputError` for a bad parameter."""
-        ...
-
-
+ProblemSource: TypeAlias = Any
+"""What builds a problem at any parameters: a :class:`problems.ProblemSpec`."""
 ProblemLike = Problem | ProblemSource | str | PathLike[str]
 """A problem, what builds one (:class:`problems.ProblemSpec`), a registered name, or a file."""
 

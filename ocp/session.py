@@ -33,6 +33,7 @@ from ocp.routes.relaxations import (
 )
 from ocp.routes.table import Start, route_for
 from ocp.transcription import Direct, Method
+from ocp.transcription.common import Graph
 from ocp.transcription.nlp import NLP, StageCompiler
 
 _LOG = logging.getLogger(__name__)
@@ -78,9 +79,8 @@ class Session:
         """Build the NLP of a reformulation, or return the one that exists."""
         if reformulation not in self.nlps:
             began = time.perf_counter()
-            self.nlps[reformulation] = self.method.transcribe(
-                self.problem, self.step, self.policy, reformulation, self.compiled
-            )
+            graph = Graph(self.problem, self.step, self.policy)
+            self.nlps[reformulation] = self.method.transcribe(graph, reformulation, self.compiled)
             took = time.perf_counter() - began
             self.build_s += took
             built = self.nlps[reformulation]

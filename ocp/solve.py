@@ -11,7 +11,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.effort import check_memory, solve_memory
-from ocp.errors import InputError, interruptible
+from ocp.errors import InputError, input_errors, interruptible
 from ocp.factories import closing_law, method_of, policy_of, split_policy_settings
 from ocp.judgement import judged, keeping
 from ocp.policy import Policy
@@ -193,10 +193,8 @@ def new_session(
     made_policy = policy_of(policy, for_policy)
     law = closing_law(contact, for_law, made.system)
     chosen = Settings.read(own)
-    try:
+    with input_errors():
         needed = solve_memory(made, made_policy, law)
-    except ValueError as error:
-        raise InputError(str(error)) from error
     several = f" and {made.scenarios.n} scenarios" if made.scenarios.n > 1 else ""
     check_memory(f"{made.name} with N = {made.N}{several}", needed)
     session = Session(

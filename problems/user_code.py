@@ -126,7 +126,7 @@ MOST_NODES = 20_000
 
 @dataclass(frozen=True)
 class UserProblemRecord:
-    """A problem of a user's file at its parameters; an :class:`ocp.problem.Shown`."""
+    """A problem of a user's file at its parameters, which its runs store instead of its code."""
 
     spec: ProblemSpec
     params: Any

@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.systems import LAW_PREFIX
 from ocp.continuation.events import LOCATED, PAIRS, Event, joined
 from ocp.continuation.tracking import Tracker
-from ocp.errors import InputError, choose
+from ocp.errors import InputError, choose, input_errors
 from ocp.judgement import judged
 from ocp.programs.solver import Point
 from ocp.programs.status import Status
@@ -297,10 +297,8 @@ def check_value(session: Session, name: str, value: float) -> None:
     if not name.startswith(LAW_PREFIX):
         session.problem.check_physics({**session.values, name: value})
         return
-    try:
+    with input_errors():
         session.law.at(**{name.removeprefix(LAW_PREFIX): value})
-    except ValueError as error:
-        raise InputError(str(error)) from error
 
 
 def check_range(

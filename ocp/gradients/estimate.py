@@ -11,7 +11,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.effort import check_memory, sampling_memory
-from ocp.errors import InputError
+from ocp.errors import InputError, input_errors
 from ocp.factories import closing_law, policy_of
 from ocp.gradients.estimation import Estimate, Sampling, run_sampling
 from ocp.gradients.estimators import CHUNK
@@ -90,10 +90,8 @@ def rollout_objective(
             f"the decision has {theta.size} variables, {spec.name} needs {expected}; give the"
             " parameters of the run that it is from"
         )
-    try:
+    with input_errors():
         objective = RolloutObjective(problem, law, chosen, theta, **engine)
-    except ValueError as error:
-        raise InputError(str(error)) from error
     sigma = SIGMA_SHARE * float(problem.scales.u.max())
     known = spec.Params.model_fields.get("sigma")
     return NamedObjective(objective, values, sigma, known.default if known else sigma)

@@ -153,13 +153,8 @@ def _constraints_off(
     """Violation of every entry, (S, steps, n), and the size of a change of it."""
     system = problem.system
     value = ca.vertcat(*(c.expression for c in constraints))
-    low, high = (
-        ca.vertcat(*(
-            ca.repmat(ca.SX(end), c.expression.numel() // ca.SX(end).numel())
-            for end, c in zip(ends, constraints, strict=True)
-        ))
-        for ends in ([c.lower for c in constraints], [c.upper for c in constraints])
-    )  # fmt: skip
+    low = ca.vertcat(*(c.lower for c in constraints))
+    high = ca.vertcat(*(c.upper for c in constraints))
     size = _row_sizes(value, system.x, of_x) + _row_sizes(value, system.u, problem.scales.u)
     function = ca.Function(
         "constraints",

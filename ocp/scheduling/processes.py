@@ -21,7 +21,7 @@ from multiprocessing.connection import wait
 from types import ModuleType
 from typing import Any
 
-from ocp.scheduling.jobs import TRIES, Callback, Failure, Function, run_job, worker_died
+from ocp.scheduling import TRIES, Callback, Failure, Function, run_job, worker_died
 
 _GRACE_S = 30.0
 """How long a worker may take to keep what it has done before it is ended."""

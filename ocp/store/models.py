@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynamics.learned import files
 from dynamics.learned.transitions import Transitions
-from ocp.errors import InputError
+from ocp.errors import input_errors
 from ocp.store import atomic
 
 if TYPE_CHECKING:
@@ -28,7 +26,7 @@ def save(dataset: xr.Dataset, path: Path) -> None:
 
 def load_any(path: Path) -> Transitions | xr.Dataset:
     """Transitions, or all that the file of a model holds; raises as :func:`load_model` does."""
-    with _input_errors():
+    with input_errors():
         dataset = files.read(path)
         if dataset.attrs["kind"] == files.TRANSITIONS:
             return files.transitions_of(dataset, path)
@@ -38,7 +36,7 @@ def load_any(path: Path) -> Transitions | xr.Dataset:
 
 def load_transitions(path: Path) -> Transitions:
     """Transitions from their file; raises as :func:`load_model` does."""
-    with _input_errors():
+    with input_errors():
         return files.transitions_of(files.read(path), path)
 
 
@@ -47,13 +45,5 @@ def load_model(path: Path) -> Any:
 
     Raises :class:`~ocp.errors.InputError` with a sentence where it is not whole, or something else.
     """
-    with _input_errors():
+    with input_errors():
         return files.read_model(path)
-
-
-@contextmanager
-def _input_errors() -> Iterator[None]:
-    try:
-        yield
-    except ValueError as error:
-        raise InputError(str(error)) from error

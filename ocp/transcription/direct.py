@@ -8,11 +8,9 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from dynamics.contact import Step
 from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError
-from ocp.policy import Feedback, Policy
-from ocp.problem import Problem
+from ocp.policy import Feedback
 from ocp.programs.program import Layout, closure_rows
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.hidden import Compile
@@ -33,20 +31,15 @@ class Direct:
     summary: ClassVar[str] = "states, inputs, multipliers and gaps are variables"
 
     def transcribe(
-        self,
-        problem: Problem,
-        step: Step,
-        policy: Policy,
-        reformulation: str = "product",
-        compiled: Compile | None = None,
+        self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None
     ) -> NLP:
         """Build the NLP; raises ``InputError`` for a law whose gradient is frozen."""
+        step = graph.step
         if step.law.frozen:
             raise InputError(
                 "direct: a frozen gradient needs the step map; use method single-shooting or"
                 " multiple-shooting, or gradient=total"
             )
-        graph = Graph(problem, step, policy)
         if isinstance(step, LearnedStep):
             variables, constraints = trajectory_variables(graph, pairs=False), Layout()
             interval = solved_interval(graph, variables, constraints, compiled)

@@ -7,9 +7,6 @@ from typing import ClassVar
 
 import casadi as ca
 
-from dynamics.contact import Step
-from ocp.policy import Policy
-from ocp.problem import Problem
 from ocp.programs.program import Layout
 from ocp.transcription.common import Graph
 from ocp.transcription.direct import solved_interval, trajectory_variables, whole
@@ -30,15 +27,9 @@ class MultipleShooting:
     summary: ClassVar[str] = "states and inputs are variables, contact is solved inside each step"
 
     def transcribe(
-        self,
-        problem: Problem,
-        step: Step,
-        policy: Policy,
-        reformulation: str = "product",
-        compiled: Compile | None = None,
+        self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None
     ) -> NLP:
         """Build the NLP; ``reformulation`` is ignored, since the step closes the contact itself."""
-        graph = Graph(problem, step, policy)
         variables, constraints = trajectory_variables(graph, pairs=False), Layout()
         interval = solved_interval(graph, variables, constraints, compiled)
         contacts = _contacts(graph, interval, variables.size, graph.data().size)

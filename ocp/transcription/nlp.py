@@ -195,17 +195,9 @@ def _evaluated_bounds(
     problem: Problem, kind: str, physical: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     constraints = problem.path if kind == "path" else problem.terminal
-    ends = []
-    for end in ("lower", "upper"):
-        columns = [
-            ca.repmat(
-                ca.SX(getattr(c, end)), c.expression.numel() // ca.SX(getattr(c, end)).numel()
-            )
-            for c in constraints
-        ]
-        function = ca.Function(end, [problem.parameters.vector], [ca.vertcat(*columns)])
-        ends.append(np.array(function(physical)).ravel())
-    return ends[0], ends[1]
+    ends = [ca.vertcat(*(getattr(c, end) for c in constraints)) for end in ("lower", "upper")]
+    lower, upper = ca.Function("ends", [problem.parameters.vector], ends)(physical)
+    return np.array(lower).ravel(), np.array(upper).ravel()
 
 
 class StageCompiler:

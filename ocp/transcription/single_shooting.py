@@ -14,9 +14,8 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from dynamics.contact import Step
 from ocp.errors import InputError
-from ocp.policy import Feedback, Policy
+from ocp.policy import Feedback
 from ocp.problem import Problem
 from ocp.programs.program import Functions, Layout
 from ocp.transcription.common import Graph, constraint_names
@@ -33,23 +32,18 @@ class SingleShooting:
     summary: ClassVar[str] = "only inputs or gains are variables, states follow"
 
     def transcribe(
-        self,
-        problem: Problem,
-        step: Step,
-        policy: Policy,
-        reformulation: str = "product",
-        compiled: Compile | None = None,
+        self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None
     ) -> NLP:
         """Build the NLP; ``reformulation`` is ignored, since the step closes the contact itself.
 
         Raises :class:`~ocp.errors.InputError` where the start is chosen.
         """
+        problem = graph.problem
         if problem.start is not None:
             raise InputError(
                 f"single-shooting: {problem.name} chooses its start, and a rollout needs one; use"
                 " method direct or multiple-shooting"
             )
-        graph = Graph(problem, step, policy)
         variables, constraints = Layout(), Layout()
         if graph.feedback:
             graph.add_gains(variables)
@@ -61,8 +55,8 @@ class SingleShooting:
         _, _, lam, gap = trajectories(*inputs)
         contacts = ca.Function("contacts", inputs, [lam, gap])
         return NLP(
-            problem, step, policy, self.name, variables, constraints, graph.names, graph.data(),
-            *functions, trajectories=trajectories, contacts=contacts,
+            problem, graph.step, graph.policy, self.name, variables, constraints, graph.names,
+            graph.data(), *functions, trajectories=trajectories, contacts=contacts,
         )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from string import ascii_lowercase
 from typing import Any
 
 from ocp import store
-from ocp.effort import check_memory, study_memory
+from ocp.effort import STUDY, check_memory
 from ocp.errors import InputError, choose
 from ocp.store import atomic
 from ocp.store.checkpoint import Checkpoint
@@ -63,7 +63,7 @@ def _study(
     params = study.params({**(study.quick if options.quick else {}), **given}).model_dump()
     counts = {n: f.default for n, f in study.Params.model_fields.items() if f.annotation is int}
     growth = math.prod(max(1.0, params[n] / usual) for n, usual in counts.items() if usual)
-    check_memory(f"{study.id} with {', '.join(options.params or ())}", study_memory(growth))
+    check_memory(f"{study.id} with {', '.join(options.params or ())}", STUDY * growth)
     return study, params
 
 

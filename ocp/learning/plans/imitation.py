@@ -123,22 +123,6 @@ _ROWS = 64
 another on a busy machine, 50 times as long as they work, and round by how many they are."""
 
 
-def fit_policy(
-    task: Task,
-    plans: Sequence[Solution],
-    hidden: tuple[int, ...] = (),
-    seed: int = 0,
-    *,
-    copies: int = 0,
-    spread: float = 0.0,
-) -> Trained:
-    """Fit a policy to the states and inputs of ``plans`` (:func:`demonstrations`).
-
-    Raises :class:`~ocp.errors.InputError` as :func:`demonstrations` does.
-    """
-    return fit_actions(task, *demonstrations(plans, copies, spread, seed), hidden, seed)
-
-
 def fit_actions(
     task: Task, states: np.ndarray, inputs: np.ndarray, hidden: tuple[int, ...] = (), seed: int = 0
 ) -> Trained:

@@ -55,18 +55,6 @@ def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
     return guess
 
 
-def straight_line_guess(first: np.ndarray, last: np.ndarray) -> Guess:
-    """The straight way from state ``first`` to ``last``, each (nx,), with the middle inputs."""
-
-    def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        low, high = (np.array(end).ravel() for end in problem.limits(p)[2:4])
-        states = np.linspace(first, last, problem.N + 1)
-        states[0] = problem.initial_states(p)[0]
-        return states, np.tile((low + high) / 2, (problem.N, 1))
-
-    return guess
-
-
 def _hold_last_state(states: np.ndarray) -> np.ndarray:
     """``states`` (N+1, nx), the last one that is a number in place of those after it."""
     good = np.isfinite(states).all(axis=1)

@@ -14,6 +14,7 @@ from dynamics.contact.casadi_map import CasadiMap
 from dynamics.learned.laws import Ewda, Mlp
 from ocp import Direct, Feedback, MultipleShooting, OpenLoop, SingleShooting, solve
 from ocp.rollout import roll_out
+from ocp.transcription.common import Graph
 from problems import get
 from tests.unit.learned.wavy import Wavy
 
@@ -36,7 +37,7 @@ def differences(function, x: np.ndarray, e: float = 1e-6) -> np.ndarray:
 @pytest.mark.parametrize("policy", [OpenLoop(), Feedback()], ids=lambda p: p.name)
 def test_first_and_second_derivatives_are_those_of_differences(law, method, policy):
     step = LAWS[law]().close(PROBLEM.system)
-    nlp = method.transcribe(PROBLEM, step, policy)
+    nlp = method.transcribe(Graph(PROBLEM, step, policy))
     values = (PROBLEM.parameters + step.p).defaults | {"penalty": 0.0, "relaxation": 0.0}
     p = nlp.parameter_vector(values)
     rng = np.random.default_rng(0)
@@ -66,7 +67,7 @@ def test_trust_adds_the_weighted_density_to_the_stage_cost():
     found = {}
     for name in ("ewda", "trusting"):
         step = LAWS[name]().close(PROBLEM.system)
-        nlp = Direct().transcribe(PROBLEM, step, OpenLoop())
+        nlp = Direct().transcribe(Graph(PROBLEM, step, OpenLoop()))
         values = (PROBLEM.parameters + step.p).defaults | {"penalty": 0.0, "relaxation": 0.0}
         p = nlp.parameter_vector(values)
         found[name] = float(nlp.f_g(x, p)[0])
@@ -145,7 +146,7 @@ def test_the_model_as_a_function_that_casadi_differentiates_twice():
 def test_a_point_is_evaluated_once():
     model = Wavy(PROBLEM.system)
     step = Ewda(model).close(PROBLEM.system)
-    nlp = Direct().transcribe(PROBLEM, step, OpenLoop())
+    nlp = Direct().transcribe(Graph(PROBLEM, step, OpenLoop()))
     values = (PROBLEM.parameters + step.p).defaults | {"penalty": 0.0, "relaxation": 0.0}
     p, x = nlp.parameter_vector(values), np.zeros(nlp.n)
     nlp.f_g(x, p), nlp.gradient(x, p), nlp.jacobian(x, p)

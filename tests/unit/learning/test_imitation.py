@@ -16,7 +16,7 @@ from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.mbpo import MBPO
 from ocp.learning.network import first_weights
-from ocp.learning.plans.imitation import demonstrations, fit_policy, squared_error, tracking_gains
+from ocp.learning.plans.imitation import demonstrations, fit_actions, squared_error, tracking_gains
 from ocp.learning.plans.problem import planned_problem
 from ocp.learning.protocol import Trained
 from ocp.learning.training import train
@@ -69,7 +69,7 @@ def found() -> list[Solution]:
 
 def test_the_affine_policy_is_the_regulator(found: list[Solution]):
     task = regulated()
-    policy = fit_policy(task, found)
+    policy = fit_actions(task, *demonstrations(found))
     W, b = policy.theta[:2], policy.theta[2]
     slope = task.upper[0] * W / policy.normaliser.scale
     np.testing.assert_allclose(slope, -GAIN[0], rtol=1e-5)
@@ -127,21 +127,21 @@ def test_the_slope_of_the_error_is_that_of_differences():
 def test_a_network_does_what_plans_with_bounds_do():
     task = regulated(largest=0.4)
     shown = plans(task, 6)
-    policy = fit_policy(task, shown, (16, 16), seed=1)
+    policy = fit_actions(task, *demonstrations(shown), (16, 16), seed=1)
     experiment = Experiment(task=task, algorithm=FOPG(), hidden=(16, 16), threads=1)
     states, inputs = demonstrations(shown)
     assert np.abs(inputs).max() > 0.399
     done = experiment.inputs(policy, states)
     assert np.abs(done - inputs).max() < 0.02
-    again = fit_policy(task, shown, (16, 16), seed=1)
+    again = fit_actions(task, *demonstrations(shown), (16, 16), seed=1)
     np.testing.assert_array_equal(policy.theta, again.theta)
-    other = fit_policy(task, shown, (16, 16), seed=2)
+    other = fit_actions(task, *demonstrations(shown), (16, 16), seed=2)
     assert np.abs(policy.theta - other.theta).max() > 0.1
 
 
 def test_learning_begins_at_the_fitted_policy(found: list[Solution]):
     task = regulated()
-    policy = fit_policy(task, found)
+    policy = fit_actions(task, *demonstrations(found))
     algorithm = FOPG(samples=4, unroll=4, rate=1e-6)
     given = {"task": task, "algorithm": algorithm, "law": Exact(), "iterations": 1, "threads": 1}
     experiment = Experiment(**given, start=policy)
@@ -160,7 +160,7 @@ def test_learning_begins_at_the_fitted_policy(found: list[Solution]):
 
 def test_a_start_is_told_by_its_content(found: list[Solution]):
     task = regulated()
-    policy = fit_policy(task, found)
+    policy = fit_actions(task, *demonstrations(found))
     moved = Trained(policy.theta + 1e-12, policy.normaliser)
     given = {"task": task, "algorithm": FOPG(), "threads": 1}
     told = [Experiment(**given, start=one).settings()["start"] for one in (policy, moved)]
@@ -170,11 +170,11 @@ def test_a_start_is_told_by_its_content(found: list[Solution]):
 
 def test_what_cannot_be_started_from_is_named(found: list[Solution]):
     task = regulated()
-    policy = fit_policy(task, found)
+    policy = fit_actions(task, *demonstrations(found))
     with pytest.raises(InputError, match="the same task and layers"):
         Experiment(task=task, algorithm=FOPG(), hidden=(3,), start=policy)
     mbpo = Experiment(task=task, algorithm=MBPO(), start=policy)
     with pytest.raises(InputError, match="leave start out"):
         mbpo.algorithm.begin(mbpo)
     with pytest.raises(InputError, match="there are none"):
-        fit_policy(task, [])
+        fit_actions(task, *demonstrations([]))

@@ -18,7 +18,6 @@ from ocp.learning.plans.planned import (
     episode_return,
     guess_from_constant_inputs,
     guess_from_policy,
-    straight_line_guess,
 )
 from ocp.learning.plans.problem import planned_problem
 from ocp.learning.protocol import Trained
@@ -94,6 +93,18 @@ def test_the_cost_is_minus_the_return_whatever_the_trajectory():
         inputs = rng.normal(size=(4, 1))
         cost = trajectory_costs(problem, states[None], inputs[None], p)[0]
         assert cost == pytest.approx(-returned(mixed, states, inputs, p), rel=1e-12)
+
+
+def straight_line_guess(first, last):
+    """The straight way between two states with the middle inputs."""
+
+    def guess(problem, p):
+        low, high = (np.array(end).ravel() for end in problem.limits(p)[2:4])
+        states = np.linspace(first, last, problem.N + 1)
+        states[0] = problem.initial_states(p)[0]
+        return states, np.tile((low + high) / 2, (problem.N, 1))
+
+    return guess
 
 
 @pytest.mark.parametrize("guess", [[], [straight_line_guess(START, np.array([1.0]))]])

@@ -47,9 +47,9 @@ def test_builds_count_every_nlp_and_do_not_grow_along_the_path(law, monkeypatch)
     built: list[str] = []
     transcribe = Direct.transcribe
 
-    def counting(method, problem, step, policy, reformulation="product", *rest):
-        built.append(f"{step.law.name} {reformulation}")
-        return transcribe(method, problem, step, policy, reformulation, *rest)
+    def counting(method, graph, reformulation="product", *rest):
+        built.append(f"{graph.step.law.name} {reformulation}")
+        return transcribe(method, graph, reformulation, *rest)
 
     monkeypatch.setattr(Direct, "transcribe", counting)
     for steps in (1, 6):
