@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -267,7 +268,9 @@ class Solution:
         is no word.
         """
         # By name, since the store is built on solutions.
-        return import_module("ocp.store.lookup").save_solution(self, root, tags)
+        store = import_module("ocp.store")
+        place = store.default_root() if root is None else root
+        return store.save(self, place, ["python", Path(sys.argv[0]).name], tags).path
 
     @property
     def success(self) -> bool:

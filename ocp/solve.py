@@ -21,7 +21,7 @@ from ocp.programs.status import Status
 from ocp.refinement import halved, refined
 from ocp.request import ProblemLike, check_setting_names, rebuilder, resolve_problem
 from ocp.rollout import initial_guesses
-from ocp.routes.homotopy import GAIN, RouteResult
+from ocp.routes.homotopy import GAIN
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
@@ -136,31 +136,20 @@ def solve_from(
 ) -> Solution:
     """Solve a session from a solution; the record says which, and whether it converged so.
 
-    Raises :class:`~ocp.solution.Interrupted` with the best point, where Ctrl-C ends it.
+    Where it did not, the usual path was followed with its trajectories as the guess. Raises as
+    :func:`~ocp.warm_start.carry` does, and :class:`~ocp.solution.Interrupted` with the best point,
+    where Ctrl-C ends it.
     """
     with keeping(session, seed, progress) as watch:
-        outcome, resumed = from_solution(session, start, watch)
+        outcome = session.resume(carry(start, session.nlp_of("product"), session.values), watch)
+        if not (resumed := outcome.finished):
+            guess = carried_guess(start, session.problem, session.values)
+            cold = session.solve(progress=watch, guess=guess)
+            cold.trace.absorb(outcome.trace)
+            outcome = cold
         found = judged(session, outcome, seed)
     origin = start.record.get("hash", "a solution in memory")
     return replace(found, record={**found.record, "from": origin, "resumed": resumed})
-
-
-def from_solution(
-    session: Session, start: Solution, progress: Callable[[StageRecord], None] | None = None
-) -> tuple[RouteResult, bool]:
-    """Solve a session from a solution, and say whether it converged from there.
-
-    Where it did not, the usual path was followed with its trajectories as the guess. Raises as
-    :func:`~ocp.warm_start.carry` does.
-    """
-    nlp = session.nlp_of("product")
-    outcome = session.resume(carry(start, nlp, session.values), progress)
-    if outcome.finished:
-        return outcome, True
-    guess = carried_guess(start, session.problem, session.values)
-    again = session.solve(progress=progress, guess=guess)
-    again.trace.absorb(outcome.trace)
-    return again, False
 
 
 def new_session(

@@ -31,15 +31,6 @@ class EmpiricalBias:
     bound: float
     sharp: float
 
-    @property
-    def lemma_holds(self) -> bool:
-        """Whether the samples' variance is as large as both bounds demand, up to rounding.
-
-        About the samples' own mean it always is. About a mean known from elsewhere it is not where
-        the samples lack what makes the true variance: the empirical bias itself.
-        """
-        return max(self.bound, self.sharp) <= self.variance * (1 + 1e-9) + 1e-300
-
 
 def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> EmpiricalBias:
     """Find the triple that explains the most variance of ``samples`` (n, d).

@@ -72,13 +72,7 @@ def evaluate_from(
     found = experiment.rollouts(experiment.task.horizon, law)(
         x0, trained.theta, trained.normaliser, n_samples=len(x0), states=True
     )
-    return evaluate_states(experiment, trained, found.states, found.lived.astype(int))
-
-
-def evaluate_states(
-    experiment: Experiment, trained: Trained, states: np.ndarray, lived: np.ndarray
-) -> Evaluation:
-    """What ``states`` (n, N+1, nx) of episodes that ``lived`` (n,) steps are worth."""
+    states, lived = found.states, found.lived.astype(int)
     task, (n, nodes) = experiment.task, states.shape[:2]
     steps = np.arange(nodes - 1)
     ok = np.isfinite(states[:, 1:]).all(axis=-1)

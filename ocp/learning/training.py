@@ -16,7 +16,7 @@ from ocp.effort import check_memory
 from ocp.errors import InputError
 from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
-from ocp.learning.protocol import Row, State, Trained, prefixed, under
+from ocp.learning.protocol import Row, State, prefixed, under
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
 
@@ -104,19 +104,16 @@ def _judge(experiment: Experiment, progress: _Progress, k: int) -> Row:
     trained = experiment.algorithm.policy(experiment, progress.state)
     found = evaluate(experiment, trained, EXACT, experiment.episodes)
     row = {f"evaluation_{name}": value for name, value in found.summary().items()}
-    held = progress.best.get("return")
+    held, normaliser = progress.best.get("return"), trained.normaliser
     if held is None or row["evaluation_return"] > float(held):
         progress.best = {
             "return": np.array(row["evaluation_return"]),
             "iteration": np.array(k),
-            **_policy_arrays(trained),
+            "theta": trained.theta,
+            "mean": normaliser.mean,
+            "scale": normaliser.scale,
         }
     return row
-
-
-def _policy_arrays(trained: Trained) -> dict[str, np.ndarray]:
-    normaliser = trained.normaliser
-    return {"theta": trained.theta, "mean": normaliser.mean, "scale": normaliser.scale}
 
 
 def _arrays(experiment: Experiment, progress: _Progress) -> dict[str, Any]:
@@ -171,9 +168,10 @@ def _result(experiment: Experiment, progress: _Progress) -> xr.Dataset:
     return xr.Dataset(
         {
             **{name: ("iteration", values) for name, values in curves.items()},
-            **{name: ("parameter", best[name]) for name in ("theta",)},
+            "theta": ("parameter", best["theta"]),
             "theta_last": ("parameter", trained.theta),
-            **{name: ("observation", best[name]) for name in ("mean", "scale")},
+            "mean": ("observation", best["mean"]),
+            "scale": ("observation", best["scale"]),
             "psi": ("physical", progress.state.get("psi", experiment.physics)),
             "best_iteration": ((), int(best["iteration"])),
         },
@@ -193,8 +191,11 @@ _OF_EPISODES = ("samples", "walkers", "directions")
 _OF_STEPS = ("capacity", "explored", "batch", "model_batch", "rows", "candidates")
 
 
-def training_memory(experiment: Experiment) -> float:
-    """Bytes: states and inputs of all steps that are held at once, weights, and the curves."""
+def check_training(experiment: Experiment, side_by_side: int) -> None:
+    """Raise :class:`~ocp.errors.InputError` where so many at once need too much memory.
+
+    That of each is states and inputs of all steps that are held at once, weights, and the curves.
+    """
     task, own = experiment.task, _counts(experiment)
     system = task.system
     steps = experiment.episodes * task.horizon + sum(own.get(name, 0.0) for name in _OF_STEPS)
@@ -207,13 +208,8 @@ def training_memory(experiment: Experiment) -> float:
         network = own.get(units, 0.0) ** 2 * own.get(layers, 0.0)
         weights += _COPIES * network * own.get("members", 1.0)
     weights += _COPIES * own.get("critic", 0.0) ** 2
-    return 8.0 * (_COPIES * numbers + weights) + _ROW * experiment.iterations
-
-
-def check_training(experiment: Experiment, side_by_side: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` where so many at once need too much memory."""
-    what = f"training {experiment.task.name} by {experiment.algorithm.name}"
-    check_memory(what, training_memory(experiment) * side_by_side)
+    each = 8.0 * (_COPIES * numbers + weights) + _ROW * experiment.iterations
+    check_memory(f"training {task.name} by {experiment.algorithm.name}", each * side_by_side)
 
 
 def _counts(experiment: Experiment) -> dict[str, float]:

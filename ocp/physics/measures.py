@@ -54,20 +54,6 @@ def distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarr
     return np.array(found).T.reshape(*x.shape[:-1], -1)
 
 
-def normal_impulses(
-    problem: Problem, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
-    physical: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """Normal impulse [N s] of every contact, (S, N, contacts), in the order of the first ``phi``.
-
-    A multiplier that is a force [N] stays one.
-    """
-    system, mean = step.system, mean_multipliers(step, lam)
-    if system.forces is not None:
-        return TrajectoryEvaluator(problem, system, x, u, mean, physical)(system.forces.normal)[0]
-    return mean[:, :, [i for i, pair in enumerate(system.pairs) if pair.kind == "normal"]]
-
-
 ACTIVE = 1e-3
 """Share of the characteristic impulse above which a normal impulse counts as a force that acts."""
 _SAMPLES = 16
@@ -111,7 +97,13 @@ def measure(
     if problem.signed_distance is None:
         return Physics(None, None, None)
     phi, names = distances(problem, x, physical), problem.system.distance_names
-    impulse = normal_impulses(problem, step, x, u, lam, physical)
+    system, impulse = step.system, mean_multipliers(step, lam)
+    if system.forces is None:
+        # In the order of the first ``phi``; a multiplier that is a force [N] stays one.
+        impulse = impulse[:, :, [i for i, pair in enumerate(system.pairs) if pair.kind == "normal"]]
+    else:
+        at = TrajectoryEvaluator(problem, system, x, u, impulse, physical)
+        impulse = at(system.forces.normal)[0]
     after = phi[:, 1:, : impulse.shape[2]]
     acting = np.where(impulse > ACTIVE * problem.scales.impulse, after, 0.0)
     return Physics(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -17,7 +16,6 @@ from ocp.solution import Solution
 from ocp.store.atomic import discard
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST
 from ocp.store.runs import RunEntry, list_runs, load
-from ocp.store.runs import save as save_run
 from ocp.validation import expand_path
 
 VARIABLE = "OCP_RUNS"
@@ -97,12 +95,6 @@ def remove(paths: Iterable[Path]) -> None:
         discard(path)
         with suppress(OSError):
             path.parent.rmdir()
-
-
-def save_solution(solution: Solution, root: Path | str | None, tags: Sequence[str]) -> Path:
-    """Store a solution and return the run's directory, see :meth:`ocp.Solution.save`."""
-    place = default_root() if root is None else root
-    return save_run(solution, place, ["python", Path(sys.argv[0]).name], tags).path
 
 
 def load_solution(

@@ -89,25 +89,19 @@ def state_index(graph: Graph, variables: Layout) -> np.ndarray:
     return np.concatenate([first, variables["x"].index], axis=1)
 
 
-def input_index(graph: Graph, variables: Layout) -> np.ndarray:
-    """Positions of u_{-1} (data) and u_0..u_{N-1} (variables), shape (S, N+1, nu)."""
-    start = variables.size + graph.scenarios * graph.nx
-    before = np.broadcast_to(start + np.arange(graph.nu), (graph.scenarios, 1, graph.nu))
-    u = np.broadcast_to(variables["u"].index, (graph.scenarios, graph.problem.N, graph.nu))
-    return np.concatenate([before, u], axis=1)
-
-
 def interval_locals(graph: Graph, variables: Layout) -> tuple[list[ca.SX], list[np.ndarray]]:
     """Local symbols (x, [u_before], u, x_next, gains) of a stage and their positions (S, N, .)."""
     system = graph.problem.system
-    x, u = state_index(graph, variables), input_index(graph, variables)
-    S, N = graph.scenarios, graph.problem.N
+    x, S, N, nu = state_index(graph, variables), graph.scenarios, graph.problem.N, graph.nu
+    u = np.broadcast_to(variables["u"].index, (S, N, nu))
     symbols, positions = [system.x], [x[:, :-1]]
     if graph.problem.uses_du:
+        # u_{-1} is data, behind the initial states.
+        first = variables.size + S * graph.nx + np.arange(nu)
         symbols.append(graph.u_before)
-        positions.append(u[:, :-1])
+        positions.append(np.concatenate([np.broadcast_to(first, (S, 1, nu)), u[:, :-1]], axis=1))
     symbols += [system.u, system.x_next]
-    positions += [u[:, 1:], x[:, 1:]]
+    positions += [u, x[:, 1:]]
     gains = graph.gain_index(variables)
     symbols += graph.gain_symbols()
     positions.append(np.broadcast_to(gains, (S, N, gains.shape[1])))

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from dynamics.contact import Step
 from ocp.programs.solver import Result
 from ocp.rollout import Gains
 from ocp.transcription.nlp import NLP
@@ -43,7 +42,9 @@ def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
         lam = blocks.get("lam")
         if lam is None:
             lam = _solved_contacts(nlp, x, u, p)
-    residual, gap, mu = relation_values(step, x, u, lam, _step_values(nlp, p))
+    columns = (np.asarray(part).reshape(S * N, -1).T for part in (x[:, :-1], u, x[:, 1:], lam))
+    found = step.relation.map(S * N)(*columns, _step_values(nlp, p))
+    residual, gap, mu = (np.array(ca.densify(v)).T.reshape(S, N, -1) for v in found)
     return Trajectories(x, np.array(u), lam, gap, mu, residual, gains)
 
 
@@ -56,19 +57,3 @@ def _solved_contacts(nlp: NLP, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> n
     flat_x, flat_u = x[:, :-1].reshape(-1, x.shape[2]).T, u.reshape(-1, u.shape[2]).T
     lam = nlp.step.solve.map(flat_x.shape[1])(flat_x, flat_u, values)[1]
     return np.array(lam).T.reshape(*u.shape[:2], -1)
-
-
-def relation_values(
-    step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Residual (S, N, nx), gap (S, N, n) and mu (S, N, n) of the implicit step."""
-    S, N = u.shape[:2]
-
-    def columns(array: np.ndarray) -> np.ndarray:
-        return np.asarray(array).reshape(S * N, -1).T
-
-    found = step.relation.map(S * N)(
-        columns(x[:, :-1]), columns(u), columns(x[:, 1:]), columns(lam), values
-    )
-    residual, gap, mu = (np.array(ca.densify(v)).T.reshape(S, N, -1) for v in found)
-    return residual, gap, mu

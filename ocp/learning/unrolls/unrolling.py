@@ -107,7 +107,10 @@ def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: 
         if part is not None:
             good &= np.isfinite(part).all(axis=1)
     for sample in np.flatnonzero(~np.isfinite(episodes.value)):
-        check_rewards(experiment, Trained.of(state), episodes.states[sample], int(sample), k)
+        if np.isfinite(episodes.states[sample]).all():
+            step = _step_without_reward(experiment, Trained.of(state), episodes.states[sample])
+            where = f"sample {sample} in iteration {k}"
+            raise InputError(non_finite_reward(experiment, step, where))
     if not good.any():
         raise NotConverged(
             f"{experiment.task.name}: no sample of iteration {k} stayed finite; lower the learning"
@@ -116,23 +119,13 @@ def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: 
     return good
 
 
-def check_rewards(
-    experiment: Experiment, policy: Trained, states: np.ndarray, sample: int, k: int
-) -> None:
-    """Raise :class:`~ocp.errors.InputError` where all ``states`` (H+1, nx) are finite: why else?
-
-    The step is the first whose reward is not finite under the inputs without noise, and the last,
-    where ``final`` counts, if there is none.
-    """
-    if not np.isfinite(states).all():
-        return
+def _step_without_reward(experiment: Experiment, policy: Trained, states: np.ndarray) -> int:
+    """First step without a finite reward under the inputs without noise; else the last state's."""
     task, inputs = experiment.task, experiment.inputs(policy, states[:-1])
-    step = len(states) - 1
     for t, (x, after) in enumerate(pairwise(states)):
         if not np.isfinite(float(task.rewards(x, inputs[t], after, experiment.physics))):
-            step = t
-            break
-    raise InputError(non_finite_reward(experiment, step, f"sample {sample} in iteration {k}"))
+            return t
+    return len(states) - 1
 
 
 def non_finite_reward(experiment: Experiment, step: int, where: str) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from dynamics.batch import Episodes, Gaussian
+from dynamics.batch import Episodes
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State
@@ -44,21 +44,13 @@ class ZOPG(Clipping):
         """One step along the mean of the pairs."""
         steps = self.steps(experiment)
         noise = experiment.noise(self.sigma, k, "actions")
-        pair = antithetic_pair(experiment, state, state["starts.x"], steps, noise)
+        pair = [
+            roll(experiment, state, state["starts.x"], steps, noise=each, score=True)
+            for each in (noise, noise.mirrored())
+        ]
         good = np.logical_and(*(finite_samples(experiment, state, each, k) for each in pair))
         gradients = self.clipped(likelihood_ratio(pair, good))
         return self.stepped(experiment, state, gradients, pair[0], good, k)
-
-
-def antithetic_pair(
-    experiment: Experiment, state: State, x0: np.ndarray, steps: int, noise: Gaussian
-) -> tuple[Episodes, Episodes]:
-    """Unrolls with their scores under w and under -w."""
-    plus, minus = (
-        roll(experiment, state, x0, steps, noise=each, score=True)
-        for each in (noise, noise.mirrored())
-    )
-    return plus, minus
 
 
 def likelihood_ratio(batches: Sequence[Episodes], good: np.ndarray) -> np.ndarray:

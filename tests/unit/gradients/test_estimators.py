@@ -245,7 +245,8 @@ def test_verdicts_tell_bias_from_empirical_bias():
     assert found["fobg"].verdict.word == "empirically biased at this sample size"
     assert found["zobg"].verdict.word == "unbiased within the interval"
     # The known mean shows that the samples' variance cannot be the true one (lemma III.4).
-    assert not found["fobg"].bias.lemma_holds
+    bias = found["fobg"].bias
+    assert bias is not None and bias.sharp > bias.variance
     soft = objective_spec("coulomb").objective({"nu": 0.1})
     assert estimate_gradient(soft, ["fobg"], 1000, 0.2)["fobg"].verdict.word.startswith("unbiased")
 
@@ -268,7 +269,7 @@ def test_lemma_three_four_holds_for_random_vectors():
         z = rng.standard_normal((n, d)) + 3 * rng.standard_normal(d)
         z[rng.random(n) < rng.uniform(0, 0.3)] += 30 * rng.standard_normal(d)
         found = empirical_bias(z)
-        assert found.lemma_holds
+        assert found.sharp <= found.variance * (1 + 1e-9)
         assert found.bound <= found.sharp * (1 + 1e-12)
 
 
