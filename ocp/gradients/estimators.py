@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -20,16 +20,11 @@ Contributions = Callable[[Gaussian, int], np.ndarray]
 """Maps (noise from its first sample on, m) to the estimates (m, d) of m single samples."""
 
 
-@dataclass(frozen=True)
-class Sampler:
-    """Gives single estimates when called, and moments of many at once by ``bulk``."""
+class Sampler(NamedTuple):
+    """``single`` estimates, and the moments of many at once by ``bulk``, None where it cannot."""
 
     single: Contributions
     bulk: Callable[[Gaussian, int], Bulk | None] = lambda noise, m: None
-
-    def __call__(self, noise: Gaussian, m: int) -> np.ndarray:
-        """Single estimates (m, d) of the m samples from the noise's first on."""
-        return self.single(noise, m)
 
 
 class Estimator(ABC):

@@ -54,8 +54,9 @@ def run_estimator(
         sums.restore(keep)
     if progress is not None and sums.done:
         progress(sums.done)
-    sampler = estimator.sampler(objective, noise, n) if sums.done < n else Sampler(_nothing)
+    sampler: Sampler | None = None
     while sums.done < n:
+        sampler = sampler or estimator.sampler(objective, noise, n)
         size = _advance(sums, sampler, noise, n)
         if progress is not None:
             progress(size)
@@ -76,12 +77,8 @@ def _advance(sums: _Sums, sampler: Sampler, noise: Gaussian, n: int) -> int:
             sums.add_moments(*found, size)
             return size
     size = min(CHUNK, left)
-    sums.add(sampler(here, size))
+    sums.add(sampler.single(here, size))
     return size
-
-
-def _nothing(noise: Gaussian, m: int) -> np.ndarray:
-    return np.empty((m, 0))
 
 
 class _Sums:

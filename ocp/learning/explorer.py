@@ -50,10 +50,12 @@ class Buffer:
 
     def with_newest(self, more: Buffer, most: int) -> Buffer:
         """Both, this one's first, and of them the last ``most``."""
-        columns = (
-            np.concatenate([getattr(self, name), getattr(more, name)])[-most:] for name in COLUMNS
-        )
-        return Buffer(*columns)
+        return Buffer.joined([self, more])[-most:]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Buffer]) -> Buffer:
+        """All steps of ``parts``, in their order."""
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in COLUMNS))
 
     @classmethod
     def solved(cls, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Buffer:
@@ -192,10 +194,8 @@ def random_transitions(
         x, age = explorer.advance(parts[-1], age, rng)
         if not any(part.solved.any() for part in parts):
             raise InputError(f"{task.name}: no step was solved from its starts")
-    whole = {key: np.concatenate([getattr(part, key) for part in parts])
-             for key in ("x", "u", "x_next", "solved", "touched")}  # fmt: skip
-    rows = np.flatnonzero(whole["solved"])[:n]
-    return Buffer(*(whole[key][rows] for key in ("x", "u", "x_next"))), whole["touched"][rows]
+    found = Buffer.joined([Buffer.solved(part.x, part.u, part.x_next) for part in parts])
+    return found[:n], np.concatenate([part.touched[part.solved] for part in parts])[:n]
 
 
 def squash(task: Task, a: np.ndarray) -> np.ndarray:

@@ -66,19 +66,13 @@ class RunMeta(TypedDict):
 
 
 class OptionalMeta(TypedDict, total=False):
-    """What a listing tells of those runs that have it."""
+    """Entries of some runs only; ``source_digest`` is of all that a user's file was made of."""
 
     seed: int | None
     source_digest: str | None
     grade: Grade | None
     cost: float
     over: str
-
-
-class Sourced(TypedDict, total=False):
-    """What a run of a user's problem has: the digest of all that its file was made of."""
-
-    source_digest: str | None
 
 
 class SolveMeta(TypedDict):
@@ -216,7 +210,7 @@ KINDS: dict[str, Any] = {
 
 def check_meta(file: Path, meta: dict[str, Any]) -> None:
     """Raise :class:`~ocp.errors.DamagedRun` for the first entry that is missing or of no sense."""
-    found = misfit(RunMeta, meta) or misfit(OptionalMeta, meta) or misfit(Sourced, meta)
+    found = misfit(RunMeta, meta) or misfit(OptionalMeta, meta)
     found = found or _misfit_of_parts(meta)
     found = found or _misfit_of_time(meta["created"])
     if not found and meta["kind"] not in KINDS:

@@ -144,7 +144,7 @@ def _running_mean(objective: SampledObjective, name: str, params: Params) -> np.
     noise = Gaussian(
         params.sigma, np.random.SeedSequence(params.seed, spawn_key=(estimator.stream,))
     )
-    samples = estimator.sampler(objective, noise, params.n_samples)(noise, params.n_samples)
+    samples = estimator.sampler(objective, noise, params.n_samples).single(noise, params.n_samples)
     return np.cumsum(samples[:, 0]) / np.arange(1, params.n_samples + 1)
 
 

@@ -53,16 +53,15 @@ def branch_rollouts(
     are computed at every step, whichever have stopped, so that shapes do not change.
     """
     x, alive = starts, np.ones(len(starts), dtype=bool)
-    parts: dict[str, list[np.ndarray]] = {name: [] for name in COLUMNS}
+    parts = []
     for step in range(length):
         u = choose(x, step)
         x_next = predict(x, u, step)
         alive = alive & np.isfinite(x_next).all(axis=1)
-        for name, rows in zip(COLUMNS, (x, u, x_next), strict=True):
-            parts[name].append(rows[alive])
+        parts.append(Buffer(x[alive], u[alive], x_next[alive]))
         x = np.where(alive[:, None], x_next, starts)
         alive = alive & ~explorer.ended(x)
-    return Buffer(*(np.concatenate(parts[name]) for name in COLUMNS))
+    return Buffer.joined(parts)
 
 
 def branch_length(k: int, first: int, last: int, grown_at: int) -> int:
@@ -181,8 +180,7 @@ class MBPOTrainer:
             finished += gained[age == 0].tolist()
             walk = Walk(x, age, np.where(age == 0, 0.0, gained))
             parts.append(Buffer.solved(step.x, step.u, step.x_next))
-        columns = (np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS)
-        return walk, Buffer(*columns), finished
+        return walk, Buffer.joined(parts), finished
 
     def _inputs(
         self, agent: Agent, scales: ObservationScales, rng: np.random.Generator, x: np.ndarray

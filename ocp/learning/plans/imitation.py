@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
@@ -83,9 +82,9 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
     x = plan.data["x"].values[scenario]
     all_inputs = plan.data["u"].values
     u = all_inputs[min(scenario, len(all_inputs) - 1)]
-    steps = _smoothed(problem.system, _SMOOTH * sizes.mu)
-    p = step_values(problem, steps.step, plan.values, own=False)
-    A, B = steps.function.slopes(x[:-1], u, p)[1:]
+    step, function = _smoothed(problem.system, _SMOOTH * sizes.mu)
+    p = step_values(problem, step, plan.values, own=False)
+    A, B = function.slopes(x[:-1], u, p)[1:]
     if not (np.isfinite(A).all() and np.isfinite(B).all()):
         raise NotConverged(
             f"{problem.name}: a step near the plan was not solved under the barrier law, so that no"
@@ -102,16 +101,11 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
     return Gains(K, u - np.einsum("kij,kj->ki", K, x[:-1]))
 
 
-class _Smoothed(NamedTuple):
-    step: Step
-    function: StepFunction
-
-
 @lru_cache(maxsize=1)
-def _smoothed(system: ContactSystem, mu: float) -> _Smoothed:
+def _smoothed(system: ContactSystem, mu: float) -> tuple[Step, StepFunction]:
     """The step of a barrier law, built once for all plans of a task."""
     step = Barrier(mu=mu).close(system)
-    return _Smoothed(step, StepFunction(step))
+    return step, StepFunction(step)
 
 
 LARGEST = 0.99

@@ -66,8 +66,10 @@ def _parts(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
     given = ca.vertcat(system.x, system.u)
     slope = ca.jacobian(reward, system.x_next)
     if ca.depends_on(slope, given):
+        used = {str(symbol) for symbol in ca.symvar(slope)}
+        mixed = ", ".join(str(symbol) for symbol in ca.symvar(given) if str(symbol) in used)
         raise InputError(
-            f"{task.name}: the reward's part in x_next depends on {_mixed(slope, given)} too, which"
+            f"{task.name}: the reward's part in x_next depends on {mixed} too, which"
             " no stage cost in (x, u) can say; write the reward as a(x_next) + b(x, u)"
         )
     usual = ca.vertcat(ca.DM(start), ca.DM(task.lower + task.upper) / 2)
@@ -75,11 +77,6 @@ def _parts(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
     constant = ca.substitute(after, system.x_next, ca.DM(start))
     before = ca.substitute(reward, system.x_next, ca.DM(start)) - constant
     return ca.substitute(after, system.x_next, system.x), before
-
-
-def _mixed(slope: ca.SX, given: ca.SX) -> str:
-    used = {str(symbol) for symbol in ca.symvar(slope)}
-    return ", ".join(str(symbol) for symbol in ca.symvar(given) if str(symbol) in used)
 
 
 def _survival_constraint(task: Task) -> tuple[Constraint, ...]:

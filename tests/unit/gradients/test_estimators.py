@@ -202,8 +202,8 @@ def test_bits_depend_on_neither_threads_nor_blocks_and_follow_the_seed(kept, mon
 
 def test_first_samples_of_a_larger_run_are_the_same():
     objective = rollout()
-    few = SAMPLED["fobg"].sampler(objective, Gaussian(0.1, 0), 10)(Gaussian(0.1, 0), 10)
-    many = SAMPLED["fobg"].sampler(objective, Gaussian(0.1, 0), 500)(Gaussian(0.1, 0), 500)
+    few = SAMPLED["fobg"].sampler(objective, Gaussian(0.1, 0), 10).single(Gaussian(0.1, 0), 10)
+    many = SAMPLED["fobg"].sampler(objective, Gaussian(0.1, 0), 500).single(Gaussian(0.1, 0), 500)
     np.testing.assert_array_equal(few, many[:10])
 
 
@@ -216,7 +216,7 @@ def test_orders_use_independent_samples():
         estimator = SAMPLED[name]
         child = np.random.SeedSequence(seed.entropy, spawn_key=(estimator.stream,))
         noise = Gaussian(0.3, child)
-        parts.append(estimator.sampler(objective, noise, 5000)(noise, 5000)[:, 0])
+        parts.append(estimator.sampler(objective, noise, 5000).single(noise, 5000)[:, 0])
     assert abs(np.corrcoef(*parts)[0, 1]) < 0.06
 
 
@@ -346,7 +346,7 @@ def test_moments_in_bulk_are_those_of_single_samples(name, monkeypatch):
     noise = Gaussian(0.1, 3)
     bulk = sampling.run_estimator(objective, SAMPLED[name], noise, n)
     assert len(bulk.first_samples) < n
-    values = SAMPLED[name].sampler(objective, noise, n)(noise, n)
+    values = SAMPLED[name].sampler(objective, noise, n).single(noise, n)
     np.testing.assert_allclose(bulk.moments.mean, values.mean(axis=0), rtol=1e-9)
     np.testing.assert_allclose(bulk.moments.variance, values.var(axis=0, ddof=1), rtol=1e-9)
     assert bulk.moments.n == n
