@@ -72,12 +72,15 @@ def stage_table(stages: Sequence[StageRecord]) -> Table:
 
 def stage_rows(stages: Sequence[StageRecord]) -> list[tuple[str, ...]]:
     """Number, label, value, cost, lam·gap, residual, iterations, seconds, rejection; as text."""
-    return [
-        (str(index), stage.label, small(stage.value) if stage.value else "", number(stage.cost, 7),
-         small(stage.complementarity), small(stage.residual), str(stage.iterations),
-         f"{stage.seconds:.2f}", "" if stage.accepted else "stepped back")
-        for index, stage in shown_stages(stages)
-    ]  # fmt: skip
+    return [_stage_cells(index, stage) for index, stage in shown_stages(stages)]
+
+
+def _stage_cells(index: int, stage: StageRecord) -> tuple[str, ...]:
+    return (
+        str(index), stage.label, small(stage.value) if stage.value else "", number(stage.cost, 7),
+        small(stage.complementarity), small(stage.residual), str(stage.iterations),
+        f"{stage.seconds:.2f}", "" if stage.accepted else "stepped back",
+    )  # fmt: skip
 
 
 def stage_line(stage: StageRecord) -> str:
@@ -99,18 +102,12 @@ class StageLines:
     def __call__(self, stage: StageRecord) -> None:
         """Print a stage, the first one below the heads."""
         if self.filter.number == 0:
-            print(
-                _line("stage", "parameter", "cost", "lam·gap", "residual", "iter", "s"),
-                file=sys.stderr,
-            )
+            heads = ("stage", "parameter", "cost", "lam·gap", "residual", "iter", "s")
+            print(_line(*heads), file=sys.stderr)
         if not self.filter.take(stage):
             return
-        value = small(stage.value) if stage.value else ""
-        line = _line(
-            str(self.filter.number), f"{stage_title(stage.label)} {value}", number(stage.cost, 7),
-            small(stage.complementarity), small(stage.residual), str(stage.iterations),
-            f"{stage.seconds:.2f}", "" if stage.accepted else "back",
-        )  # fmt: skip
+        index, label, value, *cells, note = _stage_cells(self.filter.number, stage)
+        line = _line(index, f"{stage_title(label)} {value}", *cells, note.removeprefix("stepped "))
         print(line, file=sys.stderr, flush=True)
 
 
@@ -249,15 +246,17 @@ def contact_table(audit: Audit) -> Table:
     return table
 
 
-def contact_rows(audit: Audit) -> list[tuple[str, ...]]:
-    """Name, steps, spans, slipping steps, peak force [N], slip [m], degenerate steps; as text."""
-    rows = []
-    for found in audit.contacts:
-        slid = number(found.slid, 3) if found.slipping else "0"
-        row = (found.name, str(found.steps), spans_text(found.spans), str(found.slipping),
-               number(found.peak_force, 4), slid, str(found.degenerate))  # fmt: skip
-        rows += [row] if found.steps else []
-    return rows
+def contact_rows(audit: Audit, peak: Callable[[int], float] | None = None) -> list[tuple[str, ...]]:
+    """Name, steps, spans, slipping steps, peak force [N], slip [m], degenerate steps; as text.
+
+    ``peak`` gives another peak for the number of a contact.
+    """
+    return [
+        (found.name, str(found.steps), spans_text(found.spans), str(found.slipping),
+         number(peak(i) if peak else found.peak_force, 4),
+         number(found.slid, 3) if found.slipping else "0", str(found.degenerate))
+        for i, found in enumerate(audit.contacts) if found.steps
+    ]  # fmt: skip
 
 
 def idle_contacts(audit: Audit) -> str:

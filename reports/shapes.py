@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -62,50 +61,35 @@ def _corners(shape: Shape) -> list[tuple[float, float]]:
             return [(x, y)]
 
 
-@singledispatch
-def outline(shape: Any) -> Path:
-    """Line around a body or along a bar [m]; a mark and a half plane have none of their own."""
+def outline(shape: Shape) -> Path:
+    """Line around a body or along a bar [m]; raises TypeError for a mark and a half plane."""
+    match shape:
+        case Disc(x, y, radius):
+            return Path.circle((x, y), radius)
+        case Box():
+            radius = min(shape.rounding, shape.width / 2, shape.height / 2)
+            half = np.array([shape.width, shape.height]) / 2 - radius
+            corners = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+            points = _grown(corners, radius) if radius else corners
+            place = Affine2D().rotate(shape.angle).translate(shape.x, shape.y)
+            return _closed(place.transform(points))
+        case Capsule(x1, y1, x2, y2, radius):
+            along = np.array([x2 - x1, y2 - y1])
+            if not along.any():
+                return Path.circle((x1, y1), radius)
+            angles = math.atan2(along[1], along[0]) + _HALF_TURN
+            cap = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+            return _closed(np.concatenate([np.array([x2, y2]) + cap, np.array([x1, y1]) - cap]))
+        case Segment(x1, y1, x2, y2):
+            return Path([(x1, y1), (x2, y2)])
+        case Spring(x1, y1, x2, y2):
+            along = np.array([x2 - x1, y2 - y1])
+            length = float(np.linalg.norm(along)) or 1.0
+            across = np.array([-along[1], along[0]]) / length * COIL
+            place = np.linspace(0, 1, 2 * COILS + 2)
+            side = np.array([0, *([1, -1] * COILS), 0])
+            return Path(np.array([x1, y1]) + np.outer(place, along) + np.outer(side, across))
     raise TypeError(f"a {type(shape).__name__} has no outline")
-
-
-@outline.register
-def _(shape: Disc) -> Path:
-    return Path.circle((shape.x, shape.y), shape.radius)
-
-
-@outline.register
-def _(shape: Box) -> Path:
-    radius = min(shape.rounding, shape.width / 2, shape.height / 2)
-    half = np.array([shape.width, shape.height]) / 2 - radius
-    corners = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    points = _grown(corners, radius) if radius else corners
-    return _closed(Affine2D().rotate(shape.angle).translate(shape.x, shape.y).transform(points))
-
-
-@outline.register
-def _(shape: Capsule) -> Path:
-    ends = np.array([(shape.x1, shape.y1), (shape.x2, shape.y2)])
-    along = ends[1] - ends[0]
-    if not along.any():
-        return Path.circle(tuple(ends[0]), shape.radius)
-    angles = math.atan2(along[1], along[0]) + _HALF_TURN
-    cap = shape.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    return _closed(np.concatenate([ends[1] + cap, ends[0] - cap]))
-
-
-@outline.register
-def _(shape: Segment) -> Path:
-    return Path([(shape.x1, shape.y1), (shape.x2, shape.y2)])
-
-
-@outline.register
-def _(shape: Spring) -> Path:
-    along = np.array([shape.x2 - shape.x1, shape.y2 - shape.y1])
-    length = float(np.linalg.norm(along)) or 1.0
-    across = np.array([-along[1], along[0]]) / length * COIL
-    place = np.linspace(0, 1, 2 * COILS + 2)
-    side = np.array([0, *([1, -1] * COILS), 0])
-    return Path(np.array([shape.x1, shape.y1]) + np.outer(place, along) + np.outer(side, across))
 
 
 def _closed(points: np.ndarray) -> Path:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -75,7 +75,12 @@ class RunView:
     @cached_property
     def picture(self) -> RunPicture | None:
         """What is drawn of it, None for a run without states or drawing."""
-        return picture_of(self)
+        if self.array("x") is None:
+            return None
+        if self.spec is not None:
+            return None if self.spec.draw is None else _drawn(self, self.spec)
+        stored = self.run.own_problem
+        return _stored(self, stored) if stored and stored["motions"] else None
 
     @property
     def pictured(self) -> int:
@@ -136,106 +141,63 @@ _KINDS: dict[str, type[Shape]] = {
 T = TypeVar("T", Shape, ContactFrame)
 
 
-class RunPicture(Protocol):
+@dataclass(frozen=True)
+class RunPicture:
     """Shapes and contacts of scenario 0 at any times [s], of the plan or with a suffix its replay.
 
+    Both functions map a suffix and times to one list per time, empty where nothing is known.
     ``axes`` label the drawing; ``framed``: whether it has contact frames.
     """
 
     axes: tuple[str, str]
     framed: bool
-
-    def shapes(self, suffix: str, times: np.ndarray) -> list[list[Shape]]:
-        """Shapes at each time."""
-        ...
-
-    def contacts(self, suffix: str, times: np.ndarray) -> list[list[ContactFrame]]:
-        """Contacts at each time, none where they are not known."""
-        ...
+    shapes: Callable[[str, np.ndarray], list[list[Shape]]]
+    contacts: Callable[[str, np.ndarray], list[list[ContactFrame]]]
 
 
-def picture_of(view: RunView) -> RunPicture | None:
-    """The picture of a run, None of one without states or drawing."""
-    if view.array("x") is None:
-        return None
-    if view.spec is not None:
-        return None if view.spec.draw is None else SpecPicture(view)
-    stored = view.run.own_problem
-    return StoredPicture(view.run, view.time, stored) if stored and stored["motions"] else None
+def _drawn(view: RunView, spec: ProblemSpec | TaskSpec) -> RunPicture:
+    """The picture by the functions of a problem, at linearly interpolated states."""
 
-
-class SpecPicture:
-    """By the functions of the problem."""
-
-    def __init__(self, view: RunView) -> None:
-        assert view.spec is not None
-        self._view, self._spec = view, view.spec
-        self.axes, self.framed = view.spec.axes, view.spec.frames is not None
-
-    def shapes(self, suffix: str, times: np.ndarray) -> list[list[Shape]]:
-        """Shapes at each time."""
-        return self._at(self._spec.draw, suffix, times)
-
-    def contacts(self, suffix: str, times: np.ndarray) -> list[list[ContactFrame]]:
-        """Contacts at each time, none where they are not known."""
-        return self._at(self._spec.frames, suffix, times)
-
-    def _at(
-        self, function: Callable[[Any, np.ndarray], list[T]] | None, suffix: str, times: np.ndarray
-    ) -> list[list[T]]:
-        x = self._view.array(f"x{suffix}")
+    def at(function: Any, suffix: str, times: np.ndarray) -> list[list[Any]]:
+        x = view.array(f"x{suffix}")
         if function is None or x is None:
             return [[] for _ in times]
-        states = np.stack([np.interp(times, self._view.time, each) for each in x[0].T], axis=1)
-        return [function(self._view.params, state) for state in states]
+        states = np.stack([np.interp(times, view.time, each) for each in x[0].T], axis=1)
+        return [function(view.params, state) for state in states]
+
+    framed = spec.frames is not None
+    return RunPicture(spec.axes, framed, partial(at, spec.draw), partial(at, spec.frames))
 
 
-@dataclass(frozen=True)
-class _Nodes:
-    """Shapes and contacts at each node."""
-
-    shapes: list[list[Shape]]
-    contacts: list[list[ContactFrame]]
-
-
-class StoredPicture:
-    """As the run stores it at its nodes, linearly interpolated between them.
+def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
+    """The picture that a run stores at its nodes, linearly interpolated between them.
 
     Raises :class:`~ocp.errors.DamagedRun` for an invalid drawing.
     """
+    try:
+        motions = {suffix: _read(motion) for suffix, motion in stored["motions"].items()}
+    except (KeyError, TypeError) as error:
+        raise DamagedRun(f"{view.run.path} has a drawing with unknown shapes ({error})") from error
 
-    def __init__(self, run: StoredRun, nodes: np.ndarray, stored: dict[str, Any]) -> None:
-        self._nodes = nodes
-        try:
-            self._motions = {key: _read(motion) for key, motion in stored["motions"].items()}
-        except (KeyError, TypeError) as error:
-            raise DamagedRun(f"{run.path} has a drawing with unknown shapes ({error})") from error
-        self.axes = (stored["axes"][0], stored["axes"][1])
-        self.framed = any(motion.contacts for motion in self._motions.values())
-
-    def shapes(self, suffix: str, times: np.ndarray) -> list[list[Shape]]:
-        """Shapes at each time."""
-        return self._at(self._motions[suffix].shapes, times)
-
-    def contacts(self, suffix: str, times: np.ndarray) -> list[list[ContactFrame]]:
-        """Contacts at each time, none where they are not known."""
-        kept = self._motions[suffix].contacts
-        return self._at(kept, times) if kept else [[] for _ in times]
-
-    def _at(self, kept: list[list[T]], times: np.ndarray) -> list[list[T]]:
-        places = np.interp(times, self._nodes[: len(kept)], np.arange(len(kept)))
+    def at(part: int, suffix: str, times: np.ndarray) -> list[list[Any]]:
+        kept = motions[suffix][part]
+        if not kept:
+            return [[] for _ in times]
+        places = np.interp(times, view.time[: len(kept)], np.arange(len(kept)))
         return [_between(kept, float(place)) for place in places]
 
-
-def _read(motion: dict[str, Any]) -> _Nodes:
-    return _Nodes(
-        [[_shape(**shape) for shape in at] for at in motion["shapes"]],
-        [[ContactFrame(**contact) for contact in at] for at in motion["contacts"]],
-    )
+    framed = any(contacts for _, contacts in motions.values())
+    axes = (stored["axes"][0], stored["axes"][1])
+    return RunPicture(axes, framed, partial(at, 0), partial(at, 1))
 
 
-def _shape(kind: str, **values: Any) -> Shape:
-    return _KINDS[kind](**values)
+def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactFrame]]]:
+    """Shapes and contacts at each node."""
+    shapes = [
+        [_KINDS[shape["kind"]](**{k: v for k, v in shape.items() if k != "kind"}) for shape in at]
+        for at in motion["shapes"]
+    ]
+    return shapes, [[ContactFrame(**contact) for contact in at] for at in motion["contacts"]]
 
 
 def _between(kept: list[list[T]], place: float) -> list[T]:

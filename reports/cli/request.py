@@ -54,8 +54,8 @@ def layers(option: str, text: str, words: str = "") -> tuple[int, ...]:
     units = [validation.whole(part) for part in text.split(",")]
     if not all(count is not None and 0 < count <= 100_000 for count in units):
         raise InputError(
-            f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{words}, got"
-            f" {text!r}"
+            f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{words},"
+            f" got {text!r}"
         )
     return tuple(count for count in units if count is not None)
 

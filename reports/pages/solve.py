@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,12 +11,12 @@ from matplotlib.figure import Figure
 
 from ocp.programs.status import Status
 from reports.console import (
+    contact_rows,
     hidden_stages,
     idle_contacts,
     number,
     physics_residuals,
     small,
-    spans_text,
     stage_rows,
     stage_title,
     violation_rows,
@@ -54,7 +56,7 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
         "starts": [key.replace("_", " ") for key in _starts(view)],
         "others": [[shown(other.get(key)) for key in _starts(view)]
                    for other in stored.meta["others"]],
-        "contacts": contact_rows(view),
+        "contacts": contact_rows(stored.audit, partial(peak_multiplier, view)),
         "peak": label("peak", multiplier_unit(view)),
         "idle": idle_contacts(stored.audit),
         "scenarios": view.scenarios,
@@ -119,28 +121,12 @@ def multiplier_unit(view: RunView) -> str:
     return signals[0].unit if signals else ""
 
 
-def contact_rows(view: RunView) -> list[list[str]]:
-    """Name, steps, spans, slipping steps, peak multiplier or impulse, way slid, degenerate steps.
-
-    Of the contacts that act, over all scenarios.
-    """
-    normal = view.array("normal_impulse")
-    lam = view.array("lam")
-    rows = []
-    for index, found in enumerate(view.run.audit.contacts):
-        if not found.steps:
-            continue
-        peak = float("nan")
-        if normal is not None:
-            peak = float(normal[..., index].max())
-        elif lam is not None:
-            peak = float(motion.mean_multiplier(view, lam, index).max())
-        rows.append([
-            found.name, str(found.steps), spans_text(found.spans), str(found.slipping),
-            number(peak, 4), number(found.slid, 3) if found.slipping else "0",
-            str(found.degenerate),
-        ])  # fmt: skip
-    return rows
+def peak_multiplier(view: RunView, index: int) -> float:
+    """Largest normal impulse, else multiplier, of a contact over all scenarios."""
+    normal, lam = view.array("normal_impulse"), view.array("lam")
+    if normal is not None:
+        return float(normal[..., index].max())
+    return math.nan if lam is None else float(motion.mean_multiplier(view, lam, index).max())
 
 
 def key_numbers(view: RunView) -> list[dict[str, Any]]:

@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
-from reports.pages.described import Page, head, law, law_text, settings
-from reports.trained.page import training_content
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from ocp.errors import InputError
+from ocp.store.stored_run import StoredRun
+from reports.console import number
+from reports.pages.described import Page, head, law, law_text, numbered, settings
+from reports.trained.figures import learning, signals, strobes
+from reports.trained.summary import SeedGroup, groups, measures, summary_rows, verdict
+from reports.units import label
 from reports.view import RunView
 
 
@@ -19,3 +29,69 @@ def training_page(views: list[RunView]) -> Page:
         **head(views[0]), "law": law(views[0]), **content, "how": laws_used, "settings": shared,
         "own": own,
     }, figures  # fmt: skip
+
+
+def training_content(
+    views: Sequence[RunView],
+) -> tuple[dict[str, Any], dict[str, Figure], list[StoredRun]]:
+    """Verdicts, table and figures, and the first run of each group.
+
+    Raises :class:`~ocp.errors.InputError` for runs on several tasks.
+    """
+    tasks = dict.fromkeys(str(view.run.meta["problem"]) for view in views)
+    if len(tasks) > 1:
+        raise InputError(
+            f"these policies are of several tasks, {', '.join(tasks)}; write one report per task"
+        )
+    found = groups([view.run for view in views])
+    heads, cells = summary_rows(found)
+    content = {
+        "verdicts": [verdict(group) for group in found],
+        "heads": heads,
+        "rows": cells,
+        "key": _key_numbers(views[0].run) if len(views) == 1 else [],
+        "psi": [row for group in found for row in _learned(group)],
+        "labels": [group.label for group in found],
+        "hashes": [view.run.meta["hash"] for view in views],
+        "seeds": max(len(group.runs) for group in found),
+    }
+    figures = {"learning": learning(found)}
+    if (drawn := signals(found)) is not None:
+        figures["signals"] = drawn
+    figures |= numbered("strobes", strobes(found))
+    return content, figures, [group.runs[0] for group in found]
+
+
+def _key_numbers(run: StoredRun) -> list[list[str]]:
+    meta, best = run.meta, run.meta["evaluation"]
+    return [
+        ["return under the exact law", number(meta["return"], 5)],
+        ["deviation over its episodes", number(best["return_deviation"], 3)],
+        ["untrained", number(meta["untrained"]["return"], 5)],
+        ["after the last iteration", number(meta["last"]["return"], 5)],
+        ["steps to an episode's end", number(best["length"], 4)],
+        *([_titled(run, name), number(best[name], 4)] for name in measures(best)),
+        ["share of steps not solved", number(best["unsolved"], 2)],
+        ["iterations", str(meta["last"]["iteration"])],
+        ["steps simulated", number(meta["env_steps"], 4)],
+        ["time [s]", number(meta["wall_s"], 3)],
+        ["parameters of the policy", str(run.data.sizes["parameter"])],
+    ]
+
+
+def _titled(run: StoredRun, name: str) -> str:
+    unit = str(run.data[f"evaluation_{name}"].attrs.get("units", "1"))
+    return label(name, unit)
+
+
+def _learned(group: SeedGroup) -> list[list[str]]:
+    """Parameters of the model that were learned beside the policy, and the task's own."""
+    view = RunView.of(group.best)
+    if view.problem is None or "psi" not in view.run.data:
+        return []
+    own, psi = view.problem.parameters, view.run.data["psi"]
+    found = zip(map(str, psi["physical"].values), psi.values.tolist(), strict=True)
+    return [
+        [group.label, name, number(value, 6), number(own.get(name).value, 6), own.get(name).unit]
+        for name, value in found if value != own.get(name).value
+    ]  # fmt: skip

@@ -21,9 +21,8 @@ from problems import studies
 from reports import smoothings
 from reports.figures.studies import DRAWINGS
 from reports.site import measured
+from reports.site.figures import COLUMNS
 from reports.style import styled
-
-COLUMNS = ("claim", "source", "expected", "measured", "holds")
 
 
 def stored(figure: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from problems.spec import ProblemSpec
 from reports.notation import full_citation, plain
 from reports.site.markdown import provenance, table
 from reports.site.measured import DATA, DOCS, read
+from reports.units import powers
 
 PICTURES = DOCS / "pictures"
 
@@ -71,15 +72,10 @@ def _pictures(found: ProblemSpec) -> list[str]:
 
 def _parameters(found: ProblemSpec) -> str:
     rows = [
-        (f"`{row['name']}`", row["value"], unit(row["unit"]), _range(row), row["description"])
+        (f"`{row['name']}`", row["value"], powers(row["unit"]), _range(row), row["description"])
         for row in describe(found)
     ]
     return table(("parameter", "default", "unit", "range", "meaning"), rows)
-
-
-def unit(text: str) -> str:
-    """A unit with superscripts: 1/m^2 as 1/m²; nothing for a dimensionless one."""
-    return "" if text == "1" else re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power[1])], text)
 
 
 def _range(row: Mapping[str, Any]) -> str:

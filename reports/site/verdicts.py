@@ -105,19 +105,20 @@ def draw(name: str, run: Path) -> None:
         measured.save_picture(figure, f"problems/{name}")
 
 
-def store(name: str, rows: Sequence[Row]) -> None:
-    """Put the rows of one problem into the table, in the order of the registry."""
-    file = measured.DATA / "verdicts.json"
-    old = measured.read("verdicts")["rows"] if file.exists() else []
+def store(table: str, name: str, rows: Sequence[Row], order: list[str], **about: Any) -> None:
+    """Put the rows of one problem into a table, in the ``order`` of problems."""
+    file = measured.DATA / f"{table}.json"
+    old = measured.read(table)["rows"] if file.exists() else []
     every = [*(row for row in old if row[0] != name), *rows]
-    measured.write_table(
-        "verdicts",
-        title="Verdicts under every law",
-        command="make verdicts",
-        columns=COLUMNS,
-        rows=sorted(every, key=lambda row: names().index(str(row[0]))),
-        note=f"Seconds of building and solving; learned laws from {SAMPLES} transitions.",
-    )
+    every.sort(key=lambda row: order.index(str(row[0])))
+    measured.write_table(table, rows=every, **about)
+
+
+def store_verdicts(name: str, rows: Sequence[Row]) -> None:
+    """Put the rows of one problem into the table of verdicts."""
+    note = f"Seconds of building and solving; learned laws from {SAMPLES} transitions."
+    store("verdicts", name, rows, [*names()], title="Verdicts under every law",
+          command="make verdicts", columns=COLUMNS, note=note)  # fmt: skip
 
 
 def refinable() -> list[str]:
@@ -142,18 +143,13 @@ def refined_rows(problem: str, folder: str) -> Iterator[Row]:
 
 def store_refined(problem: str, rows: Sequence[Row]) -> None:
     """Put the rows of one problem into the table of step sizes."""
-    order = [Path(name).stem for name in refinable()]
-    old = measured.read("refined")["rows"] if (measured.DATA / "refined.json").exists() else []
-    every = [*(row for row in old if row[0] != Path(problem).stem), *rows]
-    measured.write_table(
-        "refined",
-        title="Cost over the step size",
-        command="make refined",
+    store(
+        "refined", Path(problem).stem, rows, [Path(name).stem for name in refinable()],
+        title="Cost over the step size", command="make refined",
         columns=("problem", "h [s]", "N", "planned", "replayed at h/2", "found"),
-        rows=sorted(every, key=lambda row: order.index(str(row[0]))),
         note="`ocp solve PROBLEM --contact exact --refine`: each plan starts at the one above it;"
         " the replay holds its inputs over two steps of half the size.",
-    )
+    )  # fmt: skip
 
 
 def main() -> None:
@@ -167,7 +163,7 @@ def main() -> None:
             if given.refine:
                 store_refined(name, rows := list(refined_rows(name, folder)))
             else:
-                store(name, rows := list(problem_rows(spec(name).name, Path(folder))))
+                store_verdicts(name, rows := list(problem_rows(spec(name).name, Path(folder))))
         for row in rows:
             print(*row, sep="  ", flush=True)
 

@@ -16,7 +16,7 @@ from reports.units import label
 from reports.view import RunView
 
 _COLORS = (*CYCLE, INK, GREY)
-_TOLD = {
+_SIGNALS = {
     "return_mean": "return of the samples",
     "gradient_norm": "norm of the gradient",
     "gradient_variance": "variance of a sample's gradient",
@@ -42,8 +42,8 @@ def learning(found: Sequence[SeedGroup]) -> Figure:
 
 
 def signals(found: Sequence[SeedGroup]) -> Figure | None:
-    """What the iterations told: returns of samples, gradients; None where nothing is told."""
-    names = [name for name in _TOLD if any(_known(group, name) for group in found)]
+    """Returns of samples and gradients over the iterations; None where there are none."""
+    names = [name for name in _SIGNALS if any(_known(group, name) for group in found)]
     if not names:
         return None
     figure = Figure(figsize=(WIDTH, 2.2))
@@ -51,7 +51,7 @@ def signals(found: Sequence[SeedGroup]) -> Figure | None:
         for place, group in enumerate(found):
             if _known(group, name):
                 _banded(axis, group, "iteration", name, _color(place))
-        axis.set_title(_TOLD[name], loc="left")
+        axis.set_title(_SIGNALS[name], loc="left")
         axis.set_xlabel("iteration")
         if name != "return_mean" and any(np.greater(line.get_ydata(), 0).any()
                                          for line in axis.lines):  # fmt: skip
@@ -66,10 +66,10 @@ def strobes(found: Sequence[SeedGroup]) -> list[Figure]:
     shown = [(group, view) for group, view in views if drawable(view)]
     if len(shown) == 1 and (single := strobe(shown[0][1])) is not None:
         return [single]
-    return strobe_rows([(_told(group), view) for group, view in shown])[0]
+    return strobe_rows([(_title(group), view) for group, view in shown])[0]
 
 
-def _told(group: SeedGroup) -> str:
+def _title(group: SeedGroup) -> str:
     seed = f"seed {group.best.meta['seed']}" if len(group.runs) > 1 else ""
     return ", ".join(filter(None, [group.label, seed]))
 
@@ -85,16 +85,16 @@ def _known(group: SeedGroup, name: str) -> bool:
 def _banded(axis: Axes, group: SeedGroup, over: str, name: str, color: str) -> None:
     """The mean over seeds, and a band from the lowest to the highest of them.
 
-    At iterations that all of them told; what is drawn ``over`` is the mean over seeds too.
+    At iterations that all of them have; ``over`` is averaged over seeds too.
     """
     shortest = min(run.data.sizes["iteration"] for run in group.runs)
     values = np.stack([run.data[name].values[:shortest] for run in group.runs])
     place = np.stack([run.data[over].values[:shortest] for run in group.runs]).mean(axis=0)
-    told = np.isfinite(values).all(axis=0)
+    known = np.isfinite(values).all(axis=0)
     if len(group.runs) > 1:
-        low, high = values[:, told].min(axis=0), values[:, told].max(axis=0)
-        axis.fill_between(place[told], low, high, color=color, alpha=0.2, linewidth=0)
-    axis.plot(place[told], values[:, told].mean(axis=0), color=color)
+        low, high = values[:, known].min(axis=0), values[:, known].max(axis=0)
+        axis.fill_between(place[known], low, high, color=color, alpha=0.2, linewidth=0)
+    axis.plot(place[known], values[:, known].mean(axis=0), color=color)
 
 
 def _legend(figure: Figure, found: Sequence[SeedGroup]) -> None:

@@ -49,28 +49,26 @@ def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
 
     values = np.asarray(values, dtype=float)
     n, mean = len(values), float(np.mean(values))
-    half = (
-        float(stdtrit(n - 1, (1 + _CONFIDENCE) / 2) * values.std(ddof=1) / np.sqrt(n))
-        if n > 1
-        else None
-    )
-    interval = None if half is None else [mean - half, mean + half]
+    interval = None
+    if n > 1:
+        half = stdtrit(n - 1, (1 + _CONFIDENCE) / 2) * values.std(ddof=1) / np.sqrt(n)
+        interval = [mean - float(half), mean + float(half)]
     return {"mean": mean, "interval": interval, "least": float(values.min()),
             "most": float(values.max()), "unit": unit}  # fmt: skip
 
 
-def sentence(told: Mapping[str, Any]) -> str:
-    """The verdict: the return, whether it is what training said, and what went wrong."""
-    found, own = told["return"], told["own"]
-    many = "1 episode" if told["episodes"] == 1 else f"{told['episodes']} episodes"
-    head = f"Return {number(found['mean'], 4)}{_interval(found)} under the {told['contact']} law"
-    parts = [f"{head} over {many}; training's own judgement was {number(own['return'], 4)}"]
-    if told["fallen"]:
-        parts.append(f"{_share(told['fallen'])} of episodes end early")
-    if told["unsolved"]:
+def sentence(judged: Mapping[str, Any]) -> str:
+    """The verdict: the return, the return found in training, and failures."""
+    found, own = judged["return"], judged["own"]
+    many = "1 episode" if judged["episodes"] == 1 else f"{judged['episodes']} episodes"
+    head = f"Return {number(found['mean'], 4)}{_interval(found)} under the {judged['contact']} law"
+    parts = [f"{head} over {many}; in training it was {number(own['return'], 4)}"]
+    if judged["fallen"]:
+        parts.append(f"{_share(judged['fallen'])} of episodes end early")
+    if judged["unsolved"]:
         parts.append(
-            f"contacts were not solved at {_share(told['unsolved'])} of steps, where"
-            f" {_share(told['lost'])} of episodes end"
+            f"contacts were not solved at {_share(judged['unsolved'])} of steps, where"
+            f" {_share(judged['lost'])} of episodes end"
         )
     return f"{'; '.join(parts)}."
 
@@ -82,12 +80,12 @@ def _interval(found: Mapping[str, Any]) -> str:
     return f" [{low}, {high}]"
 
 
-def judgement_table(told: Mapping[str, Any]) -> Table:
+def judgement_table(judged: Mapping[str, Any]) -> Table:
     """A line each for return, length and measures, beside what training found."""
-    own = told["own"]
+    own = judged["own"]
     table = table_of(("", "left"), ("mean", "right"), ("95 % interval", "right"),
                      ("least", "right"), ("most", "right"), ("in training", "right"))  # fmt: skip
-    rows = {"return": told["return"], "length": told["length"], **told["measures"]}
+    rows = {"return": judged["return"], "length": judged["length"], **judged["measures"]}
     for name, found in rows.items():
         title = name if found["unit"] == "1" else f"{name}, {found['unit']}"
         ends = (number(found[key], 4) for key in ("least", "most"))
@@ -95,7 +93,7 @@ def judgement_table(told: Mapping[str, Any]) -> Table:
                       number(own.get(name), 4))  # fmt: skip
     for name, title in _SHARES.items():
         known = own.get(name)
-        table.add_row(title, _share(told[name]), "", "", "", "–" if known is None else
+        table.add_row(title, _share(judged[name]), "", "", "", "–" if known is None else
                       _share(known))  # fmt: skip
     return table
 

@@ -25,14 +25,14 @@ _ELSEWHERE = ("iteration", "wall_s", "env_steps", "evaluation_return_deviation",
 
 @dataclass
 class LearningCurve:
-    """What one training has told so far: its rows, of iteration 0 up to ``iterations``."""
+    """The rows that one training has reported, of iteration 0 up to ``iterations``."""
 
     name: str
     iterations: int
     rows: list[Mapping[str, float]] = field(default_factory=list)
 
     def values(self, name: str) -> list[float]:
-        """All that was told of ``name``."""
+        """All values of ``name``."""
         return [row[name] for row in self.rows if name in row]
 
     def last(self, name: str) -> float | None:
@@ -42,12 +42,12 @@ class LearningCurve:
     @property
     def curve(self) -> list[float]:
         """What is drawn: returns under the exact law, or those of the samples while few."""
-        judged, told = self.values("evaluation_return"), self.values("return_mean")
-        return judged if len(judged) > 1 or not told else told
+        exact, sampled = self.values("evaluation_return"), self.values("return_mean")
+        return exact if len(exact) > 1 or not sampled else sampled
 
     @property
     def left(self) -> float | None:
-        """Seconds to the end, as those since the first row went."""
+        """Seconds to the end, at the pace since the first row."""
         first, last = self.rows[0], self.rows[-1]
         done = last["iteration"] - first["iteration"]
         if not done or "wall_s" not in last:
@@ -59,12 +59,10 @@ class LearningCurve:
 def live(
     trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]
 ) -> Iterator[Callback]:
-    """Yield what is called with the place of a training and each row that it tells.
+    """Yield a callback for the place of a training and each of its rows.
 
-    ``trainings`` are their iterations by name.
-
-    On a terminal it shows all of them, else one line where a policy was judged, and then not more
-    often than every ten seconds. ``check`` is called each time.
+    ``trainings`` are their iterations by name. On a terminal all of them are shown, elsewhere one
+    line per evaluation, at most every ten seconds. Each call calls ``check``.
     """
     curves = [LearningCurve(name, iterations) for name, iterations in trainings.items()]
     console = Console(stderr=True, highlight=False)
@@ -95,15 +93,15 @@ def live(
 
 
 def line(one: LearningCurve) -> str:
-    """Where a training stands, in at most 80 columns."""
+    """The state of a training, in at most 80 columns."""
     row = one.rows[-1]
     parts = [f"{one.name}  {row['iteration']:.0f}/{one.iterations}"]
-    values = ((title, one.last(key), show) for key, title, show in _TOLD)
+    values = ((title, one.last(key), show) for key, title, show in _VALUES)
     parts += [f"{title} {show(value)}" for title, value, show in values if value is not None]
     return "  ".join([*parts, f"{row.get('wall_s', 0.0):.0f} s"])
 
 
-_TOLD: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+_VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
     ("evaluation_return", "exact", lambda value: number(value, 4)),
     ("return_mean", "return", lambda value: number(value, 4)),
     ("gradient_norm", "|gradient|", small),
@@ -111,7 +109,7 @@ _TOLD: tuple[tuple[str, str, Callable[[float], str]], ...] = (
 
 
 def picture(curves: Sequence[LearningCurve]) -> RenderableType:
-    """A line each; of a single training its curve and its last rows too."""
+    """A line each; for a single training also its curve and its last rows."""
     table = table_of(
         ("training", "left"), ("iteration", "right"), ("exact return", "right"),
         ("return", "right"), ("time", "right"), ("left", "right"), ("", "left"),
@@ -137,7 +135,7 @@ def _cells(one: LearningCurve) -> tuple[str, ...]:
 
 
 def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
-    """Rows of one training: what was judged, what the samples were, and what else is told."""
+    """Rows of one training: evaluations, samples, and further columns."""
     names = list(dict.fromkeys(name for row in rows for name in row if name not in _ELSEWHERE))
     names.sort(key=lambda name: not name.startswith("evaluation_"))
     names = names[:_COLUMNS]
@@ -152,34 +150,33 @@ _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
 def sparkline(values: Sequence[float], width: int) -> str:
-    """At most ``width`` letters from ▁, the least, to █, the largest; spaces are no numbers."""
-    shown, low, high = _columns(values, width)
-    return "".join(_EIGHTHS[1 + round(7 * _height(v, low, high))] if np.isfinite(v) else " "
-                   for v in shown)  # fmt: skip
+    """At most ``width`` letters from ▁, the least, to █, the largest; spaces for NaN."""
+    return _bars(values, width, 1)[0][0]
 
 
 def plot(values: Sequence[float], width: int, height: int) -> list[str]:
-    """Columns of ``height`` lines, the largest value first, with the ends told on the left."""
-    shown, low, high = _columns(values, width)
-    eighths = [
-        1 + round((8 * height - 1) * _height(v, low, high)) if np.isfinite(v) else 0 for v in shown
-    ]
-    ends = {height - 1: f"{high:.4g}", 0: f"{low:.4g}"}
-    margin = max(map(len, ends.values()))
-    return [
-        f"{ends.get(row, ''):>{margin}} ┤"
-        + "".join(_EIGHTHS[min(8, max(0, count - 8 * row))] for count in eighths).rstrip()
-        for row in reversed(range(height))
-    ]
+    """Columns of ``height`` lines, the largest value first, with both ends on the left."""
+    rows, low, high = _bars(values, width, height)
+    ends = [f"{high:.4g}", *[""] * (height - 2), f"{low:.4g}"]
+    margin = max(map(len, ends))
+    return [f"{end:>{margin}} ┤{row.rstrip()}" for end, row in zip(ends, rows, strict=True)]
 
 
-def _columns(values: Sequence[float], width: int) -> tuple[np.ndarray, float, float]:
-    """One value a letter: the last of those that share it; and the least and the largest."""
+def _bars(values: Sequence[float], width: int, height: int) -> tuple[list[str], float, float]:
+    """Rows of a bar chart, of the last of the values that share a column; least and largest."""
     known = np.asarray(values, dtype=float)
     if len(known) > width:
         known = known[np.linspace(0, len(known) - 1, width).round().astype(int)]
     finite = known[np.isfinite(known)]
-    return known, *((float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0))
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    eighths = [
+        1 + round((8 * height - 1) * _height(v, low, high)) if np.isfinite(v) else 0 for v in known
+    ]
+    rows = [
+        "".join(_EIGHTHS[min(8, max(0, count - 8 * row))] for count in eighths)
+        for row in reversed(range(height))
+    ]
+    return rows, low, high
 
 
 def _height(value: float, low: float, high: float) -> float:

@@ -20,19 +20,19 @@ _JUDGED = "evaluation_"
 
 
 def meta(data: xr.Dataset) -> dict[str, Any]:
-    """What a run's description says of a training's result, beside what was asked."""
+    """The result of a training in its run's description."""
     best, found = int(data["best_iteration"]), judged(data)
     first, last = found[0], found[-1]
     chosen = next(row for row in found if row["iteration"] == best)
-    told = (
+    text = (
         f"Return under the exact law {number(chosen['return'], 4)} after iteration {best} of"
         f" {last['iteration']}; {number(first['return'], 4)} untrained"
     )
-    told += "".join(f", {name} {number(chosen[name], 3)}" for name in measures(chosen))
+    text += "".join(f", {name} {number(chosen[name], 3)}" for name in measures(chosen))
     return {
         "kind": "train",
         "status": "done",
-        "verdict": f"{told}.",
+        "verdict": f"{text}.",
         "return": chosen["return"],
         "evaluation": chosen,
         "untrained": first,
@@ -44,7 +44,7 @@ def meta(data: xr.Dataset) -> dict[str, Any]:
 
 
 def judged(data: xr.Dataset) -> list[dict[str, Any]]:
-    """Iterations at which the policy was judged, and what was found: return, length, measures."""
+    """Iterations at which the policy was evaluated, with return, length and measures."""
     names = [str(name) for name in data.data_vars if str(name).startswith(_JUDGED)]
     at = np.flatnonzero(np.isfinite(data[f"{_JUDGED}return"].values))
     return [
@@ -55,7 +55,7 @@ def judged(data: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def measures(row: Mapping[str, Any]) -> list[str]:
-    """Names of what a task measures, such as a speed, in what was found."""
+    """Names of a task's measures, such as a speed, in a row."""
     common = ("iteration", "return", "return_deviation", "length", "unsolved")
     return [name for name in row if name not in common]
 
@@ -79,47 +79,43 @@ class SeedGroup:
 
 
 def groups(runs: Sequence[StoredRun]) -> list[SeedGroup]:
-    """Runs grouped by what was asked of them, in the order of the first of each group."""
-    asked = [_flat(run) for run in runs]
+    """Runs grouped by their requests, in the order of the first of each group."""
+    requests = [_flat(run) for run in runs]
     order: dict[str, list[int]] = {}
-    for place, one in enumerate(asked):
+    for place, one in enumerate(requests):
         order.setdefault(repr(sorted(one.items())), []).append(place)
-    firsts = [asked[places[0]] for places in order.values()]
+    firsts = [requests[places[0]] for places in order.values()]
     return [
-        SeedGroup(_label(asked[places[0]], firsts), [runs[place] for place in places])
+        SeedGroup(_label(requests[places[0]], firsts), [runs[place] for place in places])
         for places in order.values()
     ]
 
 
 def _flat(run: StoredRun) -> dict[str, Any]:
-    asked = dict(run.record)
-    asked["algorithm"] = _titled(run)
+    request = dict(run.record)
+    own = run.record["algorithm_settings"]
+    # Clipped gradients bias the estimate.
+    clipped = own.get("clip", own.get("of.clip")) is not None
+    request["algorithm"] = f"{algorithm_of(run)}{', gradients clipped' if clipped else ''}"
     for kind in ("params", "algorithm_settings", "contact_settings"):
-        asked |= {f"{kind}.{name}": value for name, value in asked.pop(kind, {}).items()}
-    return asked
+        request |= {f"{kind}.{name}": value for name, value in request.pop(kind, {}).items()}
+    return request
 
 
 def algorithm_of(run: StoredRun) -> str:
-    """Its name; that of the one beside which physical parameters are learned, with psi."""
-    beside = run.record["algorithm_settings"].get("of")
-    return f"{beside} with psi" if beside else str(run.record["algorithm"])
+    """The algorithm's name, followed by ``with psi`` where physical parameters are learned."""
+    inner = run.record["algorithm_settings"].get("of")
+    return f"{inner} with psi" if inner else str(run.record["algorithm"])
 
 
-def _titled(run: StoredRun) -> str:
-    """The algorithm's name, and that its estimate is biased where samples' gradients are cut."""
-    own = run.record["algorithm_settings"]
-    cut = own.get("clip", own.get("of.clip"))
-    return f"{algorithm_of(run)}{'' if cut is None else ', gradients cut'}"
-
-
-def _label(asked: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
+def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
     """Algorithm, the law where there are several, and what sets apart groups that share both."""
     laws = {other["contact"] for other in firsts}
-    name = f"{asked['algorithm']} {asked['contact']}" if len(laws) > 1 else asked["algorithm"]
-    both = [asked["algorithm"], asked["contact"]]
+    name = f"{request['algorithm']} {request['contact']}" if len(laws) > 1 else request["algorithm"]
+    both = [request["algorithm"], request["contact"]]
     alike = [other for other in firsts if [other["algorithm"], other["contact"]] == both]
-    own = [key for key in asked if any(other.get(key) != asked[key] for other in alike)]
-    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {_short(asked[key])}" for key in own)])
+    own = [key for key in request if any(other.get(key) != request[key] for other in alike)]
+    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {_short(request[key])}" for key in own)])
 
 
 def _short(value: Any) -> str:
@@ -129,17 +125,17 @@ def _short(value: Any) -> str:
 def verdict(group: SeedGroup) -> str:
     """One sentence over the seeds: the return, from the lowest to the highest, and measures."""
     if len(group.runs) == 1:
-        told = str(group.runs[0].meta["verdict"])
-        return f"{group.label}: {told[:1].lower()}{told[1:]}"
+        text = str(group.runs[0].meta["verdict"])
+        return f"{group.label}: {text[:1].lower()}{text[1:]}"
     returns, first = group.returns, group.runs[0].meta["evaluation"]
-    told = (
+    text = (
         f"{group.label}: return under the exact law {number(returns.mean(), 4)}, from"
         f" {number(returns.min(), 4)} to {number(returns.max(), 4)} over {len(returns)} seeds"
     )
     for name in measures(first):
         values = [run.meta["evaluation"][name] for run in group.runs]
-        told += f", {name} {number(float(np.mean(values)), 3)}"
-    return f"{told}."
+        text += f", {name} {number(float(np.mean(values)), 3)}"
+    return f"{text}."
 
 
 def document(found: Sequence[SeedGroup]) -> dict[str, Any]:
@@ -169,13 +165,13 @@ def summary_rows(found: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]
     cells = []
     for group in found:
         for run in group.runs:
-            told = run.meta
+            about = run.meta
             cells.append([
-                group.label, str(told["seed"]), number(told["untrained"]["return"], 4),
-                number(told["return"], 4),
-                str(told["best_iteration"]),
-                *(number(told["evaluation"][name], 3) for name in names),
-                f"{told['env_steps']:.3g}", f"{told['wall_s']:.1f}",
+                group.label, str(about["seed"]), number(about["untrained"]["return"], 4),
+                number(about["return"], 4),
+                str(about["best_iteration"]),
+                *(number(about["evaluation"][name], 3) for name in names),
+                f"{about['env_steps']:.3g}", f"{about['wall_s']:.1f}",
             ])  # fmt: skip
     return heads, cells
 

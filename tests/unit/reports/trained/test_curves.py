@@ -104,10 +104,10 @@ def test_who_cuts_gradients_says_so_in_verdict_and_table() -> None:
     settings = [{"clip": None}, {"clip": 1.0}, {"of": "fopg", "of.clip": None}]
     settings.append({"of": "fopg", "of.clip": 2.0})
     found = [groups([run(0, [0.0, 1, 4], algorithm_settings=own)])[0] for own in settings]
-    told = ["fopg", "fopg, gradients cut", "fopg with psi", "fopg with psi, gradients cut"]
+    told = ["fopg", "fopg, gradients clipped", "fopg with psi", "fopg with psi, gradients clipped"]
     assert [group.label for group in found] == told
-    assert verdict(found[1]).startswith("fopg, gradients cut: return")
-    assert summary_rows(found)[1][1][0] == "fopg, gradients cut"
+    assert verdict(found[1]).startswith("fopg, gradients clipped: return")
+    assert summary_rows(found)[1][1][0] == "fopg, gradients clipped"
 
 
 def test_the_best_policy_is_told_not_the_last() -> None:
@@ -141,8 +141,8 @@ def test_signals_are_of_those_that_tell_them() -> None:
 
 def test_learned_parameters_stand_beside_the_tasks_own() -> None:
     from problems.tasks import registry
+    from reports.pages.training import training_content
     from reports.pdf import render
-    from reports.trained.page import training_content
     from reports.view import RunView
 
     task = registry.get("ball-throw")

@@ -37,7 +37,7 @@ def test_intervals_are_students() -> None:
     assert found["measures"]["speed"]["unit"] == "m/s"
     assert (found["return"]["least"], found["return"]["most"]) == (0.0, 9.0)
     assert sentence(found).startswith("Return 3.5 [")
-    assert "over 4 episodes; training's own judgement was 3." in sentence(found)
+    assert "over 4 episodes; in training it was 3." in sentence(found)
     assert told([10], [])["return"]["interval"] is None
 
 
