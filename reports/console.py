@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console, Group
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -150,17 +151,44 @@ def _line(*cells: str) -> str:
 
 
 @contextmanager
+def live(quiet: bool, every_s: float, delay: bool = False) -> Iterator[Callable[..., None]]:
+    """Yield ``show(line, now=False, picture=None)``, which reports progress on stderr.
+
+    On a terminal the ``line``, or ``picture()``, is updated in place ten times a second at most;
+    elsewhere lines are printed, at most one per ``every_s`` seconds, and always where ``now``.
+    An empty line is shown on a terminal alone. With ``delay`` the first line waits as long.
+    """
+    console = Console(stderr=True, highlight=False)
+    screen = Live(console=console, transient=True, auto_refresh=False)
+    terminal, last = console.is_terminal, time.monotonic() if delay else -math.inf
+
+    def show(
+        line: str, now: bool = False, picture: Callable[[], RenderableType] | None = None
+    ) -> None:
+        nonlocal last
+        seconds = time.monotonic()
+        due = now or seconds - last >= (0.1 if terminal else every_s)
+        if quiet or not due or not (line or terminal):
+            return
+        last = seconds
+        if terminal:
+            screen.update(picture() if picture else Text(line), refresh=True)
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+    with screen if terminal and not quiet else nullcontext():
+        yield show
+
+
+@contextmanager
 def progress(shown: bool, first: str) -> Iterator[Callable[[StageRecord], None]]:
     """Yield a callback for stages: one live line on a terminal, elsewhere the lines of a table."""
-    if not shown:
-        yield lambda _: None
+    if not shown or not sys.stderr.isatty():
+        yield StageLines() if shown else lambda _: None
         return
-    console = Console(stderr=True, highlight=False)
-    if not console.is_terminal:
-        yield StageLines()
-        return
-    with Live(Text(first), console=console, transient=True, auto_refresh=False) as live:
-        yield lambda stage: live.update(Text(stage_line(stage)), refresh=True)
+    with live(False, 0.0) as show:
+        show(first)
+        yield lambda stage: show(stage_line(stage), now=True)
 
 
 def result_table(solution: Solution) -> Table:

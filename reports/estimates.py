@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,38 +10,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from reports.console import number, table_of
+from reports.console import live, number, table_of
 
 if TYPE_CHECKING:
     from ocp.gradients.sweep import SweepProgress
-
-_EVERY_S = {True: 0.1, False: 5.0}
 
 
 @contextmanager
 def progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[SweepProgress], None]]:
     """Yield a callback that prints rate and time left, and calls ``check``."""
-    terminal = sys.stderr.isatty()
-    began = last = time.monotonic()
-    first: int | None = None
+    began, first = time.monotonic(), None
+    with live(quiet, every_s=5.0, delay=True) as show:
 
-    def report(state: SweepProgress) -> None:
-        nonlocal last, first
-        check()
-        first = state.done if first is None else first
-        now = time.monotonic()
-        if quiet or now - last < _EVERY_S[terminal]:
-            return
-        last = now
-        line = progress_line(state, state.done - first, now - began)
-        print(f"\r\033[K{line}" if terminal else line, end="" if terminal else "\n",
-              file=sys.stderr, flush=True)  # fmt: skip
+        def report(state: SweepProgress) -> None:
+            nonlocal first
+            check()
+            first = state.done if first is None else first
+            show(progress_line(state, state.done - first, time.monotonic() - began))
 
-    try:
         yield report
-    finally:
-        if terminal and not quiet:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
 
 
 def progress_line(state: SweepProgress, since: int, seconds: float) -> str:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-import sys
+import math
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Group
+from rich.text import Text
 
-from reports.console import number, table_of
+from reports.console import live, number, table_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -205,30 +207,17 @@ def outside_table(document: Mapping[str, Any]) -> Group:
 
 @contextmanager
 def training_progress(quiet: bool, first: int, epochs: int) -> Iterator[Callable[[Epoch], None]]:
-    """Yield a callback for epochs: a bar on a terminal, elsewhere a line for every tenth."""
-    if quiet:
-        yield lambda _: None
-        return
-    if not sys.stderr.isatty():
-        yield lambda epoch: _print(epoch, epochs)
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
-    console = Console(stderr=True, highlight=False)
-    with Progress(*columns, console=console, transient=True) as shown:
-        task = shown.add_task("training", total=epochs, completed=first)
+    """Yield a callback for epochs: one live line on a terminal, elsewhere one per ten epochs."""
+    began = time.monotonic()
+    with live(quiet, every_s=math.inf) as show:
 
         def report(epoch: Epoch) -> None:
-            shown.update(task, completed=epoch.number, description=_line(epoch, epochs))
+            seconds = (time.monotonic() - began) / max(1, epoch.number - first)
+            left = f", {seconds * (epochs - epoch.number):.0f} s left"
+            text, now = _line(epoch, epochs), epoch.number % 10 == 0 or epoch.number == epochs
+            show(text if now else "", now, lambda: Text(text + left))
 
         yield report
-
-
-def _print(epoch: Epoch, epochs: int) -> None:
-    if epoch.number % 10 == 0 or epoch.number == epochs:
-        print(_line(epoch, epochs), file=sys.stderr, flush=True)
 
 
 def _line(epoch: Epoch, epochs: int) -> str:

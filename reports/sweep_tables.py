@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from ocp.sweeps.job import JobResult
+from reports import console
 from reports.console import number, table_of
 
 MOST = 200
@@ -45,7 +43,6 @@ def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table
 
 
 Ended = Callable[[int, JobResult], None]
-_EVERY_S = 2.0
 _BAR = 20
 
 
@@ -56,28 +53,20 @@ def live(names: Sequence[str], before: int, quiet: bool) -> Iterator[Ended]:
     The first ``before`` calls are points that were kept. On a terminal one line moves; elsewhere a
     line is printed every two seconds at most, and for each point that failed.
     """
-    console = Console(stderr=True, highlight=False)
-    began, last, done = time.monotonic(), -float("inf"), 0
-    screen = Live(console=console, auto_refresh=False, transient=True)
+    began, done = time.monotonic(), 0
+    with console.live(quiet, every_s=2.0) as show:
 
-    def ended(place: int, point: JobResult) -> None:
-        nonlocal last, done
-        done += 1
-        if quiet or done <= before:
-            return
-        now = time.monotonic()
-        left = (now - began) / (done - before) * (len(names) - done)
-        text = line(done, len(names), names[place], point.row, left)
-        if console.is_terminal:
-            screen.update(Text(f"{_bar(done / len(names))} {text}"), refresh=True)
-        elif now - last >= _EVERY_S or done == len(names) or not point.row["success"]:
-            print(text, file=sys.stderr, flush=True)
-            last = now
+        def ended(place: int, point: JobResult) -> None:
+            nonlocal done
+            done += 1
+            if done <= before:
+                return
+            left = (time.monotonic() - began) / (done - before) * (len(names) - done)
+            text = line(done, len(names), names[place], point.row, left)
+            full = round(done / len(names) * _BAR)
+            bar = Text(f"{'━' * full}{'╌' * (_BAR - full)} {text}")
+            show(text, done == len(names) or not point.row["success"], lambda: bar)
 
-    if quiet or not console.is_terminal:
-        yield ended
-        return
-    with screen:
         yield ended
 
 
@@ -92,8 +81,3 @@ def duration(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
-
-
-def _bar(share: float) -> str:
-    full = round(share * _BAR)
-    return "━" * full + "╌" * (_BAR - full)

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
+from rich.console import Group, RenderableType
 
+from reports import console
 from reports.console import number, small, table_of
 
 Callback = Callable[[int, Mapping[str, float]], None]
-_EVERY_S = {True: 0.2, False: 10.0}
 _ROWS, _COLUMNS, _PLOT, _SPARK = 5, 6, (56, 6), 20
 _ELSEWHERE = ("iteration", "wall_s", "env_steps", "evaluation_return_deviation",
               "evaluation_length", "evaluation_unsolved")  # fmt: skip
@@ -65,30 +62,15 @@ def live(
     line per evaluation, at most every ten seconds. Each call calls ``check``.
     """
     curves = [LearningCurve(name, iterations) for name, iterations in trainings.items()]
-    console = Console(stderr=True, highlight=False)
-    terminal, last = console.is_terminal, -float("inf")
-    screen = Live(console=console, auto_refresh=False, transient=True)
+    with console.live(quiet, every_s=10.0) as show:
 
-    def callback(place: int, row: Mapping[str, float]) -> None:
-        nonlocal last
-        check()
-        one = curves[place]
-        one.rows.append(row)
-        now, ends = time.monotonic(), row["iteration"] >= one.iterations
-        if quiet or (now - last < _EVERY_S[terminal] and not ends):
-            return
-        if terminal:
-            screen.update(picture(curves), refresh=True)
-        elif "evaluation_return" in row:
-            print(line(one), file=sys.stderr, flush=True)
-        else:
-            return
-        last = now
+        def callback(place: int, row: Mapping[str, float]) -> None:
+            check()
+            one = curves[place]
+            one.rows.append(row)
+            text, ends = line(one), row["iteration"] >= one.iterations
+            show(text if "evaluation_return" in row else "", ends, lambda: picture(curves))
 
-    if quiet or not terminal:
-        yield callback
-        return
-    with screen:
         yield callback
 
 
