@@ -21,6 +21,7 @@ from reports.cli.options import (
     RunOptions,
     SolverOptions,
     SourceOptions,
+    StartsOptions,
     StoreOptions,
     argument,
     assigned,
@@ -29,7 +30,6 @@ from reports.cli.options import (
 
 BACKENDS = ("auto", "c", "numpy", "casadi")
 """Engines of batched evaluation; auto takes the first that can be built."""
-RANKS = ("planned", "exact", "referee")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,24 +84,6 @@ class ShowOptions(Options):
     problem: str = argument(
         metavar="PROBLEM|FILE", help=f"{PROBLEM[:-1]}, or a .nc file of ocp collect or ocp learn."
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class StartsOptions(SolverOptions):
-    """Several starts of one solve."""
-
-    starts: int = option(1, min=1, max=10_000, help="Initial guesses per solve.")
-    rank: str = option("planned", help="Cost that ranks several starts: planned, exact or referee.")
-    jobs: int = option(1, "-j", min=1, max=1024, help="Number of parallel processes.")
-
-    def check(self) -> None:
-        """Raise InputError for an unknown rank, and for a rank of a single start."""
-        from ocp.errors import InputError, choose
-
-        super().check()
-        choose("rank", self.rank, dict.fromkeys(RANKS))
-        if "rank" in self.given and self.starts == 1:
-            raise InputError("--rank needs several starts; give --starts 2 or more")
 
 
 @dataclass(frozen=True, kw_only=True)

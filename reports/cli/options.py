@@ -183,3 +183,21 @@ class SolverOptions(ProblemOptions):
 
     method: str = option("direct", help="direct, multiple-shooting, ...")
     solver: str = option("ipopt", help="ipopt, fatrop, uno or sleqp.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartsOptions(SolverOptions):
+    """Several starts of one solve."""
+
+    starts: int = option(1, min=1, max=10_000, help="Initial guesses per solve.")
+    rank: str = option("planned", help="Cost that ranks several starts: planned, exact or referee.")
+    jobs: int = option(1, "-j", min=1, max=1024, help="Number of parallel processes.")
+
+    def check(self) -> None:
+        """Raise InputError for an unknown rank, and for a rank of a single start."""
+        from ocp.errors import InputError, choose
+
+        super().check()
+        choose("rank", self.rank, dict.fromkeys(("planned", "exact", "referee")))
+        if "rank" in self.given and self.starts == 1:
+            raise InputError("--rank needs several starts; give --starts 2 or more")

@@ -22,7 +22,6 @@ from reports.cli import interrupt
 from reports.cli.commands import SolveOptions
 from reports.cli.request import Request, check_place, check_places
 from reports.cli.streams import Output
-from reports.papers.formats import format_of
 
 NOT_CONVERGED = 3
 REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at h/4"}
@@ -37,6 +36,8 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     if options.start is not None and options.starts > 1:
         raise InputError("--from excludes several starts; drop --starts")
     if options.plot is not None:
+        from reports.papers.bare import format_of
+
         format_of(options.plot)
         check_place(options.plot, "figure")
     request = Request.read(options)
@@ -82,7 +83,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     output.verdict(solution.verdict, solution.grade)
     content = document(solution, stored.meta)
     if options.plot is not None:
-        from reports.papers.bare import bare
+        from reports.papers.bare import bare, format_of
 
         drawn = bare(stored, format_of(options.plot), own=request.spec)
         atomic.write(options.plot, drawn, "the figure")

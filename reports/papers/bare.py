@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
 
@@ -19,7 +20,6 @@ from ocp.errors import InputError, choose
 from ocp.store.stored_run import StoredRun
 from problems.spec import ProblemSpec
 from reports.figures.studies import DRAWINGS
-from reports.papers.formats import FORMATS
 from reports.papers.solution import solution_figure
 from reports.style import literal, styled
 from reports.view import RunView
@@ -33,11 +33,23 @@ _TALLEST = 0.85
 _HALF, _NEAR, _ROUNDS = 0.55, 5e-3, 4
 # Type 42: whole TrueType fonts, since publishers turn Type 3 away.
 _SETTINGS: dict[Any, Any] = {"pdf.fonttype": 42}
-_UNDATED: dict[str, dict[str, None]] = {
+FORMATS: dict[str, dict[str, None]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "svg": {"Date": None, "Creator": None},
     "png": {"Software": None},
 }
+"""Files that a bare figure can be, with the metadata left out of each."""
+
+
+def format_of(file: Path) -> str:
+    """Return the format that a file's ending names; raises InputError for an unknown one."""
+    ending = file.suffix.removeprefix(".")
+    if ending not in FORMATS:
+        raise InputError(
+            f"a figure must end in .pdf, .svg or .png, got {file.suffix!r}; use"
+            f" {file.with_suffix('.pdf').name}, for example"
+        )
+    return ending
 
 
 def bare(
@@ -78,7 +90,7 @@ def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
             figure.set_size_inches(COLUMN, height * COLUMN / width)
     buffer = io.BytesIO()
     with mpl.rc_context(_SETTINGS):
-        figure.savefig(buffer, format=ending, dpi=_DPI, bbox_inches=box, metadata=_UNDATED[ending])
+        figure.savefig(buffer, format=ending, dpi=_DPI, bbox_inches=box, metadata=FORMATS[ending])
     return buffer.getvalue()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Sequence
 from typing import Any
 
 from ocp.transcription import METHODS
@@ -58,44 +57,26 @@ INTRODUCTIONS = {
 
 def settings_pages() -> dict[str, str]:
     """A page each for laws, methods, estimators, training and the solver, and a list."""
+    shown = {
+        "laws": ("Contact laws", settings.laws()),
+        "solves": ("Methods and policies", [settings.solves(), *settings.policies()]),
+        "estimators": ("Estimators", settings.estimators()),
+        "training": ("Training", settings.training()),
+        "solver": ("IPOPT", [settings.changed(settings.solver("ipopt"))]),
+    }
+    rows = [f"- [{name.capitalize()}]({name}.md): {INTRODUCTIONS[name]}\n" for name in shown]
+    head = (
+        "# Settings\n\nEvery setting, from its declaration. Unknown settings are refused; the error"
+        " names the closest match.\n\n"
+    )
+    pages = {"settings/index.md": head + "".join(rows)}
     methods = [(f"`{name}`", escaped(method.summary)) for name, method in METHODS.items()]
-    solves = [settings.solves(), *settings.policies()]
-    written = {
-        "laws": settings_page("Contact laws", INTRODUCTIONS["laws"], settings.laws()),
-        "solves": settings_page(
-            "Methods and policies",
-            f"{INTRODUCTIONS['solves']}\n\n{table(('`--method`', ''), methods)}",
-            solves,
-        ),
-        "estimators": settings_page(
-            "Estimators", INTRODUCTIONS["estimators"], settings.estimators()
-        ),
-        "training": settings_page("Training", INTRODUCTIONS["training"], settings.training()),
-        "solver": settings_page(
-            "IPOPT", INTRODUCTIONS["solver"], [settings.changed(settings.solver("ipopt"))]
-        ),
-    }
-    return {
-        "settings/index.md": settings_index(),
-        **{f"settings/{name}.md": text for name, text in written.items()},
-    }
-
-
-def settings_index() -> str:
-    """The list of these pages."""
-    rows = "".join(
-        f"- [{name.capitalize()}]({name}.md): {introduction}\n"
-        for name, introduction in INTRODUCTIONS.items()
-    )
-    return (
-        "# Settings\n\nEvery setting, from its declaration. An unknown one is refused;"
-        f" the error names the closest match.\n\n{rows}"
-    )
-
-
-def settings_page(title: str, introduction: str, groups: Sequence[SettingGroup]) -> str:
-    """One page: an introduction, then a table per group."""
-    return "\n".join([f"# {title}\n", f"{introduction}\n", *map(section, groups)])
+    for name, (title, groups) in shown.items():
+        parts = [f"# {title}\n", f"{INTRODUCTIONS[name]}\n", *map(section, groups)]
+        if name == "solves":
+            parts.insert(2, table(("`--method`", ""), methods))
+        pages[f"settings/{name}.md"] = "\n".join(parts)
+    return pages
 
 
 def section(group: SettingGroup) -> str:
@@ -104,16 +85,16 @@ def section(group: SettingGroup) -> str:
     if not group.settings:
         return f"{head}\nIt has no settings.\n"
     rows = [
-        (f"`{one.name}`", code(settings.default_text(one.default)), one.kind, escaped(one.meaning))
+        (
+            f"`{one.name}`",
+            f"`{text}`" if (text := settings.default_text(one.default)) else "",
+            one.kind,
+            escaped(one.meaning),
+        )
         for one in group.settings
     ]
     columns = (f"`{group.syntax}`", "default", "value", "meaning")
     return f"{head}\n{table(columns, rows)}"
-
-
-def code(text: str) -> str:
-    """A default in code font; nothing for none."""
-    return f"`{text}`" if text else ""
 
 
 FOLDER = DOCS.parent / "examples"
@@ -122,7 +103,10 @@ FOLDER = DOCS.parent / "examples"
 def example_pages() -> dict[str, str]:
     """A page per script of ``examples``, and a list of scripts and notebooks."""
     scripts = {file.stem: file.read_text(encoding="utf-8") for file in sorted(FOLDER.glob("*.py"))}
-    rows = [(f"[{name}]({name}.md)", first_sentence(source)) for name, source in scripts.items()]
+    rows = [
+        (f"[{name}]({name}.md)", (ast.get_docstring(ast.parse(source)) or "").partition("\n\n")[0])
+        for name, source in scripts.items()
+    ]
     rows += [(f"`{book.name}`", "a notebook") for book in sorted(FOLDER.glob("*.ipynb"))]
     written = {
         f"examples/{name}.md": f'# {name}\n\n```python title="examples/{name}.py"\n{source}```\n'
@@ -130,8 +114,3 @@ def example_pages() -> dict[str, str]:
     }
     head = "# Examples\n\nWhole files that run, in `examples/` of the checkout.\n\n"
     return {"examples/index.md": head + table(("", "what it shows"), rows), **written}
-
-
-def first_sentence(source: str) -> str:
-    """The first sentence of a script's docstring."""
-    return (ast.get_docstring(ast.parse(source)) or "").partition("\n\n")[0].replace("\n", " ")

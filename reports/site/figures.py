@@ -39,11 +39,6 @@ def pages() -> dict[str, str]:
     return {"figures/index.md": index(found), **written}
 
 
-def good(figure: Mapping[str, Any]) -> str:
-    """How many claims of a figure hold, of how many."""
-    return counted(figure["claims"])
-
-
 def index(found: Mapping[str, Mapping[str, Any]]) -> str:
     """List the figures, paper by paper, with how many of their claims hold."""
     every = [claim for figure in found.values() for claim in figure["claims"]]
@@ -55,7 +50,7 @@ def index(found: Mapping[str, Mapping[str, Any]]) -> str:
     ]
     for letter, paper in PAPERS.items():
         rows = [
-            (f"[{name}]({name}.md)", studies.get(name).title, good(figure))
+            (f"[{name}]({name}.md)", studies.get(name).title, counted(figure["claims"]))
             for name, figure in found.items()
             if name.startswith(letter)
         ]
@@ -71,24 +66,20 @@ def page(study: FigureStudy, figure: Mapping[str, Any]) -> str:
     if (DOCS / "pictures" / "figures" / f"{study.id}.png").exists():
         parts.append(f"![{study.title}](../../pictures/figures/{study.id}.png)\n")
     parts += [f"{DRAWINGS[study.id].caption}\n", f"{source}\n"]
-    parts += [f"## Claims\n\n{good(figure)} hold.\n", claims(figure), provenance(figure)]
+    parts += [
+        f"## Claims\n\n{counted(figure['claims'])} hold.\n",
+        claims(figure),
+        provenance(figure),
+    ]
     if study.notes:
         parts.append("## Notes\n\n" + "".join(f"- {note}\n" for note in study.notes))
     return "\n".join(parts)
 
 
 def claims(figure: Mapping[str, Any]) -> str:
-    """A figure's claims as a table, with a mark on those that do not hold."""
-    return table(
-        COLUMNS,
-        (
-            [*(escaped(claim[name]) for name in COLUMNS[:-1]), mark(claim)]
-            for claim in figure["claims"]
-        ),
-    )
-
-
-def mark(claim: Mapping[str, Any]) -> str:
-    """The verdict on a claim: yes, a bold no, or within noise."""
-    word = verdict(claim["holds"], claim.get("margin"))
-    return {"holds": "yes", "does not hold": "**no**"}.get(word, word)
+    """A figure's claims as a table, with a bold mark on those that do not hold."""
+    marks, rows = {"holds": "yes", "does not hold": "**no**"}, []
+    for claim in figure["claims"]:
+        word = verdict(claim["holds"], claim.get("margin"))
+        rows.append([*(escaped(claim[name]) for name in COLUMNS[:-1]), marks.get(word, word)])
+    return table(COLUMNS, rows)

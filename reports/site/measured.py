@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from io import BytesIO
@@ -140,11 +140,8 @@ def table_pages() -> dict[str, str]:
 def included() -> set[str]:
     """Names of the tables that table_pages written by hand include."""
     written = (page for page in DOCS.rglob("*.md") if not page.is_relative_to(GENERATED))
-    return {name for page in written for name in _names(page.read_text(encoding="utf-8"))}
-
-
-def _names(text: str) -> Iterable[str]:
-    return re.findall(r'--8<-- "generated/tables/([\w-]+)\.md"', text)
+    found = re.compile(r'--8<-- "generated/tables/([\w-]+)\.md"')
+    return {name for page in written for name in found.findall(page.read_text(encoding="utf-8"))}
 
 
 def others(tables: Mapping[str, Mapping[str, Any]]) -> str:

@@ -28,7 +28,7 @@ def test_a_solve_writes_its_figure(ocp, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "sentence"),
     [
-        ("push.gif", "a figure ends in .pdf, .svg or .png, not in '.gif'; name it push.pdf"),
+        ("push.gif", "a figure must end in .pdf, .svg or .png, got '.gif'; use push.pdf"),
         ("push", "not in ''; name it push.pdf"),
         ("taken.pdf", "taken.pdf is a directory"),
     ],

@@ -12,8 +12,8 @@ from ocp.errors import InputError
 from problems import describe, names, spec
 from reports.site import measured
 from reports.site.__main__ import pages as fresh
-from reports.site.gallery import unit
 from reports.site.markdown import cell, table
+from reports.units import powers
 
 LIMIT = 6_000_000
 """Bytes of all pictures of the documentation."""
@@ -64,7 +64,7 @@ def test_what_is_measured_says_how_where_and_when() -> None:
 def test_a_problems_page_has_its_parameters_and_best_known_values(name: str) -> None:
     text = (measured.GENERATED / "gallery" / f"{name}.md").read_text(encoding="utf-8")
     for row in describe(spec(name)):
-        assert f"| `{row['name']}` | {cell(row['value'])} | {unit(row['unit'])} |" in text
+        assert f"| `{row['name']}` | {cell(row['value'])} | {powers(row['unit'])} |" in text
     for golden in spec(name).golden.values():
         assert f"{golden.cost:.9g}" in text
 
