@@ -42,13 +42,11 @@ def small(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
 
 
-def table_of(
-    *columns: tuple[str, str], rows: Iterable[Sequence[str]] = (), title: str | None = None
-) -> Table:
-    """A table of columns, each with a title and ``left`` or ``right``."""
+def table_of(*columns: str, rows: Iterable[Sequence[str]] = (), title: str | None = None) -> Table:
+    """A table with titled columns, right-aligned where the title begins with ``>``."""
     table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0))
-    for name, justify in columns:
-        table.add_column(name, justify="right" if justify == "right" else "left")
+    for name in columns:
+        table.add_column(name.removeprefix(">"), justify="right" if name[:1] == ">" else "left")
     for row in rows:
         table.add_row(*row)
     return table
@@ -67,8 +65,8 @@ def stage_table(stages: Sequence[StageRecord]) -> Table:
         (index, f"{stage_title(label)} {value}".rstrip() if head == "parameter" else value, *cells)
         for index, label, value, *cells in stage_rows(stages)
     )
-    heads = ("stage", head, "cost", "lam·gap", "residual", "iter", "s")
-    return table_of(*((name, "right") for name in heads), ("", "left"), rows=rows)
+    heads = (">stage", f">{head}", ">cost", ">lam·gap", ">residual", ">iter", ">s", "")
+    return table_of(*heads, rows=rows)
 
 
 def stage_rows(stages: Sequence[StageRecord]) -> list[tuple[str, ...]]:
@@ -209,7 +207,7 @@ def result_table(solution: Solution) -> Table:
         ("time in functions, solver", *split(solution)),
     ]
     rows[-3:-3] = [(name, small(value), what) for name, value, what in physics_residuals(audit)]
-    table = table_of(("", "left"), ("", "right"), ("", "left"), rows=rows)
+    table = table_of("", ">", "", rows=rows)
     table.show_header = False
     return table
 
@@ -268,8 +266,8 @@ def contact_table(audit: Audit) -> Table:
         else (name, steps, peak, degenerate, spans)
         for name, steps, spans, slipping, peak, slid, degenerate in contact_rows(audit)
     )  # fmt: skip
-    numbers = ((head, "right") for head in (*heads, "degenerate"))
-    table = table_of(("contact", "left"), *numbers, ("steps from-to", "left"), rows=rows)
+    numbers = (f">{head}" for head in (*heads, "degenerate"))
+    table = table_of("contact", *numbers, "steps from-to", rows=rows)
     table.caption, table.caption_justify = idle_contacts(audit), "left"
     return table
 
@@ -314,10 +312,8 @@ def split(solution: Solution) -> tuple[str, str]:
 
 def violation_table(solution: Solution) -> Table:
     """The worst constraints of a failed solve, by name."""
-    return table_of(
-        ("worst constraint", "left"), ("component", "left"), ("scenario", "right"),
-        ("step", "right"), ("violation", "right"), rows=violation_rows(solution.audit),
-    )  # fmt: skip
+    heads = ("worst constraint", "component", ">scenario", ">step", ">violation")
+    return table_of(*heads, rows=violation_rows(solution.audit))
 
 
 def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
@@ -335,5 +331,5 @@ def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
         [number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys]
         for other in others
     )
-    heads = ((key.replace("_", " "), "right") for key in keys)
+    heads = (f">{key.replace('_', ' ')}" for key in keys)
     return table_of(*heads, rows=rows, title="other starts")

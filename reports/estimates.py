@@ -44,10 +44,8 @@ def table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
     several = any(isinstance(row["mean"], list) for row in rows)
     numbers = ("|mean|" if several else "mean", "std error", "variance", "reference")
     found = ((*columns, word) for *columns, _, word in (cells(row, bool(swept)) for row in rows))
-    return table_of(
-        *([(swept, "right")] if swept else []), ("estimator", "left"),
-        *((head, "right") for head in numbers), ("verdict", "left"), rows=found,
-    )  # fmt: skip
+    heads = ("estimator", *(f">{head}" for head in numbers), "verdict")
+    return table_of(*([f">{swept}"] if swept else []), *heads, rows=found)
 
 
 def _word(row: Mapping[str, Any]) -> str:

@@ -115,13 +115,10 @@ def _coordinates(
 ) -> list[dict[str, Any]]:
     columns = zip(names, units, z.min(axis=0), z.max(axis=0), shift, scale, strict=True)
     return [
-        {
-            **{"name": name, "unit": unit, "role": "state" if i < nx else "input"},
-            **{"least": float(least), "most": float(most)},
-            **{"shift": float(centre), "scale": float(width)},
-        }
+        {"name": name, "unit": unit, "role": "state" if i < nx else "input", "least": float(least),
+         "most": float(most), "shift": float(centre), "scale": float(width)}
         for i, (name, unit, least, most, centre, width) in enumerate(columns)
-    ]
+    ]  # fmt: skip
 
 
 def describe(found: Transitions | xr.Dataset) -> dict[str, Any]:
@@ -162,18 +159,16 @@ def _drawn(document: Mapping[str, Any]) -> list[str]:
 
 def tables(document: Mapping[str, Any]) -> list[Group]:
     """Ranges and scales of the data; for a model its errors, and its predictions away from data."""
-    fitted = (
-        [fit_table(document), outside_table(document)] if document.get("fit") is not None else []
-    )
-    return [coordinate_table(document), *fitted]
+    fitted = document.get("fit") is not None
+    own = [fit_table(document), outside_table(document)] if fitted else []
+    return [coordinate_table(document), *own]
 
 
 def coordinate_table(document: Mapping[str, Any]) -> Group:
     """A line a coordinate of z: its range, and the scale that normalises it."""
     keys = [key for key in ("least", "most", "shift", "scale", "noise")
             if key in document["coordinates"][0]]  # fmt: skip
-    heads = [(key, "right") for key in keys]
-    table = table_of(("", "left"), ("", "left"), ("unit", "left"), *heads)
+    table = table_of("", "", "unit", *(f">{key}" for key in keys))
     for row in document["coordinates"]:
         table.add_row(row["role"], row["name"], row["unit"], *(number(row[k], 4) for k in keys))
     noise = f"; noise = {document['sigma']:g} scale" if "noise" in keys else ""
@@ -183,8 +178,8 @@ def coordinate_table(document: Mapping[str, Any]) -> Group:
 def fit_table(document: Mapping[str, Any]) -> Group:
     """Errors on held-out rows, state by state."""
     keys = ("clean", "noised", "clean_relative", "noised_relative")
-    heads = [(key.replace("_relative", "/scale"), "right") for key in keys]
-    table = table_of(("held-out error", "left"), ("unit", "left"), *heads)
+    heads = [f">{key.replace('_relative', '/scale')}" for key in keys]
+    table = table_of("held-out error", "unit", *heads)
     for row in document["fit"]["states"]:
         table.add_row(row["name"], row["unit"], *(number(row[key], 3) for key in keys))
     rows, sigma = document["data"]["held_out"], document["fit"]["sigma"]
@@ -193,8 +188,7 @@ def fit_table(document: Mapping[str, Any]) -> Group:
 
 def outside_table(document: Mapping[str, Any]) -> Group:
     """Predictions of the model away from the data."""
-    heads = ("distance from the data", "displacement", "beyond the data")
-    table = table_of(*((head, "right") for head in heads))
+    table = table_of(">distance from the data", ">displacement", ">beyond the data")
     for row in document["fit"]["outside"]:
         share = f"{100 * row['beyond']:.0f} %"
         table.add_row(number(row["distance"]), number(row["displacement"], 3), share)

@@ -34,9 +34,8 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
 
 def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table:
     """The points of a sweep; a caption counts those left out."""
-    heads = [(dim.removeprefix("contact."), "right") for dim in dims]
-    heads += [(head, "left" if head == "verdict" else "right") for head in HEADS]
-    table = table_of(*heads, rows=point_rows(rows, dims))
+    heads = [f">{name}" for name in (*(dim.removeprefix("contact.") for dim in dims), *HEADS[:-1])]
+    table = table_of(*heads, HEADS[-1], rows=point_rows(rows, dims))
     if len(rows) > MOST:
         table.caption, table.caption_justify = f"and {len(rows) - MOST} more points", "left"
     return table

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
     """A problem's parameters with default, unit and meaning."""
-    table = table_of(("parameter", "left"), ("default", "right"), ("unit", "left"), ("", "left"))
+    table = table_of("parameter", ">default", "unit", "")
     for row in parameters:
         value, meaning = row["value"], row["description"]
         if isinstance(value, str):
@@ -36,15 +36,12 @@ def golden_table(golden: Mapping[str, Golden]) -> Table:
         (name, known.method, number(known.cost, 9), known.certificate, str(known.tried))
         for name, known in golden.items()
     )
-    return table_of(
-        ("best known", "left"), ("method", "left"), ("cost", "right"), ("certificate", "left"),
-        ("of solves", "right"), rows=rows,
-    )  # fmt: skip
+    return table_of("best known", "method", ">cost", "certificate", ">of solves", rows=rows)
 
 
 def run_table(run: StoredRun) -> Table:
     """One run's description, one line per key."""
-    table = table_of(("", "left"), ("", "left"))
+    table = table_of("", "")
     table.show_header = False
     meta, record = run.meta, run.meta.get("record") or {}
     table.add_row("run", str(run.path))
@@ -113,8 +110,8 @@ def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]
 
 def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
     """The events of a continuation."""
-    return table_of(("", "right"), (stage_title(name), "right"), ("event", "left"), ("", "left"),
-                    ("steps", "left"), ("cost", "right"), rows=event_rows(events))  # fmt: skip
+    heads = (">", f">{stage_title(name)}", "event", "", "steps", ">cost")
+    return table_of(*heads, rows=event_rows(events))
 
 
 Row = Mapping[str, Any]

@@ -83,8 +83,7 @@ def _interval(found: Mapping[str, Any]) -> str:
 def judgement_table(judged: Mapping[str, Any]) -> Table:
     """A line each for return, length and measures, beside what training found."""
     own = judged["own"]
-    table = table_of(("", "left"), ("mean", "right"), ("95 % interval", "right"),
-                     ("least", "right"), ("most", "right"), ("in training", "right"))  # fmt: skip
+    table = table_of("", ">mean", ">95 % interval", ">least", ">most", ">in training")
     rows = {"return": judged["return"], "length": judged["length"], **judged["measures"]}
     for name, found in rows.items():
         title = name if found["unit"] == "1" else f"{name}, {found['unit']}"

@@ -92,11 +92,8 @@ _VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
 
 def picture(curves: Sequence[LearningCurve]) -> RenderableType:
     """A line each; for a single training also its curve and its last rows."""
-    table = table_of(
-        ("training", "left"), ("iteration", "right"), ("exact return", "right"),
-        ("return", "right"), ("time", "right"), ("left", "right"), ("", "left"),
-        rows=[_cells(one) for one in curves],
-    )  # fmt: skip
+    heads = ("training", ">iteration", ">exact return", ">return", ">time", ">left", "")
+    table = table_of(*heads, rows=[_cells(one) for one in curves])
     if len(curves) > 1 or not curves[0].rows:
         return table
     one = curves[0]
@@ -125,7 +122,7 @@ def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
     cells = (
         [f"{row['iteration']:.0f}", *(number(row.get(name), 4) for name in names)] for row in rows
     )
-    return table_of(("iteration", "right"), *((title, "right") for title in titles), rows=cells)
+    return table_of(">iteration", *(f">{title}" for title in titles), rows=cells)
 
 
 _EIGHTHS = " ▁▂▃▄▅▆▇█"

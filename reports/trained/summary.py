@@ -179,4 +179,4 @@ def summary_rows(found: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]
 def summary_table(runs: Sequence[StoredRun]) -> Table:
     """A line a run."""
     heads, cells = summary_rows(groups(runs))
-    return table_of((heads[0], "left"), *((head, "right") for head in heads[1:]), rows=cells)
+    return table_of(heads[0], *(f">{head}" for head in heads[1:]), rows=cells)
