@@ -7,14 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.batch.arguments import BLOCK, NonFinite, as_rows
+from dynamics.batch.arguments import NonFinite, as_rows
 from dynamics.batch.engines.rollout_engines import Call, Results
-from dynamics.batch.graphs.objective import Episode
-from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.moments import Moments
 from dynamics.batch.random import Gaussian
 from dynamics.batch.rolling import Rolling
-from dynamics.contact import Step
 
 
 @dataclass(frozen=True)
@@ -73,18 +70,6 @@ class EpisodeFunction(Rolling):
     makes the p of a call. Backends, threads and block as `RolloutFunction` has them, raises alike.
     """
 
-    def __init__(
-        self,
-        step: Step,
-        episode: Episode,
-        horizon: int,
-        policy: RolloutPolicy,
-        backend: str = "auto",
-        threads: int | None = None,
-        block: int = BLOCK,
-    ) -> None:
-        super().__init__(step, episode, horizon, policy, backend, threads, block)
-
     def __call__(
         self,
         x0: Any,
@@ -114,22 +99,16 @@ class EpisodeFunction(Rolling):
         """
         q = self._asked(x0, theta, p, noise, n_samples, gradient, score, along, pull)
         shape = (q.n, *self.policy.shape(self.horizon))
-        nx, size = self.tapes.nx, q.theta.shape[1]
-        results = Results(
-            np.empty((q.n, 1)),
-            np.empty((q.n, size)) if gradient else None,
-            np.empty((q.n, size)) if score else None,
-            np.empty((q.n, nx)),
-            np.empty((q.n, (self.horizon + 1) * nx)) if states else None,
-        )
+        nx, last = self.tapes.nx, np.empty((q.n, self.tapes.nx))
+        trail = np.empty((q.n, self.horizon + 1, nx)) if states else None
+        flat = None if trail is None else trail.reshape(q.n, -1)
+        results = Results.of(q, last=last, trail=flat)
         nonfinite = self._sampled(q, results)
-        trail = None if results.trail is None else results.trail.reshape(q.n, -1, nx)
         if results.gradient is not None:
             np.negative(results.gradient, out=results.gradient)
-        assert results.last is not None
         return Episodes(
             value=-results.cost[:, 0],
-            lived=results.last[:, -1],
+            lived=last[:, -1],
             gradient=None if results.gradient is None else results.gradient.reshape(shape),
             score=None if results.score is None else results.score.reshape(shape),
             trail=trail,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,25 +21,16 @@ from dynamics.batch.arguments import (
     common_length,
     non_finite_rows,
 )
-from dynamics.batch.engines.c_flat import c_engine
-from dynamics.batch.engines.casadi_kernel import CasadiEngine
+from dynamics.batch.engines import c_flat
 from dynamics.batch.engines.choice import choose
-from dynamics.batch.engines.numpy_kernel import NumpyEngine
+from dynamics.batch.engines.compiler import find_compiler
+from dynamics.batch.engines.kernels import CasadiKernel, ChunkedEngine, NumpyKernel, chunk_length
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.graphs.tape import Tape, UnsupportedOperation, tape_of
 
+CASADI_CHUNK = 1024
 LONGEST = 40_000
 """Operations beyond which `auto` interprets: compilers take minutes over longer programs."""
-
-
-class Engine(Protocol):
-    """What a backend is: it fills `outputs` and counts the samples that are not finite."""
-
-    name: str
-
-    def evaluate(self, inputs: list[np.ndarray], outputs: list[np.ndarray], n: int) -> int:
-        """Evaluate n samples; arrays are (n, nnz), or (1, nnz) for an input they share."""
-        ...
 
 
 class BatchFunction:
@@ -79,12 +70,22 @@ class BatchFunction:
 
     def _makers(self, fn: ca.Function, backend: str) -> dict[str, Any]:
         tape = functools.cache(lambda: tape_of(fn))
-        compiled = {"c": lambda: c_engine(tape(), self.threads, self.block)}
+
+        def by_numpy() -> ChunkedEngine:
+            kernel = NumpyKernel(tape())
+            chunk = chunk_length(kernel.n_registers, self.block)
+            return ChunkedEngine(kernel.run, chunk, self.threads)
+
+        def compiled() -> c_flat.CompiledEngine:
+            text = c_flat.source(tape(), self.block, find_compiler())
+            return c_flat.CompiledEngine(self.threads, text)
+
         interpreted = {
-            "numpy": lambda: NumpyEngine(tape(), self.threads, self.block),
-            "casadi": lambda: CasadiEngine(fn, self.threads),
+            "numpy": by_numpy,
+            "casadi": lambda: ChunkedEngine(CasadiKernel(fn, self.threads).run, CASADI_CHUNK, 1),
         }
-        return interpreted if backend == "auto" and _too_long(tape) else compiled | interpreted
+        long = backend == "auto" and _too_long(tape)
+        return interpreted if long else {"c": compiled, **interpreted}
 
     def __call__(self, *args: Any, out: Sequence[np.ndarray] | None = None, **named: Any) -> Any:
         """Evaluate; `out` gives arrays `(n_samples, nnz_out)` to write to, one for each output."""

@@ -3,35 +3,37 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from copy import copy
+from functools import partial
 from typing import Any, Self
 
+import casadi as ca
 import numpy as np
 
 from dynamics.batch.arguments import (
+    BLOCK,
     BatchWarning,
     NonFinite,
     as_doubles,
     as_rows,
     checked_block,
-    non_finite_rows,
 )
-from dynamics.batch.engines.casadi_kernel import CasadiKernel
 from dynamics.batch.engines.choice import choose
-from dynamics.batch.engines.numpy_kernel import NumpyKernel
+from dynamics.batch.engines.kernels import KERNELS, Kernel, NumpyKernel
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.engines.rollout_engines import (
     Call,
     ChunkEngine,
+    CompiledRolloutEngine,
     Results,
     RolloutEngine,
-    c_rollout_engine,
 )
 from dynamics.batch.graphs.objective import Objective
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.graphs.rollout_tapes import build_tapes, parameters_of
 from dynamics.batch.graphs.step_graphs import Asked
-from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
+from dynamics.batch.graphs.tape import tape_of
 from dynamics.batch.moments import Moments, merge_chunks
 from dynamics.batch.random import Gaussian
 from dynamics.contact import Step
@@ -52,9 +54,9 @@ class Rolling:
         objective: Objective,
         horizon: int,
         policy: RolloutPolicy,
-        backend: str,
-        threads: int | None,
-        block: int,
+        backend: str = "auto",
+        threads: int | None = None,
+        block: int = BLOCK,
     ) -> None:
         self.horizon, self.policy = _checked_horizon(horizon), policy
         self.threads, self.block = checked_threads(threads), checked_block(block)
@@ -78,25 +80,20 @@ class Rolling:
         return noise, self.policy.acting(noise)
 
     def _makers(self) -> dict[str, Any]:
-        def chunks(make: Any) -> RolloutEngine:
-            return ChunkEngine(self.tapes, self.horizon, self.policy.per_step, self.threads, make)
+        tapes, threads = self.tapes, self.threads
 
-        makers: dict[str, Any] = {
-            "c": lambda: c_rollout_engine(self.tapes, self.threads, self.block),
-            "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
-            "casadi": lambda: chunks(CasadiKernel),
-        }
-        if isinstance(self.tapes.forward, Asked):
-            del makers["c"]
-        return makers
+        def chunks(make: Callable[[ca.Function], Kernel]) -> RolloutEngine:
+            return ChunkEngine(tapes, self.horizon, self.policy.per_step, threads, make)
+
+        makers: dict[str, Any] = {name: partial(chunks, KERNELS[name]) for name in KERNELS}
+        if isinstance(tapes.forward, Asked):
+            return makers
+        return {"c": lambda: CompiledRolloutEngine(tapes, threads, self.block), **makers}
 
     def _sampled(self, q: Call, results: Results) -> NonFinite:
         """Fill the results sample by sample, and warn of those that are not finite."""
         bad = self._engine.samples(q, results) if q.n else 0
-        nonfinite = NonFinite()
-        if bad:
-            asked = (results.cost, results.gradient, results.score)
-            nonfinite = non_finite_rows([a for a in asked if a is not None])
+        nonfinite = results.non_finite() if bad else NonFinite()
         if nonfinite:
             warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=3)
         return nonfinite
@@ -138,12 +135,9 @@ class Rolling:
             begin, end = i * chunk, min((i + 1) * chunk, q.n)
             if count < end - begin:
                 part = q.part(begin, end)
-                values = np.empty((part.n, 1)), *np.empty((2, part.n, q.theta.shape[1]))
-                asked = [values[0]]
-                asked += [a for a, on in zip(values[1:], (q.gradient, q.score), strict=True) if on]
-                gradient, score = values[1] if q.gradient else None, values[2] if q.score else None
-                self._engine.samples(part, Results(values[0], gradient, score))
-                found.append(begin + non_finite_rows(asked).indices)
+                results = Results.of(part)
+                self._engine.samples(part, results)
+                found.append(begin + results.non_finite().indices)
         return np.concatenate(found)
 
     def _named(self, total: Moments, q: Call) -> list[Moments | None]:

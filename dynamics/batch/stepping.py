@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from dynamics.batch.arguments import (
@@ -16,17 +18,21 @@ from dynamics.batch.arguments import (
     common_length,
     non_finite_rows,
 )
-from dynamics.batch.engines.casadi_kernel import CasadiKernel
+from dynamics.batch.engines import c_steps
+from dynamics.batch.engines.c_flat import CompiledEngine
 from dynamics.batch.engines.choice import choose
-from dynamics.batch.engines.numpy_kernel import NumpyKernel
+from dynamics.batch.engines.chunk_rollout import ChunkRollout
+from dynamics.batch.engines.compiler import find_compiler
+from dynamics.batch.engines.kernels import KERNELS, ChunkedEngine, Kernel, NumpyKernel
 from dynamics.batch.engines.parallel import checked_threads
-from dynamics.batch.engines.step_engines import ChunkStepEngine, c_step_engine
 from dynamics.batch.function import BatchFunction
 from dynamics.batch.graphs.objective import free_of_cost
 from dynamics.batch.graphs.policy import open_loop
 from dynamics.batch.graphs.rollout_tapes import build_tapes
-from dynamics.batch.graphs.tape import tape_of, with_shared_reciprocals
+from dynamics.batch.graphs.tape import tape_of
 from dynamics.contact import Step
+
+CHUNK = 4096
 
 
 @dataclass(frozen=True)
@@ -64,14 +70,22 @@ class StepFunction:
         self.backend, self._engine = choose(backend, self._makers(), "the step")
 
     def _makers(self) -> dict[str, Any]:
-        def chunks(make: Any) -> ChunkStepEngine:
-            return ChunkStepEngine(self.tapes, self.threads, make)
+        def compiled() -> CompiledEngine:
+            text = c_steps.source(self.tapes, self.block, find_compiler())
+            return CompiledEngine(self.threads, text)
 
-        return {
-            "c": lambda: c_step_engine(self.tapes, self.threads, self.block),
-            "numpy": lambda: chunks(lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn)))),
-            "casadi": lambda: chunks(CasadiKernel),
-        }
+        def chunked(make: Callable[[ca.Function], Kernel]) -> ChunkedEngine:
+            rollout = ChunkRollout(self.tapes, 1, True, make)
+
+            def run(inputs: list[np.ndarray], outputs: list[np.ndarray]) -> None:
+                x0, theta, w, p = inputs
+                x, lam, cost = rollout.forward(x0, theta[None], p, w[None], outputs[0].shape[1])
+                for target, value in zip(outputs, (x[1], lam[0], cost[None]), strict=True):
+                    target[...] = value
+
+            return ChunkedEngine(run, CHUNK, self.threads)
+
+        return {"c": compiled, **{name: partial(chunked, KERNELS[name]) for name in KERNELS}}
 
     def __call__(self, x: Any, u: Any, p: Any | None = None) -> Steps:
         """Step from `x` (n, nx) under `u` (n, nu) at `p` (n, np), each also one row for all."""

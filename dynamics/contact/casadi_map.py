@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
+Shapes = Sequence[tuple[int, int]]
 _KEPT = 4096
 """Queries whose values and Jacobians are kept: a solver asks for cost, constraints and their
 derivatives one after the other at the same point."""
@@ -54,23 +56,46 @@ class CasadiMap:
 
     def slopes(self, n: int) -> ca.Function:
         """``z (n_in, n) -> y (n_out, n), [g'(z_1) .. g'(z_n)] (n_out, n_in n)``."""
-        return self._function("slopes", n, lambda: _Slopes(self, n))
+
+        def computed(z: np.ndarray) -> list[np.ndarray]:
+            y, slopes = self.evaluated(z)
+            return [y.T, _side_by_side(slopes)]
+
+        results = (self.n_out, n), (self.n_out, self.n_in * n)
+        return self._function("slopes", [(self.n_in, n)], results, computed)
 
     def bends(self, n: int) -> ca.Function:
         """``z (n_in, n), weights (n_out, n) -> [H_1 .. H_n] (n_in, n_in n)``, H the second
         derivative of ``weights' g``.
         """
-        return self._function("bends", n, lambda: _Bends(self, n))
+        given = (self.n_in, n), (self.n_out, n)
+        return self._function(
+            "bends", given, [(self.n_in, self.n_in * n)],
+            lambda z, weights: [_side_by_side(self.model.curvatures(z, weights))],
+        )  # fmt: skip
 
     def values(self) -> ca.Function:
         """``z (n_in, 1) -> y (n_out, 1)``, which CasADi can differentiate twice."""
-        return self._function("values", 1, lambda: _Values(self))
+        n_in, n_out = self.n_in, self.n_out
 
-    def _function(self, kind: str, n: int, make: Any) -> ca.Function:
+        def tensor(z: np.ndarray) -> list[np.ndarray]:
+            """``d vec(J) / dz``, columns of J one after the other."""
+            second = self.model.curvatures(np.repeat(z, n_out, axis=0), np.eye(n_out))
+            return [second.transpose(1, 0, 2).reshape(n_out * n_in, n_in)]
+
+        z = [(n_in, 1)]
+        second = self._function("tensor", z, [(n_out * n_in, n_in)], tensor)
+        first = self._function(
+            "jacobian", z, [(n_out, n_in)], lambda z: [self.evaluated(z)[1][0]], second
+        )
+        return self._function("values", z, [(n_out, 1)], lambda z: [self.evaluated(z)[0].T], first)
+
+    def _function(self, name: str, given: Shapes, *rest: Any) -> ca.Function:
         # CasADi holds no reference to a callback: without this table it would be collected.
-        if (kind, n) not in self._made:
-            self._made[kind, n] = make()
-        return self._made[kind, n]
+        key = name, given[0][1]
+        if key not in self._made:
+            self._made[key] = _Callback(name, given, *rest)
+        return self._made[key]
 
     def evaluated(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``y`` (n, n_out) and Jacobians (n, n_out, n_in) at ``z`` (n, n_in)."""
@@ -87,24 +112,28 @@ class CasadiMap:
         return np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])
 
 
-def _rows(z: ca.DM) -> np.ndarray:
-    return np.ascontiguousarray(np.array(ca.densify(z)).T)
-
-
 def _side_by_side(blocks: np.ndarray) -> np.ndarray:
     """Blocks (n, rows, columns) beside each other, (rows, n columns)."""
     return blocks.transpose(1, 0, 2).reshape(blocks.shape[1], -1)
 
 
 class _Callback(ca.Callback):
-    """A function of the queries' matrix; ``shapes`` are those of arguments and results."""
+    """A function of the queries' matrix, one query a row for ``compute``.
+
+    ``given`` and ``made`` are the shapes of arguments and results, ``derivative`` the function of
+    the Jacobian of the one result by the one argument, where it is needed.
+    """
 
     def __init__(
-        self, owner: CasadiMap, name: str, given: list[tuple[int, int]],
-        made: list[tuple[int, int]],
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        given: Shapes,
+        made: Shapes,
+        compute: Callable[..., list[np.ndarray]],
+        derivative: ca.Function | None = None,
+    ) -> None:
         super().__init__()
-        self.owner, self.given, self.made = owner, given, made
+        self.given, self.made, self.compute, self.derivative = given, made, compute, derivative
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -119,68 +148,14 @@ class _Callback(ca.Callback):
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return ca.Sparsity.dense(*self.made[i])
 
-
-class _Slopes(_Callback):
-    def __init__(self, owner: CasadiMap, n: int) -> None:
-        results = [(owner.n_out, n), (owner.n_out, owner.n_in * n)]
-        super().__init__(owner, "slopes", [(owner.n_in, n)], results)
-
     def eval(self, arg: Any) -> list[Any]:
-        y, slopes = self.owner.evaluated(_rows(arg[0]))
-        return [ca.DM(y.T), ca.DM(_side_by_side(slopes))]
-
-
-class _Bends(_Callback):
-    def __init__(self, owner: CasadiMap, n: int) -> None:
-        given = [(owner.n_in, n), (owner.n_out, n)]
-        super().__init__(owner, "bends", given, [(owner.n_in, owner.n_in * n)])
-
-    def eval(self, arg: Any) -> list[Any]:
-        bends = self.owner.model.curvatures(_rows(arg[0]), _rows(arg[1]))
-        return [ca.DM(_side_by_side(bends))]
-
-
-class _Values(_Callback):
-    def __init__(self, owner: CasadiMap) -> None:
-        super().__init__(owner, "values", [(owner.n_in, 1)], [(owner.n_out, 1)])
-
-    def eval(self, arg: Any) -> list[Any]:
-        return [ca.DM(self.owner.evaluated(_rows(arg[0]))[0].T)]
+        rows = (np.ascontiguousarray(np.array(ca.densify(value)).T) for value in arg)
+        return [ca.DM(result) for result in self.compute(*rows)]
 
     def has_jacobian(self) -> bool:
-        return True
+        return self.derivative is not None
 
     def get_jacobian(self, name: str, inames: Any, onames: Any, opts: Any) -> ca.Function:
-        z, y = ca.MX.sym("z", self.owner.n_in), ca.MX.sym("y", self.owner.n_out)
-        self.slope = _Jacobian(self.owner)
-        return ca.Function(name, [z, y], [self.slope(z)], inames, onames, opts)
-
-
-class _Jacobian(_Callback):
-    def __init__(self, owner: CasadiMap) -> None:
-        super().__init__(owner, "jacobian", [(owner.n_in, 1)], [(owner.n_out, owner.n_in)])
-
-    def eval(self, arg: Any) -> list[Any]:
-        return [ca.DM(self.owner.evaluated(_rows(arg[0]))[1][0])]
-
-    def has_jacobian(self) -> bool:
-        return True
-
-    def get_jacobian(self, name: str, inames: Any, onames: Any, opts: Any) -> ca.Function:
-        z, J = ca.MX.sym("z", self.owner.n_in), ca.MX.sym("J", self.owner.n_out, self.owner.n_in)
-        self.curve = _Tensor(self.owner)
-        return ca.Function(name, [z, J], [self.curve(z)], inames, onames, opts)
-
-
-class _Tensor(_Callback):
-    """d vec(J) / dz, (n_out n_in, n_in), columns of J one after the other."""
-
-    def __init__(self, owner: CasadiMap) -> None:
-        n_in, n_out = owner.n_in, owner.n_out
-        super().__init__(owner, "tensor", [(n_in, 1)], [(n_out * n_in, n_in)])
-
-    def eval(self, arg: Any) -> list[Any]:
-        n_in, n_out = self.owner.n_in, self.owner.n_out
-        z = np.repeat(_rows(arg[0]), n_out, axis=0)
-        second = self.owner.model.curvatures(z, np.eye(n_out))
-        return [ca.DM(second.transpose(1, 0, 2).reshape(n_out * n_in, n_in))]
+        z, y = ca.MX.sym("z", *self.given[0]), ca.MX.sym("y", *self.made[0])
+        assert self.derivative is not None
+        return ca.Function(name, [z, y], [self.derivative(z)], inames, onames, opts)

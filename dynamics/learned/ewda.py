@@ -10,13 +10,13 @@ import numpy as np
 
 from dynamics.batch.engines.choice import choose
 from dynamics.batch.engines.parallel import checked_threads
-from dynamics.learned.ewda_kernel import Cloud, CompiledMoments, Moments, NumpyMoments
+from dynamics.learned.ewda_kernel import Cloud, CompiledMoments, NumpyMoments
 from dynamics.learned.samples import Normalisation, Origin
+from dynamics.learned.stored import EWDA
 
 if TYPE_CHECKING:
     import xarray as xr
 
-KIND = "ewda"
 _NARROWEST, _WIDEST = 1e-50, 1e50
 """Widths whose fourth power is a number."""
 _FARTHEST = 1e150
@@ -44,7 +44,7 @@ class EwdaModel:
     do not fit each other; in calls, for a query that is not finite.
     """
 
-    kind: ClassVar[str] = KIND
+    kind: ClassVar[str] = EWDA
 
     z: np.ndarray
     y: np.ndarray
@@ -132,7 +132,7 @@ class EwdaModel:
         return Cloud(np.ascontiguousarray(self.scales.normalised(self.z)), y, float(self.sigma))
 
     @cached_property
-    def _engine(self) -> Moments:
+    def _engine(self) -> CompiledMoments | NumpyMoments:
         makers = {
             "c": lambda: CompiledMoments(self._points, self.threads),
             "numpy": lambda: NumpyMoments(self._points),
@@ -149,7 +149,10 @@ class EwdaModel:
             "z_shift": ("z", self.scales.shift),
             "z_scale": ("z", self.scales.scale),
         }
-        attributes = self.origin.attributes(KIND, self.sigma, self.seed)
+        attributes = self.origin.attributes(EWDA) | {
+            "sigma": float(self.sigma),
+            "seed": int(self.seed),
+        }
         return xr.Dataset(data, coords=self.origin.coordinates(), attrs=attributes)
 
     @classmethod
@@ -158,10 +161,8 @@ class EwdaModel:
 
         Raises ``ValueError`` for a dataset that is no such model or lacks a part of one.
         """
-        origin = Origin.of(dataset, KIND)
+        origin = Origin.of(dataset, EWDA)
         names = ("z_data", "y_data", "z_shift", "z_scale")
-        if missing := [name for name in names if name not in dataset]:
-            raise ValueError(f"model: the average lacks {', '.join(missing)}; train it again")
         z, y, shift, scale = (
             np.ascontiguousarray(dataset[name].values, dtype=float) for name in names
         )

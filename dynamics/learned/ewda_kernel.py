@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -28,38 +27,21 @@ class Cloud:
     sigma: float
 
 
-class Moments(Protocol):
+@dataclass(frozen=True)
+class NumpyMoments:
     """Sums over the points, of which c is the nearest to the query q.
 
-    The weights are ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``, 1 for c.
+    The weights are ``w_i = exp((|q - c|² - |q - z_i|²) / 2 sigma²)``, 1 for c. Distances are
+    products of matrices, a block of queries at a time.
     """
+
+    points: Cloud
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """Index (nq,) of the nearest point c, and ``sum_i w_i a_i b_i'`` (nq, 1 + ny, 1 or 1 + nz).
 
         ``a = (1, y_i - y_c)``, ``b = (1, z_i - z_c)``, of which without ``slopes`` only the 1.
         """
-        ...
-
-    def second(
-        self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """``sum_i w_i`` (nq,) and ``sum_i w_i s_i d_i d_i'`` (nq, nz, nz), symmetric.
-
-        ``d_i = z_i - z_c - mean_z``, ``s_i = weights_y' (y_i - y_c - mean_y) + weights_last``
-        with means (nq, nz), (nq, ny) and weights (nq, ny + 1) of every query.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class NumpyMoments:
-    """Distances by products of matrices, a block of queries at a time; moments query by query."""
-
-    points: Cloud
-
-    def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Moments`."""
         z, y = self.points.z, self.points.y
         cols = 1 + z.shape[1] if slopes else 1
         nearest = np.empty(len(q), dtype=np.int64)
@@ -74,7 +56,11 @@ class NumpyMoments:
     def second(
         self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Moments`."""
+        """``sum_i w_i`` (nq,) and ``sum_i w_i s_i d_i d_i'`` (nq, nz, nz), symmetric.
+
+        ``d_i = z_i - z_c - mean_z``, ``s_i = weights_y' (y_i - y_c - mean_y) + weights_last``
+        with means (nq, nz), (nq, ny) and weights (nq, ny + 1) of every query.
+        """
         y, nz = self.points.y, q.shape[1]
         total, sums = np.empty(len(q)), np.empty((len(q), nz, nz))
         for i, home, near in self._neighbours(q):
@@ -139,8 +125,8 @@ class _Job(ctypes.Structure):
 
 
 class CompiledMoments:
-    """As :class:`~dynamics.learned.ewda_kernel.Moments` says; a query's answer has the same bits
-    whatever the threads and the other queries.
+    """As :class:`NumpyMoments`, in C; a query's answer has the same bits whatever the threads and
+    the other queries.
 
     Raises ``CompilerError`` where there is no compiler.
     """
@@ -176,7 +162,7 @@ class CompiledMoments:
         }
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """See the protocol."""
+        """See :class:`NumpyMoments`."""
         none = np.zeros((len(q), 0))
         size = (1 + self._ny, 1 + self._nz if slopes else 1)
         return self._all(_SLOPES if slopes else _VALUES, size, q, none, none, none)
@@ -184,7 +170,7 @@ class CompiledMoments:
     def second(
         self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See the protocol."""
+        """See :class:`NumpyMoments`."""
         size = (1 + self._nz, 1 + self._nz)
         _, sums = self._all(_CURVED, size, q, mean_z, mean_y, weights)
         below = np.tril(sums[:, 1:, 1:])

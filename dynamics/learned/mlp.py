@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from dynamics.learned.samples import Normalisation, Origin
+from dynamics.learned.stored import MLP
 
 if TYPE_CHECKING:
     import xarray as xr
 
-KIND = "mlp"
 BLOCK = 256
 """Queries at once, which bounds the memory of the layers' Jacobians."""
 FEW = 64
@@ -34,7 +34,7 @@ class MlpModel:
     or the limit there; those of the other queries do not know of it.
     """
 
-    kind: ClassVar[str] = KIND
+    kind: ClassVar[str] = MLP
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -130,7 +130,10 @@ class MlpModel:
             "y_shift": ("state", self.y_scales.shift),
             "y_scale": ("state", self.y_scales.scale),
         }
-        attributes = self.origin.attributes(KIND, self.sigma, self.seed)
+        attributes = self.origin.attributes(MLP) | {
+            "sigma": float(self.sigma),
+            "seed": int(self.seed),
+        }
         attributes |= {"activation": "elu", "layers": len(self.weights)}
         return xr.Dataset(data, coords=self.origin.coordinates(), attrs=attributes)
 
@@ -140,17 +143,11 @@ class MlpModel:
 
         Raises ``ValueError`` for a dataset that is no network or lacks a part of one.
         """
-        origin = Origin.of(dataset, KIND)
+        origin = Origin.of(dataset, MLP)
         layers = range(int(dataset.attrs["layers"]))
         names = [f"{part}_{layer}" for layer in layers for part in ("weight", "bias")]
         names += ["z_shift", "z_scale", "y_shift", "y_scale"]
-        if missing := [name for name in names if name not in dataset]:
-            raise ValueError(f"model: the network lacks {', '.join(missing)}; train it again")
         found = {name: np.ascontiguousarray(dataset[name].values, float) for name in names}
-        if broken := [name for name, array in found.items() if not np.isfinite(array).all()]:
-            raise ValueError(f"model: {', '.join(broken)} of the network are not finite")
-        if odd := _unchained(found, len(origin.z), len(origin.y), len(layers)):
-            raise ValueError(f"model: {odd} of the network does not fit the layer before it")
         return cls(
             tuple(found[f"weight_{layer}"] for layer in layers),
             tuple(found[f"bias_{layer}"] for layer in layers),
@@ -160,17 +157,6 @@ class MlpModel:
             origin,
             int(dataset.attrs["seed"]),
         )
-
-
-def _unchained(found: Mapping[str, np.ndarray], n_in: int, n_out: int, layers: int) -> str:
-    """Name the first matrix or vector whose shape is not that of a chain from z to y."""
-    size = n_in
-    for layer in range(layers):
-        W, b = found[f"weight_{layer}"], found[f"bias_{layer}"]
-        if b.ndim != 1 or W.shape != (b.size, size):
-            return f"weight_{layer}"
-        size = b.size
-    return "" if size == n_out else f"bias_{layers - 1}"
 
 
 def _blocks(n: int) -> Iterator[slice]:

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynamics.learned.stored import SCHEMA, check
 from dynamics.systems.parameters import Signal
 
 if TYPE_CHECKING:
     import xarray as xr
-
-SCHEMA = 1
 
 
 @dataclass(frozen=True)
@@ -47,32 +46,23 @@ class Origin:
             found |= {dimension: names, f"{dimension}_unit": (dimension, units)}
         return found
 
-    def attributes(self, kind: str, sigma: float, seed: int) -> dict[str, Any]:
-        """Attributes that all models store."""
+    def attributes(self, kind: str) -> dict[str, Any]:
+        """Attributes that transitions and models store."""
         return {
             "kind": kind,
             "schema": SCHEMA,
-            "sigma": float(sigma),
             "problem": self.problem,
             "parameters": json.dumps(dict(self.parameters), sort_keys=True),
             "data_hash": self.data_hash,
-            "seed": int(seed),
         }
 
     @classmethod
     def of(cls, dataset: xr.Dataset, kind: str) -> Origin:
         """Back from a dataset with these coordinates and attributes.
 
-        Raises ``ValueError`` for one that is no model of this kind, or of a newer schema.
+        Raises ``ValueError`` where :func:`~dynamics.learned.stored.check` does.
         """
-        found = dataset.attrs.get("kind")
-        if found != kind:
-            raise ValueError(f"model: expected one of kind {kind!r}, found {found!r}")
-        if int(dataset.attrs["schema"]) != SCHEMA:
-            raise ValueError(
-                f"model: its schema is {dataset.attrs['schema']}, this version reads {SCHEMA};"
-                " learn it again"
-            )
+        check(dataset, kind)
         z, y = (_signals(dataset, dimension) for dimension in ("z", "state"))
         attributes = dataset.attrs
         parameters = json.loads(attributes["parameters"])

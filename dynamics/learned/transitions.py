@@ -11,16 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynamics.learned.samples import SCHEMA, Normalisation, Origin, Samples, split_rows
+from dynamics.learned.samples import Normalisation, Origin, Samples, split_rows
+from dynamics.learned.stored import TRANSITIONS
 from dynamics.systems import Signal
 
 if TYPE_CHECKING:
     import xarray as xr
 
-KIND = "transitions"
-_VARIABLES = ["x", "u", "x_next", "z_shift", "z_scale"]
-_VARIABLES += [name + tail for name in ("z", "state", "input") for tail in ("", "_unit")]
-_ATTRIBUTES = ["problem", "parameters", "data_hash", "provenance"]
 LEAST = 10
 """Rows for every coordinate of z below which nothing is learned."""
 
@@ -159,11 +156,7 @@ class Transitions:
         }
         origin = self.origin
         attributes = {
-            "kind": KIND,
-            "schema": SCHEMA,
-            "problem": origin.problem,
-            "parameters": json.dumps(dict(origin.parameters), sort_keys=True),
-            "data_hash": self.hash,
+            **origin.attributes(TRANSITIONS),
             "provenance": json.dumps(dict(self.provenance), sort_keys=True),
         }
         return xr.Dataset(data, origin.coordinates(), attributes)
@@ -171,22 +164,12 @@ class Transitions:
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Transitions:
         """Read :meth:`dataset` back; raises ``ValueError`` where it has no such form."""
-        attributes = dataset.attrs
-        if attributes.get("kind") != KIND:
-            raise ValueError(f"this holds {attributes.get('kind', 'nothing known')!s}, no {KIND}")
-        if attributes.get("schema") != SCHEMA:
-            raise ValueError(
-                f"these transitions have schema version {attributes.get('schema')}, this program"
-                f" reads {SCHEMA}; collect them again"
-            )
-        lacking = [name for name in _VARIABLES if name not in dataset.variables]
-        lacking += [name for name in _ATTRIBUTES if name not in attributes]
-        if lacking:
-            raise ValueError(f"these transitions lack {', '.join(lacking)}; collect them again")
-        x, u, x_next, shift, scale = (np.array(dataset[n].values) for n in _VARIABLES[:5])
-        origin, provenance = Origin.of(dataset, KIND), json.loads(attributes["provenance"])
+        origin = Origin.of(dataset, TRANSITIONS)
+        names = ("x", "u", "x_next", "z_shift", "z_scale")
+        x, u, x_next, shift, scale = (np.array(dataset[name].values) for name in names)
+        provenance = json.loads(dataset.attrs["provenance"])
         found = cls.checked(x, u, x_next, origin.y, origin.inputs, provenance)
-        if found.hash != attributes["data_hash"]:
+        if found.hash != dataset.attrs["data_hash"]:
             raise ValueError("the values were changed: their hash differs")
         return replace(found, normalisation=Normalisation(shift, scale))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -79,31 +78,22 @@ i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
 
 
 class CompiledEngine:
-    """Evaluates a kernel over samples by machine code `run(next, n, chunk, a, shared, b)`.
+    """Evaluates a kernel over samples by the function `run` of a C text, see :func:`driver`.
 
     `evaluate(inputs, outputs)` takes arrays `(n_samples, nnz)` or `(1, nnz)`, fills `outputs`, and
-    returns how many samples have a value that is not finite.
+    returns how many samples have a value that is not finite. Raises `CompilerError`.
     """
 
-    def __init__(self, name: str, threads: int, run: Any) -> None:
-        self.name, self.threads, self._run = name, threads, run
-        run.restype = ctypes.c_int64
-        run.argtypes = [ctypes.c_void_p, *2 * [ctypes.c_int64], *3 * [ctypes.c_void_p]]
+    def __init__(self, threads: int, text: str) -> None:
+        self.threads, self._run = threads, compiler.load(text, ["run"]).run
+        self._run.restype = ctypes.c_int64
+        self._run.argtypes = [ctypes.c_void_p, *2 * [ctypes.c_int64], *3 * [ctypes.c_void_p]]
 
     def evaluate(self, inputs: list[np.ndarray], outputs: list[np.ndarray], n: int) -> int:
         """Fill `outputs` for all n samples; returns how many of them are not finite."""
-        pointers_in = addresses(inputs)
-        pointers_out = addresses(outputs)
         shared = np.array([a.shape[0] == 1 and n != 1 for a in inputs] + [False], dtype=np.int64)
-        arguments = pointers_in, shared.ctypes.data, pointers_out
+        arguments = addresses(inputs), shared.ctypes.data, addresses(outputs)
         return run_chunks(self._run, n, CHUNK, self.threads, *arguments)
-
-
-def c_engine(tape: Tape, threads: int, block: int) -> CompiledEngine:
-    """The engine of backend `c`. Raises `CompilerError`."""
-    return CompiledEngine(
-        "c", threads, compiler.load(source(tape, block, compiler.find_compiler()), ["run"]).run
-    )
 
 
 def addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:

@@ -12,12 +12,6 @@ from dynamics.batch.engines.c_prelude import prelude
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.graphs.step_graphs import RolloutTapes
 
-# Operations up to which the registers of a block are worked on without a loop around them: more
-# would exceed the registers, and take the compiler long.
-UNROLLED = 200
-# Operations up to which two registers of a block are worked on abreast, which doubles the text.
-LONG = 6000
-
 _JOB = """\
 enum { WANT_GRADIENT = 1, WANT_SCORE = 2, WANT_MOMENTS = 4 };
 typedef struct {
@@ -300,13 +294,12 @@ def source(
         functions[name] = getattr(tapes, name)
     if layers is not None:
         functions |= {"observe": layers.observe, "observe_adjoint": layers.observe_adjoint}
-    length = sum(fn.n_instructions() for fn in functions.values())
-    abreast = 2 if UNROLLED < length <= LONG else 1
+    length, abreast, registers = c_steps.side_by_side(functions, block, machine)
     constants = {
-        "EACH": "UNROLL" if length <= UNROLLED else "",
+        "EACH": "UNROLL" if length <= c_steps.UNROLLED else "",
         # Unused registers of the last block are left out of a long graph.
-        "LIVE": "U" if length <= UNROLLED else "live",
-        "U": abreast * max(1, block // (abreast * machine.width)),
+        "LIVE": "U" if length <= c_steps.UNROLLED else "live",
+        "U": registers,
         "PS": "U" if own_p else "1",
         "GT": tapes.n_theta if layers is None else layers.n_weights,
         "ENDS": int(tapes.weight is not None),

@@ -7,13 +7,27 @@ from collections.abc import Iterator, Mapping
 import casadi as ca
 
 from dynamics.batch.engines import c_source
+from dynamics.batch.engines.c_flat import driver
+from dynamics.batch.engines.c_prelude import prelude
 from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.step_graphs import Asked, RolloutTapes
 from dynamics.batch.graphs.tape import UnsupportedOperation, tape_of, with_shared_reciprocals
 from dynamics.contact.path import ARRIVED
 
+# Operations up to which the registers of a block are worked on without a loop around them: more
+# would exceed the registers, and take the compiler long.
+UNROLLED = 200
+# Operations up to which two registers of a block are worked on abreast, which doubles the text.
+LONG = 6000
 _PATH_GRAPHS = ("path", "followed")
+_GIVEN = ("U",) * 4
+_STRIDES = {
+    "step": (_GIVEN, ("U",) * 3),
+    "opening": (_GIVEN, ("A", "A")),
+    "closing": ((*_GIVEN, "A"), ("U",) * 3),
+}
 # A or PA registers side by side: what a step keeps to itself while it is worked on.
 _OWN = {
     "newton": (("A", "A"), ("A", "A")),
@@ -155,6 +169,34 @@ INLINE void one_step(const V *const in[], V *const out[]%(ts_parameter)s) {
   closing(all, out%(ts)s);
 }
 """
+
+
+def source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
+    """The C text of one step of many samples, on blocks of about `block`.
+
+    Raises `UnsupportedOperation` for a learned step.
+    """
+    functions = graphs(tapes)
+    _, abreast, registers = side_by_side(functions, block, machine)
+    return "".join(
+        (
+            prelude(machine),
+            constants(tapes, abreast, {"U": registers}),
+            *kernels(tapes, functions, abreast, _STRIDES),
+            one_step(tapes, with_ts=False),
+            "#define kernel one_step\n",
+            driver((tapes.nx, tapes.n_theta, tapes.nu, tapes.np), (tapes.nx, tapes.nlam, 1)),
+        )
+    )
+
+
+def side_by_side(
+    functions: Mapping[str, ca.Function], block: int, machine: Compiler
+) -> tuple[int, int, int]:
+    """Operations of all graphs, registers worked on abreast, and registers of a block."""
+    length = sum(fn.n_instructions() for fn in functions.values())
+    abreast = 2 if UNROLLED < length <= LONG else 1
+    return length, abreast, abreast * max(1, block // (abreast * machine.width))
 
 
 def graphs(tapes: RolloutTapes, warm: bool = False) -> dict[str, ca.Function]:

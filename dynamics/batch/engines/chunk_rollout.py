@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import copy
 from itertools import pairwise
-from typing import Protocol, Self
+from typing import Self
 
 import casadi as ca
 import numpy as np
 
+from dynamics.batch.engines.kernels import Kernel
 from dynamics.batch.engines.parallel import Scratch
 from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.step_graphs import Asked, Layers, RolloutTapes
@@ -88,14 +89,6 @@ class ChunkSolver:
                 break
             pair = self._run("path", self.loop.n_pair, pair, data)
         return pair
-
-
-class Kernel(Protocol):
-    """Evaluates one short graph over samples: arrays `(nnz, m)` in and out, samples last."""
-
-    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
-        """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
-        ...
 
 
 class ChunkNetwork:

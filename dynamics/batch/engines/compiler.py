@@ -4,8 +4,8 @@ Objects live in the user's cache directory as `<key>-<sha256>.so`, where the key
 the compiler's version, the flags and the CPU's instruction set, and the second part is the
 checksum of the object itself. A name appears by one atomic rename, so processes may race; an
 object whose bytes do not match its name is thrown away and compiled again before anything is
-loaded. Whoever empties the cache meanwhile costs time and breaks nothing: what is being compiled is
-locked, and what vanishes before it is loaded is compiled again elsewhere.
+loaded. Emptying the cache meanwhile costs time and breaks nothing: :func:`clear` leaves the folders
+of running compilations, and what vanishes before it is loaded is compiled again elsewhere.
 """
 
 from __future__ import annotations
@@ -28,8 +28,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dynamics.batch.engines.workshop import swept, workshop
-
 _LOG = logging.getLogger(__name__)
 CANDIDATES = ("cc", "gcc", "clang")
 # No flag here lets the compiler assume that NaN or infinity do not occur, reorder a sum, or choose
@@ -41,6 +39,7 @@ FLAGS = (
 NATIVE_FLAGS = (("-march=native",), ("-mcpu=native",), ())
 _LAST = "compilation terminated"
 COMPILE_TIMEOUT_S, PROBE_TIMEOUT_S = 300, 30
+_BUILD = "build-"
 VECTOR_FUNCTIONS = (
     *("acos", "acosh", "asin", "asinh", "atan", "atanh", "cos", "cosh", "erf", "exp", "expm1"),
     *("log", "log1p", "sin", "sinh", "tan", "tanh", "atan2", "hypot", "pow"),
@@ -243,8 +242,10 @@ def _verified(directory: Path, key: str) -> Path | None:
 def _compile(
     key: str, source: str, compiler: Compiler, flags: tuple[str, ...], directory: Path
 ) -> Path:
-    with workshop(directory) as build:
-        text, built = build / "batch.c", build / "batch.so"
+    with tempfile.TemporaryDirectory(
+        prefix=_BUILD, dir=directory, ignore_cleanup_errors=True
+    ) as build:
+        text, built = Path(build, "batch.c"), Path(build, "batch.so")
         text.write_text(source, encoding="utf-8")
         libraries = ["-lmvec", "-lm"] if compiler.vector_math else ["-lm"]
         began = time.perf_counter()
@@ -333,17 +334,20 @@ def info() -> dict[str, object]:
 
 
 def clear() -> int:
-    """Empty the cache of compiled objects, but for those that are being compiled.
+    """Empty the cache of compiled objects; returns how many there were.
 
-    Returns how many there were.
+    Build folders of killed processes go too: no compilation takes as long as they are old.
     """
     directory = cache_directory()
     if directory is None:
         return 0
-    with swept(directory):
-        objects = _objects(directory)
-        for path in objects:
-            path.unlink(missing_ok=True)
+    objects = _objects(directory)
+    for path in objects:
+        path.unlink(missing_ok=True)
+    for build in directory.glob(f"{_BUILD}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - build.stat().st_mtime > 2 * COMPILE_TIMEOUT_S:
+                shutil.rmtree(build)
     return len(objects)
 
 

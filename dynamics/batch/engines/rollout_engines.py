@@ -5,14 +5,16 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
 import casadi as ca
 import numpy as np
 
+from dynamics.batch.arguments import NonFinite, non_finite_rows
 from dynamics.batch.engines import c_rollout, compiler
-from dynamics.batch.engines.chunk_rollout import ChunkRollout, Kernel
+from dynamics.batch.engines.chunk_rollout import ChunkRollout
+from dynamics.batch.engines.kernels import Kernel
 from dynamics.batch.engines.parallel import over_chunks, run_chunks, transpose
 from dynamics.batch.graphs.step_graphs import RolloutTapes
 from dynamics.batch.random import Gaussian, key_of
@@ -54,21 +56,10 @@ class Call:
 
     def part(self, begin: int, end: int) -> Call:
         """The same request for samples `begin <= i < end` alone."""
-        rows = {
-            name: value[begin:end] if value is not None and len(value) > 1 else value
-            for name, value in (("x0", self.x0), ("theta", self.theta), ("p", self.p))
-        }
+        arrays = {name: getattr(self, name) for name in ("x0", "theta", "p", "w", "along", "pull")}
+        rows = {k: a[begin:end] for k, a in arrays.items() if a is not None and len(a) > 1}
         gaussian = None if self.gaussian is None else self.gaussian.after(begin)
-        own = {
-            name: None if value is None else value[begin:end]
-            for name, value in (("w", self.w), ("along", self.along), ("pull", self.pull))
-        }
-        same = {
-            f.name: getattr(self, f.name)
-            for f in fields(self)
-            if f.name not in (*rows, *own, "n", "gaussian")
-        }
-        return Call(n=end - begin, gaussian=gaussian, **own, **rows, **same)
+        return replace(self, n=end - begin, gaussian=gaussian, **rows)
 
 
 @dataclass(frozen=True)
@@ -84,6 +75,17 @@ class Results:
     score: Array | None = None
     last: Array | None = None
     trail: Array | None = None
+
+    @classmethod
+    def of(cls, q: Call, **more: Array | None) -> Self:
+        """Arrays for the cost, and for what else the call asks."""
+        size = q.theta.shape[1]
+        gradient, score = (np.empty((q.n, size)) if on else None for on in (q.gradient, q.score))
+        return cls(np.empty((q.n, 1)), gradient, score, **more)
+
+    def non_finite(self) -> NonFinite:
+        """The samples with a cost, gradient or score that is NaN or infinite."""
+        return non_finite_rows([a for a in (self.cost, self.gradient, self.score) if a is not None])
 
 
 class RolloutEngine(Protocol):
@@ -137,18 +139,24 @@ _REGISTER, _SHARES, _FEW = 8, 4, 32
 class CompiledRolloutEngine:
     """Rollouts by a driver `run(next, n, chunk, job)` in machine code.
 
-    `make(own_p, own_theta)` builds the driver for parameters that all samples share, or for
-    parameters of each sample's own, which is built at its first use; `dense` says that the
-    same goes for theta.
+    There is one for parameters that all samples share, and one for parameters of each sample's
+    own, which is built at its first use; so it is for theta where the policy has layers. Raises
+    `CompilerError` where the rollout cannot be compiled.
     """
 
     chunk = 1024
 
-    def __init__(
-        self, nu: int, threads: int, make: Callable[[bool, bool], Any], dense: bool
-    ) -> None:
-        self._nu, self._threads, self._make, self._dense = nu, threads, make, dense
-        self._runs = {(False, False): make(False, False)}
+    def __init__(self, tapes: RolloutTapes, threads: int, block: int) -> None:
+        self._tapes, self._threads, self._block = tapes, threads, block
+        self._runs = {(False, False): self._made(False, False)}
+
+    def _made(self, own_p: bool, own_theta: bool) -> Any:
+        machine = compiler.find_compiler()
+        text = c_rollout.source(self._tapes, self._block, machine, own_p, own_theta)
+        run = compiler.load(text, ["run"]).run
+        run.restype = ctypes.c_int64
+        run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
+        return run
 
     def over(self, horizon: int) -> Self:
         """The same: its loops take the horizon of each call."""
@@ -165,14 +173,11 @@ class CompiledRolloutEngine:
 
     def _all(self, q: Call, want: int, **results: Array | None) -> int:
         job, _alive = self._job(q, want, results)
-        own = len(q.p) > 1, self._dense and len(q.theta) > 1
+        own = len(q.p) > 1, self._tapes.layers is not None and len(q.theta) > 1
         if own not in self._runs:
-            self._runs[own] = self._make(*own)
-        run = self._runs[own]
-        run.restype = ctypes.c_int64
-        run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
+            self._runs[own] = self._made(*own)
         chunk = self.chunk if want & 4 else self._share(q.n)
-        return run_chunks(run, q.n, chunk, self._threads, ctypes.addressof(job))
+        return run_chunks(self._runs[own], q.n, chunk, self._threads, ctypes.addressof(job))
 
     def _share(self, n: int) -> int:
         """Samples that a thread takes at once: a few shares for each, of few samples one."""
@@ -183,11 +188,12 @@ class CompiledRolloutEngine:
 
     def _job(self, q: Call, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
         """The structure to pass, and the arrays that must live as long as it is in use."""
-        noise, key, sigma = 0, (0, 0), np.ones(self._nu)
+        nu = self._tapes.nu
+        noise, key, sigma = 0, (0, 0), np.ones(nu)
         if q.w is not None:
             noise = 1
         elif q.gaussian is not None:
-            noise, key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(self._nu)
+            noise, key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(nu)
         arrays = {
             **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w, "along": q.along},
             **{"pull": q.pull, "sigma": sigma, "precision": q.precision, **results},
@@ -207,16 +213,6 @@ class CompiledRolloutEngine:
             **{name: a.ctypes.data for name, a in arrays.items() if a is not None},
         )
         return job, arrays
-
-
-def c_rollout_engine(tapes: RolloutTapes, threads: int, block: int) -> CompiledRolloutEngine:
-    """The engine of backend `c`. Raises `CompilerError` where the rollout cannot be compiled."""
-    machine = compiler.find_compiler()
-
-    def make(own_p: bool, own_theta: bool) -> Any:
-        return compiler.load(c_rollout.source(tapes, block, machine, own_p, own_theta), ["run"]).run
-
-    return CompiledRolloutEngine(tapes.nu, threads, make, tapes.layers is not None)
 
 
 _SHORT = 300

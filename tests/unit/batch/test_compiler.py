@@ -255,12 +255,14 @@ def test_what_is_cleared_before_it_is_loaded_is_compiled_again(own_cache, monkey
 
 
 def test_clear_removes_what_a_killed_process_left(own_cache):
-    left = own_cache / "build-left"
-    left.mkdir(parents=True, mode=0o700)
+    left, young = own_cache / "build-left", own_cache / "build-young"
+    for folder in (left, young):
+        folder.mkdir(parents=True, mode=0o700)
+        (folder / "batch.c").write_text("")
     own_cache.chmod(0o700)
-    (left / "batch.c").write_text("")
+    os.utime(left, times=(0, 0))
     assert compiler.clear() == 0
-    assert list(own_cache.iterdir()) == []
+    assert list(own_cache.iterdir()) == [young]
 
 
 def test_a_cleared_object_stays_loaded_for_a_solver(own_cache):

@@ -172,13 +172,13 @@ def test_a_model_comes_back_from_its_file(tmp_path: Path) -> None:
 
 def test_what_is_no_network_is_said() -> None:
     dataset = a_model().dataset()
-    with pytest.raises(ValueError, match="expected one of kind 'mlp', found 'ewda'"):
+    with pytest.raises(ValueError, match="expected a file of kind 'mlp', found 'ewda'"):
         MlpModel.of(dataset.assign_attrs(kind="ewda"))
     with pytest.raises(ValueError, match="its schema is 2, this version reads 1"):
         MlpModel.of(dataset.assign_attrs(schema=2))
     with pytest.raises(ValueError, match="lacks weight_1, z_scale"):
         MlpModel.of(dataset.drop_vars(["weight_1", "z_scale"]))
-    with pytest.raises(ValueError, match="bias_0 of the network are not finite"):
+    with pytest.raises(ValueError, match="bias_0 holds numbers that are not finite"):
         MlpModel.of(dataset.assign(bias_0=dataset["bias_0"] * np.nan))
 
 

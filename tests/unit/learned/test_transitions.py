@@ -112,11 +112,11 @@ def test_data_of_another_system_are_told() -> None:
 
 def test_datasets_that_are_no_transitions_are_told() -> None:
     good = made().dataset()
-    with pytest.raises(ValueError, match="this holds ewda, no transitions"):
+    with pytest.raises(ValueError, match="of kind 'transitions', found 'ewda'"):
         Transitions.of(good.assign_attrs(kind="ewda"))
-    with pytest.raises(ValueError, match="schema version 9, this program reads 1"):
+    with pytest.raises(ValueError, match="its schema is 9, this version reads 1"):
         Transitions.of(good.assign_attrs(schema=9))
-    with pytest.raises(ValueError, match="lack x_next, z_scale;"):
+    with pytest.raises(ValueError, match="lacks x_next, z_scale;"):
         Transitions.of(good.drop_vars(["x_next", "z_scale"]))
     changed = good.assign(x=good["x"] + 1e-9)
     with pytest.raises(ValueError, match="their hash differs"):

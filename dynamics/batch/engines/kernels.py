@@ -1,22 +1,38 @@
-"""NumPy backend: the tape run over cache-sized chunks of samples. Always available."""
+"""Graphs over samples without a compiler: by NumPy, or by CasADi's own virtual machine."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
 from dynamics.batch.engines.parallel import over_chunks
-from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, chosen, operands
+from dynamics.batch.graphs.tape import (
+    BOOLEAN,
+    Operation,
+    Tape,
+    chosen,
+    operands,
+    tape_of,
+    with_shared_reciprocals,
+)
 
 Array = np.ndarray
 _LOGICAL = frozenset({ca.OP_NOT, ca.OP_AND, ca.OP_OR})
 # A chunk's registers should fit the second-level cache; fewer samples, and calls cost more than
 # arithmetic does.
 CACHE_BYTES = 1 << 20
+
+
+class Kernel(Protocol):
+    """Evaluates one short graph over samples: arrays `(nnz, m)` in and out, samples last."""
+
+    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
+        """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
+        ...
 
 
 def _if_else_zero(condition: Array, value: Array, out: Array) -> None:
@@ -239,14 +255,41 @@ class _Writer:
         return self.free[kind].pop()
 
 
-class NumpyEngine:
-    """Evaluates a tape over samples in NumPy, chunk by chunk."""
+class CasadiKernel:
+    """Evaluates any CasADi function over samples with `Function.map`, on up to `threads` threads.
 
-    name = "numpy"
+    The reference for the other kernels.
+    """
 
-    def __init__(self, tape: Tape, threads: int, block: int) -> None:
-        self.kernel, self.threads = NumpyKernel(tape), threads
-        self._chunk = chunk_length(self.kernel.n_registers, block)
+    def __init__(self, fn: ca.Function, threads: int = 1) -> None:
+        inputs = [ca.MX.sym(fn.name_in(k), fn.nnz_in(k)) for k in range(fn.n_in())]
+        shaped = [ca.MX(fn.sparsity_in(k), v) for k, v in enumerate(inputs)]
+        outputs = [v.nz[:] for v in fn.call(shaped)]
+        # On dense vectors of nonzeros, which is what a row of samples is.
+        self._flat = ca.Function(f"{fn.name()}_rows", inputs, outputs)
+        self._threads = threads
+
+    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
+        """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
+        m = max(array.shape[-1] for array in (*inputs, *outputs))
+        columns = [np.broadcast_to(array, (len(array), m)) for array in inputs]
+        parallel = ("thread", self._threads) if min(self._threads, m) > 1 else ()
+        for array, result in zip(outputs, self._flat.map(m, *parallel).call(columns), strict=True):
+            array[...] = np.asarray(result)
+
+
+KERNELS: dict[str, Callable[[ca.Function], Kernel]] = {
+    "numpy": lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn))),
+    "casadi": CasadiKernel,
+}
+"""Kernels of the graphs of a step, by backend."""
+
+
+class ChunkedEngine:
+    """Evaluates `run(inputs, outputs)`, that of a kernel, over samples, chunk by chunk."""
+
+    def __init__(self, run: Callable[..., None], chunk: int, threads: int) -> None:
+        self._run, self._chunk, self._threads = run, chunk, threads
 
     def evaluate(self, inputs: list[Array], outputs: list[Array], n: int) -> int:
         """Fill `outputs` for all n samples; returns how many of them are not finite."""
@@ -255,14 +298,14 @@ class NumpyEngine:
         def work(begin: int, end: int) -> None:
             rows = [np.ascontiguousarray(a[begin:end].T) if len(a) > 1 else a.T for a in inputs]
             results = [np.empty((a.shape[1], end - begin)) for a in outputs]
-            self.kernel.run(rows, results)
+            self._run(rows, results)
             finite = np.ones(end - begin, dtype=bool)
             for array, result in zip(outputs, results, strict=True):
                 array[begin:end] = result.T
                 finite &= np.isfinite(result).all(axis=0)
             bad.append(int(np.count_nonzero(~finite)))
 
-        over_chunks(n, self._chunk, self.threads, work)
+        over_chunks(n, self._chunk, self._threads, work)
         return sum(bad)
 
 

@@ -1,0 +1,124 @@
+"""The form of files of transitions and of models, checked before anything is built of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SCHEMA = 1
+TRANSITIONS, EWDA, MLP = KINDS = "transitions", "ewda", "mlp"
+LARGEST = 1e50
+"""Sums and products of a few numbers of this size are finite."""
+_Count = Annotated[int, Field(ge=0)]
+
+
+class _Attributes(BaseModel):
+    """Attributes that all kinds have."""
+
+    model_config = ConfigDict(strict=True)
+
+    problem: str
+    parameters: Json[dict[str, bool | int | float | str | list[float]]]
+    data_hash: str
+    provenance: Json[dict[str, Any]] = Field(default="{}", validate_default=True)
+
+
+class _Model(_Attributes):
+    sigma: Annotated[float, Field(ge=0, le=LARGEST)]
+    seed: int
+    data_rows: _Count = 0
+    held_out: _Count = 0
+
+
+class _Network(_Model):
+    activation: Literal["elu"]
+    layers: Annotated[int, Field(ge=1, le=100)]
+
+
+_ATTRIBUTES: dict[str, type[_Attributes]] = {
+    TRANSITIONS: _Attributes, EWDA: _Model, MLP: _Network,
+}  # fmt: skip
+_DIMENSIONS = {
+    **dict.fromkeys(("z", "z_unit", "z_shift", "z_scale", "z_least", "z_most"), ("z",)),
+    **dict.fromkeys(("state", "state_unit", "y_shift", "y_scale"), ("state",)),
+    **dict.fromkeys(("fit_y_scale", "fit_clean", "fit_noised"), ("state",)),
+    **dict.fromkeys(("fit_distance", "fit_displacement", "fit_outside"), ("fit_distance",)),
+    **dict.fromkeys(("input", "input_unit"), ("input",)),
+    **{"fit_sigma": (), "z_data": ("sample", "z"), "y_data": ("sample", "state")},
+    **{"x": ("sample", "state"), "x_next": ("sample", "state"), "u": ("sample", "input")},
+}
+_LABELS = ("z", "z_unit", "state", "state_unit", "input", "input_unit")
+_OWN = {
+    TRANSITIONS: ("x", "u", "x_next", "input", "input_unit"),
+    EWDA: ("z_data", "y_data"),
+    MLP: ("y_shift", "y_scale"),
+}
+_DESCRIBED = ("z_least", "z_most", *(name for name in _DIMENSIONS if name.startswith("fit_")))
+
+
+def check(dataset: xr.Dataset, kind: str) -> None:
+    """Raise ``ValueError`` where a dataset is not as files of its ``kind`` are.
+
+    Attributes, variables, their dimensions and types are checked, signs of scales and errors, and
+    that numbers are finite and at most :data:`LARGEST`.
+    """
+    attributes = {key: plain(value) for key, value in dataset.attrs.items()}
+    if attributes.get("kind") != kind:
+        raise ValueError(f"expected a file of kind {kind!r}, found {attributes.get('kind')!r}")
+    if attributes.get("schema") != SCHEMA:
+        raise ValueError(
+            f"its schema is {attributes.get('schema')}, this version reads {SCHEMA};"
+            " create it again"
+        )
+    try:
+        _ATTRIBUTES[kind].model_validate(attributes)
+    except ValidationError as error:
+        found = error.errors()[0]
+        raise ValueError(f"{'.'.join(map(str, found['loc']))}: {found['msg']}") from error
+    layers = range(attributes["layers"] if kind == MLP else 0)
+    needed = [f"{part}_{layer}" for layer in layers for part in ("weight", "bias")]
+    needed += [*_OWN[kind], "z", "z_unit", "z_shift", "z_scale", "state", "state_unit"]
+    needed += _DESCRIBED if "data_rows" in attributes else ()
+    if missing := [name for name in needed if name not in dataset.variables]:
+        raise ValueError(f"it lacks {', '.join(missing)}; create it again")
+    for name in dataset.variables:
+        _check_variable(str(name), dataset)
+    size = dataset.sizes["z"]
+    for layer in layers:
+        weight, bias = dataset[f"weight_{layer}"].shape, dataset[f"bias_{layer}"].shape
+        if len(bias) != 1 or weight != (*bias, size):
+            raise ValueError(f"weight_{layer} does not fit the layer before it")
+        (size,) = bias
+    if layers and size != dataset.sizes["state"]:
+        raise ValueError(f"bias_{layers[-1]} has {size} entries, and there are"
+                         f" {dataset.sizes['state']} states")  # fmt: skip
+
+
+def _check_variable(name: str, dataset: xr.Dataset) -> None:
+    variable = dataset.variables[name]
+    if name in _DIMENSIONS and variable.dims != _DIMENSIONS[name]:
+        raise ValueError(f"{name} is over {variable.dims}, expected {_DIMENSIONS[name]}")
+    values = np.asarray(variable.values)
+    if name in _LABELS:
+        if not all(isinstance(one, str) for one in values.ravel().tolist()):
+            raise ValueError(f"{name} holds something else than texts")
+        return
+    if values.dtype.kind not in "iuf":
+        raise ValueError(f"{name} holds something else than numbers")
+    # NaN compares as false.
+    if not (np.abs(values) <= LARGEST).all():
+        raise ValueError(f"{name} holds numbers that are not finite or beyond {LARGEST:g}")
+    if name.endswith("_scale") and not (values > 0).all():
+        raise ValueError(f"{name} holds scales that are not above 0")
+    if name.startswith("fit_") and not (values >= 0).all():
+        raise ValueError(f"{name} holds errors below 0")
+
+
+def plain(value: Any) -> Any:
+    """An attribute as a plain value."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
