@@ -95,7 +95,8 @@ def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, A
     from dynamics.learned.fit import Fit
 
     found = Fit.of(dataset)
-    errors = (found.clean_physical, found.noised_physical, found.clean, found.noised)
+    scaled = (found.clean * found.y_scale, found.noised * found.y_scale)
+    errors = (*scaled, found.clean, found.noised)
     keys = ("name", "unit", "clean", "noised", "clean_relative", "noised_relative")
     rays = (found.distances, found.displacement, found.outside)
     return {

@@ -83,22 +83,19 @@ def as_doubles(value: Any, name: str, what: str) -> np.ndarray:
     return array.astype(np.float64, copy=False)
 
 
-def common_length(rows: Sequence[np.ndarray], names: Sequence[str], what: str) -> int:
+def common_length(
+    rows: Mapping[str, np.ndarray], what: str, lengths: Mapping[str, int] | None = None
+) -> int:
     """The number of samples that all inputs agree on; inputs of length 1 are shared.
 
-    Raises `ValueError` naming two inputs that disagree along axis 0.
+    `lengths` must agree too, whatever they are. Raises `ValueError` naming all that count where
+    they disagree along axis 0.
     """
-    first: tuple[str, int] | None = None
-    for array, name in zip(rows, names, strict=True):
-        if len(array) == 1:
-            continue
-        if first is not None and first[1] != len(array):
-            raise ValueError(
-                f"inputs of {what} disagree along axis 0 (samples): "
-                f"'{first[0]}' has {first[1]}, '{name}' has {len(array)}"
-            )
-        first = first or (name, len(array))
-    return 1 if first is None else first[1]
+    found = {name: len(a) for name, a in rows.items() if len(a) != 1} | dict(lengths or {})
+    if len(set(found.values())) > 1:
+        each = ", ".join(f"'{name}' has {length}" for name, length in found.items())
+        raise ValueError(f"inputs of {what} disagree along axis 0 (samples): {each}")
+    return next(iter(found.values()), 1)
 
 
 def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np.ndarray:

@@ -73,7 +73,7 @@ class BatchFunction:
 
         def by_numpy() -> ChunkedEngine:
             kernel = NumpyKernel(tape())
-            chunk = chunk_length(kernel.n_registers, self.block)
+            chunk = chunk_length(kernel.width, self.block)
             return ChunkedEngine(kernel.run, chunk, self.threads)
 
         def compiled() -> c_flat.CompiledEngine:
@@ -94,7 +94,7 @@ class BatchFunction:
             as_rows(value, size, name, f"'{self.name}'")
             for value, size, name in zip(values, self.input_sizes, self.input_names, strict=True)
         ]
-        n = common_length(rows, self.input_names, f"'{self.name}'")
+        n = common_length(dict(zip(self.input_names, rows, strict=True)), f"'{self.name}'")
         outputs = self._outputs(out, n)
         bad = self._engine.evaluate(rows, outputs, n) if n else 0
         self.nonfinite = non_finite_rows(outputs) if bad else NonFinite()

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from copy import copy
 from functools import partial
 from typing import Any, Self
 
-import casadi as ca
 import numpy as np
 
 from dynamics.batch.arguments import (
@@ -18,16 +16,16 @@ from dynamics.batch.arguments import (
     as_doubles,
     as_rows,
     checked_block,
+    common_length,
 )
 from dynamics.batch.engines.choice import choose
-from dynamics.batch.engines.kernels import KERNELS, Kernel, NumpyKernel
+from dynamics.batch.engines.kernels import KERNELS, NumpyKernel
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.engines.rollout_engines import (
     Call,
     ChunkEngine,
     CompiledRolloutEngine,
     Results,
-    RolloutEngine,
 )
 from dynamics.batch.graphs.objective import Objective
 from dynamics.batch.graphs.policy import RolloutPolicy
@@ -70,7 +68,6 @@ class Rolling:
         """The same over another horizon, with nothing built or compiled again."""
         other = copy(self)
         other.horizon = _checked_horizon(horizon)
-        other._engine = self._engine.over(horizon)
         return other
 
     @property
@@ -81,11 +78,9 @@ class Rolling:
 
     def _makers(self) -> dict[str, Any]:
         tapes, threads = self.tapes, self.threads
-
-        def chunks(make: Callable[[ca.Function], Kernel]) -> RolloutEngine:
-            return ChunkEngine(tapes, self.horizon, self.policy.per_step, threads, make)
-
-        makers: dict[str, Any] = {name: partial(chunks, KERNELS[name]) for name in KERNELS}
+        makers: dict[str, Any] = {
+            name: partial(ChunkEngine, tapes, threads, make) for name, make in KERNELS.items()
+        }
         if isinstance(tapes.forward, Asked):
             return makers
         return {"c": lambda: CompiledRolloutEngine(tapes, threads, self.block), **makers}
@@ -182,10 +177,16 @@ class Rolling:
             precision = self.acting[0] / gaussian.scales(tapes.nu) ** 2
         elif noise is not None:
             w = self._noise_rows(noise)
-        rows = {"x0": start, "theta": thetas, "p": parameters}
-        rows |= {"noise": w, "along": along, "pull": pull}
+        own = {"noise": w, "along": along, "pull": pull}
+        lengths = {name: len(a) for name, a in own.items() if a is not None}
+        if n_samples is not None:
+            if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
+                raise ValueError(
+                    f"n_samples must be a whole number of at least 0, not {n_samples!r}"
+                )
+            lengths["n_samples"] = int(n_samples)
         return Call(
-            n=_sample_count(rows, n_samples),
+            n=common_length({"x0": start, "theta": thetas, "p": parameters}, what, lengths),
             horizon=self.horizon,
             parts=self.horizon if self.policy.per_step else 1,
             x0=start,
@@ -226,20 +227,3 @@ def _checked_horizon(horizon: int) -> int:
     if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
         raise ValueError(f"horizon must be a whole number of steps, at least 1, not {horizon}")
     return horizon
-
-
-def _sample_count(rows: dict[str, np.ndarray | None], n_samples: int | None) -> int:
-    """How many samples the arrays and `n_samples` agree on; `ValueError` where they do not."""
-    lengths = {
-        name: len(a)
-        for name, a in rows.items()
-        if a is not None and (len(a) != 1 or name in ("noise", "along", "pull"))
-    }
-    if n_samples is not None:
-        if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
-            raise ValueError(f"n_samples must be a whole number of at least 0, not {n_samples!r}")
-        lengths["n_samples"] = int(n_samples)
-    if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} has {length}" for name, length in lengths.items())
-        raise ValueError(f"the rollout's arrays disagree along axis 0 (samples): {told}")
-    return next(iter(lengths.values()), 1)

@@ -152,5 +152,5 @@ class RolloutFunction(Rolling):
         if u_before is None:
             return states
         before = as_rows(u_before, n_before, "u_before", "the rollout")
-        n = common_length([states, before], ["x0", "u_before"], "the rollout")
+        n = common_length({"x0": states, "u_before": before}, "the rollout")
         return np.hstack([np.broadcast_to(a, (n, a.shape[1])) for a in (states, before)])

@@ -75,7 +75,7 @@ class StepFunction:
             return CompiledEngine(self.threads, text)
 
         def chunked(make: Callable[[ca.Function], Kernel]) -> ChunkedEngine:
-            rollout = ChunkRollout(self.tapes, 1, True, make)
+            rollout = ChunkRollout(self.tapes, make)
 
             def run(inputs: list[np.ndarray], outputs: list[np.ndarray]) -> None:
                 x0, theta, w, p = inputs
@@ -85,7 +85,7 @@ class StepFunction:
 
             return ChunkedEngine(run, CHUNK, self.threads)
 
-        return {"c": compiled, **{name: partial(chunked, KERNELS[name]) for name in KERNELS}}
+        return {"c": compiled, **{name: partial(chunked, make) for name, make in KERNELS.items()}}
 
     def __call__(self, x: Any, u: Any, p: Any | None = None) -> Steps:
         """Step from `x` (n, nx) under `u` (n, nu) at `p` (n, np), each also one row for all."""
@@ -106,19 +106,14 @@ class StepFunction:
     def _rows(self, x: Any, u: Any, p: Any | None) -> tuple[list[np.ndarray], int]:
         """Arguments of the graphs before lam, and the number of samples."""
         tapes, what = self.tapes, "the step"
-        rows = [
-            as_rows(value, size, name, what)
-            for name, value, size in (
-                ("x", x, tapes.nx),
-                ("u", u, tapes.nu),
-                ("p", self.default_p if p is None else p, len(self.default_p)),
-            )
-        ]
-        n = common_length(rows, ["x", "u", "p"], what)
-        derived = np.empty((tapes.np, len(rows[2])))
-        self._derive.run([np.ascontiguousarray(rows[2].T)], [derived])
+        p = self.default_p if p is None else p
+        given = {"x": (x, tapes.nx), "u": (u, tapes.nu), "p": (p, len(self.default_p))}
+        rows = {name: as_rows(value, size, name, what) for name, (value, size) in given.items()}
+        derived = np.empty((tapes.np, len(rows["p"])))
+        self._derive.run([np.ascontiguousarray(rows["p"].T)], [derived])
         still = np.zeros((1, tapes.nu))
-        return [rows[0], rows[1], still, np.ascontiguousarray(derived.T)], n
+        arguments = [rows["x"], rows["u"], still, np.ascontiguousarray(derived.T)]
+        return arguments, common_length(rows, what)
 
     def _stepped(self, given: list[np.ndarray], n: int) -> Steps:
         tapes = self.tapes

@@ -94,7 +94,7 @@ def _start(path: Path) -> ca.Function:
     others are a Kronecker sequence, which fills the cube evenly however many there are.
     """
     k, n = ca.SX.sym("k"), path.n
-    gap, _ = _gap(path, ca.SX.zeros(n))
+    gap, _ = path.slopes(ca.SX.zeros(n))
     size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.known["mu"])))
     turned = k * ca.DM(irrational(n))
     most = _MOST + (_MOST_AT_LAST - _MOST) * k / 2**_STARTS
@@ -108,13 +108,13 @@ def _damped_step(path: Path) -> ca.Function:
     n = path.n
     point = ca.SX.sym("point", n + 1)
     lam, damping = point[:n], point[n]
-    gap, slopes = _gap(path, lam)
+    gap, slopes = path.slopes(lam)
     phi, by_lam, by_gap = _phi(path, lam, gap)
     jacobian = ca.diag(by_lam) + ca.diag(by_gap) @ slopes
     normal = jacobian.T @ jacobian
     damped = normal + damping * ca.diag(ca.fmax(ca.diag(normal), 1e-12))
     there = lam - ca.ldl_solve(jacobian.T @ phi, *ca.ldl(ca.densify(damped), False))
-    ahead, *_ = _phi(path, there, _gap(path, there)[0])
+    ahead, *_ = _phi(path, there, path.slopes(there)[0])
     better = ca.sumsqr(ahead) < ca.sumsqr(phi)
     lam, phi = ca.if_else(better, there, lam), ca.if_else(better, ahead, phi)
     damping = ca.if_else(better, ca.fmax(damping / 5, _LEAST_DAMPING), 4 * damping)
@@ -126,7 +126,7 @@ def _damped_step(path: Path) -> ca.Function:
 def _paired(path: Path) -> ca.Function:
     """The pair at lam and how far it is from a root: ``(lam, data) -> (pair, off)``."""
     lam, mu = ca.SX.sym("lam", path.n), path.known["mu"]
-    gap, _ = _gap(path, lam)
+    gap, _ = path.slopes(lam)
     # Near a root the large one of a pair has all its digits, and the small one none.
     large = ca.fmax(ca.fmax(lam, gap), _ROOT)
     small = mu / large
@@ -134,11 +134,6 @@ def _paired(path: Path) -> ca.Function:
     off = ca.mmax(ca.fabs(_phi(path, lam, gap)[0]) / (1 + large))
     outputs = [path.pair(*pair), off]
     return ca.Function("paired", [lam, path.data], outputs, {"cse": True})
-
-
-def _gap(path: Path, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Scaled true gaps (n, 1) at lam, and their derivatives by it (n, n)."""
-    return path.slopes(lam)
 
 
 def _phi(path: Path, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

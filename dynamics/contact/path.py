@@ -32,25 +32,17 @@ class CurvedGap:
         used = [i for i in range(given.numel()) if ca.depends_on(self._gap, given[i])]
         self._given = given[used]
 
-    @cached_property
+    @property
     def opening(self) -> ca.SX:
-        """What is needed to evaluate the rows at any lam, in the system's (x, u, p)."""
-        reduced, states = self._system.reduced, self._states
-        affine = [reduced.a[states], ca.vec(ca.densify(reduced.B[states, :]))]
-        return ca.vertcat(*affine, self._given)
+        """What :meth:`at` needs, in the system's (x, u, p)."""
+        return self.opening_along(ca.densify(self._system.reduced.B))
 
     def at(self, lam: ca.SX, D: ca.SX, c: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Scaled gaps of the rows at scaled lam, and their derivatives by it."""
-        system, count, n = self._system, len(self._states), lam.numel()
-        a, B, given = ca.vertsplit(opening, [0, count, count * (1 + n), opening.numel()])
-        at, B = c * D * lam, ca.reshape(B, count, n)
-        states = system.x_next[self._states]
-        by_state, by_lam = ca.jacobian(self._gap, states), ca.jacobian(self._gap, system.lam)
-        old = ca.vertcat(self._given, states, system.lam)
-        new = ca.vertcat(given, a + B @ at, at)
-        rows, by_state, by_lam = ca.substitute([self._gap, by_state, by_lam], [old], [new])
+        at, dense = c * D * lam, ca.SX.ones(self._system.nx, lam.numel())
+        rows, by_lam, by_w = self.along(at, at, dense, opening)
         scale = D[self.rows]
-        return rows * scale / c, ca.diag(scale) @ (by_lam + by_state @ B) @ ca.diag(D)
+        return rows * scale / c, ca.diag(scale) @ (by_lam + by_w) @ ca.diag(D)
 
     def opening_along(self, C: ca.SX) -> ca.SX:
         """What :meth:`along` needs, in the system's (x, u, p)."""
@@ -59,7 +51,10 @@ class CurvedGap:
         )
 
     def along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Gaps of the rows where ``x_next = a + C w``, and their derivatives by lam and by w."""
+        """Gaps of the rows where ``x_next = a + C w``, and their derivatives by lam and by w.
+
+        Of C the pattern counts; its numbers are in ``opening``.
+        """
         system, count = self._system, len(self._states)
         pattern = C[self._states, :].sparsity()
         ends = [0, count, count + pattern.nnz(), opening.numel()]

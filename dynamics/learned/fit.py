@@ -43,16 +43,6 @@ class Fit:
     displacement: np.ndarray
     outside: np.ndarray
 
-    @property
-    def clean_physical(self) -> np.ndarray:
-        """``clean`` in the units of y."""
-        return self.clean * self.y_scale
-
-    @property
-    def noised_physical(self) -> np.ndarray:
-        """``noised`` in the units of y."""
-        return self.noised * self.y_scale
-
     def dataset(self) -> xr.Dataset:
         """All of it, names with ``fit_`` before, to stand beside a model's arrays in one file."""
         import xarray as xr

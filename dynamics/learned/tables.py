@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import Signal
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TABLES = (".csv", ".parquet")
 NEXT = "_next"
@@ -33,7 +36,7 @@ def read_table(
     numbers, other units than those expected, and as :meth:`Transitions.checked` does.
     """
     table = _table(path)
-    heads = _named(path, list(table), columns or {})
+    heads = _named(path, [str(head) for head in table.columns], columns or {})
     if signals is None:
         states, inputs = _guessed(path, heads, list(columns or heads))
     else:
@@ -47,33 +50,26 @@ def read_table(
     return Transitions.checked(x, u, x_next, states, inputs, told)
 
 
-Table = Mapping[str, np.ndarray]
-"""The columns of a table by their heads."""
+def _table(path: Path) -> pd.DataFrame:
+    import pandas as pd
 
-
-def _table(path: Path) -> Table:
     if path.suffix not in TABLES:
         raise ValueError(f"{path}: expected a table, {' or '.join(TABLES)}")
     if not path.is_file():
         raise ValueError(f"{path}: file not found")
-    return _parquet(path) if path.suffix == ".parquet" else _csv(path)
-
-
-def _csv(path: Path) -> Table:
-    import pandas as pd
-
+    if path.suffix == ".parquet":
+        return _parquet(path)
     try:
-        frame = pd.read_csv(path, skipinitialspace=True)
+        return pd.read_csv(path, skipinitialspace=True)
     except pd.errors.EmptyDataError as error:
         raise ValueError(f"{path} is empty; the first line must name the columns") from error
     except pd.errors.ParserError as error:
         raise ValueError(f"{path} is not a CSV table: {str(error).splitlines()[-1]}") from error
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not UTF-8 text, so not a CSV table") from error
-    return {str(head): np.asarray(frame[head]) for head in frame.columns}
 
 
-def _parquet(path: Path) -> Table:
+def _parquet(path: Path) -> pd.DataFrame:
     try:
         from pyarrow import ArrowException
         from pyarrow.parquet import read_table as read
@@ -83,10 +79,9 @@ def _parquet(path: Path) -> Table:
             " 'centralpath[learn]'; or write the table as CSV"
         ) from error
     try:
-        table = read(path)
+        return read(path).to_pandas(ignore_metadata=True)
     except (ArrowException, OSError) as error:
         raise ValueError(f"{path} is not a complete Parquet file") from error
-    return {head: table[head].to_numpy() for head in table.column_names}
 
 
 def _split(head: str) -> tuple[str, str | None]:
@@ -151,25 +146,15 @@ def _column(path: Path, heads: Heads, signal: Signal) -> str:
     return column
 
 
-def _values(path: Path, table: Table, columns: list[str]) -> np.ndarray:
-    rows = len(next(iter(table.values())))
-    return np.array([_numbers(path, c, table[c]) for c in columns]).reshape(-1, rows).T
+def _values(path: Path, table: pd.DataFrame, columns: list[str]) -> np.ndarray:
+    import pandas as pd
 
-
-def _numbers(path: Path, column: str, entries: np.ndarray) -> np.ndarray:
-    try:
-        return entries.astype(float)
-    except (TypeError, ValueError):
-        row = next(row for row, entry in enumerate(entries) if not _is_number(entry))
+    found = table[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=float)
+    rows, places = np.nonzero(np.isnan(found) & table[columns].notna().to_numpy(bool))
+    if len(rows):
+        row, column = rows[0], columns[places[0]]
         raise ValueError(
-            f"{path}: column {column!r} holds {str(entries[row])!r} in row {row}, counted from 0,"
-            " which is no number"
-        ) from None
-
-
-def _is_number(entry: Any) -> bool:
-    try:
-        float(entry)
-    except (TypeError, ValueError):
-        return False
-    return True
+            f"{path}: column {column!r} holds {str(table[column].iloc[row])!r} in row {row},"
+            " counted from 0, which is not a number"
+        )
+    return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -178,14 +178,9 @@ class Chain:
 
     def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Kinetic energy ``v' M(q) v / 2`` [J]."""
-        frames = self._frames(q)
-        omega, velocity = self._rates(frames, v)
         energy = ca.SX(0)
-        for link in self._ordered:
-            moving = velocity[link.name] + omega[link.name] * _swing(
-                frames[link.name].turn(link.com)
-            )
-            energy += link.mass * ca.sumsqr(moving) + link.inertia * omega[link.name] ** 2
+        for link, turning, moving in self._centres(q, v):
+            energy += link.mass * ca.sumsqr(moving) + link.inertia * turning**2
         return energy / 2
 
     def energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
@@ -194,12 +189,9 @@ class Chain:
 
     def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Linear momentum (2, 1) [N s]."""
-        frames = self._frames(q)
-        omega, velocity = self._rates(frames, v)
         total = ca.SX.zeros(2)
-        for link in self._ordered:
-            swing = omega[link.name] * _swing(frames[link.name].turn(link.com))
-            total += link.mass * (velocity[link.name] + swing)
+        for link, _, moving in self._centres(q, v):
+            total += link.mass * moving
         return total
 
     def _each(self, value: Callable[[Link], Number]) -> ca.SX:
@@ -271,10 +263,9 @@ class Chain:
             )
         return bodies
 
-    def _rates(
-        self, frames: dict[str, _Frame], v: ca.SX
-    ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
-        """Angular velocity of each link and velocity of its origin."""
+    def _centres(self, q: ca.SX, v: ca.SX) -> Iterator[tuple[Link, ca.SX, ca.SX]]:
+        """Each link, its angular velocity and the velocity of its centre of mass."""
+        frames = self._frames(q)
         omega: dict[str, ca.SX] = {}
         velocity: dict[str, ca.SX] = {}
         for link in self._ordered:
@@ -286,7 +277,7 @@ class Chain:
                 turning = turning + motion.turn * v[index]
                 moving = moving + motion.along * v[index]
             omega[link.name], velocity[link.name] = turning, moving
-        return omega, velocity
+            yield link, turning, moving + turning * _swing(frames[link.name].turn(link.com))
 
     def _accelerations(
         self, frames: dict[str, _Frame], v: ca.SX, a: ca.SX

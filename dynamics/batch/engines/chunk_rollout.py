@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from itertools import pairwise
-from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -155,18 +153,12 @@ def _summed(weights: Array, values: Array, axes: tuple[int, int]) -> Array:
 class ChunkRollout:
     """Forward and adjoint sweep of one chunk of samples, samples along the last axis.
 
-    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel.
+    `make` turns a CasADi function into a `Kernel`; each graph of `tapes` is one kernel. The horizon
+    N is that of the noise, and theta has a row for every step, or one for all of them.
     """
 
-    def __init__(
-        self,
-        tapes: RolloutTapes,
-        horizon: int,
-        per_step: bool,
-        make: Callable[[ca.Function], Kernel],
-    ) -> None:
-        self.tapes, self.horizon, self.per_step = tapes, horizon, per_step
-        self.scratch = Scratch()
+    def __init__(self, tapes: RolloutTapes, make: Callable[[ca.Function], Kernel]) -> None:
+        self.tapes, self.scratch = tapes, Scratch()
         self.adjoint, self.score = make(tapes.adjoint), make(tapes.score)
         self.terminal, self.terminal_adjoint = make(tapes.terminal), make(tapes.terminal_adjoint)
         self.network = None if tapes.layers is None else ChunkNetwork(tapes.layers, make)
@@ -178,12 +170,6 @@ class ChunkRollout:
             self.closing = make(loop.closing)
         else:
             self.step = make(loop)
-
-    def over(self, horizon: int) -> Self:
-        """The same kernels over another horizon."""
-        other = copy(self)
-        other.horizon, other.scratch = horizon, Scratch()
-        return other
 
     def forward(
         self,
@@ -202,15 +188,15 @@ class ChunkRollout:
         ``slopes`` no adjoint can follow. Every step starts at ``along`` (N + 1, nx, m), where
         given.
         """
-        x = self.scratch.array("x", self.horizon + 1, self.tapes.nx, m)
+        x = self.scratch.array("x", len(w) + 1, self.tapes.nx, m)
         after = self.scratch.array("after", self.tapes.nx, m)
-        lam = self.scratch.array("lam", self.horizon, self.tapes.nlam, m)
+        lam = self.scratch.array("lam", len(w), self.tapes.nlam, m)
         cost, stage = self.scratch.array("costs", 2, 1, m)
         cost[...] = 0.0
         x[0] = x0
         if along is not None:
             x[...] = along
-        for t in range(self.horizon):
+        for t in range(len(w)):
             arguments = [x[t], self._theta(theta, x[t], p, t), w[t], p]
             results = [x[t + 1] if along is None else after, lam[t], stage]
             if isinstance(self.tapes.forward, Asked):
@@ -230,7 +216,7 @@ class ChunkRollout:
         """What the graphs of step t take for theta."""
         if self.network is not None:
             return self.network.actions(theta[0], x, p)
-        return theta[t] if self.per_step else theta[0]
+        return theta[min(t, len(theta) - 1)]
 
     def _evaluate(self, asked: Asked, arguments: list[Array], slopes: bool) -> Array:
         """Outputs of the model at every branch and, with ``slopes``, its Jacobians by columns."""
@@ -266,17 +252,18 @@ class ChunkRollout:
         m = x.shape[-1]
         xbar, before = self.scratch.array("bars", 2, self.tapes.nx, m)
         part = self.scratch.array("part", self.tapes.n_theta, m)
-        if not self.per_step:
+        per_step = len(gradient) > 1
+        if not per_step:
             gradient[...] = 0.0
         self.terminal_adjoint.run([x[-1], p], [xbar])
         if pull is not None:
             xbar += pull
-        for t in reversed(range(self.horizon)):
+        for t in reversed(range(len(w))):
             arguments = [x[t], self._theta(theta, x[t], p, t), w[t], p, lam[t], xbar]
-            self.adjoint.run(arguments, [before, gradient[t] if self.per_step else part])
+            self.adjoint.run(arguments, [before, gradient[t] if per_step else part])
             if self.network is not None:
                 before += self.network.pulled_back(theta[0], x[t], p, part, gradient[0])
-            elif not self.per_step:
+            elif not per_step:
                 gradient[0] += part
             xbar, before = before, xbar
 
@@ -284,9 +271,9 @@ class ChunkRollout:
         """Fill `score` (N or 1, n_theta, m) with the sum over steps of D_theta law' w."""
         part = np.empty((self.tapes.n_theta, x.shape[-1]))
         score[...] = 0.0
-        for t in range(self.horizon):
+        for t in range(len(w)):
             self.score.run([x[t], self._theta(theta, x[t], p, t), w[t]], [part])
             if self.network is not None:
                 self.network.pulled_back(theta[0], x[t], p, part, score[0])
             else:
-                score[t if self.per_step else 0] += part
+                score[min(t, len(score) - 1)] += part

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -12,7 +11,6 @@ import numpy as np
 from dynamics.batch.engines.parallel import over_chunks
 from dynamics.batch.graphs.tape import (
     BOOLEAN,
-    Operation,
     Tape,
     chosen,
     operands,
@@ -35,40 +33,29 @@ class Kernel(Protocol):
         ...
 
 
-def _if_else_zero(condition: Array, value: Array, out: Array) -> None:
-    # A product would turn 0 * inf into NaN; CasADi's operation does not.
-    out.fill(0.0)
-    np.copyto(out, value, where=condition)
+def _special(name: str) -> Callable[[Array], Array]:
+    """A function of SciPy, loaded at its first use."""
+
+    def call(a: Array) -> Array:
+        from scipy import special
+
+        return getattr(special, name)(a)
+
+    return call
 
 
-def _choose(condition: Array, value: Array, other: Array, out: Array) -> None:
-    np.copyto(out, other)
-    np.copyto(out, value, where=condition)
+def _remainder(a: Array, b: Array) -> Array:
+    """IEEE remainder a - n b, n the integer nearest a/b (ties to even), exact as in C."""
+    r = np.fmod(a, b)
+    half = 0.5 * np.abs(b)
+    n_odd = np.fmod(np.abs(a), 2.0 * np.abs(b)) >= np.abs(b)
+    over = (np.abs(r) > half) | ((np.abs(r) == half) & n_odd)
+    return np.where(over, r - np.copysign(np.abs(b), r), r)
 
 
-def _reciprocal(a: Array, out: Array) -> None:
-    np.divide(1.0, a, out=out)
-
-
-def _twice(a: Array, out: Array) -> None:
-    np.add(a, a, out=out)
-
-
-def _erf(a: Array, out: Array) -> None:
-    from scipy import special
-
-    special.erf(a, out=out)
-
-
-def _erfinv(a: Array, out: Array) -> None:
-    from scipy import special
-
-    special.erfinv(a, out=out)
-
-
-_UFUNCS: dict[int, Callable[..., object]] = {
+_CALLS: dict[int, Callable[..., Array]] = {
     **{ca.OP_ADD: np.add, ca.OP_SUB: np.subtract, ca.OP_MUL: np.multiply, ca.OP_DIV: np.divide},
-    **{ca.OP_NEG: np.negative, ca.OP_SQ: np.square, ca.OP_TWICE: _twice, ca.OP_INV: _reciprocal},
+    **{ca.OP_NEG: np.negative, ca.OP_SQ: np.square, ca.OP_TWICE: lambda a: a + a},
     **{ca.OP_POW: np.power, ca.OP_CONSTPOW: np.power, ca.OP_SQRT: np.sqrt},
     **{ca.OP_EXP: np.exp, ca.OP_LOG: np.log, ca.OP_LOG1P: np.log1p, ca.OP_EXPM1: np.expm1},
     **{ca.OP_SIN: np.sin, ca.OP_COS: np.cos, ca.OP_TAN: np.tan},
@@ -80,179 +67,77 @@ _UFUNCS: dict[int, Callable[..., object]] = {
     **{ca.OP_NOT: np.logical_not, ca.OP_AND: np.logical_and, ca.OP_OR: np.logical_or},
     **{ca.OP_FLOOR: np.floor, ca.OP_CEIL: np.ceil, ca.OP_FABS: np.absolute, ca.OP_SIGN: np.sign},
     **{ca.OP_FMOD: np.fmod, ca.OP_FMIN: np.fmin, ca.OP_FMAX: np.fmax},
-    **{ca.OP_ERF: _erf, ca.OP_ERFINV: _erfinv},
-    ca.OP_IF_ELSE_ZERO: _if_else_zero,
+    **{ca.OP_ERF: _special("erf"), ca.OP_ERFINV: _special("erfinv")},
+    **{ca.OP_REMAINDER: _remainder, ca.OP_INV: lambda a: 1.0 / a},
+    # A product would turn 0 * inf into NaN; CasADi's operation does not.
+    ca.OP_IF_ELSE_ZERO: lambda condition, value: np.where(condition, value, 0.0),
 }
 
 
-def _remainder(a: Array, b: Array, out: Array) -> None:
-    """IEEE remainder a - n b, n the integer nearest a/b (ties to even), exact as in C."""
-    r = np.fmod(a, b)
-    half = 0.5 * np.abs(b)
-    n_odd = np.fmod(np.abs(a), 2.0 * np.abs(b)) >= np.abs(b)
-    over = (np.abs(r) > half) | ((np.abs(r) == half) & n_odd)
-    out[...] = np.where(over, r - np.copysign(np.abs(b), r), r)
-
-
-_UFUNCS[ca.OP_REMAINDER] = _remainder
-
-
 class NumpyKernel:
-    """Evaluates a tape over samples in NumPy.
+    """Evaluates a tape over samples in NumPy, as a Python function with a line an operation.
 
     `run(inputs, outputs)` takes one array `(nnz, m)` per input and fills one `(nnz, m)` per output:
     samples last, so that every operation is one contiguous pass. An input of shape `(nnz, 1)`
-    broadcasts. Each thread has registers of its own, kept from call to call.
+    broadcasts. `width` values are alive at once: each is dropped after its last use.
     """
 
     def __init__(self, tape: Tape) -> None:
-        writer = _Writer(tape)
-        calls = {f"f{op}": call for op, call in _UFUNCS.items()} | {"choose": _choose}
-        names: dict[str, Any] = {**calls, **writer.constants}
-        exec(compile(writer.text(), f"<tape {tape.name}>", "exec"), names)
+        self._tape, self.width = tape, 0
+        choices = {i: chosen(tape, operation) for i, operation in enumerate(tape.operations)}
+        reads = [choices[i] or operands(o) for i, o in enumerate(tape.operations)]
+        last = self._last_uses(reads)
+        names: dict[str, Any] = {f"f{op}": call for op, call in _CALLS.items()}
+        lines, live = [], 0
+        for i, operation in enumerate(tape.operations):
+            op, args = operation.op, operation.args
+            if last[i] < 0:
+                continue
+            if op == ca.OP_CONST:
+                names[f"v{i}"] = np.array(operation.value)
+            elif op == ca.OP_INPUT:
+                lines.append(f"v{i} = i[{args[0]}][{args[1]}]")
+            else:
+                given = [self._argument(op, k, arg) for k, arg in enumerate(args)]
+                call = f"f{op}({', '.join(given)})"
+                if choice := choices[i]:
+                    call = "where(v{}, v{}, v{})".format(*choice)
+                dead = [k for k in set(reads[i]) if last[k] == i]
+                dead = [k for k in dead if tape.operations[k].op not in (ca.OP_INPUT, ca.OP_CONST)]
+                lines += [f"v{i} = {call}", *(f"del v{k}" for k in dead)]
+                live += 1 - len(dead)
+                self.width = max(self.width, live)
+        lines += [f"o[{k}][{j}] = v{v}" for k, row in enumerate(tape.outputs)
+                  for j, v in enumerate(row)]  # fmt: skip
+        names["where"] = np.where
+        text = "\n    ".join(["def program(i, o):", *lines, "return"])
+        exec(compile(text, f"<tape {tape.name}>", "exec"), names)
         self._program = names["program"]
-        self.n_registers, self._n_masks = writer.sizes
-        self._memory = threading.local()
 
     def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
         """Evaluate every sample; non-finite values pass through as IEEE arithmetic has them."""
-        m = max((row.shape[-1] for row in (*inputs, *outputs)), default=0)
-        memory = self._memory
-        if getattr(memory, "m", None) != m:
-            memory.m = m
-            memory.numbers = list(np.empty((self.n_registers, m)))
-            memory.masks = list(np.empty((self._n_masks, m), dtype=bool))
-            memory.shared = {}
-        rows = [
-            _shared_rows(memory.shared, k, a) if a.shape[-1] == 1 else list(a)
-            for k, a in enumerate(inputs)
-        ]
         with np.errstate(all="ignore"):
-            self._program(rows, [list(a) for a in outputs], memory.numbers, memory.masks)
+            self._program(inputs, outputs)
 
-
-def _shared_rows(known: dict[int, tuple[Array, list[Array]]], k: int, array: Array) -> list[Array]:
-    """Rows of one number each as views without an axis, which NumPy broadcasts without set-up.
-
-    Those of input k are kept as long as calls pass the same array.
-    """
-    if k not in known or known[k][0] is not array:
-        known[k] = array, [row.reshape(()) for row in array]
-    return known[k][1]
-
-
-class _Writer:
-    """Writes a tape as a Python function `program(i, o, r, m)`, one call an operation.
-
-    Registers, `r0, r1, ...` for numbers and `m0, ...` for truth values, are given out by liveness:
-    the working set is the width of the graph, not its length.
-    """
-
-    def __init__(self, tape: Tape) -> None:
-        self.tape = tape
-        self.names: dict[int, str] = {}
-        self.constants: dict[str, Array] = {}
-        self.free: dict[str, list[str]] = {"r": [], "m": []}
-        self.count = {"r": 0, "m": 0}
-        self.lines: list[str] = []
-        self.choices = {
-            i: choice
-            for i, operation in enumerate(tape.operations)
-            if (choice := chosen(tape, operation)) is not None
-        }
-        self.last = self._last_uses()
-        self.direct = self._direct()
-        for i, operation in enumerate(tape.operations):
-            if self.last[i] >= 0:
-                self._write(i, operation)
-                self._release(i)
-        for k, row in enumerate(tape.outputs):
-            for j, v in enumerate(row):
-                if self.direct.get(v) != (k, j):
-                    self.lines.append(f"o[{k}][{j}][...] = {self.names[v]}")
-
-    def _reads(self, i: int) -> tuple[int, ...]:
-        return self.choices.get(i) or operands(self.tape.operations[i])
-
-    def _last_uses(self) -> list[int]:
-        """The last reader of each value; -1 for the halves of a choice read only there."""
-        n = len(self.tape.operations)
+    def _last_uses(self, reads: list[tuple[int, ...]]) -> list[int]:
+        """The last reader of each value; -1 where there is none."""
+        n = len(reads)
         last = [-1] * n
-        for row in self.tape.outputs:
+        for row in self._tape.outputs:
             for value in row:
                 last[value] = n
         for i in reversed(range(n)):
             if last[i] >= 0:
-                for arg in self._reads(i):
+                for arg in reads[i]:
                     last[arg] = max(last[arg], i)
         return last
-
-    def _direct(self) -> dict[int, tuple[int, int]]:
-        """Computed numbers that are written straight to an output row."""
-        leaves = {ca.OP_INPUT, ca.OP_CONST}
-        return {
-            value: (k, j)
-            for k, row in enumerate(self.tape.outputs)
-            for j, value in enumerate(row)
-            if self.tape.operations[value].op not in leaves | BOOLEAN
-        }
-
-    def _release(self, i: int) -> None:
-        for arg in set(self._reads(i)):
-            kind = self.names[arg][0]
-            if self.last[arg] == i and kind in self.free:
-                self.free[kind].append(self.names[arg])
-
-    @property
-    def sizes(self) -> tuple[int, int]:
-        """How many registers there are for numbers and for truth values."""
-        return self.count["r"], self.count["m"]
-
-    def text(self) -> str:
-        """The function's source."""
-        bind = [
-            f"{', '.join(f'{kind}{k}' for k in range(n))}, = {kind}"
-            for kind, n in self.count.items()
-            if n
-        ]
-        body = "\n    ".join([*bind, *self.lines, "return"])
-        return f"def program(i, o, r, m):\n    {body}\n"
-
-    def _write(self, i: int, operation: Operation) -> None:
-        op = operation.op
-        if op == ca.OP_INPUT:
-            self.names[i] = f"i[{operation.args[0]}][{operation.args[1]}]"
-        elif op == ca.OP_CONST:
-            self.names[i] = f"k{i}"
-            self.constants[f"k{i}"] = np.array(operation.value)
-        elif i in self.choices:
-            arguments = [self.names[arg] for arg in self.choices[i]]
-            self._call(i, "choose", arguments)
-        else:
-            arguments = [self._argument(op, k, arg) for k, arg in enumerate(operation.args)]
-            self._call(i, f"f{op}", arguments)
-
-    def _call(self, i: int, call: str, arguments: list[str]) -> None:
-        if i in self.direct:
-            k, j = self.direct[i]
-            self.names[i] = f"o[{k}][{j}]"
-        else:
-            boolean = self.tape.operations[i].op in BOOLEAN
-            self.names[i] = self._register("m" if boolean else "r")
-        self.lines.append(f"{call}({', '.join(arguments)}, {self.names[i]})")
 
     def _argument(self, op: int, position: int, arg: int) -> str:
         """An operand's name, turned from number to truth value or back where the two do not fit."""
         wants_mask = op in _LOGICAL or (op == ca.OP_IF_ELSE_ZERO and position == 0)
-        if wants_mask == (self.tape.operations[arg].op in BOOLEAN):
-            return self.names[arg]
-        return f"{self.names[arg]} {'!= 0.0' if wants_mask else '* 1.0'}"
-
-    def _register(self, kind: str) -> str:
-        if not self.free[kind]:
-            self.free[kind].append(f"{kind}{self.count[kind]}")
-            self.count[kind] += 1
-        return self.free[kind].pop()
+        if wants_mask == (self._tape.operations[arg].op in BOOLEAN):
+            return f"v{arg}"
+        return f"v{arg} {'!= 0.0' if wants_mask else '* 1.0'}"
 
 
 class CasadiKernel:

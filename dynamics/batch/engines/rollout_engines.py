@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -88,27 +87,6 @@ class Results:
         return non_finite_rows([a for a in (self.cost, self.gradient, self.score) if a is not None])
 
 
-class RolloutEngine(Protocol):
-    """A backend. Both calls return how many samples are not finite."""
-
-    chunk: int
-
-    def samples(self, q: Call, results: Results) -> int:
-        """Fill the results, the gradient and the score as `q` asks for them."""
-        ...
-
-    def moments(self, q: Call, table: Array, last: Array | None = None) -> int:
-        """Fill a row `(count, means, second moments)` of `table` for each chunk of samples.
-
-        `last` (n, nx), where given, gets what is carried at the end.
-        """
-        ...
-
-    def over(self, horizon: int) -> Self:
-        """The same for rollouts of another horizon."""
-        ...
-
-
 class Job(ctypes.Structure):
     """The C structure `job` of `dynamics.batch.engines.c_rollout`; every field has eight bytes."""
 
@@ -158,17 +136,17 @@ class CompiledRolloutEngine:
         run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
         return run
 
-    def over(self, horizon: int) -> Self:
-        """The same: its loops take the horizon of each call."""
-        return self
-
     def samples(self, q: Call, results: Results) -> int:
-        """Fill the arrays sample by sample."""
+        """Fill the arrays sample by sample; returns how many samples are not finite."""
         want = (results.gradient is not None) + 2 * (results.score is not None)
         return self._all(q, want, **vars(results))
 
     def moments(self, q: Call, table: Array, last: Array | None = None) -> int:
-        """Fill the table chunk by chunk; nothing else is kept of single samples."""
+        """Fill a row `(count, means, second moments)` of `table` for each chunk of samples.
+
+        `last` (n, nx), where given, gets what is carried at the end. Returns how many samples are
+        not finite.
+        """
         return self._all(q, q.gradient + 2 * q.score + 4, moments=table, last=last)
 
     def _all(self, q: Call, want: int, **results: Array | None) -> int:
@@ -226,25 +204,14 @@ class ChunkEngine:
     """
 
     def __init__(
-        self,
-        tapes: RolloutTapes,
-        horizon: int,
-        per_step: bool,
-        threads: int,
-        make: Callable[[ca.Function], Kernel],
+        self, tapes: RolloutTapes, threads: int, make: Callable[[ca.Function], Kernel]
     ) -> None:
         self._tapes, self._threads = tapes, threads
         self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
-        self._rollout = ChunkRollout(tapes, horizon, per_step, make)
-
-    def over(self, horizon: int) -> Self:
-        """The same with other work arrays."""
-        other = copy(self)
-        other._rollout = self._rollout.over(horizon)
-        return other
+        self._rollout = ChunkRollout(tapes, make)
 
     def samples(self, q: Call, results: Results) -> int:
-        """Fill the arrays sample by sample."""
+        """As :meth:`CompiledRolloutEngine.samples`."""
         bad: list[int] = []
         targets = results.gradient, results.score, results.last, results.trail
 
@@ -263,7 +230,7 @@ class ChunkEngine:
         return sum(bad)
 
     def moments(self, q: Call, table: Array, last: Array | None = None) -> int:
-        """Fill the table chunk by chunk; nothing else is kept of single samples."""
+        """As :meth:`CompiledRolloutEngine.moments`."""
         bad: list[int] = []
 
         def work(begin: int, end: int) -> None:

@@ -325,7 +325,7 @@ def test_earlier_answer_is_written_over():
         ({"noise": np.zeros((4, 5, 1))}, r"noise has shape \(4, 5, 1\); expected \(n_samples, 6"),
         ({"noise": np.zeros((6, 1))}, "samples, steps, inputs"),
         ({"p": np.zeros(2)}, r"'p' of the rollout has 2 along axis 0, expected 1"),
-        ({"n_samples": 7}, r"disagree along axis 0 \(samples\): x0 has 4, noise has 4, n_samples"),
+        ({"n_samples": 7}, r"\(samples\): 'x0' has 4, 'noise' has 4, 'n_samples' has 7"),
         ({"n_samples": -1}, "n_samples must be a whole number"),
         ({"score": True}, "a score needs Gaussian noise"),
         ({"noise": Gaussian(np.ones(3), 0)}, r"sigma has shape \(3,\); expected one number or"),

@@ -65,9 +65,9 @@ def test_errors_of_the_identity_are_those_of_the_noise() -> None:
     report = fit(IDENTITY, data, HELD_OUT, sigma=0.3)
     assert np.array_equal(report.clean, np.zeros(2))
     np.testing.assert_allclose(report.noised, 0.3, rtol=4 / np.sqrt(2 * len(HELD_OUT)))
-    np.testing.assert_allclose(report.noised_physical, 0.3 * data.z.std(axis=0), rtol=0.05)
+    np.testing.assert_allclose(report.noised * report.y_scale, 0.3 * data.z.std(axis=0), rtol=0.05)
     off = fit(replace(IDENTITY, b=np.array([0.02, 0.6])), data, HELD_OUT, sigma=0.0)
-    np.testing.assert_allclose(off.clean_physical, [0.02, 0.6], rtol=1e-12)
+    np.testing.assert_allclose(off.clean * off.y_scale, [0.02, 0.6], rtol=1e-12)
     assert np.array_equal(off.clean, off.noised)
 
 
