@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.batch.engines import c_source, compiler
 from dynamics.batch.engines.c_prelude import prelude
-from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.engines.c_source import RegisterLayout
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.engines.parallel import run_chunks
 from dynamics.batch.graphs.tape import Tape
@@ -104,7 +104,9 @@ def addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
 def source(tape: Tape, block: int, machine: Compiler) -> str:
     """The C text for a tape on this machine, working on blocks of about `block` samples."""
     abreast = ABREAST if len(tape.operations) <= LONG else ABREAST_LONG
-    layout = Layout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast)
+    layout = RegisterLayout(
+        ("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast
+    )
     registers = abreast * max(1, block // (abreast * machine.width))
     return (
         prelude(machine)

@@ -50,7 +50,7 @@ def number(value: float) -> str:
 
 
 @dataclass(frozen=True)
-class Layout:
+class RegisterLayout:
     """Where the entries of inputs and outputs are, for a kernel over registers side by side.
 
     Entry j of an array for register r is number `j * stride + r`, or `j * stride` alone where the
@@ -80,7 +80,9 @@ class Layout:
         return at if register == 0 else f"{at} + ({stride} > 1) * {register}"
 
 
-def kernel(tape: Tape, name: str, layout: Layout | None = None, part: int | None = None) -> str:
+def kernel(
+    tape: Tape, name: str, layout: RegisterLayout | None = None, part: int | None = None
+) -> str:
     """C text of `void name(const V *const in[], V *const out[])`.
 
     `in[k][j]` is nonzero j of input k, `out` likewise, laid out as `layout` says; no output may
@@ -89,7 +91,7 @@ def kernel(tape: Tape, name: str, layout: Layout | None = None, part: int | None
     """
     if part is None:
         part = WHOLE if len(tape.operations) <= WHOLE else PART
-    return _Emitter(tape, name, layout or Layout(), part).text()
+    return _Emitter(tape, name, layout or RegisterLayout(), part).text()
 
 
 class _Parts:
@@ -167,7 +169,7 @@ class _Parts:
 
 
 class _Emitter:
-    def __init__(self, tape: Tape, name: str, layout: Layout, part: int) -> None:
+    def __init__(self, tape: Tape, name: str, layout: RegisterLayout, part: int) -> None:
         self.name, self.layout, self.cut = name, layout, _Parts(tape, part)
 
     def text(self) -> str:
@@ -202,7 +204,7 @@ class _Emitter:
 class _Part:
     """The statements of one part of a tape, for one of the registers abreast."""
 
-    def __init__(self, cut: _Parts, p: int, layout: Layout, register: int) -> None:
+    def __init__(self, cut: _Parts, p: int, layout: RegisterLayout, register: int) -> None:
         self.cut, self.tape, self.layout, self.register = cut, cut.tape, layout, register
         self.part, self.here = cut.parts[p], set(cut.parts[p])
         self.stores: dict[int, list[str]] = {}

@@ -9,7 +9,7 @@ import casadi as ca
 from dynamics.batch.engines import c_source
 from dynamics.batch.engines.c_flat import driver
 from dynamics.batch.engines.c_prelude import prelude
-from dynamics.batch.engines.c_source import Layout
+from dynamics.batch.engines.c_source import RegisterLayout
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.graphs.inner import InnerLoop
 from dynamics.batch.graphs.step_graphs import Asked, RolloutTapes
@@ -224,7 +224,7 @@ def kernels(
     for name, fn in functions.items():
         inputs, outputs = (strides | _OWN if abreast > 1 else strides).get(name, ((), ()))
         registers = _path_abreast(tapes, abreast) if name in _PATH_GRAPHS else abreast
-        layout = Layout(inputs, outputs, registers, name == "path")
+        layout = RegisterLayout(inputs, outputs, registers, name == "path")
         yield c_source.kernel(with_shared_reciprocals(tape_of(fn)), name, layout)
 
 

@@ -90,7 +90,7 @@ def test_missing_columns_are_told(tmp_path: Path) -> None:
     [
         ("", "is empty; the first line must name the columns"),
         ("x,u,x_next\n1,2,3\n1,2,3,4,5\n", "is not a CSV table: "),
-        ("x,u,x_next\n1,two,3\n", "column 'u' holds 'two' in row 0, counted from 0, which is not a"),
+        ("x,u,x_next\n1,two,3\n", "column 'u' holds 'two' in row 0, counted from 0, which is"),
         ("x,u,x_next\n" + "1,2,3\n" * 10, "10 rows are too few"),
         ("x,u,x_next\n" + "".join(f"{i},,{i}\n" for i in range(20)), "u is nan in row 0"),
         ("x,u,x_next\n" + "".join(f"{i},7,{i}\n" for i in range(20)), "u never varies"),
