@@ -140,7 +140,7 @@ def test_a_gait_settled_on_its_first_branch_is_not_optimal(monkeypatch: pytest.M
     """Seven pairs are biactive, and the certificate names those whose change pays."""
     guesses = NLP.active_sets
     monkeypatch.setattr(NLP, "active_sets", lambda nlp, x: guesses(nlp, x)[:1])
-    monkeypatch.setattr(complementarity, "improved", lambda _, found: found)
+    monkeypatch.setattr(complementarity, "improved", lambda _, found, vain: found)
     session = session_of("half-cheetah")
     found = judged(session, session.solve(), 0)
     check_gait(found, 1.0)
