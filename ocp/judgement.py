@@ -163,7 +163,7 @@ def keeping(session: Session, seed: int, progress: Progress | None) -> Iterator[
     has run at all, there is none, and KeyboardInterrupt is raised as it came.
     """
     kept = _Kept(session, progress)
-    session.solver.heard = kept.add_end
+    session.solver.heard = lambda program, result: kept.ends.append((program, result))
     try:
         with interruptible():
             yield kept.add_stage
@@ -190,10 +190,6 @@ class _Kept:
         self.records.append(stage)
         if self.progress is not None:
             self.progress(stage)
-
-    def add_end(self, program: Program, result: Result) -> None:
-        """Record where a run of the solver ended."""
-        self.ends.append((program, result))
 
     def solution(self, seed: int) -> Solution:
         """The best point as a judged solution, with all work counted."""

@@ -226,11 +226,7 @@ class Problem:
 
     @cached_property
     def _cost_band(self) -> float:
-        """The :func:`~ocp.programs.units.band` of the cost, in natural units.
-
-        Its span is what it changes by as all states and inputs, standing still at the start, move
-        by their characteristic sizes.
-        """
+        """Band of the change of cost as states and inputs at rest move by their natural sizes."""
         scaling, units = self.scaling, self.scaling.units
         p = np.array([one.value / units.of(one.unit) for one in self.parameters])
         x, u = (np.array(v).ravel() for v in self.limits(p)[:2])

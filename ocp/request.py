@@ -106,8 +106,8 @@ def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
             known = [*OWN, *documented(solver)]
             raise InputError(
                 f"unknown setting {key!r}{did_you_mean(bare, known, 0.6)}; there are"
-                f" {', '.join(OWN)}, policy.<name>, and the options of {solver}: ocp settings and"
-                f" ocp settings {solver} tell them"
+                f" {', '.join(OWN)}, policy.<name>, and the options of {solver}: list them with ocp"
+                f" settings and ocp settings {solver}"
             )
 
 

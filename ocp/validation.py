@@ -64,6 +64,42 @@ def whole(word: str) -> int | None:
     return int(exact) if exact == exact.to_integral_value() else None
 
 
+GRAMMAR = "NAME=A:B:n, or NAME=A:B:n:log in equal ratios"
+MOST = 100_000
+"""Values of a sweep, and points of a grid."""
+
+
+def spaced(option: str, text: str, least: int = 1) -> tuple[str, np.ndarray, bool]:
+    """Read text of :data:`GRAMMAR`: the name, the values (n,), and whether in equal ratios.
+
+    Raises :class:`~ocp.errors.InputError`, which names the ``option``, for anything else, and for n
+    below ``least`` or above :data:`MOST`.
+    """
+    name, sign, rest = (part.strip() for part in text.partition("="))
+    if not (name and sign and rest):
+        raise InputError(f"{option}: expected {GRAMMAR}, got {text!r}; as in {option} M=0.5:2:7")
+    parts, where = [part.strip() for part in rest.split(":")], f"{option} {name}"
+    if len(parts) not in (3, 4) or parts[3:] not in ([], ["log"], ["linear"]):
+        raise InputError(f"{where}: expected {GRAMMAR}, got {rest!r}")
+    found = [value for part in parts[:3] if (value := number(part)) is not None]
+    if len(found) < 3:
+        wrong = next(part for part in parts if number(part) is None)
+        raise InputError(f"{where}: expected {GRAMMAR}, got {wrong!r} for a number")
+    first, last, count = found
+    if not (count.is_integer() and least <= count <= MOST):
+        single = f"; a single value goes with -p {name}=..." if least > 1 else ""
+        raise InputError(
+            f"{where}: n must be a whole number from {least} to {MOST}, got {parts[2]}{single}"
+        )
+    log = parts[3:] == ["log"]
+    if log and not min(first, last) > 0:
+        raise InputError(
+            f"{where}: equal ratios need ends above zero, got {first:g} and {last:g}; leave out"
+            " :log"
+        )
+    return name, (np.geomspace if log else np.linspace)(first, last, int(count)), log
+
+
 def parse_number(value: Any, kind: Any) -> Any:
     """``value`` for an argument of type ``kind``: a word as the number it writes.
 

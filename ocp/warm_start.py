@@ -81,10 +81,7 @@ def _dimensions(name: str, shape: tuple[int, ...], nlp: NLP) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """Ends [s] of old and new intervals; ``ratio`` of the steps' sizes.
-
-    With as many steps the meshes match step by step, otherwise by time.
-    """
+    """Ends [s] of old and new intervals, matched by time unless there are as many."""
 
     old: np.ndarray
     new: np.ndarray
@@ -180,12 +177,9 @@ def _check(solution: Solution, nlp: NLP) -> None:
 def _contact_duals(
     lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray], exact: bool
 ) -> np.ndarray:
-    """Multipliers of ``lam gap = mu`` (or <= t), from those of a solution whose pairs were fixed.
-
-    There each pair's smaller member is held at zero, by a force of either sign; here the product's
-    multiplier times the larger member is that force, and what pulls below zero is left to the
-    bound where there is a choice. Changes ``lam_x`` to match.
-    """
+    """Multipliers of ``lam gap = mu`` (or <= t) from those of fixed pairs; changes ``lam_x``."""
+    # A fixed pair's smaller member is held at zero by a force of either sign. It equals the
+    # product's multiplier times the larger member; a bound takes what pulls below zero.
     active = lam > gap
     held = np.where(active, lam_x["gap"], lam_x["lam"])
     pulled = np.maximum(held, 0.0) if exact else held

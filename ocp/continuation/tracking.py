@@ -156,10 +156,7 @@ class Tracker:
     def _located(
         self, curve: KKTCurve, low: np.ndarray, high: np.ndarray
     ) -> tuple[np.ndarray, int]:
-        """The first end that changes between two points of a curve, and the point where it does.
-
-        The secant of the end that is linearly predicted to be first, every third time a bisection.
-        """
+        """First end that changes between two points, and where: secant, every third bisection."""
         near, far = (self._kept(curve.margins(v)) for v in (low, high))
         end, width = 0, 1e-3 * LOCATED
         for count in range(_LOCATING):

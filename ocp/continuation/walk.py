@@ -221,11 +221,7 @@ class _Walk:
         return True
 
     def _solved(self, value: float, small: bool = True, ended: bool = False) -> bool:
-        """Let the solver find a point at a value, from where the tracker stands.
-
-        One that is not near the tangent, or has pairs, counts only after a ``small`` step. A jump
-        is recorded as a switch, as is any point where the curve has ``ended``.
-        """
+        """Solve at a value; off the tangent, or with pairs, it counts only after a small step."""
         tracker, curve = self.tracker, self.tracker.curve
         if curve is not None and curve.own.size and not small:
             return False
@@ -317,7 +313,7 @@ def check_range(
 
 
 def curve_dataset(curve: Continuation) -> Any:
-    """Cloud as one dataset over dimension ``point``, with every trajectory."""
+    """Points as one dataset over dimension ``point``, with every trajectory."""
     import xarray as xr
 
     keep = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")

@@ -256,7 +256,7 @@ class _Judge:
         return Estimate(name, found.moments, cost, known, verdict, bias, None, found.nonfinite)
 
     def interpolated(self, name: str, zeroth: EstimatorRun, first: EstimatorRun) -> Estimate:
-        choice = self._sampling.rule(name).choose(evidence(zeroth, first))
+        choice = self._sampling.rule(name).choose(_evidence(zeroth, first))
         moments = interpolate(choice.alpha, zeroth.moments, first.moments)
         cost = sum(SAMPLED[part].evaluations for part in ALPHA_PARTS) * self._sampling.samples
         bad = np.union1d(zeroth.nonfinite, first.nonfinite)
@@ -275,8 +275,7 @@ class _Judge:
         return sharpest_change(self._objective, noise)
 
 
-def evidence(zeroth: EstimatorRun, first: EstimatorRun) -> Evidence:
-    """Gather what a rule for alpha looks at, from samples of independent streams."""
+def _evidence(zeroth: EstimatorRun, first: EstimatorRun) -> Evidence:
     size = float(np.linalg.norm(zeroth.moments.mean))
     return Evidence(
         n=zeroth.moments.n,

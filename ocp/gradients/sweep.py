@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynamics.batch import Gaussian
-from ocp.errors import InputError
 from ocp.gradients.estimation import Sampling, check_samples, run_sampling
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.reference import reference_kind
 from ocp.gradients.verdict import short_verdict
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
-from ocp.validation import number
+from ocp.validation import spaced
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,7 +26,6 @@ Build = Callable[[dict[str, float]], SampledObjective]
 """Makes the objective at changed values of what shapes it, such as its horizon."""
 _MANY, _PROBE = 3e9, 1 << 11
 """Noise numbers from which on a study is timed beforehand, and the samples that this takes."""
-_MOST_VALUES = 100_000
 OF_THE_PLAN = ("sigma", "samples")
 
 
@@ -43,27 +41,9 @@ class Sweep:
     def read(cls, text: str) -> Sweep:
         """Read ``NAME=A:B:n`` or ``NAME=A:B:n:log``, n values from A to B.
 
-        Raises :class:`~ocp.errors.InputError` for anything else, ends that are not finite, n < 1,
-        and a logarithmic sweep that does not stay above zero.
+        Raises :class:`~ocp.errors.InputError` as :func:`~ocp.validation.spaced` does.
         """
-        name, sign, rest = (part.strip() for part in text.partition("="))
-        parts = rest.split(":")
-        how = f"expected NAME=A:B:n or NAME=A:B:n:log, such as nu=1e-3:1e-1:9:log, got {text!r}"
-        if not (name and sign) or len(parts) not in (3, 4):
-            raise InputError(f"--sweep: {how}")
-        if len(parts) == 4 and parts[3] not in ("log", "linear"):
-            raise InputError(f"--sweep: the scale must be log or linear, got {parts[3]!r}")
-        start, end, count = number(parts[0]), number(parts[1]), number(parts[2])
-        if start is None or end is None or count is None:
-            raise InputError(f"--sweep: {how}")
-        if count < 1 or not count.is_integer():
-            raise InputError(f"--sweep: the number of values must be 1 or more, got {parts[2]}")
-        if count > _MOST_VALUES:
-            raise InputError(f"--sweep: at most {_MOST_VALUES} values, got {parts[2]}; take fewer")
-        log = len(parts) == 4 and parts[3] == "log"
-        if log and not (start > 0 and end > 0):
-            raise InputError(f"--sweep: a log scale needs positive ends, got {start:g} and {end:g}")
-        values = (np.geomspace if log else np.linspace)(start, end, int(count))
+        name, values, log = spaced("--sweep", text)
         if name == "samples":
             values = np.unique(np.rint(values))
             for value in values:

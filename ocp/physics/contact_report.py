@@ -125,10 +125,7 @@ def _summaries(
     names: tuple[str, ...], force: np.ndarray, way: np.ndarray, active: np.ndarray,
     slipping: np.ndarray, degenerate: np.ndarray,
 ) -> list[ContactSummary]:  # fmt: skip
-    """Sum up forces [N], ways slid [m] and flags, each (S, N, points), for every contact.
-
-    Nothing where no force is a number: a learned law knows none.
-    """
+    """Sum up forces [N], ways slid [m] and flags, each (S, N, points); nothing without forces."""
     if np.isnan(force).all():
         return []
     return [

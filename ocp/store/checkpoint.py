@@ -189,10 +189,7 @@ def _remove(place: Path) -> None:
 
 
 def _held(shelf: Path, name: str) -> tuple[Path, int, bool]:
-    """Hold a directory called ``name.1``, ``name.2``, ..., and say whether others hold such.
-
-    Those that exist come first, so that what a dead process left is taken over.
-    """
+    """Hold a directory ``name.1``, ``name.2``, ..., old ones first; and whether others hold one."""
     shelf.mkdir(parents=True, exist_ok=True)
     there = sorted(shelf.glob(f"{name}.*"), key=lambda place: (len(place.name), place.name))
     for place in there:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.validation import number
+from ocp.validation import GRAMMAR, MOST, spaced
 
-GRAMMAR = "NAME=A:B:n, or NAME=A:B:n:log in equal ratios"
-MOST = 100_000
-"""Points of one sweep."""
 _DIGITS = 12
 """Significant digits of a value, so that 0.3 is 0.3 and is found by that."""
 
@@ -52,53 +49,26 @@ def axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ...]:
 
 def axis(text: str) -> Axis:
     """Read ``M=0.5:2:7`` or ``contact.mu=1e-4:1e-1:4:log``; raises as :func:`axes` does."""
-    name, sign, values = (part.strip() for part in text.partition("="))
-    if not (name and sign and values):
-        raise InputError(f"--over: expected {GRAMMAR}, got {text!r}; say --over M=0.5:2:7")
-    return _of(name, values)
+    name, spread, log = spaced("--over", text, least=2)
+    first, last = spread[[0, -1]]
+    if first == last:
+        raise InputError(f"--over {name}: both ends are {first:g}; give two that differ")
+    values = tuple(float(f"{value:.{_DIGITS}g}") for value in spread)
+    if len(set(values)) < len(values):
+        raise InputError(f"--over {name}: {len(values)} values between {first:g} and {last:g} are"
+                         f" equal to {_DIGITS} digits; take fewer")  # fmt: skip
+    return Axis(name, values, log)
 
 
 def _of(name: str, values: Any) -> Axis:
     if isinstance(values, str):
-        return _spaced(name, values.split(":"))
+        return axis(f"{name}={values}")
     given = np.atleast_1d(np.asarray(values, dtype=float))
     if given.ndim != 1 or not given.size or not np.all(np.isfinite(given)):
         raise InputError(f"--over {name}: expected finite numbers in a row, got {values!r}")
     if len(set(given.tolist())) < given.size:
         raise InputError(f"--over {name}: a value is given twice; give each once")
     return Axis(name, tuple(given.tolist()), _ratios(given))
-
-
-def _spaced(name: str, parts: Sequence[str]) -> Axis:
-    if len(parts) not in (3, 4) or (len(parts) == 4 and parts[3].strip() != "log"):
-        raise InputError(f"--over {name}: expected {GRAMMAR}, got {':'.join(parts)!r}")
-    first, last = (_number(name, part) for part in parts[:2])
-    count = _number(name, parts[2])
-    if not (count.is_integer() and 2 <= count <= MOST):
-        raise InputError(
-            f"--over {name}: n must be a whole number from 2 to {MOST}, got {parts[2].strip()};"
-            f" a single value goes with -p {name}=..."
-        )
-    if first == last:
-        raise InputError(f"--over {name}: both ends are {first:g}; give two that differ")
-    log = len(parts) == 4
-    if log and not (first > 0 and last > 0):
-        raise InputError(
-            f"--over {name}: equal ratios need ends above zero, got {first:g} and {last:g}; leave"
-            " out :log"
-        )
-    spaced = (np.geomspace if log else np.linspace)(first, last, int(count))
-    values = tuple(float(f"{value:.{_DIGITS}g}") for value in spaced)
-    if len(set(values)) < len(values):
-        raise InputError(f"--over {name}: {int(count)} values between {first:g} and {last:g} are"
-                         " not told apart by 12 digits; take fewer")  # fmt: skip
-    return Axis(name, values, log)
-
-
-def _number(name: str, text: str) -> float:
-    if (value := number(text)) is None:
-        raise InputError(f"--over {name}: expected {GRAMMAR}, got {text.strip()!r} for a number")
-    return value
 
 
 def _ratios(values: np.ndarray) -> bool:

@@ -40,7 +40,7 @@ TOO_MUCH = {
         ["continue", "wall-1d", "--over", "m", "--from", "1", "--to", "2", "--steps", "100000",
          "-p", "N=20000"], "--steps 100000 would take",
     ),
-    "values": (["estimate", "coulomb", "--sweep", "nu=0.1:1:1e9"], "at most 100000 values"),
+    "values": (["estimate", "coulomb", "--sweep", "nu=0.1:1:1e9"], "from 1 to 100000"),
     "samples": (["estimate", "heaviside", "-n", "1e300"], "at most 9.2e+18"),
     "noise": (["estimate", "belt-block", "--sigma", "1e308"], "from 1e-150 to 1e+150"),
     "noise of no effect": (["estimate", "wall-1d", "--sigma", "1e-100"], "must be from 5e-11"),

@@ -41,7 +41,7 @@ def test_arrays_are_taken_as_they_are() -> None:
         ("M=1:2:2.5", "n must be a whole number from 2 to 100000, got 2.5"),
         ("M=2:2:3", "both ends are 2; give two that differ"),
         ("M=0:1:3:log", "equal ratios need ends above zero, got 0 and 1; leave out :log"),
-        ("M=1:1.0000000000001:99", "not told apart by 12 digits"),
+        ("M=1:1.0000000000001:99", "99 values between 1 and 1 are equal to 12 digits"),
     ],
 )
 def test_what_does_not_read_is_told(text: str, sentence: str) -> None:
