@@ -12,8 +12,8 @@ from ocp.errors import InputError, did_you_mean
 from ocp.gradients.interpolation import RULES
 from ocp.learning.algorithms import ALGORITHMS
 from ocp.learning.experiment import Experiment
-from ocp.learning.identification import RandomSearch
 from ocp.learning.identification.psi_learning import PsiLearning
+from ocp.learning.identification.random_search import RandomSearch
 from ocp.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS, SOLVERS

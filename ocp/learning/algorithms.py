@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ocp.learning.ars import ARS
-from ocp.learning.mbpo import MBPO
+from ocp.learning.mbpo.algorithm import MBPO
 from ocp.learning.protocol import Algorithm
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.unrolls.aobg import AoBG

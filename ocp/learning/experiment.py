@@ -164,11 +164,6 @@ class Experiment:
         given = self.model_params
         return self.task.parameters.values if given is None else np.asarray(given, float)
 
-    def parameters_by_name(self, model_params: np.ndarray) -> dict[str, float]:
-        """Physical parameters by name."""
-        names = (parameter.name for parameter in self.task.parameters)
-        return dict(zip(names, model_params.tolist(), strict=True))
-
     def rng(self, k: int, purpose: str) -> np.random.Generator:
         """Numbers of iteration ``k`` for one purpose, the same however often they are asked."""
         return np.random.default_rng(self._sequence(k, purpose))

@@ -128,7 +128,7 @@ class _Model:
         step = experiment.law.close(replace(task.system, parameters=task.parameters))
         self.closed, self.reach = step, dict[int, np.ndarray]()
         self.experiment, self.p = experiment, experiment.physics
-        self.whole = step.p.pack(experiment.parameters_by_name(self.p))
+        self.whole = step.p.pack(task.parameters.unpack(self.p))
         self.take = StepFunction(step, threads=experiment.threads)
         self.observe = with_jacobians(task.observe, 1)
         self.reward = with_jacobians(task.rewards, 3)

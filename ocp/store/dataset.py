@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynamics.systems import Signal
 from ocp.judges.audit import signed_distances
 from ocp.physics.contact_report import ContactReport, contact_report, least_slip
 from ocp.rollout import Rollout
@@ -38,7 +37,12 @@ def label(
     physical = problem.parameters.pack(values)
     nodes = ("scenario", "node", "state")
     along = ("scenario", "interval")
-    system, signals = problem.system, _signals(nlp)
+    system = problem.system
+    # A law that averages has each contact often.
+    signals = {
+        "state": system.states, "control": system.inputs, "contact_exact": system.contacts,
+        "contact": nlp.step.contacts,
+    }  # fmt: skip
     entries = {key: [signal.unit for signal in found] for key, found in signals.items()}
     of = {
         dimension: {"units": units[0] if len(set(units)) == 1 else f"see {dimension}_unit"}
@@ -76,7 +80,12 @@ def label(
         data["k"] = (("interval", "control"), k)
     data |= multipliers(nlp, outcome.result.point) | _stages(nlp, outcome, len(plan.x))
     data |= {f"{dimension}_unit": (dimension, found) for dimension, found in entries.items()}
-    labelled = xr.Dataset(data, coords=_coordinates(nlp, physical, plan.x[0, 0], book))
+    time = node_times(problem, physical, plan.x[0, 0])
+    coords: Variables = {} if system.forces is None else {"point": list(book.names)}
+    coords |= {key: [signal.name for signal in found] for key, found in signals.items()}
+    coords["time"] = ("node", time, {"units": "s"})
+    coords["time_interval"] = ("interval", time[:-1], {"units": "s"})
+    labelled = xr.Dataset(data, coords=coords)
     for variable in labelled.data_vars.values():
         variable.attrs.setdefault("units", "1")
     return labelled
@@ -98,34 +107,6 @@ def _forces(planned: ContactReport, exact: ContactReport) -> Variables:
             dims = ("scenario", "interval", "point")
             found[f"{name}{suffix}"] = (dims, np.asarray(values, dtype=float), {"units": unit})
     return found
-
-
-def _signals(nlp: NLP) -> dict[str, tuple[Signal, ...]]:
-    """What stands along a dimension; a law that averages has each contact often."""
-    system = nlp.problem.system
-    return {
-        "state": system.states,
-        "control": system.inputs,
-        "contact_exact": system.contacts,
-        "contact": nlp.step.contacts,
-    }
-
-
-def _coordinates(
-    nlp: NLP, physical: np.ndarray, start: np.ndarray, book: ContactReport
-) -> Variables:
-    problem = nlp.problem
-    time = node_times(problem, physical, start)
-    points: Variables = {"point": list(book.names)} if problem.system.forces is not None else {}
-    names = {key: [signal.name for signal in found] for key, found in _signals(nlp).items()}
-    return (
-        points
-        | names
-        | {
-            "time": ("node", time, {"units": "s"}),
-            "time_interval": ("interval", time[:-1], {"units": "s"}),
-        }
-    )
 
 
 def _stages(nlp: NLP, outcome: RouteResult, scenarios: int) -> Variables:

@@ -10,8 +10,8 @@ import pytest
 
 from dynamics.laws import LAWS
 from ocp.learning.algorithms import ALGORITHMS
-from ocp.learning.identification import RandomSearch
 from ocp.learning.identification.psi_learning import PsiLearning
+from ocp.learning.identification.random_search import RandomSearch
 from ocp.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ocp.learning.algorithms import ALGORITHMS
-from ocp.learning.mbpo import MBPO
+from ocp.learning.mbpo.algorithm import MBPO
 from ocp.learning.network import LEAST_SCALE
 from problems.tasks import registry
 

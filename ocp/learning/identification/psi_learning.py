@@ -10,9 +10,9 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment, at_least, not_below
 from ocp.learning.explorer import Buffer, Explorer
-from ocp.learning.identification import OneStepLoss, RandomSearch
 from ocp.learning.identification.identify import search_iteration
-from ocp.learning.identification.random_search import Cloud
+from ocp.learning.identification.one_step import OneStepLoss
+from ocp.learning.identification.random_search import Cloud, RandomSearch
 from ocp.learning.protocol import Algorithm, Row, State, Trained, prefixed, under
 
 _OWN, _CLOUD, _SEEN = "psi_learning.", "psi_cloud.", "psi_seen."
@@ -62,7 +62,7 @@ class PsiLearning(Algorithm):
         """The algorithm's state, episodes at their starts, and no transitions yet."""
         self.check(experiment)
         loss, explorer = experiment.cached(self._loss), experiment.cached(_explorer)
-        start = loss.start(experiment.parameters_by_name(experiment.physics))
+        start = loss.start(experiment.task.parameters.unpack(experiment.physics))
         x, age = explorer.first(self.walkers, experiment.rng(0, "psi starts"))
         none = np.zeros((0, experiment.task.system.nx))
         seen = Buffer(none, np.zeros((0, experiment.task.system.nu)), none)
@@ -123,7 +123,7 @@ class PsiLearning(Algorithm):
 
     def _loss(self, experiment: Experiment) -> OneStepLoss:
         """Of the model, at the experiment's psi but for the names."""
-        values = experiment.parameters_by_name(experiment.physics)
+        values = experiment.task.parameters.unpack(experiment.physics)
         task = experiment.task
         step = EXACT.close(replace(task.system, parameters=task.parameters))
         return OneStepLoss(step, self.names, values, threads=experiment.threads)

@@ -14,7 +14,7 @@ from ocp import Solution, solve
 from ocp.errors import InputError
 from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
-from ocp.learning.mbpo import MBPO
+from ocp.learning.mbpo.algorithm import MBPO
 from ocp.learning.network import first_weights
 from ocp.learning.plans.imitation import demonstrations, fit_actions, squared_error, tracking_gains
 from ocp.learning.plans.problem import planned_problem

@@ -12,7 +12,7 @@ from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.explorer import Buffer, Explorer
-from ocp.learning.mbpo import MBPO
+from ocp.learning.mbpo.algorithm import MBPO
 from ocp.learning.mbpo.training import branch_length, branch_rollouts
 from ocp.learning.network import Normaliser
 from ocp.learning.training import train

@@ -11,8 +11,8 @@ import pytest
 from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
-from ocp.learning.identification import RandomSearch
 from ocp.learning.identification.psi_learning import PsiLearning
+from ocp.learning.identification.random_search import RandomSearch
 from ocp.learning.training import train
 from ocp.learning.unrolls.fopg import FOPG
 from tests.unit.learning.spring_mass import D, K, M, following, spring_task
