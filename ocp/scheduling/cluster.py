@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from ocp.errors import InputError
-from ocp.scheduling import Callback, Failure, Function, run_job, worker_died
+from ocp.scheduling.jobs import Callback, Failure, Function, run_job, worker_died
 
 _ANSWER_S = 10.0
 NEEDED = "import ocp.scheduling.cluster"

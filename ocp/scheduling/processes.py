@@ -21,7 +21,7 @@ from multiprocessing.connection import wait
 from types import ModuleType
 from typing import Any
 
-from ocp.scheduling import TRIES, Callback, Failure, Function, run_job, worker_died
+from ocp.scheduling.jobs import TRIES, Callback, Failure, Function, run_job, worker_died
 
 _GRACE_S = 30.0
 """How long a worker may take to keep what it has done before it is ended."""
@@ -109,7 +109,12 @@ class _Worker:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Start processes with one thread each, which do not run the caller's program again."""
+    """Start processes that leave the other cores to others, and the caller's program alone.
+
+    Workers find their function by its module. To run the main program again, as ``spawn`` does for
+    what is defined there, would begin everything anew in a script without a guard, and cannot be
+    where the program came from a pipe.
+    """
     main, given = sys.modules["__main__"], [name for name in _THREADS if name not in os.environ]
     sys.modules["__main__"] = ModuleType("__main__")
     os.environ.update(dict.fromkeys(given, "1"))
