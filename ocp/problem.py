@@ -14,8 +14,15 @@ from pydantic import InstanceOf
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError, abbreviated
-from ocp.expressions import check_symbols, column
-from ocp.problem_parts import Constraint, FreeStart, Scales, Scaling, Scenarios
+from ocp.problem_parts import (
+    Constraint,
+    FreeStart,
+    Scales,
+    Scaling,
+    Scenarios,
+    check_symbols,
+    column,
+)
 from ocp.programs.units import band
 from ocp.validation import Count, Line, Recorded, validated
 

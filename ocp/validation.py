@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 import sys
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
 from os import PathLike, fspath
@@ -69,8 +70,17 @@ MOST = 100_000
 """Values of a sweep, and points of a grid."""
 
 
-def spaced(option: str, text: str, least: int = 1) -> tuple[str, np.ndarray, bool]:
-    """Read text of :data:`GRAMMAR`: the name, the values (n,), and whether in equal ratios.
+@dataclass(frozen=True)
+class Axis:
+    """A name and the values (n,) that it takes; ``log``: drawn in equal ratios."""
+
+    name: str
+    values: tuple[float, ...]
+    log: bool = False
+
+
+def spaced(option: str, text: str, least: int = 1) -> Axis:
+    """Read text of :data:`GRAMMAR`.
 
     Raises :class:`~ocp.errors.InputError`, which names the ``option``, for anything else, and for n
     below ``least`` or above :data:`MOST`.
@@ -97,7 +107,8 @@ def spaced(option: str, text: str, least: int = 1) -> tuple[str, np.ndarray, boo
             f"{where}: equal ratios need ends above zero, got {first:g} and {last:g}; leave out"
             " :log"
         )
-    return name, (np.geomspace if log else np.linspace)(first, last, int(count)), log
+    values = (np.geomspace if log else np.linspace)(first, last, int(count))
+    return Axis(name, tuple(values.tolist()), log)
 
 
 def parse_number(value: Any, kind: Any) -> Any:

@@ -17,7 +17,7 @@ from ocp.gradients.reference import reference_kind
 from ocp.gradients.verdict import short_verdict
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
-from ocp.validation import spaced
+from ocp.validation import Axis, spaced
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,26 +29,18 @@ _MANY, _PROBE = 3e9, 1 << 11
 OF_THE_PLAN = ("sigma", "samples")
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """Values of one parameter, one of :data:`OF_THE_PLAN`, or a component of the decision."""
+def read_sweep(text: str) -> Axis:
+    """Read values of a parameter, one of :data:`OF_THE_PLAN`, or a component of the decision.
 
-    name: str
-    values: tuple[float, ...]
-    log: bool = False
-
-    @classmethod
-    def read(cls, text: str) -> Sweep:
-        """Read ``NAME=A:B:n`` or ``NAME=A:B:n:log``, n values from A to B.
-
-        Raises :class:`~ocp.errors.InputError` as :func:`~ocp.validation.spaced` does.
-        """
-        name, values, log = spaced("--sweep", text)
-        if name == "samples":
-            values = np.unique(np.rint(values))
-            for value in values:
-                check_samples(value)
-        return cls(name, tuple(map(float, values)), log)
+    Raises :class:`~ocp.errors.InputError` as :func:`~ocp.validation.spaced` does.
+    """
+    found = spaced("--sweep", text)
+    if found.name != "samples":
+        return found
+    values = tuple(np.unique(np.rint(found.values)).tolist())
+    for value in values:
+        check_samples(value)
+    return replace(found, values=values)
 
 
 @dataclass(frozen=True)
@@ -73,7 +65,7 @@ class SweepRun:
         self,
         objective: SampledObjective,
         sampling: Sampling,
-        sweep: Sweep | None = None,
+        sweep: Axis | None = None,
         checkpoint: Checkpoint | None = None,
         build: Build | None = None,
     ) -> None:
@@ -137,7 +129,7 @@ class SweepRun:
 
 
 def _points_of(
-    objective: SampledObjective, sampling: Sampling, sweep: Sweep | None, build: Build | None
+    objective: SampledObjective, sampling: Sampling, sweep: Axis | None, build: Build | None
 ) -> list[tuple[SampledObjective, Sampling]]:
     """Objective and sampling at each value; what cannot be is refused beforehand."""
     if sweep is None:
@@ -170,7 +162,7 @@ def _size(objective: SampledObjective, sampling: Sampling) -> int:
 
 
 def sweep_dataset(
-    objective: SampledObjective, rows: Sequence[Sequence[dict[str, Any]]], sweep: Sweep | None,
+    objective: SampledObjective, rows: Sequence[Sequence[dict[str, Any]]], sweep: Axis | None,
     unit: str = "1",
 ) -> xr.Dataset:  # fmt: skip
     """Rows of finished points as arrays over (point, estimator, component), with units.

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction, StepFunction
-from dynamics.contact import ContactLaw, Exact
+from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.task import Task
 
@@ -93,7 +93,7 @@ class EpisodeSteps:
 
 
 class Explorer:
-    """Episodes of ``task`` under ``law`` at ``values`` of its parameters, by name.
+    """Episodes of ``task`` under the exact law at ``values`` of its parameters, by name.
 
     Episodes that ended, were not solved, or are as long as the task's begin again by
     :meth:`Task.reset`. ``count`` is told how many steps were simulated. Results do not depend on
@@ -101,12 +101,11 @@ class Explorer:
     """
 
     def __init__(
-        self, task: Task, law: ContactLaw | None = None,
-        values: Mapping[str, float] | None = None, count: Callable[[int], None] | None = None,
-        **engine: Any,
+        self, task: Task, values: Mapping[str, float] | None = None,
+        count: Callable[[int], None] | None = None, **engine: Any,
     ) -> None:  # fmt: skip
         self.task, self._count = task, count
-        step = (law or Exact()).close(task.system)
+        step = Exact().close(task.system)
         self.p = task.parameters.pack(values)
         self._step_p = step.p.pack(task.parameters.unpack(self.p))
         self._step = StepFunction(step, **engine)

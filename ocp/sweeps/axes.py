@@ -4,25 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.validation import GRAMMAR, MOST, spaced
+from ocp.validation import GRAMMAR, MOST, Axis, spaced
 
 _DIGITS = 12
 """Significant digits of a value, so that 0.3 is 0.3 and is found by that."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """A name as it was given, and the values (n,) it takes; ``log``: drawn in equal ratios."""
-
-    name: str
-    values: tuple[float, ...]
-    log: bool = False
 
 
 def axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ...]:
@@ -49,15 +39,15 @@ def axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ...]:
 
 def axis(text: str) -> Axis:
     """Read ``M=0.5:2:7`` or ``contact.mu=1e-4:1e-1:4:log``; raises as :func:`axes` does."""
-    name, spread, log = spaced("--over", text, least=2)
-    first, last = spread[[0, -1]]
+    found = spaced("--over", text, least=2)
+    name, first, last = found.name, found.values[0], found.values[-1]
     if first == last:
         raise InputError(f"--over {name}: both ends are {first:g}; give two that differ")
-    values = tuple(float(f"{value:.{_DIGITS}g}") for value in spread)
+    values = tuple(float(f"{value:.{_DIGITS}g}") for value in found.values)
     if len(set(values)) < len(values):
         raise InputError(f"--over {name}: {len(values)} values between {first:g} and {last:g} are"
                          f" equal to {_DIGITS} digits; take fewer")  # fmt: skip
-    return Axis(name, values, log)
+    return Axis(name, values, found.log)
 
 
 def _of(name: str, values: Any) -> Axis:

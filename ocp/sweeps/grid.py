@@ -18,9 +18,9 @@ from ocp.request import ProblemSource
 from ocp.session import Session
 from ocp.solve import Rank
 from ocp.store.checkpoint import Checkpoint
-from ocp.sweeps.axes import Axis
 from ocp.sweeps.case import Case
 from ocp.sweeps.job import COUNTS, NUMBERS, WORDS, JobResult, LabelledArray, SolveJob
+from ocp.validation import Axis
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -19,11 +19,11 @@ from ocp.scheduling import Failure, run_jobs
 from ocp.session import Session
 from ocp.solve import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
-from ocp.sweeps.axes import Axis, axes
+from ocp.sweeps.axes import axes
 from ocp.sweeps.case import Case, FilesChanged
 from ocp.sweeps.grid import Grid, dataset, save_point, saved_points
 from ocp.sweeps.job import FAULT, JobResult, failed_result, solve_job
-from ocp.validation import expand_path
+from ocp.validation import Axis, expand_path
 
 if TYPE_CHECKING:
     import xarray as xr

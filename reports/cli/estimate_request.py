@@ -16,7 +16,7 @@ from ocp.gradients.estimation import Sampling
 from ocp.gradients.interpolation import RULES
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.reference import reference_kind
-from ocp.gradients.sweep import Sweep
+from ocp.gradients.sweep import read_sweep
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
 from ocp.store.stored_run import StoredRun
@@ -40,7 +40,7 @@ class EstimateRequest:
     objective: SampledObjective
     params: dict[str, Any]
     sampling: Sampling
-    sweep: Sweep | None
+    sweep: Axis | None
 
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
@@ -52,7 +52,7 @@ class EstimateRequest:
         estimators = tuple(n.strip() for n in options.estimators.split(",") if n.strip())
         rules = _rules(split_policy_settings(assignments("-s", options.settings))[1], estimators)
         most = options.reference_samples
-        sweep = None if options.sweep is None else Sweep.read(options.sweep)
+        sweep = None if options.sweep is None else read_sweep(options.sweep)
         built = build(spec, given, options)
         objective, params = built.objective, built.params
         sampling = Sampling(
@@ -164,7 +164,7 @@ def _policy_settings(options: EstimateOptions) -> dict[str, str]:
 
 
 def _check_sweep(
-    swept: Sweep,
+    swept: Axis,
     spec: ObjectiveSpec | ProblemSpec,
     given: Mapping[str, Any],
     options: EstimateOptions,

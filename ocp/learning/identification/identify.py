@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,8 +13,6 @@ from ocp.learning.identification.random_search import Cloud, RandomSearch
 
 DRAWS, ROWS = 1, 2
 """Streams of random numbers: of candidates, of the transitions that judge them."""
-
-Report = Callable[[int, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +61,11 @@ def identify(
     search: RandomSearch | None = None,
     seed: int = 0,
     rows: int = 128,
-    report: Report | None = None,
 ) -> Identification:
     """Minimise ``loss`` over log psi from ``start`` (n_psi,) by random search [abs eq. 4.1].
 
     Every iteration is judged by ``rows`` transitions; all of them choose between the start and the
-    last means of the passes, and tell how sensitive the model is. ``report`` is told the number of
-    iterations and the largest standard deviation of the cloud.
+    last means of the passes, and tell how sensitive the model is.
 
     Raises :class:`~ocp.errors.InputError` without transitions and for ``rows`` below 1.
     """
@@ -84,8 +79,6 @@ def identify(
             clouds.append(search.begin(ends[-1], moves, start))
         while not search.done(clouds[-1]):
             clouds.append(search_iteration(loss, buffer, search, clouds[-1], [seed, number], rows))
-            if report:
-                report(len(clouds) - 1, float(np.max(search.deviations(clouds[-1]))))
         ends.append(clouds[-1]["mean"])
     losses = loss(np.array(ends), buffer) / len(buffer)
     return Identification(

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.problem import Constraint, Guess, Problem, Scaling
+from ocp.problem import Constraint, Problem, Scaling
 from ocp.task import Task
 
 MARGIN = 1e-6
@@ -14,9 +14,7 @@ MARGIN = 1e-6
 ends on the border itself and a solver keeps its constraints up to 1e-8."""
 
 
-def planned_problem(
-    task: Task, x0: np.ndarray, guess: Guess | None = None, scaling: Scaling | None = None
-) -> Problem:
+def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) -> Problem:
     """Minimise minus the return of an episode of full length that starts at ``x0`` (nx,).
 
     The cost is minus ``sum_t reward(x_t, u_t, x_{t+1}) + final(x_N)``, t < N. A reward
@@ -55,7 +53,6 @@ def planned_problem(
         u_upper=ca.SX(ca.DM(task.upper)),
         path=lasting,
         terminal=() if final.is_zero() else lasting,
-        guess=guess,
         scaling=scaling or Scaling(),
     )
 

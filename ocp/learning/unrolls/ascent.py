@@ -16,26 +16,20 @@ DECAY = (0.9, 0.999)
 
 
 def adam_step(
-    gradient: np.ndarray,
-    m: np.ndarray,
-    v: np.ndarray,
-    count: int,
-    decay: tuple[float, float] = DECAY,
+    gradient: np.ndarray, m: np.ndarray, v: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Step ``count`` = 1, 2, ... at rate 1, and the next m and v (Kingma and Ba, algorithm 1).
 
     ``m <- b1 m + (1 - b1) g``, ``v <- b2 v + (1 - b2) g²`` and the step
-    ``m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + 1e-8)``, ``decay`` being (b1, b2).
+    ``m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + 1e-8)``, b1, b2 = 0.9, 0.999.
     """
-    m = decay[0] * m + (1 - decay[0]) * gradient
-    v = decay[1] * v + (1 - decay[1]) * gradient**2
-    first, second = m / (1 - decay[0] ** count), v / (1 - decay[1] ** count)
+    m = DECAY[0] * m + (1 - DECAY[0]) * gradient
+    v = DECAY[1] * v + (1 - DECAY[1]) * gradient**2
+    first, second = m / (1 - DECAY[0] ** count), v / (1 - DECAY[1] ** count)
     return first / (np.sqrt(second) + 1e-8), m, v
 
 
-def adam(
-    slope: Slope, theta: np.ndarray, rate: float, decay: tuple[float, float] = DECAY
-) -> Iterator[tuple[np.ndarray, float]]:
+def adam(slope: Slope, theta: np.ndarray, rate: float) -> Iterator[tuple[np.ndarray, float]]:
     """Give theta and its cost, before each step down by ``rate``, for ever.
 
     Raises ``ValueError`` where a gradient is not finite.
@@ -49,7 +43,7 @@ def adam(
         if not np.isfinite(gradient).all():
             raise ValueError(f"adam: the gradient of step {count} is not finite; lower the rate")
         count += 1
-        step, m, v = adam_step(gradient, m, v, count, decay)
+        step, m, v = adam_step(gradient, m, v, count)
         theta -= rate * step
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from ocp.errors import InputError
-from ocp.sweeps.axes import Axis, axes, axis
+from ocp.sweeps.axes import axes, axis
 from ocp.sweeps.case import Case
 from ocp.sweeps.grid import dimension
 from ocp.sweeps.sweep import make_grid
+from ocp.validation import Axis
 
 
 def test_values_stand_in_equal_steps_or_ratios_and_are_found_by_their_decimals() -> None:
