@@ -25,10 +25,12 @@ class LearnedStep(Step):
     learned: CasadiMap
     trust: ca.SX | None = None
 
-    @cached_property
-    def lam(self) -> ca.SX:
-        """No multipliers."""
+    @property
+    def lam(self) -> ca.SX:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """No multipliers, and neither gaps nor mu."""
         return ca.SX(0, 1)
+
+    gap_expr = gap = mu = lam  # pyright: ignore[reportAssignmentType]
 
     @cached_property
     def contacts(self) -> tuple[Signal, ...]:
@@ -83,24 +85,9 @@ class LearnedStep(Step):
         return -self.trust * sum((node.weight * y[-1] for node, y in parts), ca.SX(0))
 
     @cached_property
-    def gap_expr(self) -> ca.SX:
-        """No gaps."""
-        return ca.SX(0, 1)
-
-    @cached_property
-    def mu(self) -> ca.SX:
-        """No pairs."""
-        return ca.SX(0, 1)
-
-    @cached_property
     def residual(self) -> ca.SX:
         """``x_next - x_next_expr``, in (x_next, inner)."""
         return self.system.x_next - self.x_next_expr
-
-    @cached_property
-    def gap(self) -> ca.SX:
-        """No gaps."""
-        return ca.SX(0, 1)
 
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
         """``inner, x_next, lam, gap, error``, the last three without entries."""

@@ -127,14 +127,8 @@ class Samples:
                 f"data: z has shape {self.z.shape} and y {self.y.shape}, expected {wanted[0]} and"
                 f" {wanted[1]} from their names"
             )
-        for rows, signals in ((self.z, self.origin.z), (self.y, self.origin.y)):
-            broken = ~np.isfinite(rows)
-            if broken.any():
-                row, column = np.argwhere(broken)[0]
-                raise ValueError(
-                    f"data: {int(broken.any(axis=1).sum())} rows are not finite, the first is row"
-                    f" {row} in {signals[column].name}; leave these rows out"
-                )
+        after = [f"{signal.name}_next" for signal in self.origin.y]
+        check_finite([self.z, self.y], [*(signal.name for signal in self.origin.z), *after])
 
     @property
     def scales(self) -> tuple[Normalisation, Normalisation]:
@@ -155,6 +149,21 @@ class Samples:
             digest.update(f"{rows.dtype.str}{rows.shape}".encode())
             digest.update(np.ascontiguousarray(rows).tobytes())
         return digest.hexdigest()
+
+
+def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
+    """Raise ``ValueError`` where arrays side by side, columns called ``names``, are not finite."""
+    whole = np.hstack(arrays)
+    rows, columns = np.nonzero(~np.isfinite(whole))
+    if not len(rows):
+        return
+    bad = np.unique(rows)
+    which = ", ".join(map(str, bad[:5])) + (", ..." if len(bad) > 5 else "")
+    first = f"{names[columns[0]]} is {whole[rows[0], columns[0]]:g} in row {rows[0]}"
+    raise ValueError(
+        f"data: {len(bad)} of {len(whole)} rows hold values that are not finite ({which}, counted"
+        f" from 0; {first}); leave them out or repair them"
+    )
 
 
 def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:

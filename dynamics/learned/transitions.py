@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynamics.learned.samples import Normalisation, Origin, Samples, split_rows
+from dynamics.learned.samples import Normalisation, Origin, Samples, check_finite
 from dynamics.learned.stored import TRANSITIONS
 from dynamics.systems import Signal
 
@@ -61,7 +61,7 @@ class Transitions:
             if array.shape != (n, size):
                 raise ValueError(f"data: {what} has shape {array.shape}, expected {(n, size)}")
         names = [signal.name for signal in (*states, *inputs)]
-        _check_finite([x, u, x_next], [*names, *(f"{signal.name}_next" for signal in states)])
+        check_finite([x, u, x_next], [*names, *(f"{signal.name}_next" for signal in states)])
         if n < LEAST * len(names):
             raise ValueError(
                 f"data: {n} rows are too few to learn from; {len(names)} coordinates"
@@ -96,24 +96,6 @@ class Transitions:
         for array in (self.x, self.u, self.x_next):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
         return digest.hexdigest()
-
-    def split(self, fraction: float, seed: int) -> tuple[Transitions, Transitions]:
-        """The rest, and a random ``fraction`` held out, both in the scales of the whole.
-
-        The rows are those that training on so many samples holds out at the same seed.
-
-        Raises ``ValueError`` unless both have rows.
-        """
-        rest, held_out = split_rows(len(self), fraction, seed)
-        if not (fraction > 0 and len(rest) and len(held_out)):
-            raise ValueError(
-                f"data: a fraction {fraction:g} of {len(self)} rows leaves nothing on one side;"
-                " take one between 0 and 1"
-            )
-        return self._rows(rest), self._rows(held_out)
-
-    def _rows(self, rows: np.ndarray) -> Transitions:
-        return replace(self, x=self.x[rows], u=self.u[rows], x_next=self.x_next[rows])
 
     def check_signals(self, states: Sequence[Signal], inputs: Sequence[Signal], owner: str) -> None:
         """Raise ``ValueError`` unless names and units are those of ``owner``, in its order."""
@@ -177,17 +159,3 @@ class Transitions:
 def listed(signals: Sequence[Signal]) -> str:
     """Names with units, ``ox [m], theta [rad]``."""
     return ", ".join(f"{signal.name} [{signal.unit}]" for signal in signals)
-
-
-def _check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
-    whole = np.hstack(arrays)
-    rows, columns = np.nonzero(~np.isfinite(whole))
-    if not len(rows):
-        return
-    bad = np.unique(rows)
-    which = ", ".join(map(str, bad[:5])) + (", ..." if len(bad) > 5 else "")
-    first = f"{names[columns[0]]} is {whole[rows[0], columns[0]]:g} in row {rows[0]}"
-    raise ValueError(
-        f"data: {len(bad)} of {len(whole)} rows hold values that are not finite ({which}, counted"
-        f" from 0; {first}); leave them out or repair them"
-    )

@@ -1,7 +1,7 @@
 """What moves: systems as one implicit step with contact multipliers and gaps."""
 
 from dynamics.systems.chain import Chain
-from dynamics.systems.lcs import is_p_matrix, lcs, linearise
+from dynamics.systems.lcs import is_p_matrix, lcs
 from dynamics.systems.machine import Machine, Part, Sphere
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
 from dynamics.systems.parameters import (
@@ -37,7 +37,6 @@ __all__ = [
     "entries",
     "is_p_matrix",
     "lcs",
-    "linearise",
     "quasi_dynamic",
     "signals",
     "time_stepping",

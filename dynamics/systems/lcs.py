@@ -1,4 +1,4 @@
-"""Linear complementarity systems, their well-posedness test, and linearisation."""
+"""Linear complementarity systems, and their well-posedness test."""
 
 from __future__ import annotations
 
@@ -91,33 +91,3 @@ def is_p_matrix(F: ArrayLike) -> bool:
     rest = matrix[1:, 1:]
     schur = rest - np.outer(matrix[1:, 0], matrix[0, 1:]) / matrix[0, 0]
     return is_p_matrix(rest) and is_p_matrix(schur)
-
-
-def linearise(
-    system: ContactSystem, x: ArrayLike, u: ArrayLike, p: ArrayLike | None = None
-) -> ContactSystem:
-    """First-order model of ``system`` at (x, u): an LCS with the same contacts.
-
-    With ``x_next = a(x, u) + B(x, u) lam`` and ``gap = z(x, u) + F(x, u) lam``: a and z are
-    expanded to first order, B and F frozen at the point; exact there to first order in (x, u) and
-    in lam.
-    """
-    affine = system.reduced
-    variables = [system.x, system.u, system.parameters.vector]
-    jacobians = ca.Function(
-        "linearisation",
-        variables,
-        [affine.a, ca.jacobian(affine.a, system.x), ca.jacobian(affine.a, system.u), affine.B,
-         affine.z, ca.jacobian(affine.z, system.x), ca.jacobian(affine.z, system.u), affine.F,
-         ca.SX(system.h)],
-    )  # fmt: skip
-    values = system.parameters.values if p is None else np.asarray(p, dtype=float)
-    point, action = np.asarray(x, dtype=float), np.asarray(u, dtype=float)
-    a, A, B, C, z, D, E, F, h = (np.array(out) for out in jacobians(point, action, values))
-    return lcs(
-        f"{system.name} linearised",
-        A=A, B=B, C=C, D=D, E=E, F=F,
-        c=a.ravel() - A @ point - B @ action,
-        d=z.ravel() - D @ point - E @ action,
-        states=system.states, inputs=system.inputs, contacts=system.contacts, h=float(h.item()),
-    )  # fmt: skip

@@ -15,7 +15,6 @@ from dynamics.systems import (
     Signal,
     is_p_matrix,
     lcs,
-    linearise,
     quasi_dynamic,
     signals,
     time_stepping,
@@ -131,34 +130,6 @@ def test_the_affine_form_solves_the_residual(name):
     residual, expected = relation(x, u, x_next, lam, p)
     assert np.max(np.abs(np.array(residual))) <= 1e-11
     assert np.allclose(np.array(gap), np.array(expected), atol=1e-12)
-
-
-@pytest.mark.parametrize("name", problems.names()[:5])
-def test_linearisation_is_the_step_to_first_order(name):
-    problem = problems.get(name)
-    system, p = problem.system, problem.parameters.values
-    rng = np.random.default_rng(1)
-    x, u = problem.initial_states(p)[0] + 0.01, rng.normal(size=system.nu)
-    model = linearise(system, x, u)
-    truth, approximation = (Barrier(mu=0.05).close(s) for s in (system, model))
-
-    def off(size: float, seed: int) -> float:
-        """Distance of both steps at a disturbed point, the first component of the distance."""
-        shift = np.random.default_rng(seed).normal(size=len(x) + len(u))
-        at = x + size * shift[: len(x)], u + size * shift[len(x) :]
-        exact = truth.data(*at, truth.p.values)
-        linear = approximation.data(*at, approximation.p.values)
-        smooth = [0, 2]  # a and z; B and F are frozen at the point
-        return max(float(ca.norm_inf(exact[k] - linear[k])) for k in smooth)
-
-    assert off(0, 0) <= 1e-12
-    for seed in range(3):
-        # second order: ten times nearer is a hundred times better, or exact where it is linear
-        assert off(1e-4, seed) <= 0.02 * off(1e-3, seed) + 1e-12
-    here = [np.array(s.map(x, u, s.p.values)[0]) for s in (truth, approximation)]
-    assert np.allclose(*here, atol=1e-10)
-    assert model.nlam == system.nlam
-    assert len(model.parameters) == 0
 
 
 def test_cart_walls_is_well_posed():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from dynamics.batch.engines.kernels import Kernel
 from dynamics.batch.engines.parallel import Scratch
 from dynamics.batch.graphs.inner import InnerLoop
-from dynamics.batch.graphs.step_graphs import Asked, Layers, RolloutTapes
+from dynamics.batch.graphs.step_graphs import Asked, Layers, RolloutTapes, layer_slices
 from dynamics.contact.path import ARRIVED
 
 Array = np.ndarray
@@ -96,7 +95,7 @@ class ChunkNetwork:
     """
 
     def __init__(self, layers: Layers, make: Callable[[ca.Function], Kernel]) -> None:
-        self._layers = layers
+        self._layers, self._places = layers, layer_slices(layers.sizes)
         self._observe, self._back = make(layers.observe), make(layers.observe_adjoint)
 
     def actions(self, theta: Array, x: Array, p: Array) -> Array:
@@ -105,15 +104,12 @@ class ChunkNetwork:
 
     def pulled_back(self, theta: Array, x: Array, p: Array, abar: Array, total: Array) -> Array:
         """Add `D_theta a' abar` to `total` (n_weights, m), and return `D_x a' abar` (nx, m)."""
-        values, places = self._values(theta, x, p), self._places()
-        bar = abar
-        for k in reversed(range(len(places))):
-            middle, end, before, after = places[k]
+        values, bar = self._values(theta, x, p), abar
+        for k, (weights, offsets, shape) in reversed(list(enumerate(self._places))):
             product = bar[:, None] * values[k][None]
-            total[middle - before * after : middle] += product.reshape(before * after, -1)
-            total[middle:end] += bar
-            weights = theta[middle - before * after : middle].reshape(after, before, -1)
-            bar = _summed(weights, bar, (0, 2))
+            total[weights] += product.reshape(-1, product.shape[-1])
+            total[offsets] += bar
+            bar = _summed(theta[weights].reshape(*shape, -1), bar, (0, 2))
             if k:
                 bar *= 1.0 - values[k] ** 2
         xbar = np.empty_like(x)
@@ -125,20 +121,12 @@ class ChunkNetwork:
         seen = np.empty((self._layers.sizes[0], x.shape[-1]))
         self._observe.run([x, p], [seen])
         values = [seen]
-        for middle, end, before, after in self._places():
+        for weights, offsets, shape in self._places:
             if len(values) > 1:
                 np.tanh(values[-1], out=values[-1])
-            weights = theta[middle - before * after : middle].reshape(after, before, -1)
-            values.append(_summed(weights, values[-1], (1, 2)) + theta[middle:end])
+            matrix = theta[weights].reshape(*shape, -1)
+            values.append(_summed(matrix, values[-1], (1, 2)) + theta[offsets])
         return values
-
-    def _places(self) -> list[tuple[int, int, int, int]]:
-        """Of every layer: where its offsets begin and end in theta, and its sizes."""
-        found, at = [], 0
-        for before, after in pairwise(self._layers.sizes):
-            found.append((at + before * after, at + (before + 1) * after, before, after))
-            at = found[-1][1]
-        return found
 
 
 def _summed(weights: Array, values: Array, axes: tuple[int, int]) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -13,6 +12,7 @@ import numpy as np
 
 from dynamics.batch.graphs.acting import depends
 from dynamics.batch.graphs.objective import expanded
+from dynamics.batch.graphs.step_graphs import layer_slices
 from dynamics.systems import ParameterTable
 from dynamics.systems.parameters import entries
 
@@ -85,7 +85,7 @@ class DensePolicy(RolloutPolicy):
     @property
     def n_theta(self) -> int:
         """Weights and offsets of all layers."""
-        return sum((before + 1) * after for before, after in pairwise(self.sizes))
+        return layer_slices(self.sizes)[-1][1].stop
 
     def acting(self, noise: np.ndarray) -> np.ndarray:
         """All weights (n_theta,) but the last layer's of actions whose noise never acts."""
@@ -103,13 +103,10 @@ class DensePolicy(RolloutPolicy):
 
     def layers(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """W (after, before) and b (after,) of every layer out of theta (..., n_theta), as views."""
-        found, at = [], 0
-        for before, after in pairwise(self.sizes):
-            middle, end = at + before * after, at + (before + 1) * after
-            shape = (*theta.shape[:-1], after, before)
-            found.append((theta[..., at:middle].reshape(shape), theta[..., middle:end]))
-            at = end
-        return found
+        return [
+            (theta[..., weights].reshape(*theta.shape[:-1], *shape), theta[..., offsets])
+            for weights, offsets, shape in layer_slices(self.sizes)
+        ]
 
     def means(self, theta: np.ndarray, observations: np.ndarray) -> np.ndarray:
         """Mean action a (n, n_a) at normalised observations (n, n_o), one theta for all."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
@@ -27,7 +28,17 @@ class Layers:
     @property
     def n_weights(self) -> int:
         """Weights and offsets of all layers."""
-        return sum((before + 1) * after for before, after in pairwise(self.sizes))
+        return layer_slices(self.sizes)[-1][1].stop
+
+
+def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, int]]]:
+    """Of each layer: entries of theta that are weights, and offsets; the weights' shape."""
+    found, at = [], 0
+    for before, after in pairwise(sizes):
+        middle, end = at + before * after, at + (before + 1) * after
+        found.append((slice(at, middle), slice(middle, end), (after, before)))
+        at = end
+    return found
 
 
 @dataclass(frozen=True)
