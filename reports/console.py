@@ -139,7 +139,7 @@ def shown_stages(stages: Sequence[StageRecord]) -> list[tuple[int, StageRecord]]
 def hidden_stages(stages: Sequence[StageRecord]) -> str:
     """A sentence on the number of stages that tables leave out; empty for none."""
     count = len(stages) - len(shown_stages(stages))
-    many = f"{count} neighbouring contact schedules were" if count > 1 else "1 neighbour was"
+    many = f"{count} neighbouring contact schedules were" if count > 1 else "1 neighbouring contact schedule was"
     return f"{many} tried without a lower cost." if count else ""
 
 
@@ -221,7 +221,7 @@ def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[
             ("state error of the referee", small(referee.gap), ""),
         ]
     if math.isfinite(referee.refined_cost):
-        rows.append(("the same at h/4", number(referee.refined_cost, 8), referee.word))
+        rows.append(("referee cost at h/4", number(referee.refined_cost, 8), referee.word))
     kind = f", {certificate.kind}" if certificate.kind else ""
     what = f"{certificate.biactive} pairs biactive" if certificate.kind else ""
     rows += [

@@ -184,7 +184,7 @@ def fit_table(document: Mapping[str, Any]) -> Group:
     for row in document["fit"]["states"]:
         table.add_row(row["name"], row["unit"], *(number(row[key], 3) for key in keys))
     rows, sigma = document["data"]["held_out"], document["fit"]["sigma"]
-    return Group(table, f"root mean square of {rows} rows; noised: inputs moved by {sigma:g} scale")
+    return Group(table, f"root mean square of {rows} rows; noised: inputs perturbed by {sigma:g} scale")
 
 
 def outside_table(document: Mapping[str, Any]) -> Group:

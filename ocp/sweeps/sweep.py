@@ -129,7 +129,7 @@ def make_grid(
 
 def check_parallel_memory(session: Session, jobs: int) -> None:
     """Raise :class:`~ocp.errors.InputError` where so many solves at once need too much memory."""
-    check_memory(f"{jobs} solves side by side", jobs * session.memory)
+    check_memory(f"{jobs} solves in parallel", jobs * session.memory)
 
 
 def check_points(study: Grid, session: Session) -> None:

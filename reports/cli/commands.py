@@ -200,7 +200,7 @@ class FigureOptions(StoreOptions):
     every: bool = option(False, "--all", help="All figures.")
     quick: bool = option(False, help="Smaller sizes for long studies.")
     params: list[str] | None = assigned("--param", "-p", help="Parameter of the study.")
-    seed: int = option(0, min=0, help="Seed of everything random.")
+    seed: int = option(0, min=0, help="Random seed.")
     ending: str | None = option(
         None, "--format", metavar="pdf|svg|png", help="Also write the bare figure for a paper."
     )

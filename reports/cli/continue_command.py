@@ -118,8 +118,8 @@ def _verdict(path: Any, end: float) -> str:
         return f"The path broke {path.broke}{events}"
     first, last = path.points[0].solution, path.points[-1].solution
     word = last.referee.word
-    fate = f"; before the referee it {word}" if last.referee.survives is False else ""
+    fate = f"; referee: {word}" if last.referee.survives is False else ""
     return (
-        f"Followed to {path.parameter} = {end:g}: cost from {first.cost:.6g} to {last.cost:.6g},"
-        f" under exact physics {last.audit.exact_cost:.6g} there{fate}.{events}"
+        f"Continued to {path.parameter} = {end:g}: cost from {first.cost:.6g} to {last.cost:.6g},"
+        f" under the exact law {last.audit.exact_cost:.6g} there{fate}.{events}"
     )

@@ -196,7 +196,7 @@ def _stored_decision(
     run = options.stored(str(options.at))
     if run.kind != "solve":
         raise InputError(
-            f"--at {options.at}: that is a run of ocp {run.kind}; give a run of ocp solve"
+            f"--at {options.at}: it is a run of ocp {run.kind}; give a run of ocp solve"
         )
     _check_same(run, options, spec, given)
     if options.policy == "open-loop":

@@ -118,7 +118,7 @@ def _read_run(what: str, options: ExportOptions) -> ExportRequest:
         run = options.stored(what)
     except InputError as error:
         hint = did_you_mean(what, names())
-        raise InputError(f"{error}; it is no problem's name either{hint}") from error
+        raise InputError(f"{error}; no problem has this name either{hint}") from error
     found, _, problem = problem_of(run, options.own([run]))
     solution = run.solution(problem)
     law = closing_law(run.record["contact"], run.record["contact_settings"], problem.system)

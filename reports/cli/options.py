@@ -173,7 +173,7 @@ class ProblemOptions(LawOptions, TagOptions):
     settings: list[str] | None = assigned(
         "--setting", "-s", help="Setting of method, policy or solver; list with ocp settings."
     )
-    seed: int = option(0, min=0, help="Seed of everything random.")
+    seed: int = option(0, min=0, help="Random seed.")
     pdf: Path | None = option(None, help="Write a PDF report to this file.")
 
 

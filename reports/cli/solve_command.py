@@ -44,7 +44,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     if options.refine:
         halved(request.session.problem, request.session.values, 1)
     workers = min(options.jobs, options.starts)
-    check_memory(f"{workers} solves side by side", workers * request.session.memory)
+    check_memory(f"{workers} solves in parallel", workers * request.session.memory)
     check_places(options.out, options.pdf)
     start = None if options.start is None else _start(request, options)
     return request, start

@@ -25,8 +25,8 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     Actions in [-1, 1] reach from the lower to the upper bounds of the inputs, and are clamped
     there. An episode is *terminated* where the task is done, where its last step gains something of
-    its own (then ``horizon`` is the task's end), and where a step of the contact has no solution,
-    said by ``info["unsolved"]``; it is *truncated* after ``horizon`` steps otherwise. ``info`` has
+    its own (then ``horizon`` is the task's end), and where a contact step has no solution
+    (``info["unsolved"]``); it is *truncated* after ``horizon`` steps otherwise. ``info`` has
     the task's measures too. A throw is one action: it flies for the whole episode.
 
     ``contact`` is any law by name with ``contact_settings``; other keywords are parameters of the
@@ -63,17 +63,17 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode and return what is seen, (n_o,); there are no ``options``."""
+        """Start an episode and return the observation, (n_o,); there are no ``options``."""
         super().reset(seed=seed)
         self._trail = [self.world.start(self.np_random)[None]]
         self._t, self._over = np.zeros(1, int), False
         return self.world.observed(self._trail[-1])[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Act (nu,), and return what is seen, the reward, terminated, truncated and info."""
+        """Act (nu,), and return the observation, the reward, terminated, truncated and info."""
         if not self._trail or self._over:
-            when = "after an episode has ended" if self._over else "first"
-            raise ResetNeeded(f"an environment is reset {when}; call reset() before step()")
+            why = "the episode has ended" if self._over else "the environment was not reset"
+            raise ResetNeeded(f"{why}; call reset() before step()")
         world = self.world
         actions = np.asarray(action, float)[None]
         found = world.advance(world.alone, self._trail[-1], self._t, actions)
@@ -85,8 +85,8 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def _info(self, found: StepResult) -> dict[str, Any]:
         names = (measure.signal.name for measure in self.world.task.measures)
-        told = dict(zip(names, found.measures[0].tolist(), strict=True))
-        return {**told, "unsolved": bool(found.unsolved[0])}
+        measures = dict(zip(names, found.measures[0].tolist(), strict=True))
+        return {**measures, "unsolved": bool(found.unsolved[0])}
 
     def render(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Draw the state, (height, width, 3) in bytes; of a flight a strobe."""
@@ -104,7 +104,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def checked_mode(mode: str | None) -> str | None:
-    """Return the render mode; raises :class:`~ocp.errors.InputError` for one there is not."""
+    """Return the render mode; raises :class:`~ocp.errors.InputError` for an unknown one."""
     if mode not in (None, RENDER_MODE):
         raise InputError(f"render_mode must be {RENDER_MODE!r} or None, got {mode!r}")
     return mode

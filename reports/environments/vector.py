@@ -72,7 +72,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start all episodes and return what is seen, (num_envs, n_o); there are no ``options``."""
+        """Start all episodes and return the observations, (num_envs, n_o); there are no ``options``."""
         super().reset(seed=seed)
         if seed is not None or not self._rngs:
             first = self.np_random_seed
@@ -88,7 +88,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Act (num_envs, nu) in all; every result has num_envs rows, as have those of ``info``."""
         if not len(self._x):
-            raise ResetNeeded("an environment is reset first; call reset() before step()")
+            raise ResetNeeded("the environments were not reset; call reset() before step()")
         given = np.asarray(actions, float)
         if given.shape != self.action_space.shape:
             raise InputError(
@@ -115,10 +115,10 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         truncated = _put(np.zeros(n, bool), rows, found.truncated)
         self._over = terminated | truncated
         names = [measure.signal.name for measure in world.task.measures]
-        told = dict(zip([*names, "unsolved"], [*found.measures.T, found.unsolved], strict=True))
+        measured = dict(zip([*names, "unsolved"], [*found.measures.T, found.unsolved], strict=True))
         acted = _put(np.zeros(n, bool), rows, np.ones(len(rows), bool))
         info: dict[str, Any] = {}
-        for name, values in told.items():
+        for name, values in measured.items():
             info[name] = _put(np.zeros(n, values.dtype), rows, values)
             info[f"_{name}"] = acted.copy()
         return world.observed(self._x), reward, terminated, truncated, info

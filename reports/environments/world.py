@@ -19,7 +19,7 @@ from ocp.rollout import STEP_TOLERANCE
 from problems.tasks.registry import spec
 
 LARGEST = float(np.finfo(np.float32).max)
-"""Of what is observed, in any unit: a state beyond it is no number in single precision."""
+"""Of what is observed, in any unit: larger states overflow in single precision."""
 
 Solver = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Map states (n, nx) and inputs (n, nu) to the next states (n, nx) and which are solved (n,)."""
@@ -27,7 +27,7 @@ Solver = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class StepResult:
-    """What one action led to in n episodes; every array has n rows.
+    """The result of one action in n episodes; every array has n rows.
 
     ``trail`` holds the states (n, nx) after each of the steps that the action took, the first of
     them that it began at. ``unsolved`` are episodes that a step without solution ended; they stay
@@ -87,13 +87,13 @@ class World:
         return self.task.reset(1, rng)[0]
 
     def observed(self, x: np.ndarray) -> np.ndarray:
-        """What is seen at states (n, nx), (n, n_o)."""
+        """Observations (n, n_o) at states (n, nx)."""
         return self._observe(x, self.task.parameters.values)
 
     def inputs(self, actions: np.ndarray) -> np.ndarray:
         """Inputs (n, nu) of actions.
 
-        Raises :class:`~ocp.errors.InputError` for other shapes and what is no number.
+        Raises :class:`~ocp.errors.InputError` for other shapes, NaN and infinity.
         """
         task, given = self.task, np.asarray(actions, float)
         if given.ndim != 2 or given.shape[1] != task.system.nu:
@@ -134,7 +134,7 @@ class World:
         return StepResult(trail, t, reward, terminated, full & ~terminated, unsolved, measures)
 
     def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve step by step, from other starts too where the first is in vain; a Solver."""
+        """Solve each state by itself, from further starts where the first fails; a Solver."""
         after, solved = np.empty_like(x), np.zeros(len(x), bool)
         for i in range(len(x)):
             x_next, _, _, error = self.step.solve(x[i], u[i], self.p)
@@ -143,7 +143,7 @@ class World:
         return after, solved
 
     def together(self, **engine: Any) -> Solver:
-        """A Solver of all at once, on the batch engine; who is lost there is solved alone."""
+        """A Solver of all states at once; states that the engine cannot solve are solved alone."""
         steps = StepFunction(self.step, **engine)
 
         def solved_together(x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +156,7 @@ class World:
 
     @property
     def _has_final(self) -> bool:
-        """Whether the end of an episode is the task's own and no mere limit of time."""
+        """Whether the task rewards the end of an episode, which is then no mere time limit."""
         return not ca.SX(self.task.final).is_zero()
 
     @cached_property

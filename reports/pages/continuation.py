@@ -42,7 +42,7 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
         "events": [list(row) for row in event_rows(meta["events"])],
         "law": law(view),
         "floor": _below(points),
-        "key": [["iterations in all", str(meta["iterations"])], ["NLPs built",
+        "key": [["total iterations", str(meta["iterations"])], ["NLPs built",
                 str(meta["nlp_builds"])]],
     }  # fmt: skip
     pictures, content["arrows"] = continuation.strobes(view, cones)

@@ -39,7 +39,7 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
             ["points", " × ".join(map(str, meta["study"]["shape"]))],
             ["solved", str(meta["solved"])],
             ["surviving the referee", str(meta["survives"])],
-            ["iterations in all", str(sum(row["iterations"] for row in found))],
+            ["total iterations", str(sum(row["iterations"] for row in found))],
             ["work", duration(sum(row["seconds"] for row in found))],
         ],
         "axes": [[axis["name"], number(axis["values"][0]), number(axis["values"][-1]),

@@ -66,12 +66,12 @@ def _key_numbers(run: StoredRun) -> list[list[str]]:
     meta, best = run.meta, run.meta["evaluation"]
     return [
         ["return under the exact law", number(meta["return"], 5)],
-        ["deviation over its episodes", number(best["return_deviation"], 3)],
+        ["standard deviation over episodes", number(best["return_deviation"], 3)],
         ["untrained", number(meta["untrained"]["return"], 5)],
         ["after the last iteration", number(meta["last"]["return"], 5)],
-        ["steps to an episode's end", number(best["length"], 4)],
+        ["steps per episode", number(best["length"], 4)],
         *([_titled(run, name), number(best[name], 4)] for name in measures(best)),
-        ["share of steps not solved", number(best["unsolved"], 2)],
+        ["share of unsolved steps", number(best["unsolved"], 2)],
         ["iterations", str(meta["last"]["iteration"])],
         ["steps simulated", number(meta["env_steps"], 4)],
         ["time [s]", number(meta["wall_s"], 3)],

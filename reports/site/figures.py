@@ -44,7 +44,7 @@ def index(found: Mapping[str, Mapping[str, Any]]) -> str:
     every = [claim for figure in found.values() for claim in figure["claims"]]
     parts = [
         "# Figures\n",
-        f"{counted(every)} claims hold; the others are listed on purpose.\n",
+        f"{counted(every)} claims hold; those that do not are listed too.\n",
         "Each figure of the papers is one command, which computes its data, draws it, and checks"
         " the claims of the paper: `ocp figure P3` writes a PDF beside its data.\n",
     ]

@@ -26,8 +26,8 @@ TOO_MUCH = {
         ["solve", "half-cheetah", "--contact", "randomized", "-c", "samples=4096", "-p", "N=200"],
         "816 GB of memory",
     ),
-    "solves side by side": (
-        [*WALL, "-p", "N=100000", "--starts", "1000", "--jobs", "1000"], "1000 solves side by side",
+    "solves in parallel": (
+        [*WALL, "-p", "N=100000", "--starts", "1000", "--jobs", "1000"], "1000 solves in parallel",
     ),
     "points": (["sweep", "wall-1d", "--over", "m=1:2:1e9"], "from 2 to 100000"),
     "points together": (

@@ -56,7 +56,7 @@ class LearnOptions(Options):
     noise: float = option(NOISE, help="sigma, in normalised units; 0: no noise (mlp).")
     hidden: str = option("128,128,128,128", help="Units of each hidden layer (mlp).")
     epochs: int = option(200, min=1, help="Largest number of epochs (mlp).")
-    seed: int = option(0, min=0, help="Seed of everything random.")
+    seed: int = option(0, min=0, help="Random seed.")
     problem: str | None = option(None, help=f"Problem of the data. {PROBLEM}")
     columns: str | None = option(
         None, metavar="NAME=COLUMN,...", help="Column names in a table."
