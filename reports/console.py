@@ -37,6 +37,11 @@ def number(value: float | None, digits: int = 6) -> str:
     return f"{value:.{digits}g}"
 
 
+def value_text(value: Any, digits: int = 6) -> str:
+    """Any value as text, a float by :func:`number`."""
+    return number(value, digits) if isinstance(value, float) else str(value)
+
+
 def small(value: float | None) -> str:
     """A residual as text: two digits and the power of ten."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
@@ -139,7 +144,11 @@ def shown_stages(stages: Sequence[StageRecord]) -> list[tuple[int, StageRecord]]
 def hidden_stages(stages: Sequence[StageRecord]) -> str:
     """A sentence on the number of stages that tables leave out; empty for none."""
     count = len(stages) - len(shown_stages(stages))
-    many = f"{count} neighbouring contact schedules were" if count > 1 else "1 neighbouring contact schedule was"
+    many = (
+        f"{count} neighbouring contact schedules were"
+        if count > 1
+        else "1 neighbouring contact schedule was"
+    )
     return f"{many} tried without a lower cost." if count else ""
 
 
@@ -191,7 +200,9 @@ def progress(shown: bool, first: str) -> Iterator[Callable[[StageRecord], None]]
 
 def result_table(solution: Solution) -> Table:
     """Cost, exact cost, iterations and the audited residuals."""
-    audit = solution.audit
+    audit, each = solution.audit, solution.iteration_s
+    per = ", ".join(number(1e3 * each[key], 3) for key in ("evaluation", "solver"))
+    spent = f"{number(solution.evaluation_s, 3)}, {number(solution.solver_s, 3)}"
     rows = [
         ("cost under the chosen law", number(solution.cost, 8), ""),
         ("cost under the exact law", number(audit.exact_cost, 8), "the plan replayed"),
@@ -204,7 +215,7 @@ def result_table(solution: Solution) -> Table:
         ("state error of the replay", small(audit.state_gap), "max |x - x_replay|"),
         ("iterations", str(solution.iterations), ""),
         ("build, solve", f"{solution.build_s:.2f}, {solution.solve_s:.2f}", "s"),
-        ("time in functions, solver", *split(solution)),
+        ("time in functions, solver", spent, f"s; {per} ms per iteration"),
     ]
     rows[-3:-3] = [(name, small(value), what) for name, value, what in physics_residuals(audit)]
     table = table_of("", ">", "", rows=rows)
@@ -300,14 +311,6 @@ def spans_text(spans: Sequence[Sequence[int]], most: int = 6) -> str:
     parts = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
     more = f", {len(parts) - most} more" if len(parts) > most else ""
     return ", ".join(parts[:most]) + more
-
-
-def split(solution: Solution) -> tuple[str, str]:
-    """Seconds in functions and in the solver, in total and per iteration."""
-    each = solution.iteration_s
-    seconds = f"{number(solution.evaluation_s, 3)}, {number(solution.solver_s, 3)}"
-    per = ", ".join(number(1e3 * each[key], 3) for key in ("evaluation", "solver"))
-    return seconds, f"s; {per} ms per iteration"
 
 
 def violation_table(solution: Solution) -> Table:

@@ -122,13 +122,6 @@ def _coordinates(
     ]  # fmt: skip
 
 
-def describe(found: Transitions | xr.Dataset) -> dict[str, Any]:
-    """The document of transitions, or of a model's file."""
-    from dynamics.learned.transitions import Transitions
-
-    return data_document(found) if isinstance(found, Transitions) else model_document(found)
-
-
 def lines(document: Mapping[str, Any]) -> list[str]:
     """Origin of transitions or of a model, line by line."""
     whose = document["problem"] or "an unnamed system"
@@ -184,7 +177,9 @@ def fit_table(document: Mapping[str, Any]) -> Group:
     for row in document["fit"]["states"]:
         table.add_row(row["name"], row["unit"], *(number(row[key], 3) for key in keys))
     rows, sigma = document["data"]["held_out"], document["fit"]["sigma"]
-    return Group(table, f"root mean square of {rows} rows; noised: inputs perturbed by {sigma:g} scale")
+    return Group(
+        table, f"root mean square of {rows} rows; noised: inputs perturbed by {sigma:g} scale"
+    )
 
 
 def outside_table(document: Mapping[str, Any]) -> Group:

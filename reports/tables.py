@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 from rich.text import Text
 
-from reports.console import number, small, stage_title, table_of
+from reports.console import number, small, stage_title, table_of, value_text
 
 if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
@@ -79,7 +79,7 @@ def _inline(value: Any) -> str:
         return ", ".join(f"{key}={_inline(item)}" for key, item in value.items())
     if isinstance(value, list):
         return " ".join(map(_inline, value))
-    return number(value) if isinstance(value, float) else str(value)
+    return value_text(value)
 
 
 def curve_lines(name: str, rows: Sequence[Mapping[str, Any]], heads: bool) -> Iterator[str]:
@@ -144,7 +144,9 @@ def outcome(row: Row) -> str:
 def law(row: Row) -> str:
     """A law with its parameters: ``barrier mu=0.001``."""
     parameters = row["contact_settings"] or {}
-    values = (f"{name}={_word(value)}" for name, value in parameters.items() if value is not None)
+    values = (
+        f"{name}={value_text(value)}" for name, value in parameters.items() if value is not None
+    )
     return " ".join([row["contact"], *values])
 
 
@@ -164,13 +166,3 @@ def _parts(row: Row) -> Iterator[str]:
         yield f"{row['scenarios']} scenario{'' if row['scenarios'] == 1 else 's'}"
     if row["tags"]:
         yield "tagged " + " ".join(row["tags"])
-
-
-def _word(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def filter_values(rows: Sequence[Row], key: str) -> list[str]:
-    """Distinct values of ``key`` among the runs; the grades count as values of the status."""
-    keys = ("status", "grade") if key == "status" else (key,)
-    return sorted({str(row[one]) for row in rows for one in keys if row[one] is not None})

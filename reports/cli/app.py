@@ -59,16 +59,11 @@ def first_paragraph(text: str | None) -> str:
     return " ".join((text or "").partition("\n\n")[0].split())
 
 
-def version() -> str:
-    """Name and version of what is installed."""
-    from importlib.metadata import version
-
-    return f"{NAME} {version(NAME)}"
-
-
 def _print_version(wanted: bool) -> None:
     if wanted:
-        print(version())
+        from importlib.metadata import version
+
+        print(f"{NAME} {version(NAME)}")
         raise typer.Exit
 
 
@@ -111,7 +106,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command = typer.main.get_command(app)
             code = command.main(args=given, prog_name="ocp", standalone_mode=False)
             interrupt.check()
-            streams.flush()
+            # While a failure can still be reported.
+            sys.stdout.flush()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) or interrupt.seen():
             return _stopped()
@@ -126,14 +122,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if arguments is not None:
             streams.release()
     return code if isinstance(code, int) else 0
-
-
-def _folder_is_gone() -> bool:
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        return True
-    return False
 
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -172,8 +160,11 @@ def _explain(error: BaseException) -> tuple[str, int]:
     if isinstance(error, OSError) and error.filename is not None:
         reason = f"{error.strerror}; name another file or directory"
         return f"cannot use {_shortened(str(error.filename))}: {reason}", 2
-    if isinstance(error, FileNotFoundError) and _folder_is_gone():
-        return "the working directory no longer exists; change to another one", 2
+    if isinstance(error, FileNotFoundError):
+        try:
+            Path.cwd()
+        except FileNotFoundError:
+            return "the working directory no longer exists; change to another one", 2
     if isinstance(error, MemoryError):
         return "not enough memory; use fewer steps, scenarios or samples", 2
     return (

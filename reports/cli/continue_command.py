@@ -90,16 +90,12 @@ def _meta(options: ContinueOptions, request: Request, path: Continuation) -> dic
     tables = (problem.parameters, request.session.step.p)
     return {
         "kind": "continue",
-        "argv": options.argv,
-        "tags": options.tags,
-        "seed": options.seed,
+        **{name: getattr(options, name) for name in ("argv", "tags", "seed", "steps", "scale")},
         "record": {**path.points[0].solution.record, **request.origin},
         "source_digest": problem.source_digest,
         "over": over,
         "from": options.start,
         "to": options.end,
-        "steps": options.steps,
-        "scale": options.scale,
         "unit": next((table.get(over).unit for table in tables if over in table), ""),
         "points": [point.row() for point in path.points],
         "events": [event.row() for event in path.events],

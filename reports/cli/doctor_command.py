@@ -15,7 +15,6 @@ from ocp.errors import InputError
 from ocp.programs.solver import SOLVERS
 from ocp.store.provenance import versions
 from reports.cli.commands import DoctorOptions
-from reports.cli.streams import Output
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 LINEAR_SOLVERS = ("mumps", "spral")
@@ -29,21 +28,18 @@ def check(options: DoctorOptions) -> dict[str, Any]:
 
 def run(options: DoctorOptions, place: dict[str, Any]) -> int:
     """Show CasADi's plugins, the compiler, threads, versions, and the location of the packages."""
-    cleared = {"cleared": _clear(options.output)} if options.clear_cache else {}
-    found = {**place, **computer(), **cleared}
+    count = compiler.clear() if options.clear_cache else None
+    found = {**place, **computer()}
+    if count is not None:
+        found["cleared"] = count
+        many = "1 compiled object" if count == 1 else f"{count} compiled objects"
+        options.output.say(f"{many} removed from the kernel cache")
     options.output.document(found)
     if not options.as_json:
         for key, value in found.items():
             if key not in ("roots", "cleared"):
                 print(f"{key:<16} {_text(value)}")
     return 0
-
-
-def _clear(output: Output) -> int:
-    """Clear the cache of kernels; print and return the number of removed objects."""
-    count = compiler.clear()
-    output.say(f"{count} compiled object{'' if count == 1 else 's'} removed from the kernel cache")
-    return count
 
 
 def common_root(roots: dict[str, str]) -> str:

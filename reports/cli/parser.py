@@ -121,13 +121,15 @@ class Strict(TyperCommand):
         formatter.write(self.declared.epilog())
 
     def make_parser(self, ctx: Any) -> Any:
-        """Return the parser; it reads numbers as all settings are read."""
+        """Return the parser; it reads numbers as all settings are read; bad words are refused."""
         parser = super().make_parser(ctx)
-        apart = parser.parse_args
+        parse = parser.parse_args
 
         def parse_args(args: list[str]) -> Any:
-            raw, *rest = apart(args=args)
-            return {name: self._number(ctx, name, word) for name, word in raw.items()}, *rest
+            raw, rest, order = parse(args=args)
+            numbers = {name: self._number(ctx, name, word) for name, word in raw.items()}
+            self._check(ctx, raw, order)
+            return numbers, rest, order
 
         parser.parse_args = parse_args
         return parser
@@ -145,9 +147,8 @@ class Strict(TyperCommand):
             label = next(_label(one) for one in self.params if one.name == name)
             return ctx.fail(f"{label} must be {error}, got {word!r}")
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the command line; bad words are usage errors."""
-        raw, _, order = self.make_parser(ctx).parse_args(args=list(args))
+    def _check(self, ctx: Any, raw: dict[str, Any], order: list[Any]) -> None:
+        """Refuse repeated options, empty words, and words that are not UTF-8."""
         for parameter, times in Counter(order).items():
             label = _label(parameter)
             if times > 1 and not (parameter.multiple or getattr(parameter, "count", False)):
@@ -158,7 +159,6 @@ class Strict(TyperCommand):
                     ctx.fail(f"{label} is empty; give it a value")
                 if isinstance(word, str) and not _is_text(word):
                     ctx.fail(f"{label} is not valid UTF-8 text, so no run can record it")
-        return super().parse_args(ctx, args)
 
 
 def _is_text(word: str) -> bool:

@@ -56,16 +56,13 @@ def document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:
     constraints that the replay violates, ``final_state`` (scenario, state), ``inputs`` "open-loop"
     or "feedback".
     """
+    same = ("inputs", "cost", "planned_cost", "state_gap", "penetration")
     return {
         "run": str(stored.path),
         "problem": stored.meta["problem"],
         "contact": rolled.law.name,
         "contact_settings": rolled.law.settings(),
-        "inputs": rolled.inputs,
-        "cost": rolled.cost,
-        "planned_cost": rolled.planned_cost,
-        "state_gap": rolled.state_gap,
-        "penetration": rolled.penetration,
+        **{name: getattr(rolled, name) for name in same},
         "between": None if rolled.between is None else asdict(rolled.between),
         "broken": [asdict(one) for one in rolled.broken],
         "final_state": rolled.data["x"].values[:, -1],

@@ -16,7 +16,7 @@ from ocp.store.stored_run import StoredRun
 from reports.cli.commands import RmOptions, RunsExportOptions, RunsOptions
 from reports.cli.request import check_place
 from reports.console import print_table
-from reports.tables import filter_values, run_lines, run_table
+from reports.tables import run_lines, run_table
 
 FILTERS = ("problem", "kind", "contact", "method", "algorithm", "status")
 """Filters of a listing, by their names in its objects."""
@@ -80,7 +80,9 @@ def _print(
     elif every:
         print(f"No run matches ({len(every)} in {options.out}). Available:")
         for key in FILTERS:
-            print(f"  {key}: {', '.join(filter_values(every, key))}")
+            names = ("status", "grade") if key == "status" else (key,)
+            found = {str(row[name]) for row in every for name in names if row[name] is not None}
+            print(f"  {key}: {', '.join(sorted(found))}")
     else:
         print(f"{options.out} has no runs; ocp solve PROBLEM stores one")
 

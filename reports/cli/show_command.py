@@ -36,7 +36,8 @@ def _show_file(options: ShowOptions, found: Transitions | Dataset) -> int:
     from reports import learned
     from reports.console import print_table
 
-    content = learned.describe(found)
+    own = isinstance(found, Transitions)
+    content = learned.data_document(found) if own else learned.model_document(found)
     options.output.document({"file": options.problem, **content})
     if options.as_json:
         return 0

@@ -146,6 +146,11 @@ def show(output: Output, solution: Solution) -> None:
         output.note(console.starts_table(solution.others))
 
 
+_COPIED = ("success", "verdict", "cost", "iterations", "build_s", "solve_s", "evaluation_s",
+           "solver_s", "iteration_s")  # fmt: skip
+_CERTIFIED = ("biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
+
+
 def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return what ``ocp solve --json`` prints, except the paths of the run and of its report.
 
@@ -155,22 +160,11 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
     return {
         **{key: record.get(key) for key in ("problem", "contact", "method", "policy", "solver")},
         "status": solution.status.label,
-        "success": solution.success,
-        "verdict": solution.verdict,
-        "cost": solution.cost,
-        "iterations": solution.iterations,
-        "build_s": solution.build_s,
-        "solve_s": solution.solve_s,
-        "evaluation_s": solution.evaluation_s,
-        "solver_s": solution.solver_s,
-        "iteration_s": solution.iteration_s,
+        **{name: getattr(solution, name) for name in _COPIED},
         **audit,
         "stationarity": certificate.stationarity,
         "stationarity_kind": certificate.kind,
-        **{
-            key: getattr(certificate, key)
-            for key in ("biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
-        },
+        **{name: getattr(certificate, name) for name in _CERTIFIED},
         "moves": [str(move) for move in certificate.moves],
         "certificate_s": certificate.seconds,
         "idle_cost": solution.idle_cost,
@@ -186,9 +180,6 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
         "others": solution.others,
         "hash": meta["hash"],
         "params": record.get("params", record.get("parameters")),
-        "settings": record.get("settings"),
-        "seed": record.get("seed"),
-        "from": record.get("from"),
-        "jit": record.get("jit"),
+        **{key: record.get(key) for key in ("settings", "seed", "from", "jit")},
         "versions": meta["versions"],
     }

@@ -100,12 +100,10 @@ HANDLER = "centralpath-signs"
 
 def written(text: str) -> str:
     """``text`` in ASCII: known signs by their names, letters without accents, the rest as ``?``."""
-    return "".join(SIGNS.get(sign) or _plain(sign) for sign in text)
-
-
-def _plain(sign: str) -> str:
-    bare = unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode()
-    return bare or "?"
+    bare = (unicodedata.normalize("NFKD", sign).encode("ascii", "ignore") for sign in text)
+    return "".join(
+        SIGNS.get(sign) or known.decode() or "?" for sign, known in zip(text, bare, strict=True)
+    )
 
 
 def _replaced(error: UnicodeError) -> tuple[str, int]:
@@ -123,11 +121,6 @@ def prepare() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper) and codecs.lookup(stream.encoding).name != "utf-8":
             stream.reconfigure(errors=HANDLER)
-
-
-def flush() -> None:
-    """Flush stdout while a failure can still be reported; raises ``OSError``."""
-    sys.stdout.flush()
 
 
 def abandon() -> None:

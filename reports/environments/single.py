@@ -63,7 +63,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode and return the observation, (n_o,); there are no ``options``."""
+        """Start an episode and return the observation (n_o,); ``options`` are ignored."""
         super().reset(seed=seed)
         self._trail = [self.world.start(self.np_random)[None]]
         self._t, self._over = np.zeros(1, int), False
@@ -90,9 +90,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def render(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Draw the state, (height, width, 3) in bytes; of a flight a strobe."""
-        check_renders(self.render_mode)
-        if not self._trail:
-            raise ResetNeeded("there is nothing to draw yet; call reset() before render()")
+        check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * int(self._t[0])
         return self._renderer.of([x[0] for x in self._trail[-self.world.hold :]], seconds)
 
@@ -110,10 +108,9 @@ def checked_mode(mode: str | None) -> str | None:
     return mode
 
 
-def check_renders(mode: str | None) -> None:
-    """Raise :class:`~ocp.errors.InputError` where no mode of rendering was chosen."""
+def check_renders(mode: str | None, trail: list[np.ndarray]) -> None:
+    """Raise InputError where no render mode was chosen, and ResetNeeded before the first reset."""
     if mode is None:
-        raise InputError(
-            "this environment was made without a render mode; make it with"
-            f" render_mode={RENDER_MODE!r}"
-        )
+        raise InputError(f"no render mode was chosen; make it with render_mode={RENDER_MODE!r}")
+    if not trail:
+        raise ResetNeeded("nothing to draw yet; call reset() before render()")

@@ -72,7 +72,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start all episodes and return the observations, (num_envs, n_o); there are no ``options``."""
+        """Start all episodes; return the observations (num_envs, n_o); ``options`` are ignored."""
         super().reset(seed=seed)
         if seed is not None or not self._rngs:
             first = self.np_random_seed
@@ -125,9 +125,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def render(self) -> tuple[np.ndarray, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Draw every state, each (height, width, 3) in bytes; of a flight a strobe."""
-        check_renders(self.render_mode)
-        if not len(self._x):
-            raise ResetNeeded("there is nothing to draw yet; call reset() before render()")
+        check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * self._t
         shown = self._trail[-self.world.hold :]
         return tuple(

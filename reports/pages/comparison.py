@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ocp.store.stored_run import StoredRun
-from reports.console import number
+from reports.console import value_text
 from reports.figures import comparison
 from reports.pages.described import Page, how, numbered, pairs, row_figures, settings
 from reports.units import symbol
@@ -60,7 +60,7 @@ def labels(runs: Sequence[StoredRun]) -> list[str]:
     for run, own in zip(runs, requests, strict=True):
         parts = [str(own[key]) for key in _IN_ORDER if key in own and _differs(key, own, requests)]
         parts += [
-            f"{symbol(key)} = {_short(value)}" for key, value in own.items()
+            f"{symbol(key)} = {value_text(value, 4)}" for key, value in own.items()
             if key not in _IN_ORDER and _differs(key, own, requests)
         ]  # fmt: skip
         found.append(", ".join(parts) or str(run.meta["hash"])[:6])
@@ -90,7 +90,3 @@ def _differs(key: str, own: Mapping[str, Any], requests: Sequence[Mapping[str, A
     if key == "strategy" or key.startswith("contact."):
         others = [other for other in others if other.get("contact") == own.get("contact")]
     return any(other.get(key) != own[key] for other in others)
-
-
-def _short(value: Any) -> str:
-    return number(value, 4) if isinstance(value, float) else str(value)

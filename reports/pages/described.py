@@ -54,7 +54,7 @@ def described(
         # Text of a run stays text: typst's mathematics is a program, which a page would execute.
         "typed": [plain(line) for line in stored["equations"]] if stored else [],
         "unloaded": _UNLOADED if stored else "",
-        "parameters": _stored_parameters(stored, values) if stored else _parameters(spec, values),
+        "parameters": _parameters(spec, stored, values),
         "citation": f"{cited.text}. {full_citation(cited.key)}." if cited else "",
         "settings": settings(run),
         "versions": pairs(run.meta.get("versions") or {}),
@@ -117,23 +117,21 @@ def _place_on_path(mu: np.ndarray | None) -> str:
     return f"Near the central path: μ from {start} to {high:.2g} over contacts and steps."
 
 
-def _parameters(spec: Spec | FigureStudy | None, values: dict[str, Any]) -> list[list[str]]:
-    """Name, value, unit and meaning of every parameter."""
-    if spec is None:
-        return [[name, shown(value), "", ""] for name, value in values.items()]
+def _parameters(
+    spec: Spec | FigureStudy | None, stored: dict[str, Any] | None, values: dict[str, Any]
+) -> list[list[str]]:
+    """Name, value, unit and meaning of every parameter, from its problem or as the run has them."""
+    about = dict.fromkeys(values, ("", ""))
+    if spec is not None:
+        fields = spec.Params.model_fields.items()
+        about = {name: (unit_of(one), one.description or "") for name, one in fields}
+    elif stored:
+        kept = stored["parameters"].items()
+        about |= {name: (one["unit"], one["description"]) for name, one in kept}
     return [
-        [name, shown(values[name]), powers(unit_of(about)), about.description or ""]
-        for name, about in spec.Params.model_fields.items() if name in values
+        [name, shown(values[name]), powers(unit), meaning]
+        for name, (unit, meaning) in about.items() if name in values
     ]  # fmt: skip
-
-
-def _stored_parameters(stored: dict[str, Any], values: dict[str, Any]) -> list[list[str]]:
-    empty = {"unit": "", "description": ""}
-    meaning = {name: stored["parameters"].get(name, empty) for name in values}
-    return [
-        [name, shown(value), powers(meaning[name]["unit"]), meaning[name]["description"]]
-        for name, value in values.items()
-    ]
 
 
 def shown(value: Any) -> str:

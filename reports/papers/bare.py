@@ -84,7 +84,9 @@ def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
     else:
         width, height = figure.get_size_inches()
         if len(shown) > 1:
-            _letter(shown)
+            for letter, axis in zip(ascii_lowercase, shown, strict=False):
+                place = "center" if axis.get_title("center") else "left"
+                axis.set_title(f"({letter}) {axis.get_title(place)}".rstrip(), loc=place)
             figure.set_size_inches(BOTH, height)
         else:
             figure.set_size_inches(COLUMN, height * COLUMN / width)
@@ -105,12 +107,6 @@ def _named(panel: str, shown: Sequence[Axes]) -> Axes:
         known = f"a to {letters[-1]}" if len(letters) > 1 else "only a"
         raise InputError(f"unknown panel {panel!r}; the figure has {known}")
     return shown[letters.index(panel)]
-
-
-def _letter(shown: Sequence[Axes]) -> None:
-    for letter, axis in zip(ascii_lowercase, shown, strict=False):
-        place = "center" if axis.get_title("center") else "left"
-        axis.set_title(f"({letter}) {axis.get_title(place)}".rstrip(), loc=place)
 
 
 def _alone(figure: Figure, axis: Axes) -> Bbox:

@@ -46,27 +46,16 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
         study = studies.get(figure["id"])
         written.append(measured.write_data(f"claims/{study.id}", stored(figure)))
         for file in (name for name in figure.get("files", ()) if name.endswith(".nc")):
-            with xr.open_dataset(file, engine="scipy") as data:
-                written.append(_picture(study.id, data))
+            with xr.open_dataset(file, engine="scipy") as data, styled():
+                drawn = DRAWINGS[study.id].draw(data)
+                written.append(measured.save_picture(drawn, f"figures/{study.id}"))
                 if study.id == "N3":
-                    written.append(_smoothings(data))
+                    columns, *rows = smoothings.rows(data)
+                    written.append(measured.write_table(
+                        "smoothings", title="Which smoothing to trust", command="ocp figure N3",
+                        columns=columns, rows=rows,
+                    ))  # fmt: skip
     return written
-
-
-def _picture(name: str, data: xr.Dataset) -> Path:
-    with styled():
-        return measured.save_picture(DRAWINGS[name].draw(data), f"figures/{name}")
-
-
-def _smoothings(data: xr.Dataset) -> Path:
-    columns, *rows = smoothings.rows(data)
-    return measured.write_table(
-        "smoothings",
-        title="Which smoothing to trust",
-        command="ocp figure N3",
-        columns=columns,
-        rows=rows,
-    )
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ from problems.studies import FigureStudy
 from problems.studies.study import counted, verdict
 from reports.figures.studies import DRAWINGS
 from reports.notation import full_citation
-from reports.site.markdown import escaped, provenance, sentence, table
+from reports.site.markdown import escaped, provenance, table
 from reports.site.measured import DATA, DOCS, read
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
@@ -61,7 +61,8 @@ def index(found: Mapping[str, Mapping[str, Any]]) -> str:
 
 def page(study: FigureStudy, figure: Mapping[str, Any]) -> str:
     """One figure: picture, caption, source, notes, claims, and where the numbers come from."""
-    source = sentence(f"Source: {study.citation.text} of {full_citation(study.citation.key)}")
+    source = f"Source: {study.citation.text} of {full_citation(study.citation.key)}"
+    source += "" if source.endswith(("?", "!", ".")) else "."
     parts = [f"# {study.id}: {study.title}\n"]
     if (DOCS / "pictures" / "figures" / f"{study.id}.png").exists():
         parts.append(f"![{study.title}](../../pictures/figures/{study.id}.png)\n")

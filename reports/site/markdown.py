@@ -45,8 +45,3 @@ def escaped(text: str) -> str:
     for sign in "\\`*_{}[]":
         text = text.replace(sign, f"\\{sign}")
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-
-
-def sentence(text: str) -> str:
-    """End ``text`` with a full stop, unless it ends with a sign of its own."""
-    return text if text.endswith(("?", "!", ".")) else f"{text}."

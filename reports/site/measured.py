@@ -133,7 +133,8 @@ def table_pages() -> dict[str, str]:
     tables = {name: content for name, content in found.items() if "columns" in content}
     written = {f"tables/{name}.md": snippet(content) for name, content in tables.items()}
     if left := [name for name in tables if name not in included() | APART]:
-        written["measured/index.md"] = others({name: tables[name] for name in left})
+        parts = [f"## {tables[name]['title']}\n\n{snippet(tables[name])}" for name in left]
+        written["measured/index.md"] = "\n".join(["# Other measurements\n", *parts])
     return written
 
 
@@ -142,12 +143,6 @@ def included() -> set[str]:
     written = (page for page in DOCS.rglob("*.md") if not page.is_relative_to(GENERATED))
     found = re.compile(r'--8<-- "generated/tables/([\w-]+)\.md"')
     return {name for page in written for name in found.findall(page.read_text(encoding="utf-8"))}
-
-
-def others(tables: Mapping[str, Mapping[str, Any]]) -> str:
-    """The page of tables without another page."""
-    parts = [f"## {content['title']}\n\n{snippet(content)}" for content in tables.values()]
-    return "\n".join(["# Other measurements\n", *parts])
 
 
 def snippet(content: Mapping[str, Any]) -> str:

@@ -64,8 +64,8 @@ def solved(name: str, law: str, words: Sequence[str], folder: Path) -> Row:
     found = answer(["solve", name, "--contact", *words, "--out", str(folder / "runs")])
     if isinstance(found, str):
         return [name, law, found, *[None] * 5]
-    if law == "exact":
-        draw(name, Path(found["run"]))
+    if law == "exact" and (figure := strobe(RunView.of(load(Path(found["run"]))))) is not None:
+        measured.save_picture(figure, f"problems/{name}")
     costs = (found["cost"], found["exact_cost"], found["referee_cost"])
     seconds = f"{found['build_s'] + found['solve_s']:.2g}"
     return [name, law, verdict(found), *map(digits, costs), found["iterations"], seconds]
@@ -98,13 +98,6 @@ def answer(words: Sequence[str], limit: int = LIMIT_S) -> dict[str, Any] | str:
         return re.sub(r"^\S*\.nc: ", "", reason) or f"over {limit} s"
 
 
-def draw(name: str, run: Path) -> None:
-    """Draw the strobe of a run as the picture of its problem."""
-    figure = strobe(RunView.of(load(run)))
-    if figure is not None:
-        measured.save_picture(figure, f"problems/{name}")
-
-
 def store(table: str, name: str, rows: Sequence[Row], order: list[str], **about: Any) -> None:
     """Put the rows of one problem into a table, in the ``order`` of problems."""
     file = measured.DATA / f"{table}.json"
@@ -112,13 +105,6 @@ def store(table: str, name: str, rows: Sequence[Row], order: list[str], **about:
     every = [*(row for row in old if row[0] != name), *rows]
     every.sort(key=lambda row: order.index(str(row[0])))
     measured.write_table(table, rows=every, **about)
-
-
-def store_verdicts(name: str, rows: Sequence[Row]) -> None:
-    """Put the rows of one problem into the table of verdicts."""
-    note = f"Seconds of building and solving; learned laws from {SAMPLES} transitions."
-    store("verdicts", name, rows, [*names()], title="Verdicts under every law",
-          command="make verdicts", columns=COLUMNS, note=note)  # fmt: skip
 
 
 def refinable() -> list[str]:
@@ -163,7 +149,10 @@ def main() -> None:
             if given.refine:
                 store_refined(name, rows := list(refined_rows(name, folder)))
             else:
-                store_verdicts(name, rows := list(problem_rows(spec(name).name, Path(folder))))
+                rows = list(problem_rows(spec(name).name, Path(folder)))
+                note = f"Seconds of building and solving; learned laws from {SAMPLES} transitions."
+                store("verdicts", name, rows, [*names()], title="Verdicts under every law",
+                      command="make verdicts", columns=COLUMNS, note=note)  # fmt: skip
         for row in rows:
             print(*row, sep="  ", flush=True)
 

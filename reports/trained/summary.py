@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reports.console import number, table_of
+from reports.console import number, table_of, value_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -115,11 +115,9 @@ def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> s
     both = [request["algorithm"], request["contact"]]
     alike = [other for other in firsts if [other["algorithm"], other["contact"]] == both]
     own = [key for key in request if any(other.get(key) != request[key] for other in alike)]
-    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {_short(request[key])}" for key in own)])
-
-
-def _short(value: Any) -> str:
-    return number(value, 3) if isinstance(value, float) else str(value)
+    return ", ".join(
+        [name, *(f"{key.rpartition('.')[2]} = {value_text(request[key], 3)}" for key in own)]
+    )
 
 
 def verdict(group: SeedGroup) -> str:
