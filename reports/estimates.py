@@ -48,12 +48,6 @@ def table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
     return table_of(*([f">{swept}"] if swept else []), *heads, rows=found)
 
 
-def _word(row: Mapping[str, Any]) -> str:
-    """The verdict, shortened for a table."""
-    short = row["verdict"].partition(" within")[0].partition(" at")[0]
-    return "too wide" if row["wide"] else short
-
-
 def _size(value: float | list[float] | None) -> float | None:
     if value is None or isinstance(value, float):
         return value
@@ -62,7 +56,7 @@ def _size(value: float | list[float] | None) -> float | None:
 
 def cells(row: Mapping[str, Any], swept: bool) -> list[str]:
     """What was swept, estimator, mean, error, variance, reference, alpha, verdict, as text."""
-    reference = row["reference"]
+    reference, short = row["reference"], row["verdict"].partition(" within")[0].partition(" at")[0]
     return [
         *([number(row["value"], 4)] if swept else []),
         row["estimator"],
@@ -71,5 +65,5 @@ def cells(row: Mapping[str, Any], swept: bool) -> list[str]:
         number(row["variance_trace"], 3),
         "–" if reference is None else number(_size(reference), 5),
         "" if row["alpha"] is None else number(row["alpha"], 3),
-        _word(row),
+        "too wide" if row["wide"] else short,
     ]

@@ -13,14 +13,12 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Wedge
 
-from dynamics.systems.pairs import ContactForces
 from problems.drawing import ContactFrame
 from reports.style import PURPLE, VERMILLION
 from reports.view import RunView
 
 if TYPE_CHECKING:
-    from ocp.problem import Problem
-    from ocp.task import Task
+    pass
 
 LEAST = 0.02
 """Forces below this fraction of the largest are not drawn."""
@@ -65,18 +63,12 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
     mean = [lam[0, :, i :: len(signals)].mean(axis=-1) for i in range(len(signals))]
     pushed = np.stack(mean, axis=1) if mean else np.zeros((lam.shape[1], 0))
     if view.problem is not None and (sums := view.problem.system.forces) is not None:
-        return Forces(*_added_up(view.problem, sums, pushed), "N s")
+        system, parameters = view.problem.system, view.problem.parameters
+        outputs = [sums.normal, sums.tangential]
+        add_up = ca.Function("forces", [system.lam, parameters.vector], outputs)
+        normal, tangential = (np.asarray(one).T for one in add_up(pushed.T, parameters.values))
+        return Forces(normal, tangential, "N s")
     return Forces(pushed, np.zeros_like(pushed), signals[0].unit if signals else "")
-
-
-def _added_up(
-    problem: Problem | Task, sums: ContactForces, lam: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Normal and tangential impulses (N, points) of multipliers (N, nlam)."""
-    given = [problem.system.lam, problem.parameters.vector]
-    add_up = ca.Function("forces", given, [sums.normal, sums.tangential])
-    normal, tangential = add_up(lam.T, problem.parameters.values)
-    return np.asarray(normal).T, np.asarray(tangential).T
 
 
 def caption(largest: float, unit: str, rough: bool) -> str:

@@ -101,7 +101,10 @@ def draw_strobe(
     chosen = draw_motion(axis, plays, None if forces is None else _strongest(forces))
     if forces is not None:
         most = forces.largest if largest is None else largest
-        _arrows(axis, view, forces, (chosen, cones, most))
+        acting = chosen[chosen > 0]
+        for node, frames in zip(acting, picture.contacts("", view.time[acting]), strict=True):
+            pushes = forces.normal[node - 1], forces.friction[node - 1]
+            draw_contacts(axis, frames, pushes, most, cones=0.5 if cones else 0)
         if most > 0:
             axis.set_title(caption(most, forces.unit, cones), loc="left", color=INK)
     axis.set_xlabel(picture.axes[0])
@@ -153,15 +156,3 @@ def _instants(plays: list[list[Shape]]) -> np.ndarray:
 def _forces_drawn(view: RunView) -> Forces | None:
     """The forces, if the problem has contact frames."""
     return forces_of(view) if view.picture is not None and view.picture.framed else None
-
-
-def _arrows(
-    axis: Axes, view: RunView, forces: Forces, shown: tuple[np.ndarray, bool, float]
-) -> None:
-    """Arrows at the contacts in the drawn instants, and friction cones if wanted."""
-    (chosen, cones, largest), picture = shown, view.picture
-    assert picture is not None
-    acting = chosen[chosen > 0]
-    for node, frames in zip(acting, picture.contacts("", view.time[acting]), strict=True):
-        pushes = forces.normal[node - 1], forces.friction[node - 1]
-        draw_contacts(axis, frames, pushes, largest, cones=0.5 if cones else 0)

@@ -141,15 +141,6 @@ def outcome(row: Row) -> str:
     return f"{word}{cost}"
 
 
-def law(row: Row) -> str:
-    """A law with its parameters: ``barrier mu=0.001``."""
-    parameters = row["contact_settings"] or {}
-    values = (
-        f"{name}={value_text(value)}" for name, value in parameters.items() if value is not None
-    )
-    return " ".join([row["contact"], *values])
-
-
 def _parts(row: Row) -> Iterator[str]:
     if row["kind"] != "solve":
         over = f" over {row['over']}" if row["over"] else ""
@@ -157,7 +148,9 @@ def _parts(row: Row) -> Iterator[str]:
     if row["algorithm"]:
         yield f"{row['algorithm']}, seed {row['seed']}"
     if row["contact"]:
-        yield law(row)
+        given = (row["contact_settings"] or {}).items()
+        values = (f"{name}={value_text(value)}" for name, value in given if value is not None)
+        yield " ".join([row["contact"], *values])
     for key in ("method", "policy"):
         if row[key]:
             yield row[key]

@@ -20,7 +20,7 @@ from ocp.gradients.sweep import read_sweep
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
 from ocp.store.stored_run import StoredRun
-from ocp.validation import parse
+from ocp.validation import Axis, parse
 from problems.objectives import ObjectiveSpec, named
 from problems.parameters import unit_of
 from problems.spec import ProblemSpec

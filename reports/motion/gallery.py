@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ocp.errors import InputError
@@ -46,16 +45,11 @@ def picture(views: Sequence[RunView]) -> Figure:
         draw_strobe(axis, view)
         axis.set_title("", loc="left")
         axis.set_title(view.title, fontsize=10)
-        heights[row] = max(heights[row], _height(axis, _WIDTH / columns - 0.7))
+        ratio = np.clip(np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim()), 0.2, 1.1)
+        heights[row] = max(heights[row], 0.9 + (_WIDTH / columns - 0.7) * float(ratio))
     grid.set_height_ratios(heights)
     figure.set_size_inches(_WIDTH, float(heights.sum()))
     return figure
-
-
-def _height(axis: Axes, width: float) -> float:
-    """Height [inch] of a picture ``width`` wide, with its labels."""
-    ratio = np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim())
-    return 0.9 + width * float(np.clip(ratio, 0.2, 1.1))
 
 
 def newest(root: Path, name: str) -> RunView:

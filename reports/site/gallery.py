@@ -25,7 +25,7 @@ def pages() -> dict[str, str]:
 
 def index() -> str:
     """All problems as cards, each with its picture."""
-    cards = "".join(_card(spec(name)) for name in names())
+    cards = "".join(map(_card, map(spec, names())))
     return (
         "# Gallery\n\nThe problems of the workbench. Each is one command, `ocp solve NAME`, at any"
         " parameters, under any law, by any method.\n\n"
