@@ -82,10 +82,7 @@ _contents: dict[str, tuple[str, str]] = {}
 
 
 def _forget_others(path: Path) -> None:
-    """Drop modules that are not what the file would import now, and those that may have used them.
-
-    Raises :class:`~ocp.errors.InputError` where one cannot be read.
-    """
+    """Drop modules that differ from what the file would import now, and all that may use them."""
     modules = folder_modules(path)
     now = {name: (str(file), file_digest(file)) for name, file in modules.items()}
     loaded = {name: str(sys.modules[name].__file__) for name in now if name in sys.modules}

@@ -110,10 +110,7 @@ class _Search:
 
 
 def _spec(name: str, path: Sequence[str]) -> ModuleSpec | None:
-    """Where a module lies, by the last part of its name, found without loading anything.
-
-    By its whole name a package without ``__init__`` would ask for the one around it, loaded.
-    """
+    """Where a module lies, by the last part of its name, without loading the package around it."""
     try:
         spec = PathFinder.find_spec(name, path)
     except (ImportError, OSError, ValueError):

@@ -47,11 +47,8 @@ def _frames(machine: Machine, spheres: tuple[str, ...] | None) -> ca.Function:
 
 @cache
 def _places(machine: Machine) -> ca.Function:
-    """Map q to the ends of every bar, (4, bars), and to the poses of all parts, (3, parts).
-
-    A link's bars run from its joint to its spheres and to the joints it carries; the link that
-    floats is drawn through these, from back to front.
-    """
+    """Map q to the ends of every bar, (4, bars), and to the poses of all parts, (3, parts)."""
+    # Bars run from a link's joint to its spheres and joints; the floating link runs through these.
     chain = machine.chain()
     q = ca.SX.sym("q", chain.nq)
     bars, poses = [ca.SX(4, 0)], [ca.SX(3, 0)]

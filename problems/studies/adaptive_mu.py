@@ -20,7 +20,7 @@ from problems.studies.shared.scalar_contact import (
     scalar_contact,
     student,
 )
-from problems.studies.study import Claim, StudyParams, listed, over, quantity_of, setting
+from problems.studies.study import Claim, StudyParams, dataset, listed, over, setting
 
 NOTES = (
     "mu(z) is the corrected eq. 5.1: kappa = (sigma pdf(z/sigma) - z tail(z/sigma))/F and"
@@ -58,20 +58,20 @@ def run(params: Params) -> xr.Dataset:
     """Curves under the exact law, three constant mu and the adaptive law; checks beside them."""
     drawn, places = _curves(params)
     checks = {**_tradeoff(params), **_noise(params), **_printed(params)}
-    return xr.Dataset(
+    return dataset(
         {**drawn, **checks},
         {
             **places,
-            "reach": quantity_of("reach", _REACH, "1", "truncation over the noise's scale"),
-            "gap": quantity_of("gap", GAPS, "1", "gap over sigma"),
-            "width": quantity_of("width", WIDTHS, "1", "sigma over sqrt(F mu)"),
-            "compliance": quantity_of("compliance", COMPLIANCES, "m/(N s)", "F"),
-            "law": ("law", [*(f"mu = {mu:g}" for mu in MUS), "adaptive"]),
-            "reading": ("reading", list(READINGS)),
-            "setting": ("setting", [f"({F:g}, {s:g})" for F, s in SETTINGS]),
-            "tangent": quantity_of("tangent", TANGENTS, "1", "gap over sigma of the best lines"),
-            "norm": ("norm", ["absolute", "squared"]),
-            "coefficient": ("coefficient", ["K", "W"]),
+            "reach": (_REACH, "1", "truncation over the noise's scale"),
+            "gap": (GAPS, "1", "gap over sigma"),
+            "width": (WIDTHS, "1", "sigma over sqrt(F mu)"),
+            "compliance": (COMPLIANCES, "m/(N s)", "F"),
+            "law": [*(f"mu = {mu:g}" for mu in MUS), "adaptive"],
+            "reading": list(READINGS),
+            "setting": [f"({F:g}, {s:g})" for F, s in SETTINGS],
+            "tangent": (TANGENTS, "1", "gap over sigma of the best lines"),
+            "norm": ["absolute", "squared"],
+            "coefficient": ["K", "W"],
         },
     )
 
@@ -84,28 +84,24 @@ def _curves(params: Params) -> tuple[dict, dict]:
     adaptive = gaussian_contact(z, F, sigma)
     per_mu = ("mu", "z")
     return {
-        "lam_exact": quantity_of("z", scalar_contact(Exact(), z, F).lam, "N s", "exact"),
-        "lam_constant": quantity_of(per_mu, [c.lam for c in constant], "N s", "constant mu"),
-        "lam_adaptive": quantity_of("z", adaptive.lam, "N s", "adaptive mu"),
-        "mu_adaptive": quantity_of("z", adaptive.mu, "N s m", "adaptive mu(z)"),
-        "density_constant": quantity_of(per_mu, [F * c.curvature for c in constant], "1/m",
-                                        "noise of constant mu, F S''"),
-        "density_adaptive": quantity_of("z", F * adaptive.curvature, "1/m",
-                                        "noise of adaptive mu, F S''"),
-        "student": quantity_of(per_mu, [student(F, mu)(z) for mu in MUS], "1/m",
-                               "Student t, 2 degrees of freedom, scale sqrt(2 F mu)"),
-        "gaussian": quantity_of("z", gaussian(sigma)(z), "1/m", "N(0, sigma²)"),
+        "lam_exact": ("z", scalar_contact(Exact(), z, F).lam, "N s", "exact"),
+        "lam_constant": (per_mu, [c.lam for c in constant], "N s", "constant mu"),
+        "lam_adaptive": ("z", adaptive.lam, "N s", "adaptive mu"),
+        "mu_adaptive": ("z", adaptive.mu, "N s m", "adaptive mu(z)"),
+        "density_constant": (per_mu, [F * c.curvature for c in constant], "1/m",
+                             "noise of constant mu, F S''"),
+        "density_adaptive": ("z", F * adaptive.curvature, "1/m", "noise of adaptive mu, F S''"),
+        "student": (per_mu, [student(F, mu)(z) for mu in MUS], "1/m",
+                    "Student t, 2 degrees of freedom, scale sqrt(2 F mu)"),
+        "gaussian": ("z", gaussian(sigma)(z), "1/m", "N(0, sigma²)"),
     }, {
-        "z": quantity_of("z", z, "m", "gap at lam = 0"),
-        "mu": quantity_of("mu", MUS, "N s m", "central-path parameter"),
+        "z": (z, "m", "gap at lam = 0"),
+        "mu": (MUS, "N s m", "central-path parameter"),
     }  # fmt: skip
 
 
 def _tradeoff(params: Params) -> dict:
-    """mu(z), error and curvature over gaps in sigma, against the constant that the caption names.
-
-    sigma takes every width times ``sqrt(F mu)``, so that no choice of sigma decides.
-    """
+    """mu(z), error and curvature over gaps in sigma, against the constant mu of the caption."""
     F = params.F
     own = gaussian_contact(GAPS * params.sigma, F, params.sigma)
     error, bend = np.empty((2, len(WIDTHS), len(GAPS))), np.empty((2, len(WIDTHS)))
@@ -116,9 +112,9 @@ def _tradeoff(params: Params) -> dict:
         bend[:, row] = [s.curvature[0] * F * sigma for s in soft]
     kind = ("softening", "width")
     return {
-        "gap_mu": quantity_of("gap", own.mu, "N s m", "adaptive mu at gaps in sigma"),
-        "gap_error": quantity_of((*kind, "gap"), error, "1", "lam F/sigma where lam is 0 exactly"),
-        "bend": quantity_of(kind, bend, "1", "curvature of lam at z = 0, times F sigma"),
+        "gap_mu": ("gap", own.mu, "N s m", "adaptive mu at gaps in sigma"),
+        "gap_error": ((*kind, "gap"), error, "1", "lam F/sigma where lam is 0 exactly"),
+        "bend": (kind, bend, "1", "curvature of lam at z = 0, times F sigma"),
         "softening": ("softening", ["adaptive", "constant"]),
     }
 
@@ -147,11 +143,11 @@ def _noise(params: Params) -> dict:
              for C in COMPLIANCES]  # fmt: skip
     variance = [2 * quad(lambda w: w**2 * student_t.pdf(w, 2), 0, r, limit=400)[0] for r in _REACH]
     return {
-        "mismatch": quantity_of("law", mismatch, "1", "max |E S_0(z + w) - S_mu(z)| over its size"),
-        "printed_mass": quantity_of("compliance", mass, "1", "integral of rho as printed"),
-        "quartic_slope": quantity_of("compliance", slope, "N s/m", "largest dlam/dz of eq. C.2"),
-        "variance_within": quantity_of("reach", variance, "1",
-                                       "variance of that noise within the reach, over 2 F mu"),
+        "mismatch": ("law", mismatch, "1", "max |E S_0(z + w) - S_mu(z)| over its size"),
+        "printed_mass": ("compliance", mass, "1", "integral of rho as printed"),
+        "quartic_slope": ("compliance", slope, "N s/m", "largest dlam/dz of eq. C.2"),
+        "variance_within": ("reach", variance, "1",
+                            "variance of that noise within the reach, over 2 F mu"),
     }  # fmt: skip
 
 
@@ -171,12 +167,12 @@ def _printed(params: Params) -> dict:
     tangent = np.stack((soft.lam * F / sigma, soft.slope * F), axis=1)
     lines = np.stack([linearisations(at, 1.0, 1.0) for at in TANGENTS])
     return {
-        "kappa_misfit": quantity_of(("reading", "setting"), off, "1",
-                                    "largest |kappa - lam| F/sigma at the best c1, c2"),
-        "best_line": quantity_of(("tangent", "norm", "coefficient"), lines, "1",
-                                 "K F/sigma and W F of the best line"),
-        "line": quantity_of(("tangent", "coefficient"), tangent, "1",
-                            "softened solution F/sigma and its gradient F"),
+        "kappa_misfit": (("reading", "setting"), off, "1",
+                         "largest |kappa - lam| F/sigma at the best c1, c2"),
+        "best_line": (("tangent", "norm", "coefficient"), lines, "1",
+                      "K F/sigma and W F of the best line"),
+        "line": (("tangent", "coefficient"), tangent, "1",
+                 "softened solution F/sigma and its gradient F"),
     }  # fmt: skip
 
 

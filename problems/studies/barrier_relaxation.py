@@ -9,7 +9,7 @@ import xarray as xr
 from dynamics.contact import Barrier, Exact
 from problems.registry import get
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import Claim, StudyParams, listed, quantity_of, setting
+from problems.studies.study import Claim, StudyParams, dataset, listed, setting
 
 NOTES = (
     "The barrier weight and the central-path parameter are the same: mu = h/kappa for a gap in"
@@ -94,32 +94,30 @@ def run(params: Params) -> xr.Dataset:
     stepped = SampledStep(Exact().close(system))(states, w[:, None])
     qp, multiplier = solve_qp(x, v, w, params.m, params.h)
     reference = eq5(x, v, w, random_kappa, params.m, params.h)
+    newton = newton_step(x, v, w, random_kappa, at_random.x_next[:, 0], params.m, params.h)
     both = ("kappa", "u")
-    return xr.Dataset(
+    return dataset(
         {
-            "x_qp": quantity_of("u", drawn, "m", "next position, QP of eq. 3"),
-            "x_barrier": quantity_of(both, found.x_next[:, 0].reshape(shape), "m",
-                                     "next position, log barrier"),
-            "x_eq5": quantity_of(both, closed.reshape(shape), "m", "closed form of eq. 5"),
-            "slope_exact": quantity_of("u", exact.x_by_u[:, 0, 0], "m/(N s)",
-                                       "dx+/du, time stepping"),
-            "slope_barrier": quantity_of(both, found.x_by_u[:, 0, 0].reshape(shape), "m/(N s)",
-                                         "dx+/du, log barrier"),
-            "lam_barrier": quantity_of(both, found.lam[:, 0].reshape(shape), "N s",
-                                       "impulse of the wall, log barrier"),
-            "eq5_error": quantity_of("sample", at_random.x_next[:, 0] - reference, "m",
-                                     "next position less that of eq. 5 at random x, v, u, kappa"),
-            "newton": quantity_of("sample", newton_step(
-                x, v, w, random_kappa, at_random.x_next[:, 0], params.m, params.h), "m",
-                "Newton's step of eq. 4 from that next position"),
-            "qp_error": quantity_of("sample", stepped.x_next[:, 0] - qp, "m",
-                                    "next position by time stepping less that of the QP"),
-            "lam_error": quantity_of("sample", stepped.lam[:, 0] - multiplier, "N s",
-                                     "impulse by time stepping less the QP's multiplier"),
+            "x_qp": ("u", drawn, "m", "next position, QP of eq. 3"),
+            "x_barrier": (both, found.x_next[:, 0].reshape(shape), "m",
+                          "next position, log barrier"),
+            "x_eq5": (both, closed.reshape(shape), "m", "closed form of eq. 5"),
+            "slope_exact": ("u", exact.x_by_u[:, 0, 0], "m/(N s)", "dx+/du, time stepping"),
+            "slope_barrier": (both, found.x_by_u[:, 0, 0].reshape(shape), "m/(N s)",
+                              "dx+/du, log barrier"),
+            "lam_barrier": (both, found.lam[:, 0].reshape(shape), "N s",
+                            "impulse of the wall, log barrier"),
+            "eq5_error": ("sample", at_random.x_next[:, 0] - reference, "m",
+                          "next position less that of eq. 5 at random x, v, u, kappa"),
+            "newton": ("sample", newton, "m", "Newton's step of eq. 4 from that next position"),
+            "qp_error": ("sample", stepped.x_next[:, 0] - qp, "m",
+                         "next position by time stepping less that of the QP"),
+            "lam_error": ("sample", stepped.lam[:, 0] - multiplier, "N s",
+                          "impulse by time stepping less the QP's multiplier"),
         },
         {
-            "u": quantity_of("u", u, "N s", "input impulse"),
-            "kappa": quantity_of("kappa", KAPPAS, "1/J", "log-barrier weight"),
+            "u": (u, "N s", "input impulse"),
+            "kappa": (KAPPAS, "1/J", "log-barrier weight"),
         },
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from scipy.special import lambertw
 from dynamics.contact import Barrier, Exact
 from problems.registry import get
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import PAPER, Claim, StudyParams, largest, listed, quantity_of, setting
+from problems.studies.study import PAPER, Claim, StudyParams, dataset, largest, listed, setting
 
 NOTES = (
     "mu is that of the force, gamma y = mu; the impulse of one step has h mu. Its values are"
@@ -125,36 +125,36 @@ def run(params: Params) -> xr.Dataset:
     rates = [np.diff(v) / params.h / params.v0 for _, v in (*soft, exact)]
     per_mu, stepping = ("mu", "q_x"), ("mu", "q_step")
     energy = [v**2 / 2 + params.g * y - mu * np.log(y) for (y, v), mu in zip(ode, MUS, strict=True)]
-    return xr.Dataset(
+    return dataset(
         {
-            "y": quantity_of(per_mu, [y for y, _ in ode], "m", "height, ODE"),
-            "v": quantity_of(per_mu, [v for _, v in ode], "m/s", "vertical velocity, ODE"),
-            "rate": quantity_of(per_mu, [(mu / y - params.g) / params.v0
-                                         for (y, _), mu in zip(ode, MUS, strict=True)], "1/s",
-                                "dv_y/dq_x, ODE"),
-            "y_step": quantity_of(stepping, [y for y, _ in soft], "m", "height, time stepping"),
-            "v_step": quantity_of(stepping, [v for _, v in soft], "m/s", "velocity, time stepping"),
-            "rate_step": quantity_of(("mu", "q_mid"), rates[:-1], "1/s", "dv_y/dq_x, stepping"),
-            "y_exact": quantity_of("q_step", exact[0], "m", "height, exact law"),
-            "v_exact": quantity_of("q_step", exact[1], "m/s", "velocity, exact law"),
-            "rate_exact": quantity_of("q_mid", rates[-1], "1/s", "dv_y/dq_x, exact law"),
-            "printed_error": quantity_of((), np.abs(printed - ode[-1][1]).max(), "m/s",
-                                         "(C.1) as printed less y'' = mu/y - g, largest mu"),
-            "energy_drift": quantity_of("mu", [np.ptp(e) / abs(e[0]) for e in energy], "1",
-                                        "relative change of energy, ODE"),
-            "least": quantity_of("mu", [low for low, _, _ in turns], "m", "least height, ODE"),
-            "least_closed": quantity_of("mu", [least_height(mu, params.q0, params.g)
-                                               for mu in MUS], "m", "least height, closed form"),
-            "apex": quantity_of("mu", [high for _, high, _ in turns], "m", "height regained, ODE"),
-            "rebound": quantity_of("step", rebound, "m", "height regained by stepping, mu = 3"),
+            "y": (per_mu, [y for y, _ in ode], "m", "height, ODE"),
+            "v": (per_mu, [v for _, v in ode], "m/s", "vertical velocity, ODE"),
+            "rate": (per_mu,
+                     [(mu / y - params.g) / params.v0 for (y, _), mu in zip(ode, MUS, strict=True)],
+                     "1/s", "dv_y/dq_x, ODE"),
+            "y_step": (stepping, [y for y, _ in soft], "m", "height, time stepping"),
+            "v_step": (stepping, [v for _, v in soft], "m/s", "velocity, time stepping"),
+            "rate_step": (("mu", "q_mid"), rates[:-1], "1/s", "dv_y/dq_x, stepping"),
+            "y_exact": ("q_step", exact[0], "m", "height, exact law"),
+            "v_exact": ("q_step", exact[1], "m/s", "velocity, exact law"),
+            "rate_exact": ("q_mid", rates[-1], "1/s", "dv_y/dq_x, exact law"),
+            "printed_error": ((), np.abs(printed - ode[-1][1]).max(), "m/s",
+                              "(C.1) as printed less y'' = mu/y - g, largest mu"),
+            "energy_drift": ("mu", [np.ptp(e) / abs(e[0]) for e in energy], "1",
+                             "relative change of energy, ODE"),
+            "least": ("mu", [low for low, _, _ in turns], "m", "least height, ODE"),
+            "least_closed": ("mu", [least_height(mu, params.q0, params.g) for mu in MUS], "m",
+                             "least height, closed form"),
+            "apex": ("mu", [high for _, high, _ in turns], "m", "height regained, ODE"),
+            "rebound": ("step", rebound, "m", "height regained by stepping, mu = 3"),
         },
         {
-            "mu": quantity_of("mu", MUS, "J/kg", "central-path parameter of the force"),
-            "q_x": quantity_of("q_x", params.v0 * fine, "m", "horizontal position"),
-            "q_step": quantity_of("q_step", params.v0 * time, "m", "horizontal position"),
-            "q_mid": quantity_of("q_mid", params.v0 * (time[1:] + time[:-1]) / 2, "m",
-                                 "horizontal position between two nodes"),
-            "step": quantity_of("step", FINE, "s", "step size"),
+            "mu": (MUS, "J/kg", "central-path parameter of the force"),
+            "q_x": (params.v0 * fine, "m", "horizontal position"),
+            "q_step": (params.v0 * time, "m", "horizontal position"),
+            "q_mid": (params.v0 * (time[1:] + time[:-1]) / 2, "m",
+                      "horizontal position between two nodes"),
+            "step": (FINE, "s", "step size"),
         },
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from dynamics.batch import Gaussian
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
 from ocp.learning.unrolls.fopg import FOPG, SHARP
-from problems.studies.study import Claim, StudyParams, over, quantity_of, setting
+from problems.studies.study import Claim, StudyParams, dataset, over, setting
 from problems.tasks.registry import get
 
 NOTES = (
@@ -97,15 +97,15 @@ def run(params: Params) -> xr.Dataset:
                 theta[i, r, k + 1] = now + eta * step
             value[i, r, -1] = landscape.at(theta[i, r, -1][None])[0][0]
     every = ("law", "run", "iteration")
-    return xr.Dataset(
+    return dataset(
         {
-            "theta": quantity_of(("law", "run", "node", "axis"), theta, "1", "iterate"),
-            "value": quantity_of(("law", "run", "node"), value, "m^2", "J"),
-            "slope": quantity_of(every, slope, "m^2", "norm of the gradient of J"),
-            "bias": quantity_of(every, bias, "m^2", "norm of the gradient's bias"),
-            "variance": quantity_of(every, variance, "m^4", "variance of the batch's gradient"),
-            "lipschitz": quantity_of((), lipschitz, "m^2", "Lipschitz constant of the gradient"),
-            "eta": quantity_of((), eta, "1/m^2", "step"),
+            "theta": (("law", "run", "node", "axis"), theta, "1", "iterate"),
+            "value": (("law", "run", "node"), value, "m^2", "J"),
+            "slope": (every, slope, "m^2", "norm of the gradient of J"),
+            "bias": (every, bias, "m^2", "norm of the gradient's bias"),
+            "variance": (every, variance, "m^4", "variance of the batch's gradient"),
+            "lipschitz": ((), lipschitz, "m^2", "Lipschitz constant of the gradient"),
+            "eta": ((), eta, "1/m^2", "step"),
         },
         {"law": list(LAWS)},
     )

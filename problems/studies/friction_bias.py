@@ -9,7 +9,7 @@ from dynamics.batch import Gaussian
 from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.estimators import SAMPLED
 from problems.objectives import objective_spec
-from problems.studies.study import CODE, Claim, StudyParams, largest, quantity_of, setting
+from problems.studies.study import CODE, Claim, StudyParams, dataset, largest, setting
 
 NOTES = (
     "The relaxation is one of the sign, 2 H - 1, not of H.",
@@ -58,57 +58,55 @@ def run(params: Params) -> xr.Dataset:
     known = here.closed_form(params.sigma)
     assert known is not None
     unit = "s/m"
-    return xr.Dataset(
+    return dataset(
         {
-            "friction": quantity_of(("width", "slip"),
-                [coulomb.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)], "1",
-                "friction over its limit"),
-            "block_impulse": quantity_of(("width", "slip"),
-                [block.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)], "1",
-                "impulse on the block over its limit"),
-            "running_mean": quantity_of(("order", "n"), running, unit, "estimate of n samples"),
-            "truth": quantity_of((), known.gradient[0], unit, "gradient at theta"),
-            "silent": quantity_of("batch", silent, "1",
-                                  "share of batches whose first-order samples are all zero"),
-            "chance": quantity_of("nu", [c.gradient[0] * nu / 2 for c, nu in zip(forms, nus,
-                                  strict=True) if c], "1", "of a first-order sample not zero"),
-            "half_gradient": quantity_of("ratio", half[:, 0], unit, "gradient at theta = nu/2"),
-            "half_chance": quantity_of("ratio", half[:, 1], "1", "of a sample not zero there"),
-            "half_share": quantity_of("ratio", half[:, 2], "1", "of samples not zero there"),
-            "half_spread": quantity_of("ratio", half[:, 3], unit,
-                                       "largest sample there with theta + w outside the tolerance"),
-            "stick": quantity_of((), _stick_width(), "m/s",
-                                 "2 N h F/m, below which the block's mass limits the slope"),
-            "variance": quantity_of(("order", "nu"), np.transpose(few), "s^2/m^2",
-                                    "empirical variance of one sample"),
-            "zobg_variance": quantity_of("nu", [c.zobg_variance[0] for c in forms if c],
-                                         "s^2/m^2", "of one sample, closed form"),
-            "fobg_variance": quantity_of("nu", [c.fobg_variance[0] for c in forms if c],
-                                         "s^2/m^2", "of one sample, closed form"),
-            "wide_variance": quantity_of(("order", "coarse"), np.transpose(wide), "s^2/m^2",
-                                         "empirical variance of one sample, many samples"),
-            "block_variance": quantity_of(("order", "block_nu"), np.transpose(behind), "s^2/m^2",
-                                          "the same of the block on a belt"),
+            "friction": (("width", "slip"),
+                         [coulomb.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)], "1",
+                         "friction over its limit"),
+            "block_impulse": (("width", "slip"),
+                              [block.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)],
+                              "1", "impulse on the block over its limit"),
+            "running_mean": (("order", "n"), running, unit, "estimate of n samples"),
+            "truth": ((), known.gradient[0], unit, "gradient at theta"),
+            "silent": ("batch", silent, "1",
+                       "share of batches whose first-order samples are all zero"),
+            "chance": ("nu",
+                       [c.gradient[0] * nu / 2 for c, nu in zip(forms, nus, strict=True) if c], "1",
+                       "of a first-order sample not zero"),
+            "half_gradient": ("ratio", half[:, 0], unit, "gradient at theta = nu/2"),
+            "half_chance": ("ratio", half[:, 1], "1", "of a sample not zero there"),
+            "half_share": ("ratio", half[:, 2], "1", "of samples not zero there"),
+            "half_spread": ("ratio", half[:, 3], unit,
+                            "largest sample there with theta + w outside the tolerance"),
+            "stick": ((), _stick_width(), "m/s",
+                      "2 N h F/m, below which the block's mass limits the slope"),
+            "variance": (("order", "nu"), np.transpose(few), "s^2/m^2",
+                         "empirical variance of one sample"),
+            "zobg_variance": ("nu", [c.zobg_variance[0] for c in forms if c], "s^2/m^2",
+                              "of one sample, closed form"),
+            "fobg_variance": ("nu", [c.fobg_variance[0] for c in forms if c], "s^2/m^2",
+                              "of one sample, closed form"),
+            "wide_variance": (("order", "coarse"), np.transpose(wide), "s^2/m^2",
+                              "empirical variance of one sample, many samples"),
+            "block_variance": (("order", "block_nu"), np.transpose(behind), "s^2/m^2",
+                               "the same of the block on a belt"),
         },
         {
             "order": list(ORDERS),
-            "width": quantity_of("width", (1e-3, 0.2), "m/s", "slip tolerance"),
-            "slip": quantity_of("slip", slip, "m/s", "sliding velocity"),
-            "n": quantity_of("n", np.arange(1, params.n_samples + 1), "1", "samples"),
-            "nu": quantity_of("nu", nus, "m/s", "slip tolerance"),
-            "coarse": quantity_of("coarse", coarse, "m/s", "slip tolerance"),
-            "block_nu": quantity_of("block_nu", widths, "m/s", "slip tolerance under the block"),
-            "batch": quantity_of("batch", BATCHES, "1", "samples of one batch"),
-            "ratio": quantity_of("ratio", _RATIOS, "1", "nu/sigma"),
+            "width": ((1e-3, 0.2), "m/s", "slip tolerance"),
+            "slip": (slip, "m/s", "sliding velocity"),
+            "n": (np.arange(1, params.n_samples + 1), "1", "samples"),
+            "nu": (nus, "m/s", "slip tolerance"),
+            "coarse": (coarse, "m/s", "slip tolerance"),
+            "block_nu": (widths, "m/s", "slip tolerance under the block"),
+            "batch": (BATCHES, "1", "samples of one batch"),
+            "ratio": (_RATIOS, "1", "nu/sigma"),
         },
     )  # fmt: skip
 
 
 def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
-    """At theta = nu/2, (len(_RATIOS), 4): F', the chance p of a sample not zero, its share of
-
-    ``many`` samples, and the largest sample where theta + w is outside the tolerance.
-    """
+    """At theta = nu/2, (ratios, 4): F', chance and share of nonzero samples, largest outside nu."""
     rows = []
     for index, nu in enumerate(params.sigma * _RATIOS):
         here = coulomb.at({"theta": nu / 2, "nu": nu})

@@ -10,7 +10,7 @@ from dynamics.batch import Gaussian
 from ocp.gradients import estimate_gradient
 from ocp.gradients.estimators import mean_cost
 from problems.objectives import objective_spec
-from problems.studies.study import CODE, Claim, StudyParams, largest, quantity_of, setting
+from problems.studies.study import CODE, Claim, StudyParams, dataset, largest, setting
 
 NOTES = (
     "erf(y; s²) in the paper is the upper tail of the Gaussian, not the usual error function.",
@@ -57,25 +57,25 @@ def run(params: Params) -> xr.Dataset:
     delta = (norm.sf(np.abs(thetas) - edges, 0, params.sigma)
              - norm.sf(np.abs(thetas) + edges, 0, params.sigma)) / (2 * edges)  # fmt: skip
     both = ("estimator", "theta")
-    return xr.Dataset(
+    return dataset(
         {
-            "f": quantity_of("theta", (thetas >= 0) * 1.0, "1", "objective without noise"),
-            "F": quantity_of("theta", [c.objective for c in forms], "1", "smoothed, closed form"),
-            "F_sampled": quantity_of("theta", sampled, "1", "smoothed, mean of samples"),
-            "gradient": quantity_of("theta", [c.gradient[0] for c in forms], "1", "of F"),
-            "fobg_mean": quantity_of("theta", [c.fobg_mean[0] for c in forms], "1",
-                                     "expectation of a first-order sample"),
-            "delta": quantity_of(("box", "theta"), delta, "1",
-                                 "expectation of a box of area one around 0, at theta + w"),
-            "zobg_variance": quantity_of("theta", [c.zobg_variance[0] for c in forms], "1",
-                                         "of one ZoBG sample without baseline, closed form"),
-            "mean": quantity_of(both, mean, "1", "estimated gradient"),
-            "variance": quantity_of(both, variance, "1", "empirical variance of one sample"),
-            "standard_error": quantity_of(both, error, "1", "standard error of the mean"),
+            "f": ("theta", (thetas >= 0) * 1.0, "1", "objective without noise"),
+            "F": ("theta", [c.objective for c in forms], "1", "smoothed, closed form"),
+            "F_sampled": ("theta", sampled, "1", "smoothed, mean of samples"),
+            "gradient": ("theta", [c.gradient[0] for c in forms], "1", "of F"),
+            "fobg_mean": ("theta", [c.fobg_mean[0] for c in forms], "1",
+                          "expectation of a first-order sample"),
+            "delta": (("box", "theta"), delta, "1",
+                      "expectation of a box of area one around 0, at theta + w"),
+            "zobg_variance": ("theta", [c.zobg_variance[0] for c in forms], "1",
+                              "of one ZoBG sample without baseline, closed form"),
+            "mean": (both, mean, "1", "estimated gradient"),
+            "variance": (both, variance, "1", "empirical variance of one sample"),
+            "standard_error": (both, error, "1", "standard error of the mean"),
         },
         {
-            "theta": quantity_of("theta", thetas, "1", "decision"),
-            "box": quantity_of("box", boxes, "1", "width of the box"),
+            "theta": (thetas, "1", "decision"),
+            "box": (boxes, "1", "width of the box"),
             "estimator": list(ESTIMATORS),
         },
     )  # fmt: skip

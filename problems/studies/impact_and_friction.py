@@ -12,7 +12,7 @@ from scipy.stats import norm
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from problems.registry import get
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import Claim, StudyParams, listed, over, quantity_of, setting
+from problems.studies.study import Claim, StudyParams, dataset, listed, over, setting
 
 NOTES = (
     "RS averages the derivative that exists almost everywhere, as automatic differentiation"
@@ -146,23 +146,23 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
         q, impact, params.sigma
     )
     variables = {
-        "impact_soft": quantity_of(("law", "q_mid"), soft, "1/s", "dv_y/dq_x, softened"),
-        "impact_rs": quantity_of(("finer", "count", "q_x"), averaged, "1/s", "mean derivative, RS"),
-        "quiet": quantity_of(
+        "impact_soft": (("law", "q_mid"), soft, "1/s", "dv_y/dq_x, softened"),
+        "impact_rs": (("finer", "count", "q_x"), averaged, "1/s", "mean derivative, RS"),
+        "quiet": (
             ("finer", "count"),
             quiet,
             "1",
             "share of points within sigma of the impact where RS sees none",
         ),
-        "impact_limit": quantity_of("q_x", limit, "1/s", "RS with infinitely many samples"),
-        "jump": quantity_of((), jump, "m/s", "jump of v_y at the impact, ground truth"),
-        "place": quantity_of((), impact, "m", "q_x of the impact"),
+        "impact_limit": ("q_x", limit, "1/s", "RS with infinitely many samples"),
+        "jump": ((), jump, "m/s", "jump of v_y at the impact, ground truth"),
+        "place": ((), impact, "m", "q_x of the impact"),
     }
     mid = params.h * (np.arange(len(soft[0])) + 0.5)
     return variables, {
-        "finer": quantity_of("finer", FINER, "1", "h over the step of the exact ball"),
-        "q_x": quantity_of("q_x", q, "m", "horizontal position"),
-        "q_mid": quantity_of("q_mid", mid, "m", "horizontal position between two nodes"),
+        "finer": (FINER, "1", "h over the step of the exact ball"),
+        "q_x": (q, "m", "horizontal position"),
+        "q_mid": (mid, "m", "horizontal position between two nodes"),
     }
 
 
@@ -200,26 +200,26 @@ def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
     found, by_push = [v.x_next[:, 1] for v in soft], [v.x_by_u[:, 1, 0] for v in soft]
     step = np.where(np.abs(u) > bound, params.h_box, 0.0)
     variables = {
-        "push_exact": quantity_of("u", truth.x_by_u[:, 1, 0], "m/(N s)", "dv+/du, exact"),
-        "push_soft": quantity_of(("box_mu", "u"), by_push, "m/(N s)", "dv+/du, barrier"),
-        "push_rs": quantity_of(("count", "u"), averaged, "m/(N s)", "dv+/du, RS"),
-        "push_limit": quantity_of("u", limit, "m/(N s)", "RS with infinitely many samples"),
-        "push_error": quantity_of("count", spread, "m/(N s)", "largest standard error of RS"),
-        "push_step": quantity_of("u", step, "m/(N s)", "h/m where |u| > friction m g, else 0"),
-        "at_step": quantity_of("box_mu", at_step / params.h_box, "1",
-                               "dv+/du of the barrier at u = friction m g, over h/m"),
-        **{f"cost_{name}": quantity_of("box_mu", [getattr(c, name) for c in costs], unit, meaning)
+        "push_exact": ("u", truth.x_by_u[:, 1, 0], "m/(N s)", "dv+/du, exact"),
+        "push_soft": (("box_mu", "u"), by_push, "m/(N s)", "dv+/du, barrier"),
+        "push_rs": (("count", "u"), averaged, "m/(N s)", "dv+/du, RS"),
+        "push_limit": ("u", limit, "m/(N s)", "RS with infinitely many samples"),
+        "push_error": ("count", spread, "m/(N s)", "largest standard error of RS"),
+        "push_step": ("u", step, "m/(N s)", "h/m where |u| > friction m g, else 0"),
+        "at_step": ("box_mu", at_step / params.h_box, "1",
+                    "dv+/du of the barrier at u = friction m g, over h/m"),
+        **{f"cost_{name}": ("box_mu", [getattr(c, name) for c in costs], unit, meaning)
            for name, unit, meaning in (
                ("bias", "m/(N s)", "rms error of the barrier's slope"),
                ("sigma", "N", "noise at which RS has that bias"),
                ("single", "1", "rms error of one exact solve at that noise, over that bias"),
                ("needed", "1", "exact solves for an error within a tenth of the barrier's"))},
-        "push_residual": quantity_of("box_mu", np.abs(np.subtract(found, closed)).max(axis=1),
-                                     "m/s", "v+ less the closed form"),
-        "slope_residual": quantity_of("box_mu", np.abs(np.subtract(by_push, slope)).max(axis=1),
-                                      "m/(N s)", "dv+/du less the closed form"),
+        "push_residual": ("box_mu", np.abs(np.subtract(found, closed)).max(axis=1), "m/s",
+                          "v+ less the closed form"),
+        "slope_residual": ("box_mu", np.abs(np.subtract(by_push, slope)).max(axis=1), "m/(N s)",
+                           "dv+/du less the closed form"),
     }  # fmt: skip
-    return variables, {"u": quantity_of("u", u, "N", "push")}
+    return variables, {"u": (u, "N", "push")}
 
 
 def _box_mus(params: Params) -> np.ndarray:
@@ -237,16 +237,14 @@ def run(params: Params) -> xr.Dataset:
     rng = np.random.default_rng(params.seed)
     impact, places = _impact(params, rng)
     push, pushes = _push(params, rng)
-    return xr.Dataset(
+    return dataset(
         {**impact, **push},
         {
             **places,
             **pushes,
-            "count": quantity_of("count", COUNTS, "1", "samples"),
-            "law": ("law", [*(f"mu = {mu:g} N s m" for mu in BALL_MUS), "adaptive"]),
-            "box_mu": quantity_of(
-                "box_mu", _box_mus(params), "N s m", "central-path parameter of the box"
-            ),
+            "count": (COUNTS, "1", "samples"),
+            "law": [*(f"mu = {mu:g} N s m" for mu in BALL_MUS), "adaptive"],
+            "box_mu": (_box_mus(params), "N s m", "central-path parameter of the box"),
         },
     )
 

@@ -9,7 +9,7 @@ from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.interpolation import ConfidenceTest, FixedWeight
 from ocp.gradients.reference import reference_gradient
 from problems.objectives import objective_spec
-from problems.studies.study import Claim, StudyParams, quantity_of, setting, share_margin
+from problems.studies.study import Claim, StudyParams, dataset, setting, share_margin
 
 NOTES = (
     "alpha is the weight of the first order here; eq. 6 of the paper has it the other way.",
@@ -70,13 +70,13 @@ def run(params: Params) -> xr.Dataset:
         gammas.append(gamma)
     every = ("case", "estimator", "point", "run")
     unit = "1 over the unit of theta"
-    return xr.Dataset(
+    return dataset(
         {
-            "theta": quantity_of(("case", "point"), thetas, "1, m/s and rad", "decision"),
-            "truth": quantity_of(("case", "point"), truth, unit, "gradient"),
-            "mean": quantity_of(every, mean, unit, "estimate of each run"),
-            "alpha": quantity_of(every, alpha, "1", "weight of the first order"),
-            "gamma_of_case": quantity_of("case", gammas, unit, "allowed error"),
+            "theta": (("case", "point"), thetas, "1, m/s and rad", "decision"),
+            "truth": (("case", "point"), truth, unit, "gradient"),
+            "mean": (every, mean, unit, "estimate of each run"),
+            "alpha": (every, alpha, "1", "weight of the first order"),
+            "gamma_of_case": ("case", gammas, unit, "allowed error"),
         },
         {"case": list(CASES), "estimator": list(ESTIMATORS)},
     )

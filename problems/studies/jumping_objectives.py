@@ -14,7 +14,7 @@ from dynamics.contact.interior_point import exact_scalar_solution
 from dynamics.systems import ParameterTable, Signal
 from ocp.gradients.objective import StaticObjective
 from problems.studies.shared.decision_sweep import sweep_decision
-from problems.studies.study import CODE, Claim, StudyParams, listed, quantity_of, setting
+from problems.studies.study import CODE, Claim, StudyParams, dataset, listed, setting
 
 NOTES = (
     "All three are minimised: minus height, minus squared distance, minus squared angular"
@@ -66,18 +66,17 @@ def run(params: Params) -> xr.Dataset:
         place, dense = f"theta_{name}", f"fine_{name}"
         slope = f"{unit}/{per}"
         variables |= {
-            f"f_{name}": quantity_of(dense, objective.costs(fine[:, None]), unit, "objective"),
-            f"F_{name}": quantity_of(place, found.F, unit, "smoothed objective"),
-            f"slope_{name}": quantity_of(place, found.slope, slope, "its derivative"),
-            f"first_{name}": quantity_of((place, "moment"), found.first, slope, "FoBG"),
-            f"zeroth_{name}": quantity_of((place, "moment"), found.zeroth, slope, "ZoBG"),
+            f"f_{name}": (dense, objective.costs(fine[:, None]), unit, "objective"),
+            f"F_{name}": (place, found.F, unit, "smoothed objective"),
+            f"slope_{name}": (place, found.slope, slope, "its derivative"),
+            f"first_{name}": ((place, "moment"), found.first, slope, "FoBG"),
+            f"zeroth_{name}": ((place, "moment"), found.zeroth, slope, "ZoBG"),
         }
         coordinates |= {
-            place: quantity_of(place, theta, per, objective.decision[0].description),
-            dense: quantity_of(dense, fine, per, objective.decision[0].description),
+            place: (theta, per, objective.decision[0].description),
+            dense: (fine, per, objective.decision[0].description),
         }
-    moments = {"moment": ("moment", ["mean", "standard error"])}
-    return xr.Dataset(variables, {**coordinates, **moments})
+    return dataset(variables, {**coordinates, "moment": ["mean", "standard error"]})
 
 
 def drop(step_height: float, start: float, g: float) -> StaticObjective:
@@ -148,10 +147,7 @@ def _bias(data: xr.Dataset, name: str) -> float:
 
 
 def _steps(data: xr.Dataset, name: str) -> float:
-    """Largest step of F on its grid over ``spacing range(f)/(sqrt(2 pi) sigma)``.
-
-    An average over N(0, sigma²) of a function of this range has no larger slope.
-    """
+    """Largest step of F on its grid over its bound ``spacing range(f)/(sqrt(2 pi) sigma)``."""
     step = np.abs(np.diff(data[f"F_{name}"].values)).max()
     spacing = float(data[f"theta_{name}"][1] - data[f"theta_{name}"][0])
     steepest = np.ptp(data[f"f_{name}"].values) * norm.pdf(0, 0, data.attrs[f"sigma_{name}"])
@@ -159,11 +155,7 @@ def _steps(data: xr.Dataset, name: str) -> float:
 
 
 def _scatter(data: xr.Dataset, name: str) -> tuple[float, float, int]:
-    """Mean and root mean square of ZoBG's errors over its standard errors, where F' is not small.
-
-    Without bias the mean is 0 within 1/sqrt(points), told over that, and the other is 1; with the
-    number of points.
-    """
+    """Mean times sqrt(points), and rms, of ZoBG's errors in standard errors; number of points."""
     estimate, slope = data[f"zeroth_{name}"].values, data[f"slope_{name}"].values
     # Where it is small the jump is met by too few samples for an error of its own.
     steep = np.abs(slope) > 0.3 * np.abs(slope).max()

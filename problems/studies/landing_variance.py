@@ -10,7 +10,7 @@ from pydantic import model_validator
 from dynamics.batch import Gaussian, RolloutFunction, open_loop
 from dynamics.contact import Barrier
 from problems.registry import get
-from problems.studies.study import Claim, StudyParams, over, quantity_of, setting
+from problems.studies.study import Claim, StudyParams, dataset, over, setting
 
 NOTES = (
     "Time stepping is plastic, so no chaos builds up over bounces: after the impact the ball"
@@ -58,15 +58,15 @@ def run(params: Params) -> xr.Dataset:
         first[row], ratio[row], jump[row] = np.max(cells, axis=0)
     both = ("h", "mu")
     unit = "s^2/m^2"
-    return xr.Dataset(
+    return dataset(
         {
-            "first_order": quantity_of(both, first, unit, "largest variance, first order"),
-            "likelihood_ratio": quantity_of(both, ratio, unit, "largest variance, LR"),
-            "largest_gradient": quantity_of(both, jump, "s/m", "largest |gradient| of a sample"),
+            "first_order": (both, first, unit, "largest variance, first order"),
+            "likelihood_ratio": (both, ratio, unit, "largest variance, LR"),
+            "largest_gradient": (both, jump, "s/m", "largest |gradient| of a sample"),
         },
         {
-            "h": quantity_of("h", STEPS, "s", "step size"),
-            "mu": quantity_of("mu", MUS, "N s m", "central-path parameter"),
+            "h": (STEPS, "s", "step size"),
+            "mu": (MUS, "N s m", "central-path parameter"),
         },
     )
 

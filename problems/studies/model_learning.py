@@ -21,10 +21,10 @@ from problems.studies.study import (
     Claim,
     Pieces,
     StudyParams,
+    dataset,
     largest,
     listed,
     over,
-    quantity_of,
     setting,
     share_margin,
 )
@@ -99,13 +99,13 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
                 if kind == DATA[0] and n == params.data:
                     way[seed, : len(piece["way"])] = piece["way"]
     found |= {"errors": errors, "still": still, "touched": touched, "way": way, "flight": flight}
-    return xr.Dataset(_variables(found), {
+    return dataset(_variables(found), {
         "data": list(DATA),
         "model": list(MODELS),
         "where": list(WHERE),
         "parameter": list(PSI),
-        "transitions": quantity_of("transitions", sizes, "1", "transitions to learn from"),
-        "iteration": quantity_of("iteration", np.arange(way.shape[1]), "1", "of the search"),
+        "transitions": (sizes, "1", "transitions to learn from"),
+        "iteration": (np.arange(way.shape[1]), "1", "of the search"),
     })  # fmt: skip
 
 
@@ -123,8 +123,7 @@ def _variables(found: dict[str, np.ndarray]) -> dict[str, Any]:
         "high": (each, "1", "interval, upper end over the truth"),
     }  # fmt: skip
     return {
-        name: quantity_of(dims, found[name], unit, meaning)
-        for name, (dims, unit, meaning) in meant.items()
+        name: (dims, found[name], unit, meaning) for name, (dims, unit, meaning) in meant.items()
     }
 
 

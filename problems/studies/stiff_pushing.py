@@ -14,10 +14,10 @@ from problems.studies.study import (
     CODE,
     Claim,
     StudyParams,
+    dataset,
     largest,
     listed,
     over,
-    quantity_of,
     setting,
 )
 
@@ -118,26 +118,24 @@ def run(params: Params) -> xr.Dataset:
         [_Pushing(params, step).variances(step.p.values) for step in (w.close(rigid) for w in laws)]
     )
     unit = "m^4/N^2"
-    return xr.Dataset(
+    return dataset(
         {
-            "first_order": quantity_of("k", penalty[:, 0], unit, "variance of FoBG, spring"),
-            "zeroth_order": quantity_of("k", penalty[:, 1], unit, "variance of ZoBG, spring"),
-            "damped": quantity_of(("damping", "share", "order"), damped, unit,
-                                  "variance at other factors on the velocity"),
-            "damped_limit": quantity_of("damping", [limit(o) for o in others], "N/m",
-                                        "m (1 + c)/h² at those"),
-            "implicit_first": quantity_of("law", implicit[:, 0], unit, "variance of FoBG"),
-            "implicit_zeroth": quantity_of("law", implicit[:, 1], unit, "variance of ZoBG"),
-            "limit": quantity_of((), limit(params), "N/m", "m (1 + c)/h²"),
-            "unstable": quantity_of((), _unstable(params), "N/m",
-                                    "where the spectral radius passes 1"),
+            "first_order": ("k", penalty[:, 0], unit, "variance of FoBG, spring"),
+            "zeroth_order": ("k", penalty[:, 1], unit, "variance of ZoBG, spring"),
+            "damped": (("damping", "share", "order"), damped, unit,
+                       "variance at other factors on the velocity"),
+            "damped_limit": ("damping", [limit(o) for o in others], "N/m", "m (1 + c)/h² at those"),
+            "implicit_first": ("law", implicit[:, 0], unit, "variance of FoBG"),
+            "implicit_zeroth": ("law", implicit[:, 1], unit, "variance of ZoBG"),
+            "limit": ((), limit(params), "N/m", "m (1 + c)/h²"),
+            "unstable": ((), _unstable(params), "N/m", "where the spectral radius passes 1"),
         },
         {
-            "k": quantity_of("k", k, "N/m", "stiffness"),
-            "share": quantity_of("share", share, "1", "stiffness over its limit"),
-            "damping": quantity_of("damping", DAMPINGS, "1", "factor on the velocity in a step"),
-            "order": ("order", ["fobg", "zobg"]),
-            "law": ("law", ["exact", *(f"mu = {mu:g} J" for mu in MUS)]),
+            "k": (k, "N/m", "stiffness"),
+            "share": (share, "1", "stiffness over its limit"),
+            "damping": (DAMPINGS, "1", "factor on the velocity in a step"),
+            "order": ["fobg", "zobg"],
+            "law": ["exact", *(f"mu = {mu:g} J" for mu in MUS)],
         },
     )  # fmt: skip
 

@@ -91,7 +91,7 @@ class FigureStudy:
 
     ``module`` in ``problems.studies`` is loaded on first use, because that is slow and a list of
     studies needs none. It defines ``Params``; ``run(params)``, which returns pure data, where every
-    numeric variable and coordinate has ``units`` (:func:`quantity_of`); ``claims(data)``, which
+    numeric variable and coordinate has ``units`` (:func:`dataset`); ``claims(data)``, which
     reads that data, whose attributes hold the parameters; and ``NOTES``, what a reader must know of
     choices and corrections. A long study sets ``RESUMES``: its ``run(params, pieces)`` looks up
     each finished piece first. ``QUICK`` are sizes at which it takes a minute or two, and its claims
@@ -157,11 +157,25 @@ class FigureStudy:
         return found.assign_attrs({"study": self.id, **params.model_dump()})
 
 
-def quantity_of(
-    dims: str | Sequence[str], values: ArrayLike, unit: str, meaning: str
-) -> tuple[Any, np.ndarray, dict[str, str]]:
-    """Label an array for a dataset: dimensions, values, ``units`` and ``long_name``."""
-    return dims, np.asarray(values), {"units": unit, "long_name": meaning}
+def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.Dataset:
+    """Label arrays with ``units`` and ``long_name``.
+
+    A variable is (dims, values, unit, meaning), or (dims, values) of words; a coordinate
+    (values, unit, meaning) or (values, unit), or a list of words.
+    """
+    import xarray as xr
+
+    def labelled(dims: Any, values: ArrayLike, *unit_and_meaning: str) -> Any:
+        names = ("units", "long_name")
+        return dims, np.asarray(values), dict(zip(names, unit_and_meaning, strict=False))
+
+    return xr.Dataset(
+        {name: labelled(*of) if len(of) == 4 else of for name, of in variables.items()},
+        {
+            name: labelled(name, *of) if isinstance(of, tuple) else of
+            for name, of in coordinates.items()
+        },
+    )
 
 
 def share_margin(held: ArrayLike, least: float) -> float:

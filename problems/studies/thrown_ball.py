@@ -11,8 +11,8 @@ from ocp.learning.protocol import Algorithm
 from ocp.learning.unrolls.fopg import FOPG, SHARP
 from ocp.learning.unrolls.zopg import ZOPG
 from ocp.task import Task
-from problems.studies.shared.trainings import area, difference, least
-from problems.studies.study import Claim, StudyParams, over, quantity_of, setting
+from problems.studies.shared.trainings import area, difference, gained, least
+from problems.studies.study import Claim, StudyParams, dataset, over, setting
 from problems.tasks.registry import get
 
 NOTES = (
@@ -78,20 +78,20 @@ def run(params: Params) -> xr.Dataset:
     landscapes = [_returns(judge, law, window).reshape(params.grid, -1) for law in laws.values()]
     lines = [_returns(judge, law, line) for law in laws.values()]
     every = ("algorithm", "run", "iteration")
-    return xr.Dataset(
+    return dataset(
         {
-            "angle": quantity_of(every, decisions[..., 0], "rad", "angle of the throw"),
-            "speed": quantity_of(every, decisions[..., 1], "m/s", "speed of the throw"),
-            "exact_return": quantity_of(every, returns, "m^2", "return under the exact law"),
-            "landscape": quantity_of(("law", "theta", "s"), landscapes, "m^2", "return"),
-            "line": quantity_of(("law", "along"), lines, "m^2", "return at one speed"),
+            "angle": (every, decisions[..., 0], "rad", "angle of the throw"),
+            "speed": (every, decisions[..., 1], "m/s", "speed of the throw"),
+            "exact_return": (every, returns, "m^2", "return under the exact law"),
+            "landscape": (("law", "theta", "s"), landscapes, "m^2", "return"),
+            "line": (("law", "along"), lines, "m^2", "return at one speed"),
         },
         {
             "algorithm": names,
             "law": list(laws),
-            "theta": quantity_of("theta", angles, "rad", "angle"),
-            "s": quantity_of("s", speeds, "m/s", "speed"),
-            "along": quantity_of("along", fine, "rad", "angle"),
+            "theta": (angles, "rad", "angle"),
+            "s": (speeds, "m/s", "speed"),
+            "along": (fine, "rad", "angle"),
         },
     )
 
@@ -157,14 +157,10 @@ def claims(data: xr.Dataset) -> list[Claim]:
         gains = [difference(last[name], last[other]) for name in barriers]
         faster = [difference(areas[name], areas[other]) for name in barriers]
         found += [
-            Claim(f"Barrier smoothing ends at a higher return than {other}", _PLACE,
-                  "final return above, 95 % over runs",
-                  f"{over(MUS, [g.better for g in gains])}: {', '.join(map(str, gains))}",
-                  all(g.better for g in gains), least(gains)),
-            Claim(f"Barrier smoothing converges faster than {other}", _PLACE,
-                  "mean return over iterations above, 95 % over runs",
-                  f"{over(MUS, [g.better for g in faster])}: {', '.join(map(str, faster))}",
-                  all(g.better for g in faster), least(faster)),
+            gained(f"Barrier smoothing ends at a higher return than {other}", _PLACE,
+                   "final return above, 95 % over runs", MUS, gains),
+            gained(f"Barrier smoothing converges faster than {other}", _PLACE,
+                   "mean return over iterations above, 95 % over runs", MUS, faster),
         ]  # fmt: skip
     best = max(barriers, key=lambda name: last[name].mean())
     for name in ("ABS quartic", "ABS gaussian"):

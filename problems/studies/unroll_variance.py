@@ -12,7 +12,7 @@ from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Trained
 from problems.studies.shared.trainings import job
-from problems.studies.study import Claim, Pieces, StudyParams, over, quantity_of, setting
+from problems.studies.study import Claim, Pieces, StudyParams, dataset, over, setting
 
 NOTES = (
     "Every law and length differentiates the same policies from the same states, those of a"
@@ -47,29 +47,22 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """Variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
     found = [pieces.get(task, lambda task=task: _task(task, params)) for task in TASKS]
     every = ("task", "stage", "law", "length")
-    return xr.Dataset(
+    return dataset(
         {
-            "variance": quantity_of(
-                every, [f["variance"] for f in found], "1", "trace of one gradient's covariance"
-            ),
-            "lost": quantity_of(
-                every, [f["lost"] for f in found], "1", "share of unrolls that are not finite"
-            ),
-            "lipschitz": quantity_of(
-                ("task", "stage", "law"), [f["lipschitz"] for f in found], "1",
-                "L_f, the largest norm of [A B]",
-            ),
-            "lipschitz_policy": quantity_of(
-                ("task", "stage"), [f["lipschitz_policy"] for f in found], "1", "L_pi"
-            ),
+            "variance": (every, [f["variance"] for f in found], "1",
+                         "trace of one gradient's covariance"),
+            "lost": (every, [f["lost"] for f in found], "1",
+                     "share of unrolls that are not finite"),
+            "lipschitz": (("task", "stage", "law"), [f["lipschitz"] for f in found], "1",
+                          "L_f, the largest norm of [A B]"),
+            "lipschitz_policy": (("task", "stage"), [f["lipschitz_policy"] for f in found], "1",
+                                 "L_pi"),
         },
         {
             "task": list(TASKS),
             "law": list(LAWS),
-            "length": quantity_of("length", LENGTHS, "1", "unroll length H"),
-            "stage": quantity_of(
-                "stage", params.every * np.arange(params.stages), "1", "iterations of training"
-            ),
+            "length": (LENGTHS, "1", "unroll length H"),
+            "stage": (params.every * np.arange(params.stages), "1", "iterations of training"),
         },
     )  # fmt: skip
 

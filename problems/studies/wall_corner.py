@@ -12,7 +12,7 @@ from dynamics.batch import BatchFunction, Gaussian
 from dynamics.systems import Signal
 from ocp.gradients.objective import CostSamples, SampledObjective
 from problems.studies.shared.decision_sweep import both_orders, sweep_decision
-from problems.studies.study import CODE, Claim, StudyParams, listed, over, quantity_of, setting
+from problems.studies.study import CODE, Claim, StudyParams, dataset, listed, over, setting
 
 NOTES = (
     "Impacts are elastic mirror reflections inside a step; the authors' 0.9 of restitution is"
@@ -161,11 +161,8 @@ def thrown(params: Params, dome: bool, width: float | None = None) -> ThrownBall
 
 
 def _shrinking(params: Params, corner: float) -> dict:
-    """Narrower and narrower domes, thrown at the corner's angle.
-
-    ``beta, Delta, S`` of pathologies, def. III.3, for the event that the dome is missed: the slope
-    is then at most that of the rectangle, whose throws never meet a curved surface.
-    """
+    """``beta, Delta, S`` of pathologies, def. III.3, at the corner's angle as the dome narrows."""
+    # The event is that the dome is missed: the slope is then at most that of the rectangle.
     width = params.width / 2.0 ** np.arange(_HALVINGS)
     at_flat = thrown(params, False).at({"theta": corner})
     noise = Gaussian(params.sigma, np.random.SeedSequence(params.seed, spawn_key=(_HALVINGS,)))
@@ -184,10 +181,10 @@ def _shrinking(params: Params, corner: float) -> dict:
     names = ("variance_first", "variance_zeroth", "beta", "Delta", "S", "size")
     units = ("m^2/rad^2", "m^2/rad^2", "1", "m/rad", "m/rad", "m/rad")
     found = {
-        f"narrow_{name}": quantity_of("width", values, unit, f"{name} at the corner's angle")
+        f"narrow_{name}": ("width", values, unit, f"{name} at the corner's angle")
         for name, unit, values in zip(names, units, np.transpose(rows), strict=True)
     }
-    return {**found, "width": quantity_of("width", width, "m", "diameter of the dome")}
+    return {**found, "width": (width, "m", "diameter of the dome")}
 
 
 def run(params: Params) -> xr.Dataset:
@@ -211,29 +208,28 @@ def run(params: Params) -> xr.Dataset:
 
     shapes, narrow = ("shape", "theta"), _shrinking(params, corner)
     width = narrow.pop("width")
-    return xr.Dataset(
+    return dataset(
         {
-            "path": quantity_of(("shape", "throw", "node", "axis"),
-                                drawn, "m", "position"),
-            "f": quantity_of(("shape", "fine"), list(cost.values()), "m", "minus final x"),
-            "F": quantity_of(shapes, stacked("F"), "m", "smoothed objective"),
-            "slope": quantity_of(shapes, stacked("slope"), slope, "its derivative"),
-            "first": quantity_of((*shapes, "moment"), stacked("first"), slope, "FoBG"),
-            "zeroth": quantity_of((*shapes, "moment"), stacked("zeroth"), slope, "ZoBG"),
-            "first_variance": quantity_of(shapes, stacked("first_variance"), "m^2/rad^2",
-                                          "variance of one sample, FoBG"),
-            "zeroth_variance": quantity_of(shapes, stacked("zeroth_variance"), "m^2/rad^2",
-                                           "variance of one sample, ZoBG"),
-            "corner": quantity_of((), corner, "rad", "angle at which the rectangle's f jumps"),
+            "path": (("shape", "throw", "node", "axis"), drawn, "m", "position"),
+            "f": (("shape", "fine"), list(cost.values()), "m", "minus final x"),
+            "F": (shapes, stacked("F"), "m", "smoothed objective"),
+            "slope": (shapes, stacked("slope"), slope, "its derivative"),
+            "first": ((*shapes, "moment"), stacked("first"), slope, "FoBG"),
+            "zeroth": ((*shapes, "moment"), stacked("zeroth"), slope, "ZoBG"),
+            "first_variance": (shapes, stacked("first_variance"), "m^2/rad^2",
+                               "variance of one sample, FoBG"),
+            "zeroth_variance": (shapes, stacked("zeroth_variance"), "m^2/rad^2",
+                                "variance of one sample, ZoBG"),
+            "corner": ((), corner, "rad", "angle at which the rectangle's f jumps"),
             **narrow,
         },
         {
-            "shape": ("shape", list(SHAPES)),
-            "axis": ("axis", ["x", "y"]),
-            "moment": ("moment", ["mean", "standard error"]),
-            "throw": quantity_of("throw", shown, "rad", "angle of the throws drawn"),
-            "fine": quantity_of("fine", fine, "rad", "angle"),
-            "theta": quantity_of("theta", theta, "rad", "angle"),
+            "shape": list(SHAPES),
+            "axis": ["x", "y"],
+            "moment": ["mean", "standard error"],
+            "throw": (shown, "rad", "angle of the throws drawn"),
+            "fine": (fine, "rad", "angle"),
+            "theta": (theta, "rad", "angle"),
             "width": width,
         },
     )  # fmt: skip

@@ -11,9 +11,9 @@ from problems.drawing import ContactFrame, Shape
 from problems.half_cheetah import SPHERES
 from problems.machines.half_cheetah import half_cheetah as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
-from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
+from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
-from problems.tasks.running import inertia, mass, measures, start, tame, weighed
+from problems.tasks.running import built, inertia, mass, tame
 
 name = "half-cheetah"
 title = "Half-cheetah: run"
@@ -72,31 +72,14 @@ class Params(Parameters):
 
 def build(params: Params) -> Task:
     """Build the task; the state is (q, v), the reward [1] adds a speed [m/s] to numbers."""
-    p, friction = friction_of(table(params))
-    machine = machine_of(
-        base_damping=p["base_damping"], spring_scale=p["spring_scale"], damping=p["damping"],
-        limits=bool(params.limits),
-    )  # fmt: skip
-    system = weighed(machine, p).system(
-        name, p, h=p["h"], friction=friction, spheres=SPHERES[params.spheres], cone=params.cone
-    )
+    system, common = built(name, params, machine_of, "spring_scale", SPHERES[params.spheres])
     x, nq = system.x, system.nx // 2
-    first, chance = start(machine)
     return Task(
-        name=name,
-        system=system,
-        parameters=p,
-        horizon=params.horizon,
-        start=first,
-        chance=chance,
+        **common,
         reward=system.x_next[nq] - 0.1 * ca.sumsqr(system.u),
         done=ca.logic_not(tame(x, _LARGEST)),
         lasts=ca.SX(0, 1),
         observation=x[1:],
-        observations=system.states[1:],
-        lower=-np.ones(system.nu),
-        upper=np.ones(system.nu),
-        measures=measures(system, p["h"]),
     )
 
 

@@ -11,9 +11,9 @@ from problems.drawing import ContactFrame, Shape
 from problems.hopper import SPHERES
 from problems.machines.hopper import hopper as machine_of
 from problems.machines.picture import machine_frames, machine_shapes
-from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
+from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
-from problems.tasks.running import inertia, mass, measures, start, tame, weighed
+from problems.tasks.running import built, inertia, mass, tame
 
 name = "hopper"
 title = "Hopper: run without falling"
@@ -82,34 +82,17 @@ def build(params: Params) -> Task:
     The source leaves the inputs unbounded; the bounds of one unit, 200 N m, are ours. A state that
     is not finite ends the episode too.
     """
-    p, friction = friction_of(table(params))
-    machine = machine_of(
-        base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"],
-        limits=bool(params.limits),
-    )  # fmt: skip
-    system = weighed(machine, p).system(
-        name, p, h=p["h"], friction=friction, spheres=SPHERES[params.spheres], cone=params.cone
-    )
+    system, common = built(name, params, machine_of, "spring", SPHERES[params.spheres])
     x, u, nq = system.x, system.u, system.nx // 2
-    first, chance = start(machine)
     lasts = ca.vertcat(x[1] - _LOWEST, _STEEPEST - x[2], _STEEPEST + x[2], _WILDEST**2 - x**2)
     standing = ca.logic_and(x[1] > _LOWEST, ca.fabs(x[2]) < _STEEPEST)
     seen = ca.fmax(-_FASTEST_SEEN, ca.fmin(x[nq:], _FASTEST_SEEN))
     return Task(
-        name=name,
-        system=system,
-        parameters=p,
-        horizon=params.horizon,
-        start=first,
-        chance=chance,
+        **common,
         reward=system.x_next[nq] + 0.1 - 1e-4 * ca.sumsqr(u),
         done=ca.logic_not(ca.logic_and(standing, tame(x, _WILDEST))),
         lasts=lasts,
         observation=ca.vertcat(x[1:nq], seen),
-        observations=system.states[1:],
-        lower=-np.ones(system.nu),
-        upper=np.ones(system.nu),
-        measures=measures(system, p["h"]),
     )
 
 

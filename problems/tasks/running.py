@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import ContactSystem, ParameterTable, Signal
+from dynamics.systems import ContactSystem, Signal
 from ocp.task import Measure
 from problems.machines.machine import PublishedMachine
-from problems.parameters import quantity
+from problems.parameters import friction_of, quantity, table
 
 
 def mass(machine: PublishedMachine, link: str) -> Any:
@@ -29,30 +30,46 @@ def _weights(machine: PublishedMachine, name: str) -> tuple[float, float]:
     return float(link.mass), float(link.inertia)
 
 
-def weighed(machine: PublishedMachine, p: ParameterTable) -> PublishedMachine:
-    """The machine with ``mass_<link>`` [kg] and ``inertia_<link>`` [kg m²] of ``p`` as its own."""
+def built(
+    name: str, params: Any, machine_of: Callable[..., PublishedMachine], spring: str,
+    spheres: Collection[str] | None,
+) -> tuple[ContactSystem, dict[str, Any]]:  # fmt: skip
+    """System of the machine at ``params``, and the fields of :class:`~ocp.task.Task` that all have.
+
+    The links weigh ``mass_<link>`` [kg] and ``inertia_<link>`` [kg m²]; ``spring`` names the
+    parameter of the joints' springs. The start is that of :meth:`PublishedMachine.reset`, one unit
+    bounds each input, and speed and height of the torso are measured.
+    """
+    p, friction = friction_of(table(params))
+    stiffness = {spring: p[spring]}
+    machine = machine_of(base_damping=p["base_damping"], damping=p["damping"],
+                         limits=bool(params.limits), **stiffness)  # fmt: skip
     links = (
         replace(link, mass=p[f"mass_{link.name}"], inertia=p[f"inertia_{link.name}"])
         for link in machine.links
     )
-    return replace(machine, links=tuple(links))
-
-
-def start(machine: PublishedMachine) -> tuple[ca.SX, ca.SX]:
-    """State (q, v) of :meth:`PublishedMachine.reset` and its chance, one for each component."""
+    system = replace(machine, links=tuple(links)).system(
+        name, p, h=p["h"], friction=friction, spheres=spheres, cone=params.cone
+    )
     pose = np.concatenate([machine.pose, np.zeros(len(machine.pose))])
     pose[1] += machine.lift
     chance = ca.SX.sym("chance", len(pose))
-    return ca.DM(pose) + machine.noise * chance, chance
-
-
-def measures(system: ContactSystem, h: ca.SX) -> tuple[Measure, ...]:
-    """Forward speed over a step and height of the torso."""
     x, x_next = system.x, system.x_next
-    return (
-        Measure(Signal("speed", "m/s", "forward speed"), (x_next[0] - x[0]) / h),
-        Measure(Signal("height", "m", "height of the torso"), x_next[1]),
-    )
+    return system, {
+        "name": name,
+        "system": system,
+        "parameters": p,
+        "horizon": params.horizon,
+        "start": ca.DM(pose) + machine.noise * chance,
+        "chance": chance,
+        "observations": system.states[1:],
+        "lower": -np.ones(system.nu),
+        "upper": np.ones(system.nu),
+        "measures": (
+            Measure(Signal("speed", "m/s", "forward speed"), (x_next[0] - x[0]) / p["h"]),
+            Measure(Signal("height", "m", "height of the torso"), x_next[1]),
+        ),
+    }
 
 
 def tame(x: ca.SX, bound: float) -> ca.SX:

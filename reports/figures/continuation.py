@@ -46,8 +46,7 @@ def curve(view: RunView) -> Figure:
         axis.set_ylabel("max λ gap")
     bottom.plot(value, _column(points, "iterations"), "o", color=CYCLE[3])
     bottom.set_ylim(bottom=0)
-    bottom.set_ylabel("iterations")
-    bottom.set_xlabel(parameter_label(view))
+    bottom.set(ylabel="iterations", xlabel=parameter_label(view))
     for axis in figure.axes:
         for place in value[~good]:
             axis.axvline(place, color=INK, linestyle=":", linewidth=0.9)

@@ -39,9 +39,8 @@ def contact_plane(view: RunView) -> Figure:
         axis.plot(_above(gap[own]).ravel(), _above(lam[own]).ravel(), "os^Dv"[index % 5], alpha=0.8,
                   color=CYCLE[index % len(CYCLE)], label=title)  # fmt: skip
     gap_unit = view.gap_unit
-    axis.set(xscale="log", yscale="log")
-    axis.set_xlabel(label("gap", gap_unit))
-    axis.set_ylabel(label("λ", signals[0].unit if signals else ""))
+    axis.set(xscale="log", yscale="log", xlabel=label("gap", gap_unit),
+             ylabel=label("λ", signals[0].unit if signals else ""))  # fmt: skip
     _readable(axis)
     missing = int(np.sum((lam <= FLOOR) | (gap <= FLOOR)))
     if missing:

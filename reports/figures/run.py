@@ -39,8 +39,7 @@ def homotopy(view: RunView) -> Figure:
     if not kept.all():
         left.legend()
     for axis in (left, right):
-        axis.set_xlabel("stage")
-        axis.set_xlim(number[0] - 0.5, number[-1] + 0.5)
+        axis.set(xlabel="stage", xlim=(number[0] - 0.5, number[-1] + 0.5))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 

@@ -96,9 +96,8 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
     middle.plot(x, replayed(data).values, "o-", color=CYCLE[4])
     middle.set_ylabel("replayed / planned")
     bottom.plot(x, np.where(good, data["iterations"].values, np.nan), "o-", color=CYCLE[3])
-    bottom.set_ylim(0, 1.15 * max(1, int(data["iterations"].max())))
-    bottom.set_ylabel("iterations")
-    bottom.set_xlabel(_titled(axis))
+    bottom.set(ylim=(0, 1.15 * max(1, int(data["iterations"].max()))), ylabel="iterations",
+               xlabel=_titled(axis))  # fmt: skip
     if axis["log"]:
         bottom.set_xscale("log")
     for place, grade in zip(x, data["grade"].values, strict=True):
@@ -201,8 +200,7 @@ def _verdicts(axes: Axes, grades: np.ndarray) -> Any:
 def _framed(axes: Axes, shape: tuple[int, ...]) -> None:
     axes.grid(False)
     axes.set_facecolor(FAINT)
-    axes.set_xlim(-0.5, shape[1] - 0.5)
-    axes.set_ylim(-0.5, shape[0] - 0.5)
+    axes.set(xlim=(-0.5, shape[1] - 0.5), ylim=(-0.5, shape[0] - 0.5))
 
 
 def _cross(axes: Axes, good: np.ndarray) -> None:

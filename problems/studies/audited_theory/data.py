@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from problems.studies.audited_theory import bounds
-from problems.studies.study import StudyParams, quantity_of, setting
+from problems.studies.study import StudyParams, dataset, setting
 
 SIZES = tuple(range(1, 9))
 MUS = 10.0 ** np.arange(-8, 1)
@@ -56,20 +56,17 @@ def _audit(params: Params, rng: np.random.Generator) -> dict:
                 ratio[row, column, bound, undefined] = np.nan
             step[row, column] = np.mean(np.any(away.lam > mu[:, None] / apart, axis=1))
     return {
-        "ratio": quantity_of(("kind", "size", "bound", "draw"), ratio, "1",
-                             "true slope over bound; for A.26 its relative error"),
-        "step_5_1": quantity_of(("kind", "size"), step, "1",
-                                "how often lam_i > mu/z_i, against a step in the proof of 5.1"),
+        "ratio": (("kind", "size", "bound", "draw"), ratio, "1",
+                  "true slope over bound; for A.26 its relative error"),
+        "step_5_1": (("kind", "size"), step, "1",
+                     "how often lam_i > mu/z_i, against a step in the proof of 5.1"),
     }  # fmt: skip
 
 
 def _over_domain(
     z: np.ndarray, F: np.ndarray, mu: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Largest |z| and largest slope, (draws,) each, of every system over several points.
-
-    The supremum of thm. 4.5 is one over the domain, and so is the slope that it bounds.
-    """
+    """Largest |z| and largest slope, (draws,) each, of every system over points of its domain."""
     reach, steepest = np.linalg.norm(z, axis=1), bounds.norms(bounds.solve(z, F, mu).slope)
     for _ in range(_POINTS - 1):
         other = rng.standard_normal(z.shape)
@@ -101,9 +98,9 @@ def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
             bound[row, column] = bounds.theorem_4_5(reach, F, weights, 1).max()
     along = ("kind", "mu")
     return {
-        "slope": quantity_of(along, slope, "1", "largest |dlam/dz| of all systems"),
-        "curvature": quantity_of(along, curvature, "1", "largest |d²lam/dz²| at a kink"),
-        "printed": quantity_of(along, bound, "1", "bound of thm. 4.5 as printed"),
+        "slope": (along, slope, "1", "largest |dlam/dz| of all systems"),
+        "curvature": (along, curvature, "1", "largest |d²lam/dz²| at a kink"),
+        "printed": (along, bound, "1", "bound of thm. 4.5 as printed"),
     }
 
 
@@ -116,10 +113,10 @@ def _counterexamples() -> dict:
     state = abs(found.slope[0, 0, 1])
     held = 4 * float(np.sum(found.lam[0] ** 2))
     return {
-        "counter_4_5": quantity_of("side", [state, held], "1", "|dx+/dx| and thm. 4.5 at F_1"),
-        "counter_5_1": quantity_of(
-            "side", [bounds.norms(found.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]], "1",
-            "|dlam/dz| and thm. 5.1 at F_2"),
+        "counter_4_5": ("side", [state, held], "1", "|dx+/dx| and thm. 4.5 at F_1"),
+        "counter_5_1": ("side",
+                        [bounds.norms(found.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]], "1",
+                        "|dlam/dz| and thm. 5.1 at F_2"),
     }  # fmt: skip
 
 
@@ -132,31 +129,31 @@ def run(params: Params) -> xr.Dataset:
     vectors = bounds.empirical_bias_pairs(rng, 100 * params.draws)
     unbiased = bounds.unbiasedness(params.seed, 10 * params.n_samples)
     growth = bounds.growth(params.seed, params.n_samples, HORIZONS, GAINS)
-    return xr.Dataset(
+    return dataset(
         {
             **audit,
             **sweep,
             **_counterexamples(),
-            **{f"pair_{name}": quantity_of("pair", values, "1", f"{name}, single contact")
+            **{f"pair_{name}": ("pair", values, "1", f"{name}, single contact")
                for name, values in pairs.items()},
-            **{f"vector_{name}": quantity_of("vector", values, "1", f"{name}, lemma III.4")
+            **{f"vector_{name}": ("vector", values, "1", f"{name}, lemma III.4")
                for name, values in vectors.items()},
-            **{f"printed_{name}": quantity_of(("constants", "pair"), values, "1",
-                                              f"{name} of thm. 5.4, eq. 5.1 as printed")
+            **{f"printed_{name}": (("constants", "pair"), values, "1",
+                                   f"{name} of thm. 5.4, eq. 5.1 as printed")
                for name, values in bias.items()},
-            "z_score": quantity_of((), unbiased["z_score"], "1", "lemma III.1 on wall-1d"),
-            "components": quantity_of((), unbiased["components"], "1", "inputs compared"),
-            "growth": quantity_of(("gain", "horizon"), growth, "1", "variance of the gradient"),
-            "policy_lipschitz": quantity_of((), np.hypot(1, bounds.GROWTH_NOISE), "1",
-                                            "constant of the policy in state and noise"),
+            "z_score": ((), unbiased["z_score"], "1", "lemma III.1 on wall-1d"),
+            "components": ((), unbiased["components"], "1", "inputs compared"),
+            "growth": (("gain", "horizon"), growth, "1", "variance of the gradient"),
+            "policy_lipschitz": ((), np.hypot(1, bounds.GROWTH_NOISE), "1",
+                                 "constant of the policy in state and noise"),
         },
         {
-            "kind": ("kind", list(bounds.KINDS)),
-            "size": quantity_of("size", SIZES, "1", "number of contacts"),
-            "bound": ("bound", list(BOUNDS)),
-            "constants": ("constants", [f"({a:g}, {b:g})" for a, b in bounds.CONSTANTS]),
-            "mu": quantity_of("mu", MUS, "1", "central-path parameter"),
-            "gain": quantity_of("gain", GAINS, "1", "Lipschitz constant of the dynamics"),
-            "horizon": quantity_of("horizon", HORIZONS, "1", "steps"),
+            "kind": list(bounds.KINDS),
+            "size": (SIZES, "1", "number of contacts"),
+            "bound": list(BOUNDS),
+            "constants": [f"({a:g}, {b:g})" for a, b in bounds.CONSTANTS],
+            "mu": (MUS, "1", "central-path parameter"),
+            "gain": (GAINS, "1", "Lipschitz constant of the dynamics"),
+            "horizon": (HORIZONS, "1", "steps"),
         },
     )  # fmt: skip

@@ -11,7 +11,7 @@ import xarray as xr
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.mlp import MlpModel
 from problems.studies.shared.noised_line import LinePusher, Walls, answers, average_of, network_of
-from problems.studies.study import CODE, StudyParams, quantity_of, setting
+from problems.studies.study import CODE, StudyParams, dataset, setting
 
 REGIMES = ("sparse", "dense")
 STARTS = np.array([-1.6, -1.25, -1.05, 1.05, 1.25, 1.6])
@@ -53,28 +53,28 @@ def run(params: Params) -> xr.Dataset:
     found = {
         **_learned("pusher", "u", commands, u, pusher.step, params),
         **_learned("block", "x", states, x, lambda rest: rest, params),
-        "f": quantity_of("u", pusher.step(u), "m", "block after a step, exact"),
-        "f_sigma": quantity_of("u", pusher.smoothed(u, sigma), "m", "closed form"),
-        "uniform_pusher": quantity_of("u", pusher.noised(u, sigma, -1, 1), "m",
-                                      "g_sigma of uniform data, closed form"),
-        "uniform_block": quantity_of("x", walls.noised(x, sigma), "m",
-                                     "g_sigma of uniform states, closed form"),
-        "sampled": quantity_of("dot", drawn.mean(axis=0), "m", "f_sigma, mean of draws"),
-        "sampled_error": quantity_of("dot", drawn.std(axis=0, ddof=1) / np.sqrt(params.draws),
-                                     "m", "standard error of that mean"),
-        "true_dots": quantity_of("dot", pusher.smoothed(DOTS, sigma), "m", "closed form"),
+        "f": ("u", pusher.step(u), "m", "block after a step, exact"),
+        "f_sigma": ("u", pusher.smoothed(u, sigma), "m", "closed form"),
+        "uniform_pusher": ("u", pusher.noised(u, sigma, -1, 1), "m",
+                           "g_sigma of uniform data, closed form"),
+        "uniform_block": ("x", walls.noised(x, sigma), "m",
+                          "g_sigma of uniform states, closed form"),
+        "sampled": ("dot", drawn.mean(axis=0), "m", "f_sigma, mean of draws"),
+        "sampled_error": ("dot", drawn.std(axis=0, ddof=1) / np.sqrt(params.draws), "m",
+                          "standard error of that mean"),
+        "true_dots": ("dot", pusher.smoothed(DOTS, sigma), "m", "closed form"),
         **many_sets(pusher, params.sparse, params.dense, params.seed),
     }  # fmt: skip
-    return xr.Dataset(found, {
-        "u": quantity_of("u", u, "m", "commanded pusher"),
-        "x": quantity_of("x", x, "m", "block before a step"),
-        "dot": quantity_of("dot", DOTS, "m", "commanded pusher"),
-        "regime": ("regime", list(REGIMES)),
-        "start": quantity_of("start", STARTS, "m", "block at first"),
-        "step": quantity_of("step", np.arange(STEPS + 1), "1", "steps"),
-        "width": quantity_of("width", WIDTHS, "m", "sigma"),
-        "set": quantity_of("set", np.arange(SETS), "1", "set of data"),
-        "map": ("map", ["g_sigma", "h_sigma"]),
+    return dataset(found, {
+        "u": (u, "m", "commanded pusher"),
+        "x": (x, "m", "block before a step"),
+        "dot": (DOTS, "m", "commanded pusher"),
+        "regime": list(REGIMES),
+        "start": (STARTS, "m", "block at first"),
+        "step": (np.arange(STEPS + 1), "1", "steps"),
+        "width": (WIDTHS, "m", "sigma"),
+        "set": (np.arange(SETS), "1", "set of data"),
+        "map": ["g_sigma", "h_sigma"],
     })  # fmt: skip
 
 
@@ -82,11 +82,7 @@ def _learned(
     name: str, along: str, data: dict[str, np.ndarray], at: np.ndarray,
     f: Callable[[np.ndarray], np.ndarray], params: Params,
 ) -> dict[str, Any]:  # fmt: skip
-    """g_sigma and networks h_sigma over ``at`` (k,), and their distance, in both regimes.
-
-    ``rms`` is over the noised data, whose density p_sigma is: where they never come nothing is
-    learned. ``effect`` is the same of g_sigma - f.
-    """
+    """g_sigma, networks h_sigma over ``at`` (k,), and rms distances over the noised data."""
     g = np.empty((len(REGIMES), len(at)))
     h = np.empty((len(REGIMES), params.networks, len(at)))
     rms, effect = np.empty(h.shape[:2]), np.empty(len(REGIMES))
@@ -104,18 +100,16 @@ def _learned(
             h[row, i] = answers(models[-1], at)
             rms[row, i] = np.sqrt(density @ (h[row, i] - g[row]) ** 2)
         paths[row] = [rollout(model) for model in models[:2]]
-        found[f"{name}_data_{regime}"] = quantity_of(
-            f"{name}_{regime}", np.sort(z), "m", f"{regime} data"
-        )
+        found[f"{name}_data_{regime}"] = (f"{name}_{regime}", np.sort(z), "m", f"{regime} data")
     if name == "block":
-        found["rollout"] = quantity_of(("regime", "map", "start", "step"), paths, "m",
-                                       "block, step after step")  # fmt: skip
+        dims = ("regime", "map", "start", "step")
+        found["rollout"] = (dims, paths, "m", "block, step after step")
     return {
         **found,
-        f"{name}_g": quantity_of(("regime", along), g, "m", "g_sigma of random data"),
-        f"{name}_h": quantity_of(("regime", "network", along), h, "m", "h_sigma"),
-        f"{name}_rms": quantity_of(("regime", "network"), rms, "m", "of h_sigma - g_sigma"),
-        f"{name}_effect": quantity_of("regime", effect, "m", "rms of g_sigma - f"),
+        f"{name}_g": (("regime", along), g, "m", "g_sigma of random data"),
+        f"{name}_h": (("regime", "network", along), h, "m", "h_sigma"),
+        f"{name}_rms": (("regime", "network"), rms, "m", "of h_sigma - g_sigma"),
+        f"{name}_effect": ("regime", effect, "m", "rms of g_sigma - f"),
     }
 
 
@@ -169,15 +163,14 @@ def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[st
             inside[row, i] = _inside(rng.uniform(-1, 1, dense), sigma)
     both = ("width", "set")
     return {
-        "score_square": quantity_of(both, square, "1",
-                                    "mean of ((g - f_sigma)/standard error)², 3 sigma off ends"),
-        "dense_rms": quantity_of(both, bias, "m", "rms of g_sigma - f_sigma, 3 sigma off ends"),
-        "dense_error": quantity_of(both, error, "m", "rms of the standard error of g_sigma"),
-        "end_score": quantity_of(both, at_end, "1",
-                                 "(g - f_sigma)/standard error at the upper end"),
-        "steepest": quantity_of(both, steepest, "1", "slope of g_sigma over rho, sparse data"),
-        "flattest": quantity_of(both, flattest, "1", "the least in contact, within the data"),
-        "least_inside": quantity_of(both, inside, "m", "way inside the wall after one step"),
+        "score_square": (both, square, "1",
+                         "mean of ((g - f_sigma)/standard error)², 3 sigma off ends"),
+        "dense_rms": (both, bias, "m", "rms of g_sigma - f_sigma, 3 sigma off ends"),
+        "dense_error": (both, error, "m", "rms of the standard error of g_sigma"),
+        "end_score": (both, at_end, "1", "(g - f_sigma)/standard error at the upper end"),
+        "steepest": (both, steepest, "1", "slope of g_sigma over rho, sparse data"),
+        "flattest": (both, flattest, "1", "the least in contact, within the data"),
+        "least_inside": (both, inside, "m", "way inside the wall after one step"),
     }  # fmt: skip
 
 

@@ -80,10 +80,8 @@ class Walls:
         return 1 + (near - far * ratio) / mass - ((1 - ratio) / mass) ** 2
 
     def _seen(self, x: ArrayLike, sigma: float) -> tuple[np.ndarray, ...]:
-        """Side of x, pdf ratio of the walls, mass between them over the nearer pdf, the walls.
-
-        From the nearer wall, and over its density, nothing underflows however far outside x is.
-        """
+        """Side of x, pdf ratio of the walls, mass between them over the nearer pdf, the walls."""
+        # Relative to the nearer wall's density nothing underflows, however far outside x is.
         off = np.asarray(x) - 0.5 * (self.low + self.high)
         half, away = 0.5 * (self.high - self.low), np.abs(off)
         near, far = (away - half) / sigma, (away + half) / sigma

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from dynamics.contact import ContactLaw
 from ocp.errors import choose
 from ocp.learning.algorithms import ALGORITHMS
 from ocp.scheduling import Failure, Function, Report, run_jobs
-from problems.studies.study import Pieces
+from problems.studies.study import Claim, Pieces, over
 from problems.tasks import registry
 from problems.tasks.registry import default_settings, make_algorithm
 from problems.tasks.training import TrainingJob, trained
@@ -114,6 +114,15 @@ def difference(one: np.ndarray, other: np.ndarray, paired: bool = True) -> Diffe
 def least(gains: Iterable[Difference]) -> float:
     """The margin of the sentence that all of ``gains`` are gains."""
     return min(gain.margin for gain in gains)
+
+
+def gained(
+    sentence: str, source: str, expected: str, settings: Sequence[object], gains: list[Difference]
+) -> Claim:
+    """The claim that ``gains``, one at each of ``settings``, are all gains."""
+    better = [gain.better for gain in gains]
+    measured = f"{over(settings, better)}: {', '.join(map(str, gains))}"
+    return Claim(sentence, source, expected, measured, all(better), least(gains))
 
 
 def area(curve: np.ndarray) -> np.ndarray:

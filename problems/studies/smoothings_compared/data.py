@@ -20,7 +20,7 @@ from ocp import Direct, Solution, solve
 from ocp.rollout import roll_out
 from problems.registry import get
 from problems.studies.shared.learned_laws import average, network, transitions
-from problems.studies.study import Pieces, StudyParams, quantity_of, setting
+from problems.studies.study import Pieces, StudyParams, dataset, setting
 
 PROBLEMS = ("push-1d", "push-disc", "planar-push", "planar-hand")
 SHARES = (0.001, 0.01, 0.1, 1.0)
@@ -134,18 +134,18 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
             chosen = trust[i, shares.index(TRUSTED), k].copy()
             chosen[-2:] += trust[i, 0, k, -2:]
             told[i, LAWS.index("trusting ewda"), k] = chosen
-    return xr.Dataset(
+    return dataset(
         {
             **_labelled(("problem", "law", "seed"), told, ""),
             **_labelled(("problem", "share", "seed"), trust, "trusting_"),
-            "rest": quantity_of("problem", [rest_cost(name) for name in PROBLEMS], "1",
-                                "cost of standing still under the exact law"),
+            "rest": ("problem", [rest_cost(name) for name in PROBLEMS], "1",
+                     "cost of standing still under the exact law"),
         },
         {
             "problem": list(PROBLEMS),
             "law": list(LAWS),
-            "seed": ("seed", params.seed + np.arange(params.seeds), {"units": "1"}),
-            "share": ("share", list(shares), {"units": "1"}),
+            "seed": (params.seed + np.arange(params.seeds), "1"),
+            "share": (list(shares), "1"),
             "motion": ["plan", "exact replay"],
             "part": ["learning", "solving"],
         },
@@ -160,7 +160,7 @@ def _labelled(dims: tuple[str, ...], told: np.ndarray, prefix: str) -> dict[str,
         "iterations": (dims, told[..., 3], "1", "iterations of the solver"),
         "seconds": ((*dims, "part"), told[..., 4:], "s", "time of the processor"),
     }
-    return {prefix + name: quantity_of(*column) for name, column in columns.items()}
+    return {prefix + name: column for name, column in columns.items()}
 
 
 def _told(found: Solution, learning: float, solving: float) -> dict[str, np.ndarray]:

@@ -26,7 +26,7 @@ from problems.studies.start_without_contact.dynamics import (
     descend,
     dynamics,
 )
-from problems.studies.study import CODE, Pieces, StudyParams, quantity_of, setting
+from problems.studies.study import CODE, Pieces, StudyParams, dataset, setting
 
 if TYPE_CHECKING:
     from problems.studies.start_without_contact.data import Params
@@ -81,12 +81,12 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     coordinates |= {
         "dynamics": list(DYNAMICS),
         "swept": list(SWEPT),
-        "width": ("width", list(WIDTHS), {"units": "1"}),
-        "amount": ("amount", _amounts(params), {"units": "1"}),
-        "step": ("step", EVERY * np.arange(params.steps // EVERY + 1), {"units": "1"}),
+        "width": (list(WIDTHS), "1"),
+        "amount": (_amounts(params), "1"),
+        "step": (EVERY * np.arange(params.steps // EVERY + 1), "1"),
         "end": ["model", "exact replay"],
     }
-    return xr.Dataset(variables, coordinates)
+    return dataset(variables, coordinates)
 
 
 def _amounts(params: Params) -> list[int]:
@@ -115,11 +115,11 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> d
             gains[row, column], work[row, column] = found["costs"], found["iterations"]
     both = ("problem", "dynamics")
     return {
-        "learned": quantity_of((*both, "seed", "step", "end"), learned, "1", "cost, eq. 14"),
-        "object": quantity_of((*both, "seed"), of_object, "1", "object's cost, exact replay"),
-        "states": quantity_of((*both, "node", "entry"), states, "m, rad", "exact replay"),
-        "gains": quantity_of((*both, "end"), gains, "1", "cost of IPOPT's gains"),
-        "work": quantity_of(both, work, "1", "iterations of IPOPT"),
+        "learned": ((*both, "seed", "step", "end"), learned, "1", "cost, eq. 14"),
+        "object": ((*both, "seed"), of_object, "1", "object's cost, exact replay"),
+        "states": ((*both, "node", "entry"), states, "m, rad", "exact replay"),
+        "gains": ((*both, "end"), gains, "1", "cost of IPOPT's gains"),
+        "work": (both, work, "1", "iterations of IPOPT"),
     }
 
 
@@ -159,7 +159,7 @@ def _swept(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dic
                     found = _descent(pieces, source, kind, sigma, n, params.seed)
                     final[row, column, i, j] = np.median(found["exact"][-LAST:])
     dims = ("problem", "swept", "width", "amount")
-    return {"final": quantity_of(dims, final, "1", "final cost under the exact law")}
+    return {"final": (dims, final, "1", "final cost under the exact law")}
 
 
 PROBLEMS = ("planar-push", "planar-hand")
@@ -226,12 +226,12 @@ def labelled(found: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, An
     """Variables and coordinates of a dataset from :func:`planned`."""
     both = ("problem", "law")
     return {
-        "cost": quantity_of((*both, "of"), found["cost"], "1", "cost of the object"),
-        "total": quantity_of((*both, "motion"), found["total"], "1", "whole cost"),
-        "iterations": quantity_of(both, found["iterations"], "1", "iterations of the solver"),
+        "cost": ((*both, "of"), found["cost"], "1", "cost of the object"),
+        "total": ((*both, "motion"), found["total"], "1", "whole cost"),
+        "iterations": (both, found["iterations"], "1", "iterations of the solver"),
         "status": (both, found["status"]),
-        "path": quantity_of((*both, "motion", "node", "pose"), found["path"], "m, m, rad",
-                            "pose of the object"),
+        "path": ((*both, "motion", "node", "pose"), found["path"], "m, m, rad",
+                 "pose of the object"),
     }, {
         "problem": list(PROBLEMS),
         "law": list(LAWS),

@@ -15,7 +15,7 @@ from dynamics.systems.parameters import Signal
 from problems.regions import region_of
 from problems.registry import spec
 from problems.studies.shared.noised_line import LinePusher, answers, average_of, network_of
-from problems.studies.study import CODE, StudyParams, quantity_of, setting
+from problems.studies.study import CODE, StudyParams, dataset, setting
 from problems.studies.theory_of_noising import lemmas
 
 
@@ -45,30 +45,28 @@ def run(params: Params) -> xr.Dataset:
         **along_the_task(params.n_samples, seed),
     }
     coordinates = {
-        "command": quantity_of("command", lemmas.COMMANDS, "1", "slope of the step in contact"),
-        "width": quantity_of("width", lemmas.WIDTHS, "m", "sigma"),
-        "place": quantity_of("place", lemmas.PLACES, "1", "of the kink between two data"),
-        "spacing": quantity_of("spacing", lemmas.SPACINGS, "1", "of the data over sigma"),
-        "case": ("case", list(lemmas.CASES)),
-        "change": quantity_of("change", lemmas.CHANGES, "m", "perturbation, root mean square"),
-        "candidate": ("candidate", list(lemmas.CANDIDATES)),
-        "dimension": quantity_of("dimension", lemmas.DIMENSIONS, "1", "coordinates"),
-        "spread": quantity_of("spread", lemmas.SPREADS, "1", "sigma over the data's deviation"),
-        "gap": quantity_of("gap", lemmas.GAPS, "m", "distance of the walls"),
-        "depth": quantity_of("depth", lemmas.DEPTHS, "1", "penetration over sigma"),
-        "sample": quantity_of("sample", lemmas.SAMPLES, "1", "random states between the walls"),
-        "end": ("end", list(lemmas.ENDS)),
-        "distance": quantity_of(
-            "distance", lemmas.DISTANCES, "1", "from the data's end over sigma"
-        ),
-        "units": quantity_of("units", UNITS, "1", "in each of two layers"),
-        "pairs": quantity_of("pairs", PAIRS, "1", "noised pairs trained on"),
-        "dim": quantity_of("dim", DIMENSIONS, "1", "coordinates"),
-        "normalised": quantity_of("normalised", SPREADS, "1", "sigma over deviation"),
-        "problem": ("problem", list(PROBLEMS)),
-        "drawn": ("drawn", list(DRAWN)),
+        "command": (lemmas.COMMANDS, "1", "slope of the step in contact"),
+        "width": (lemmas.WIDTHS, "m", "sigma"),
+        "place": (lemmas.PLACES, "1", "of the kink between two data"),
+        "spacing": (lemmas.SPACINGS, "1", "of the data over sigma"),
+        "case": list(lemmas.CASES),
+        "change": (lemmas.CHANGES, "m", "perturbation, root mean square"),
+        "candidate": list(lemmas.CANDIDATES),
+        "dimension": (lemmas.DIMENSIONS, "1", "coordinates"),
+        "spread": (lemmas.SPREADS, "1", "sigma over the data's deviation"),
+        "gap": (lemmas.GAPS, "m", "distance of the walls"),
+        "depth": (lemmas.DEPTHS, "1", "penetration over sigma"),
+        "sample": (lemmas.SAMPLES, "1", "random states between the walls"),
+        "end": list(lemmas.ENDS),
+        "distance": (lemmas.DISTANCES, "1", "from the data's end over sigma"),
+        "units": (UNITS, "1", "in each of two layers"),
+        "pairs": (PAIRS, "1", "noised pairs trained on"),
+        "dim": (DIMENSIONS, "1", "coordinates"),
+        "normalised": (SPREADS, "1", "sigma over deviation"),
+        "problem": list(PROBLEMS),
+        "drawn": list(DRAWN),
     }
-    return xr.Dataset(found, coordinates)
+    return dataset(found, coordinates)
 
 
 PAIRS = np.array([32, 128, 512, 2048])
@@ -103,9 +101,9 @@ def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> 
         off[row, column, repeat] = np.sqrt(np.mean((answers(h, at) - g) ** 2))
     noise = np.sqrt(np.mean((g - pusher.step(at)) ** 2))
     return {
-        "network_error": quantity_of(("units", "pairs", "repeat"), off, "m",
-                                     "root mean square of h_sigma - g_sigma"),
-        "noising_effect": quantity_of((), noise, "m", "root mean square of g_sigma - f"),
+        "network_error": (("units", "pairs", "repeat"), off, "m",
+                          "root mean square of h_sigma - g_sigma"),
+        "noising_effect": ((), noise, "m", "root mean square of g_sigma - f"),
     }  # fmt: skip
 
 
@@ -150,8 +148,8 @@ def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
     law = n * (np.sqrt(np.pi / 3) * SPREADS) ** DIMENSIONS[:, None]
     both = ("dim", "normalised")
     return {
-        "neighbours": quantity_of(both, found, "1", "effective neighbours, median of queries"),
-        "neighbours_law": quantity_of(both, law, "1", "the same by integrals"),
+        "neighbours": (both, found, "1", "effective neighbours, median of queries"),
+        "neighbours_law": (both, law, "1", "the same by integrals"),
     }
 
 
@@ -170,9 +168,9 @@ def along_the_task(n: int, seed: int) -> dict[str, Any]:
         for column, z in enumerate((ranges[:n], _rows(mixed))):
             found[row, column] = [np.median(effective(z, scales, s, queries)) for s in SPREADS]
     return {
-        "task_neighbours": quantity_of(("problem", "drawn", "normalised"), found, "1",
-                                       "effective neighbours in the tube, median of queries"),
-        "task_size": quantity_of("problem", size, "1", "coordinates of state and input"),
+        "task_neighbours": (("problem", "drawn", "normalised"), found, "1",
+                            "effective neighbours in the tube, median of queries"),
+        "task_size": ("problem", size, "1", "coordinates of state and input"),
     }  # fmt: skip
 
 

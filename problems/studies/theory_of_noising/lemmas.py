@@ -11,7 +11,6 @@ from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.samples import Normalisation, Origin
 from dynamics.systems.parameters import Signal
 from problems.studies.shared.noised_line import LinePusher, Walls, answers, average_of
-from problems.studies.study import quantity_of
 
 WIDTHS = np.array([0.05, 0.1, 0.2])
 """sigma [m], from a fortieth to a tenth of the length of the data."""
@@ -49,10 +48,10 @@ def uniform_data() -> dict[str, Any]:
     bernoulli = np.abs(PLACES**2 - PLACES + 1 / 6) / 2
     law = bernoulli[:, None] * SPACINGS**2 / np.sqrt(2 * np.pi)
     return {
-        "sum_error": quantity_of(("command", "width", "place", "spacing"), off, "1",
-                                 "largest |g - f_sigma| over rho sigma, evenly spaced data"),
-        "sum_law": quantity_of(("place", "spacing"), law, "1",
-                               "the same by Euler and Maclaurin, to leading order"),
+        "sum_error": (("command", "width", "place", "spacing"), off, "1",
+                      "largest |g - f_sigma| over rho sigma, evenly spaced data"),
+        "sum_law": (("place", "spacing"), law, "1",
+                    "the same by Euler and Maclaurin, to leading order"),
     }  # fmt: skip
 
 
@@ -84,11 +83,11 @@ def risks(rho: float, seed: int) -> dict[str, Any]:
             others[row, column] = [_risk(joint, y, one) / least - 1 for one in maps]
     both = ("case", "width")
     return {
-        "higher": quantity_of((*both, "change", "perturbation"), higher, "m^2",
-                              "noised risk of g_sigma perturbed, above that of g_sigma"),
-        "risk": quantity_of(both, risk, "m^2", "noised risk of g_sigma"),
-        "others": quantity_of((*both, "candidate"), others, "1",
-                              "noised risk of other maps, above and over that of g_sigma"),
+        "higher": ((*both, "change", "perturbation"), higher, "m^2",
+                   "noised risk of g_sigma perturbed, above that of g_sigma"),
+        "risk": (both, risk, "m^2", "noised risk of g_sigma"),
+        "others": ((*both, "candidate"), others, "1",
+                   "noised risk of other maps, above and over that of g_sigma"),
     }  # fmt: skip
 
 
@@ -139,8 +138,8 @@ def score(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
         slopes = np.einsum("k,ikq->qi", np.array([1, -8, 8, -1]) / (12 * step), np.array(ahead))
         off[row, column] = np.abs(model.values(z)[:, :-1] - z - sigma * slopes).max() / sigma
     return {
-        "score_error": quantity_of(("dimension", "spread"), off, "1",
-                                   "largest |g - z - sigma² grad log p| over sigma"),
+        "score_error": (("dimension", "spread"), off, "1",
+                        "largest |g - z - sigma² grad log p| over sigma"),
     }  # fmt: skip
 
 
@@ -178,10 +177,9 @@ def walls() -> dict[str, Any]:
                 np.abs(_midpoint(block, x, g, sigma, data[1] - data[0])).max() / sigma
             )
     return {
-        "walls_error": quantity_of(("width", "spacing"), off, "1",
-                                   "largest |g - closed form| over sigma, evenly spaced data"),
-        "walls_law": quantity_of(("width", "spacing"), law, "1",
-                                 "the same by the error of the midpoint rule"),
+        "walls_error": (("width", "spacing"), off, "1",
+                        "largest |g - closed form| over sigma, evenly spaced data"),
+        "walls_law": (("width", "spacing"), law, "1", "the same by the error of the midpoint rule"),
         **_outside(),
         **_fixed_points(),
     }  # fmt: skip
@@ -207,8 +205,8 @@ def _outside() -> dict[str, Any]:
             slope[row, column] = block.slope(x, sigma)
     both = ("gap", "width", "depth")
     return {
-        "inside": quantity_of(both, inside, "1", "way inside the wall after a step, over sigma"),
-        "slope_outside": quantity_of(both, slope, "1", "slope of g_sigma in penetration"),
+        "inside": (both, inside, "1", "way inside the wall after a step, over sigma"),
+        "slope_outside": (both, slope, "1", "slope of g_sigma in penetration"),
     }
 
 
@@ -225,8 +223,8 @@ def _fixed_points() -> dict[str, Any]:
         outwards[index] = np.mean(way * x > 0)
     both = ("gap", "width")
     return {
-        "fixed_points": quantity_of(both, count, "1", "changes of sign of g_sigma(x) - x"),
-        "outwards": quantity_of(both, outwards, "1", "share of states that move outwards"),
+        "fixed_points": (both, count, "1", "changes of sign of g_sigma(x) - x"),
+        "outwards": (both, outwards, "1", "share of states that move outwards"),
     }
 
 
@@ -243,11 +241,9 @@ def climbing(sigma: float, seed: int) -> dict[str, Any]:
         attractors[i], centre[i] = turns.size, np.abs(x[turns]).max()
         climb[i] = (model.values(here[:, :1])[:, 1] - here[:, 1]).min()
     return {
-        "attractors": quantity_of("sample", attractors, "1", "states at which rollouts end"),
-        "off_centre": quantity_of(
-            "sample", centre, "m", "distance of the farthest from the middle"
-        ),
-        "climb": quantity_of("sample", climb, "1", "least growth of log p_sigma in a step"),
+        "attractors": ("sample", attractors, "1", "states at which rollouts end"),
+        "off_centre": ("sample", centre, "m", "distance of the farthest from the middle"),
+        "climb": ("sample", climb, "1", "least growth of log p_sigma in a step"),
     }
 
 
@@ -261,6 +257,6 @@ def near_the_ends(rho: float) -> dict[str, Any]:
             g = pusher.noised(u, sigma, block.low, block.high)
             bias[row, column] = (g - pusher.smoothed(u, sigma)) / (rho * sigma)
     return {
-        "bias": quantity_of(("end", "width", "distance"), bias, "1",
-                            "(g_sigma - f_sigma)/(rho sigma) of uniform data near its ends"),
+        "bias": (("end", "width", "distance"), bias, "1",
+                 "(g_sigma - f_sigma)/(rho sigma) of uniform data near its ends"),
     }  # fmt: skip

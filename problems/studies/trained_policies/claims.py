@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.shared.trainings import Difference, area, difference, least
+from problems.studies.shared.trainings import area, difference, gained
 from problems.studies.study import Claim, over
 from problems.studies.trained_policies.data import MODEL_BASED, NETWORK, SHOWN, STEPS
 
@@ -30,12 +30,12 @@ def claims(data: xr.Dataset) -> list[Claim]:
         best = {n: one["best"].sel(algorithm=n).values for n in papers}
         ends = [difference(best[_OURS], best[name], paired=False) for name in others]
         found += [
-            Claim(f"On {task} FOPG with ABS learns the fastest", _PLACE,
-                  "mean return over equal simulated steps above every other's, bootstrap 95 %",
-                  _told(others, gains), all(g.better for g in gains), least(gains)),
-            Claim(f"On {task} FOPG with ABS ends the highest", _PLACE,
-                  "best return in equal simulated steps above every other's, bootstrap 95 %",
-                  _told(others, ends), all(g.better for g in ends), least(ends)),
+            gained(f"On {task} FOPG with ABS learns the fastest", _PLACE,
+                   "mean return over equal simulated steps above every other's, bootstrap 95 %",
+                   others, gains),
+            gained(f"On {task} FOPG with ABS ends the highest", _PLACE,
+                   "best return in equal simulated steps above every other's, bootstrap 95 %",
+                   others, ends),
         ]  # fmt: skip
         running = one["speed"].median("run").values >= _FAST[task]
         lasting = one["length"].median("run").values >= 100
@@ -71,8 +71,3 @@ def _of_plans(task: str, one: xr.Dataset) -> list[Claim]:
               f" {int((certified & off).sum())} of these replay to another return",
               bool((shares <= 1).all())),
     ]  # fmt: skip
-
-
-def _told(others: list[str], gains: list[Difference]) -> str:
-    differences = ", ".join(str(gain) for gain in gains)
-    return f"{over(others, [gain.better for gain in gains])}: {differences}"

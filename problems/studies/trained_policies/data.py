@@ -18,7 +18,7 @@ from ocp.learning.protocol import Trained
 from ocp.learning.unrolls.fopg import FOPG
 from ocp.scheduling import Report
 from problems.studies.shared.trainings import Curves, curves, interpolated, job, side_by_side
-from problems.studies.study import Pieces, StudyParams, quantity_of, setting
+from problems.studies.study import Pieces, StudyParams, dataset, setting
 from problems.tasks import registry
 from problems.tasks.episodes import policy_of
 from problems.tasks.training import TrainingJob
@@ -91,28 +91,25 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         return np.reshape(rows, (len(TASKS), len(METHODS), params.runs))
 
     every = one = ("task", "algorithm", "run")
+    by_few = table("env_steps", few, own)[:, 0]
     spent = np.reshape([f["env_steps"][-1] for f in found.values()], (len(TASKS), -1, params.runs))
-    return xr.Dataset(
+    return dataset(
         {
-            "by_steps": quantity_of(
-                (*every, "steps"), table("env_steps", steps), "1", "exact return"
-            ),
-            "model_based": quantity_of(
-                ("task", "run", "few"), table("env_steps", few, own)[:, 0], "1", "exact return"
-            ),
-            "by_time": quantity_of((*every, "wall"), table("wall_s", wall), "1", "exact return"),
-            "spent": quantity_of(one, spent, "1", "steps simulated to learn from"),
-            "best": quantity_of(one, best("evaluation_return"), "1", "best exact return"),
-            "speed": quantity_of(one, best("evaluation_speed"), "m/s", "mean speed of the best"),
-            "length": quantity_of(one, best("evaluation_length"), "1", "steps that it lives"),
+            "by_steps": ((*every, "steps"), table("env_steps", steps), "1", "exact return"),
+            "model_based": (("task", "run", "few"), by_few, "1", "exact return"),
+            "by_time": ((*every, "wall"), table("wall_s", wall), "1", "exact return"),
+            "spent": (one, spent, "1", "steps simulated to learn from"),
+            "best": (one, best("evaluation_return"), "1", "best exact return"),
+            "speed": (one, best("evaluation_speed"), "m/s", "mean speed of the best"),
+            "length": (one, best("evaluation_length"), "1", "steps that it lives"),
             **_against_plans(params, pieces, shown, jobs, found),
         },
         {
             "task": list(TASKS),
             "algorithm": list(METHODS),
-            "steps": quantity_of("steps", steps, "1", "simulated steps"),
-            "few": quantity_of("few", few, "1", "simulated steps of MBPO"),
-            "wall": quantity_of("wall", wall, "s", "wall time"),
+            "steps": (steps, "1", "simulated steps"),
+            "few": (few, "1", "simulated steps of MBPO"),
+            "wall": (wall, "s", "wall time"),
             "guess": ["held inputs", "best policy"],
         },
     )
@@ -124,7 +121,7 @@ def _against_plans(
     shown: Mapping[str, list[Curves]],
     jobs: Mapping[str, TrainingJob],
     found: Mapping[str, Curves],
-) -> dict[str, tuple[Any, np.ndarray, dict[str, str]]]:
+) -> dict[str, Any]:
     """Returns over the steps of a plan: of plans from both guesses, and of every policy."""
     n = params.plans
     policies = {
@@ -146,13 +143,12 @@ def _against_plans(
     shape = (len(TASKS), len(METHODS), params.runs, n)
     each = ("task", "guess", "start")
     return {
-        "planned": quantity_of(each, told("returned"), "1", "return of a plan"),
-        "replayed": quantity_of(each, told("replayed"), "1", "exact return of its inputs"),
-        "certified": quantity_of(each, told("certified"), "1", "whether it is certified"),
-        "reached": quantity_of(
-            ("task", "algorithm", "run", "start"), np.reshape(list(reached.values()), shape), "1",
-            "exact return of a policy over as many steps",
-        ),
+        "planned": (each, told("returned"), "1", "return of a plan"),
+        "replayed": (each, told("replayed"), "1", "exact return of its inputs"),
+        "certified": (each, told("certified"), "1", "whether it is certified"),
+        "reached": (("task", "algorithm", "run", "start"),
+                    np.reshape(list(reached.values()), shape), "1",
+                    "exact return of a policy over as many steps"),
     }  # fmt: skip
 
 

@@ -30,8 +30,7 @@ def _draw(data: xr.Dataset) -> Figure:
 
 
 def _scene(axis: Axes, title: str) -> None:
-    axis.set_title(title)
-    axis.set_aspect("equal")
+    axis.set(title=title, aspect="equal")
     axis.axis("off")
     axis.set_ylim(-0.55, 0.85)
     axis.axhline(0, color=GREY, linewidth=0.8)
@@ -80,9 +79,8 @@ def _pusher(axis: Axes, at: xr.Dataset, regime: str) -> None:
     axis.plot(u, at["pusher_h"][0], "--", color=VERMILLION, label=_rms(at, "pusher_rms"))
     axis.set_ylim(-0.15, 1.45)
     _ticks(axis, at[f"pusher_data_{regime}"].values)
-    axis.set_title(f"{regime}: {at.sizes[f'pusher_{regime}']} commands")
-    axis.set_xlabel("command $u$ [m]")
-    axis.set_ylabel("block after a step $y$ [m]")
+    axis.set(title=f"{regime}: {at.sizes[f'pusher_{regime}']} commands", xlabel="command $u$ [m]",
+             ylabel="block after a step $y$ [m]")  # fmt: skip
     axis.legend(loc="upper left")
 
 
@@ -106,9 +104,8 @@ def _block(axis: Axes, at: xr.Dataset, regime: str) -> None:
     axis.plot(x, at["block_h"][0], "--", color=VERMILLION, label=_rms(at, "block_rms"))
     axis.set_ylim(-1.5, 1.5)
     _ticks(axis, at[f"block_data_{regime}"].values)
-    axis.set_title(f"{regime}: {at.sizes[f'block_{regime}']} states")
-    axis.set_xlabel("block $x$ [m]")
-    axis.set_ylabel("block after a step [m]")
+    axis.set(title=f"{regime}: {at.sizes[f'block_{regime}']} states", xlabel="block $x$ [m]",
+             ylabel="block after a step [m]")  # fmt: skip
     axis.legend(loc="upper left", frameon=True, framealpha=0.9, edgecolor="none")
 
 
@@ -122,10 +119,8 @@ def _cobweb(axis: Axes, at: xr.Dataset, name: str) -> None:
         corners = np.repeat(path, 2)
         axis.plot(corners[:-1], np.append(path[0], corners[2:]), color=INK, linewidth=0.8)
         axis.plot(path[0], path[0], "o", color=INK, markersize=3)
-    axis.set_ylim(-2, 2)
-    axis.set_title(f"rollouts of ${name[0]}_\\sigma$ from penetration")
-    axis.set_xlabel("block $x$ [m]")
-    axis.set_ylabel("block after a step [m]")
+    axis.set(ylim=(-2, 2), title=f"rollouts of ${name[0]}_\\sigma$ from penetration",
+             xlabel="block $x$ [m]", ylabel="block after a step [m]")  # fmt: skip
 
 
 DRAWING = Drawing(

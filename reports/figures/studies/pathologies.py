@@ -32,8 +32,7 @@ def _p1(data: xr.Dataset) -> Figure:
         top.plot(theta, data[f"F_{name}"], color=VERMILLION, label="$F$")
         estimates = (data[f"{order}_{name}"][:, 0] for order in ("first", "zeroth"))
         gradient_panel(bottom, theta, data[f"slope_{name}"], *estimates)
-        top.set_title(title)
-        top.set_ylabel(objective)
+        top.set(title=title, ylabel=objective)
         bottom.set(xlabel=decision, ylabel=f"gradient {unit}")
     axes[0, 0].legend()
     axes[1, 1].legend(loc="lower right")
@@ -68,8 +67,7 @@ def _p2(data: xr.Dataset) -> Figure:
             middle.plot(theta, one["mean"], mark, color=color)
         right.plot(theta, one["variance"], mark, color=color, label=name, markersize=3)
     middle.set_ylabel("gradient")
-    right.set_ylabel("variance of one sample")
-    right.set_ylim(0, 1.5 * float(data["variance"].max()))
+    right.set(ylabel="variance of one sample", ylim=(0, 1.5 * float(data["variance"].max())))
     right.legend(ncols=2, fontsize=6.5, columnspacing=0.8, handletextpad=0.2)
     for axis in (left, middle, right):
         axis.set_xlabel("$\\theta$")
@@ -107,11 +105,9 @@ def _p3(data: xr.Dataset) -> Figure:
             values = data[many].sel(order=name).values
             axis.loglog(data[grid], np.where(values > 0, values, np.nan), mark, color=color)
     running.axhline(float(data["truth"]), color=INK, linewidth=0.8, linestyle="--")
-    running.set_ylim(-5, 4 * float(data["truth"]))
-    running.set(xlabel="samples", ylabel="gradient [s/m]")
+    running.set(ylim=(-5, 4 * float(data["truth"])), xlabel="samples", ylabel="gradient [s/m]")
     running.legend()
-    variance.set_ylabel("variance of one sample [s$^2$/m$^2$]")
-    variance.set_title("relaxed friction")
+    variance.set(ylabel="variance of one sample [s$^2$/m$^2$]", title="relaxed friction")
     block.set_title("block on a belt")
     for axis in (variance, block):
         axis.set_xlabel("slip tolerance $\\nu$ [m/s]")
@@ -142,10 +138,8 @@ def _p4(data: xr.Dataset) -> Figure:
             axis.add_patch(Arc((place, height), width, width, theta1=0, theta2=180, color=INK))
         for path in data["path"].values[index]:
             axis.plot(path[:, 0], path[:, 1], color=color, linewidth=0.8)
-        axis.set_xlim(1.35, 1.6)
-        axis.set_ylim(0.45, 0.55)
-        axis.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
-        axis.set_title(str(name))
+        axis.set(xlim=(1.35, 1.6), ylim=(0.45, 0.55), xlabel="$x$ [m]", ylabel="$y$ [m]",
+                 title=str(name))  # fmt: skip
         f = unbroken(data["f"].values[index], 0.05)
         objective.plot(fine, f, color=color, linewidth=2.6 - 1.6 * index, label=str(name))
         gradient, theta = gradients[index], data["theta"].values
@@ -255,10 +249,8 @@ def _p7(data: xr.Dataset) -> Figure:
                 bottom.plot(theta, estimate["alpha"].mean("run"), f"{mark}-", color=color,
                             markersize=3)  # fmt: skip
         reach = np.abs(truth).max()
-        top.set_ylim(truth.min() - 0.7 * reach, truth.max() + 0.7 * reach)
-        top.set_title(case)
-        bottom.set_ylim(-0.05, 1.05)
-        bottom.set_xlabel(f"$\\theta${_UNITS[case]}")
+        top.set(ylim=(truth.min() - 0.7 * reach, truth.max() + 0.7 * reach), title=case)
+        bottom.set(ylim=(-0.05, 1.05), xlabel=f"$\\theta${_UNITS[case]}")
     rows[0, 0].set_ylabel("gradient")
     rows[1, 0].set_ylabel("weight alpha")
     figure.legend(loc="outside upper center", ncols=5)

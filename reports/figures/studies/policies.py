@@ -35,8 +35,7 @@ def _a3(data: xr.Dataset) -> Figure:
                            color=color, markersize=4)  # fmt: skip
         rates.axhline(0, color=INK, linewidth=0.6)
         rates.set_xticks(range(len(laws)), laws, rotation=45)
-        curves.set_title(task)
-        curves.set_ylabel("variance")
+        curves.set(title=task, ylabel="variance")
         rates.set_ylabel("growth [1/step]")
     panels[-1][0].set_xlabel("unroll length H")
     figure.legend(loc="outside upper center", ncols=6)
@@ -63,15 +62,12 @@ def _a4(data: xr.Dataset) -> Figure:
         alone = one["model_based"].expand_dims(algorithm=[MODEL_BASED])
         curves(row[1], alone, "few", named=first)
         curves(row[2], one["by_time"], "wall", named=False)
-        row[0].set_ylabel("exact return")
-        row[0].set_title(task)
-        row[0].set_xlabel("simulated steps")
+        row[0].set(ylabel="exact return", title=task, xlabel="simulated steps")
         row[1].set_xlabel("steps of MBPO")
         row[2].set_xlabel("wall time [s]")
     for axes, task in zip(below.subplots(1, len(tasks), sharey=True), tasks, strict=True):
         shares(axes, data.sel(task=task))
-        axes.set_title(task)
-        axes.set_xlabel("share of the best plan's return")
+        axes.set(title=task, xlabel="share of the best plan's return")
     above.legend(loc="outside upper center", ncols=4)
     return figure
 
@@ -117,10 +113,8 @@ def _a5(data: xr.Dataset) -> Figure:
         one = data.sel(law=law)
         quartile_curve(returns, iterations, one["exact_return"].values, color, label=law)
         spread.semilogy(np.nanmedian(one["variance"].values, axis=0), color=color)
-    returns.set_xlabel("iteration")
-    returns.set_ylabel("exact return")
-    spread.set_xlabel("iteration")
-    spread.set_ylabel("variance of the gradient")
+    returns.set(xlabel="iteration", ylabel="exact return")
+    spread.set(xlabel="iteration", ylabel="variance of the gradient")
     figure.legend(loc="outside upper center", ncols=6)
     return figure
 
@@ -146,9 +140,7 @@ def _a7(data: xr.Dataset) -> Figure:
         lost = np.maximum(-data["exact_return"].sel(algorithm=method).values, _LEAST)
         style = "-" if k < len(CYCLE) else "--"
         quartile_curve(curves, np.arange(lost.shape[-1]), lost, color, style, method)
-    curves.set_yscale("log")
-    curves.set_xlabel("iteration")
-    curves.set_ylabel("minus return [$m^2$]")
+    curves.set(yscale="log", xlabel="iteration", ylabel="minus return [$m^2$]")
     curves.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     whole = -data["landscape"].sel(law=[law for law, _ in _SHOWN]).values
     levels = np.geomspace(max(whole.min(), 1e-2), whole.max(), 12)
@@ -161,10 +153,9 @@ def _a7(data: xr.Dataset) -> Figure:
         axes.plot(way["angle"], way["speed"], ".-", color=colors[law], markersize=2, linewidth=0.8)
         axes.plot(way["angle"][-1], way["speed"][-1], "o", color=colors[law], markersize=5)
         axes.plot([0.6], [3.0], "+", color=INK, markersize=7)
-        axes.set_xlim(float(data["theta"].min()), float(data["theta"].max()))
-        axes.set_ylim(float(data["s"].min()), float(data["s"].max()))
-        axes.set_title(title)
-        axes.set_xlabel("angle [rad]")
+        axes.set(xlim=(float(data["theta"].min()), float(data["theta"].max())),
+                 ylim=(float(data["s"].min()), float(data["s"].max())), title=title,
+                 xlabel="angle [rad]")  # fmt: skip
         if k == 0:
             axes.set_ylabel("speed [m/s]")
     return figure
@@ -188,10 +179,8 @@ def _at(data: xr.Dataset) -> Figure:
         norms.semilogy((one["slope"] ** 2).mean("run"), color=color, label=law)
         terms.semilogy(one["bias"].mean("run"), "-", color=color)
         terms.semilogy(one["variance"].mean("run"), ":", color=color)
-    norms.set_xlabel("step")
-    norms.set_ylabel("mean square gradient [$m^4$]")
-    terms.set_xlabel("step")
-    terms.set_ylabel("bias (line), variance (dots)")
+    norms.set(xlabel="step", ylabel="mean square gradient [$m^4$]")
+    terms.set(xlabel="step", ylabel="bias (line), variance (dots)")
     both = np.array([bound(data, law) for law in laws])
     places = np.arange(len(laws))
     sides.bar(places, both[:, 1], color=list(CYCLE[: len(laws)]), alpha=0.4)

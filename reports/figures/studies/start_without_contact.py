@@ -91,8 +91,7 @@ def _maps(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
                                                 for n in data["amount"].values])  # fmt: skip
         axis.set_yticks(range(ratio.shape[0]), [f"{w:g}" for w in data["width"].values])
         axis.grid(False)
-        axis.set_title(f"{name}, {_LABELS[str(kind)]}")
-        axis.set_xlabel("transitions")
+        axis.set(title=f"{name}, {_LABELS[str(kind)]}", xlabel="transitions")
     figure.axes[0].set_ylabel(r"width $\sigma$")
 
 
@@ -101,8 +100,7 @@ def _costs(axis: Axes, data: xr.Dataset) -> None:
     for offset, kind, color in zip((-0.27, 0, 0.27), kinds, (GREY, BLUE, PURPLE), strict=True):
         values = data["cost"].sel(of=kind).values
         axis.bar(places + offset, values, 0.25, color=color, label=str(kind))
-    axis.set_yscale("log")
-    axis.set_ylim(1, 8 * float(data["cost"].max()))
+    axis.set(yscale="log", ylim=(1, 8 * float(data["cost"].max())))
     axis.set_xticks(places, [str(law) for law in data["law"].values])
 
 

@@ -31,9 +31,8 @@ def _uniform(axis: Axes, data: xr.Dataset) -> None:
         where = "at a datum" if place == 0 else "between two"
         axis.plot(spacing, error.T, mark, color=color, markersize=4)
         axis.plot([], [], mark, color=color, label=f"kink {where}", linestyle="-")
-    axis.set_title("lemma 1: uniform data")
-    axis.set_xlabel("$D/\\sigma$")
-    axis.set_ylabel("$\\max|g_\\sigma - f_\\sigma|/\\rho\\sigma$")
+    axis.set(title="lemma 1: uniform data", xlabel="$D/\\sigma$",
+             ylabel="$\\max|g_\\sigma - f_\\sigma|/\\rho\\sigma$")  # fmt: skip
     axis.set_xticks(spacing, [f"{value:g}" for value in spacing])
     axis.minorticks_off()
     axis.legend()
@@ -46,9 +45,8 @@ def _risk(axis: Axes, data: xr.Dataset) -> None:
         axis.plot(change, mean, mark, color=color, label=str(case), fillstyle="none")
     fine = np.linspace(change.min(), change.max(), 101)
     axis.plot(fine, fine**2, color=INK, zorder=0, label="$E\\,p^2$")
-    axis.set_title("lemmas 2 and 3: least noised risk")
-    axis.set_xlabel("perturbation, root mean square [m]")
-    axis.set_ylabel("risk above that of $g_\\sigma$ [m²]")
+    axis.set(title="lemmas 2 and 3: least noised risk", xlabel="perturbation, root mean square [m]",
+             ylabel="risk above that of $g_\\sigma$ [m²]")  # fmt: skip
     axis.legend(ncols=2, loc="upper center", fontsize=7)
 
 
@@ -63,8 +61,7 @@ def _walls(axis: Axes, data: xr.Dataset) -> None:
     )
     axis.plot(fine[fine > 3], fine[fine > 3] ** -2, color=VERMILLION, label="$1/s^2$")
     axis.plot(depth[1:], at["slope_outside"][1:], "s", color=VERMILLION, label="slope")
-    axis.set_title("block between walls, in penetration")
-    axis.set_xlabel("penetration $s$ over $\\sigma$")
+    axis.set(title="block between walls, in penetration", xlabel="penetration $s$ over $\\sigma$")
     axis.legend(loc="lower left")
 
 
@@ -74,9 +71,8 @@ def _ends(axis: Axes, data: xr.Dataset) -> None:
     axis.axvspan(0, 2, color=GREY, alpha=0.15, linewidth=0, label="within $2\\sigma$")
     axis.plot(distance, upper, color=BLUE, label="pusher in contact")
     axis.plot(distance, lower, color=VERMILLION, label="pusher away")
-    axis.set_title("ends of uniform data")
-    axis.set_xlabel("distance from the end over $\\sigma$")
-    axis.set_ylabel("$(g_\\sigma - f_\\sigma)/\\rho\\sigma$")
+    axis.set(title="ends of uniform data", xlabel="distance from the end over $\\sigma$",
+             ylabel="$(g_\\sigma - f_\\sigma)/\\rho\\sigma$")  # fmt: skip
     axis.legend(loc="lower right")
 
 
@@ -93,9 +89,8 @@ def _networks(axis: Axes, data: xr.Dataset) -> None:
     axis.set_xticks(pairs, [str(n) for n in pairs])
     axis.set_yticks((0.005, 0.01, 0.02, 0.05), ("0.005", "0.01", "0.02", "0.05"))
     axis.minorticks_off()
-    axis.set_title("networks on noised pairs")
-    axis.set_xlabel("noised pairs")
-    axis.set_ylabel("rms of $h_\\sigma - g_\\sigma$ [m]")
+    axis.set(title="networks on noised pairs", xlabel="noised pairs",
+             ylabel="rms of $h_\\sigma - g_\\sigma$ [m]")  # fmt: skip
     axis.legend(loc="lower left", fontsize=7)
 
 
@@ -109,10 +104,8 @@ def _neighbours(axis: Axes, data: xr.Dataset) -> None:
     for drawn, face in zip(data["drawn"].values, ("white", VERMILLION), strict=True):
         axis.plot(data["task_size"], task.sel(drawn=drawn).isel(normalised=column), "D",
                   color=VERMILLION, markerfacecolor=face, label=str(drawn))  # fmt: skip
-    axis.set_ylim(0.6, 2 * float(data.attrs["n_samples"]))
-    axis.set_title("curse of dimension")
-    axis.set_xlabel("dimensions")
-    axis.set_ylabel("effective neighbours")
+    axis.set(ylim=(0.6, 2 * float(data.attrs["n_samples"])), title="curse of dimension",
+             xlabel="dimensions", ylabel="effective neighbours")  # fmt: skip
     axis.legend(fontsize=7)
 
 
