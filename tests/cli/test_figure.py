@@ -35,12 +35,26 @@ def test_files_run_and_claims_of_one_figure(ocp: Ocp, tmp_path: Path) -> None:
 
 def test_same_seed_same_bytes_and_parameters_are_taken(ocp: Ocp, tmp_path: Path) -> None:
     for place in ("one", "two"):
-        assert ocp("figure", "A2v", "-p", "n_samples=20", "--seed", "3", "--out", place).code == 0
-    for name in ("A2v.pdf", "A2v.nc"):
+        assert (
+            ocp(
+                "figure",
+                "P2",
+                "-p",
+                "n_samples=20",
+                "-p",
+                "points=10",
+                "--seed",
+                "3",
+                "--out",
+                place,
+            ).code
+            == 0
+        )
+    for name in ("P2.pdf", "P2.nc"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
-    assert xr.load_dataset(tmp_path / "one/A2v.nc").attrs["n_samples"] == 20
-    ocp("figure", "A2v", "-p", "n_samples=20", "--seed", "4", "--out", "two")
-    assert (tmp_path / "one/A2v.nc").read_bytes() != (tmp_path / "two/A2v.nc").read_bytes()
+    assert xr.load_dataset(tmp_path / "one/P2.nc").attrs["n_samples"] == 20
+    ocp("figure", "P2", "-p", "n_samples=20", "-p", "points=10", "--seed", "4", "--out", "two")
+    assert (tmp_path / "one/P2.nc").read_bytes() != (tmp_path / "two/P2.nc").read_bytes()
 
 
 def test_the_table_fits_80_columns_and_shows_every_claim(ocp: Ocp) -> None:
@@ -95,21 +109,23 @@ def test_a_place_that_cannot_be_written(ocp: Ocp, tmp_path: Path) -> None:
 def test_a_bare_figure_beside_the_report(
     ocp: Ocp, tmp_path: Path, ending: str, begins: bytes
 ) -> None:
-    done = ocp("figure", "A2v", "-p", "n_samples=20", "--format", ending, "--json", "-q")
+    done = ocp(
+        "figure", "P2", "-p", "n_samples=20", "-p", "points=10", "--format", ending, "--json", "-q"
+    )
     assert done.code == 0, done.err
-    assert done.json["files"][2] == f"runs/A2v-figure.{ending}"
-    assert (tmp_path / "runs/A2v-figure").with_suffix(f".{ending}").read_bytes().startswith(begins)
-    assert (tmp_path / "runs/A2v.pdf").exists()
+    assert done.json["files"][2] == f"runs/P2-figure.{ending}"
+    assert (tmp_path / "runs/P2-figure").with_suffix(f".{ending}").read_bytes().startswith(begins)
+    assert (tmp_path / "runs/P2.pdf").exists()
 
 
 def test_a_stored_figure_is_drawn_again_without_computing(
     ocp: Ocp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    names = ("A2v", "P6")
+    names = ("P2", "P6")
     done = ocp("figure", *names, "--quick", "--panel", "b", "--json", "-q")
     assert done.code == 0, done.err
     files = [figure["files"][2] for figure in done.json["figures"]]
-    assert files == ["runs/A2v-b.pdf", "runs/P6-b.pdf"]
+    assert files == ["runs/P2-b.pdf", "runs/P6-b.pdf"]
     before = (tmp_path / files[1]).read_bytes()
     (tmp_path / files[1]).unlink()
     study = studies.get("P6")
