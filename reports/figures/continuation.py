@@ -40,10 +40,9 @@ def curve(view: RunView) -> Figure:
     _costs(top, points, value, good)
     for axis in middle:
         # Under a barrier law all equal mu up to rounding, which gives an axis no range.
-        axis.set_yscale("log")
+        axis.set(yscale="log", ylabel="max λ gap")
         axis.set_ylim(complementarity[seen].min() / 3, complementarity[seen].max() * 3)
         axis.plot(value[seen], complementarity[seen], "o-", color=CYCLE[2])
-        axis.set_ylabel("max λ gap")
     bottom.plot(value, _column(points, "iterations"), "o", color=CYCLE[3])
     bottom.set_ylim(bottom=0)
     bottom.set(ylabel="iterations", xlabel=parameter_label(view))

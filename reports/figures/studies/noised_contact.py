@@ -77,10 +77,9 @@ def _pusher(axis: Axes, at: xr.Dataset, regime: str) -> None:
     )
     axis.plot(u, at["pusher_g"], color=BLUE, label="$g_\\sigma$")
     axis.plot(u, at["pusher_h"][0], "--", color=VERMILLION, label=_rms(at, "pusher_rms"))
-    axis.set_ylim(-0.15, 1.45)
+    axis.set(ylim=(-0.15, 1.45), title=f"{regime}: {at.sizes[f'pusher_{regime}']} commands",
+             xlabel="command $u$ [m]", ylabel="block after a step $y$ [m]")  # fmt: skip
     _ticks(axis, at[f"pusher_data_{regime}"].values)
-    axis.set(title=f"{regime}: {at.sizes[f'pusher_{regime}']} commands", xlabel="command $u$ [m]",
-             ylabel="block after a step $y$ [m]")  # fmt: skip
     axis.legend(loc="upper left")
 
 
@@ -102,10 +101,9 @@ def _block(axis: Axes, at: xr.Dataset, regime: str) -> None:
                   label="uniform states")  # fmt: skip
     axis.plot(x, at["block_g"], color=BLUE, label="$g_\\sigma$")
     axis.plot(x, at["block_h"][0], "--", color=VERMILLION, label=_rms(at, "block_rms"))
-    axis.set_ylim(-1.5, 1.5)
+    axis.set(ylim=(-1.5, 1.5), title=f"{regime}: {at.sizes[f'block_{regime}']} states",
+             xlabel="block $x$ [m]", ylabel="block after a step [m]")  # fmt: skip
     _ticks(axis, at[f"block_data_{regime}"].values)
-    axis.set(title=f"{regime}: {at.sizes[f'block_{regime}']} states", xlabel="block $x$ [m]",
-             ylabel="block after a step [m]")  # fmt: skip
     axis.legend(loc="upper left", frameon=True, framealpha=0.9, edgecolor="none")
 
 

@@ -185,9 +185,8 @@ def _at(data: xr.Dataset) -> Figure:
     places = np.arange(len(laws))
     sides.bar(places, both[:, 1], color=list(CYCLE[: len(laws)]), alpha=0.4)
     sides.plot(places, both[:, 0], "o", color=INK)
-    sides.set_yscale("log")
+    sides.set(yscale="log", ylabel="[$m^4$]")
     sides.set_xticks(places, laws, rotation=60)
-    sides.set_ylabel("[$m^4$]")
     figure.legend(*norms.get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return figure
 

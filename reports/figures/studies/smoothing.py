@@ -31,13 +31,10 @@ def _a1(data: xr.Dataset) -> Figure:
     error.semilogy(z, np.maximum(data["lam_adaptive"] - exact, 1e-300), color=VERMILLION)
     density.semilogy(z, data["density_adaptive"], color=VERMILLION)
     density.semilogy(z[::20], data["gaussian"][::20], ".", color=VERMILLION)
-    top.set(yscale="log", ylim=(1e-4, 2))
-    error.set_ylim(1e-4, 2)
-    density.set_ylim(1e-4, 5)
-    top.set_ylabel("$\\mu(z)$ [N s m]")
+    top.set(yscale="log", ylim=(1e-4, 2), ylabel="$\\mu(z)$ [N s m]")
+    error.set(ylim=(1e-4, 2), ylabel="$\\lambda - \\lambda_{exact}$ [N s]")
+    density.set(ylim=(1e-4, 5), ylabel="density of $w$ [1/m]")
     impulse.set_ylabel("$\\lambda$ [N s]")
-    error.set_ylabel("$\\lambda - \\lambda_{exact}$ [N s]")
-    density.set_ylabel("density of $w$ [1/m]")
     for axis in (top, impulse):
         axis.tick_params(labelbottom=True)
     for axis in (error, density, top, impulse):
@@ -107,9 +104,8 @@ def _a2v(data: xr.Dataset) -> Figure:
         left.loglog(data["mu"], data["first_order"][index], "o-", color=shade)
         right.loglog(data["mu"], data["likelihood_ratio"][index], "s-", color=shade,
                      label=f"h = {h[index]:g} s")  # fmt: skip
-    left.set_title("first order")
+    left.set(title="first order", ylabel="variance [s$^2$/m$^2$]")
     right.set_title("likelihood ratio")
-    left.set_ylabel("variance [s$^2$/m$^2$]")
     for axis in (left, right):
         axis.set_xlabel("$\\mu$ [N s m]")
     right.legend()
@@ -149,10 +145,9 @@ def _a6(data: xr.Dataset) -> Figure:
     push.plot(data["u"], data["push_exact"], "--", color=INK, linewidth=0.9, label="exact")
     impact.set_yscale("symlog", linthresh=10)
     top = impact.get_ylim()[1] * 3
-    impact.set_ylim(-30, top)
+    impact.set(ylim=(-30, top), xlabel="$q_x$ [m]", ylabel="$dv_y/dq_x$ [1/s]")
     impulse_arrow(impact, float(data["place"]), 0, top)
     impact.set_xlim(float(data["q_x"][0]), float(data["q_x"][-1]))
-    impact.set(xlabel="$q_x$ [m]", ylabel="$dv_y/dq_x$ [1/s]")
     push.set(xlabel="push $u$ [N]", ylabel="$\\partial v^+/\\partial u$ [m/(N s)]")
     for axis in (impact, push):
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
@@ -199,9 +194,8 @@ def _t1(data: xr.Dataset) -> Figure:
     often.invert_yaxis()
     often.set(xlim=(0, 1.02), xlabel="share of systems in which it holds")
     scaling.set(xlabel="$\\mu$", ylabel="largest over systems")
-    loose.set_yscale("log")
+    loose.set(yscale="log", xlabel="number of contacts", ylabel="slope / bound of thm. 5.1")
     loose.axhline(1, color=GREY, linewidth=0.8)
-    loose.set(xlabel="number of contacts", ylabel="slope / bound of thm. 5.1")
     horizon = data["horizon"].values
     for index, (gain, color) in enumerate(zip(data["gain"].values, CYCLE, strict=False)):
         row = data["growth"].values[index]

@@ -93,12 +93,11 @@ def _over_share(axis: Axes, data: xr.Dataset, values: xr.DataArray, label: str) 
         axis.fill_between(places, rows.min(axis=0), rows.max(axis=0), color=color, alpha=0.12,
                           linewidth=0)  # fmt: skip
     axis.axhline(1, color=GREY, linewidth=0.8, linestyle="--")
-    axis.set_yscale("log")
+    axis.set(yscale="log", xlabel="weight of trust", ylabel=label)
     axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.yaxis.set_minor_locator(NullLocator())
     axis.set_xticks(places, [f"{share:g}" for share in shares])
-    axis.set(xlabel="weight of trust", ylabel=label)
 
 
 DRAWING = Drawing(

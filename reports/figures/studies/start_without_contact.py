@@ -68,9 +68,8 @@ def _strobes(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
         for axis, kind in zip(row, data["dynamics"].values, strict=True):
             states = data["states"].sel(problem=name, dynamics=kind).values[:, :nx]
             draw_motion(axis, [found.draw(params, state) for state in states])
-            axis.set(xticks=[], yticks=[])
+            axis.set(xticks=[], yticks=[], title=_LABELS[str(kind)])
             axis.grid(False)
-            axis.set_title(_LABELS[str(kind)])
         row[0].set_ylabel(name)
 
 
