@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -98,8 +97,19 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
                     values[i, j, seed] = piece[name]
                 if kind == DATA[0] and n == params.data:
                     way[seed, : len(piece["way"])] = piece["way"]
-    found |= {"errors": errors, "still": still, "touched": touched, "way": way, "flight": flight}
-    return dataset(_variables(found), {
+    each = ("data", "transitions", "seed", "parameter")
+    return dataset({
+        "errors": (("data", "model", "transitions", "seed", "where"), errors, MIXED,
+                   "mean one-step error, held out"),
+        "still": (("data", "where"), still, MIXED, "mean one-step error if nothing moved"),
+        "touched": (("data",), touched, "1", "part of held-out transitions that end in contact"),
+        "way": (("seed", "iteration", "parameter"), way, "1", "mean of the cloud over the truth"),
+        "flight": (("parameter",), flight, "1",
+                   "upper end at the truth, over it, where nothing touches"),
+        "psi": (each, found["psi"], "1", "found over the truth"),
+        "low": (each, found["low"], "1", "interval, lower end over the truth"),
+        "high": (each, found["high"], "1", "interval, upper end over the truth"),
+    }, {
         "data": list(DATA),
         "model": list(MODELS),
         "where": list(WHERE),
@@ -107,24 +117,6 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         "transitions": (sizes, "1", "transitions to learn from"),
         "iteration": (np.arange(way.shape[1]), "1", "of the search"),
     })  # fmt: skip
-
-
-def _variables(found: dict[str, np.ndarray]) -> dict[str, Any]:
-    each = ("data", "transitions", "seed", "parameter")
-    meant = {
-        "errors": (("data", "model", "transitions", "seed", "where"), MIXED,
-                   "mean one-step error, held out"),
-        "still": (("data", "where"), MIXED, "mean one-step error if nothing moved"),
-        "touched": (("data",), "1", "part of held-out transitions that end in contact"),
-        "way": (("seed", "iteration", "parameter"), "1", "mean of the cloud over the truth"),
-        "flight": (("parameter",), "1", "upper end at the truth, over it, where nothing touches"),
-        "psi": (each, "1", "found over the truth"),
-        "low": (each, "1", "interval, lower end over the truth"),
-        "high": (each, "1", "interval, upper end over the truth"),
-    }  # fmt: skip
-    return {
-        name: (dims, found[name], unit, meaning) for name, (dims, unit, meaning) in meant.items()
-    }
 
 
 LINKS = ("torso", "thigh", "leg", "foot")
