@@ -180,7 +180,7 @@ def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
         raise DamagedRun(f"{view.run.path} has a drawing with unknown shapes ({error})") from error
 
     def at(part: int, suffix: str, times: np.ndarray) -> list[list[Any]]:
-        kept = motions[suffix][part]
+        kept: list[list[Any]] = motions[suffix][part]
         if not kept:
             return [[] for _ in times]
         places = np.interp(times, view.time[: len(kept)], np.arange(len(kept)))
