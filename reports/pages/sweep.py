@@ -32,9 +32,10 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
     meta, axes = run.meta, run.meta["study"]["axes"]
     dims, found = [axis["name"] for axis in axes], rows(run.data)
     figures = drawn.figures(run.data, axes)
+    grade = "survives" if meta["survives"] == meta["points"] else "certified"
     names = [f"map-{k + 1}" for k in range(len(figures))]
     content = {
-        "grade": _grade(meta),
+        "grade": grade if meta["success"] else "failed",
         "key": [
             ["points", " × ".join(map(str, meta["study"]["shape"]))],
             ["solved", str(meta["solved"])],
@@ -54,9 +55,3 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
                    for failure in meta["study"]["failed"][:MOST]],
     }  # fmt: skip
     return content, dict(zip(names, figures, strict=True))
-
-
-def _grade(meta: dict[str, Any]) -> str:
-    if not meta["success"]:
-        return "failed"
-    return "survives" if meta["survives"] == meta["points"] else "certified"

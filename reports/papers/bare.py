@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
@@ -80,7 +79,11 @@ def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
     shown = panels(figure)
     box = None
     if panel is not None:
-        box = _alone(figure, _named(panel, shown))
+        letters = ascii_lowercase[: len(shown)]
+        if len(panel) != 1 or panel not in letters:
+            known = f"a to {letters[-1]}" if len(letters) > 1 else "only a"
+            raise InputError(f"unknown panel {panel!r}; the figure has {known}")
+        box = _alone(figure, shown[letters.index(panel)])
     else:
         width, height = figure.get_size_inches()
         if len(shown) > 1:
@@ -99,14 +102,6 @@ def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
 def panels(figure: Figure) -> list[Axes]:
     """Axes that show something, in the order that they were laid out."""
     return [axis for axis in figure.axes if axis.axison or axis.has_data() or axis.get_title()]
-
-
-def _named(panel: str, shown: Sequence[Axes]) -> Axes:
-    letters = ascii_lowercase[: len(shown)]
-    if len(panel) != 1 or panel not in letters:
-        known = f"a to {letters[-1]}" if len(letters) > 1 else "only a"
-        raise InputError(f"unknown panel {panel!r}; the figure has {known}")
-    return shown[letters.index(panel)]
 
 
 def _alone(figure: Figure, axis: Axes) -> Bbox:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,28 +74,19 @@ def solution_figure(view: RunView) -> Figure:
 
 def groups(view: RunView) -> list[SignalGroup]:
     """States and inputs unit by unit in the order of the system, then the contacts that act."""
-    found = [
-        group
-        for kind, name in (("states", "x"), ("inputs", "u"))
-        for group in _by_unit(view, kind, name)
-    ]
+    found = []
+    for kind, name in (("states", "x"), ("inputs", "u")):
+        values, again = view.array(name), view.array(f"{name}_replay")
+        if values is None:
+            continue
+        signals = view.signals(kind)
+        for unit in dict.fromkeys(signal.unit for signal in signals):
+            own = [i for i, signal in enumerate(signals) if signal.unit == unit]
+            replayed = None if again is None else again[..., own]
+            names = [signals[i].name for i in own]
+            found.append(SignalGroup(label(kind, unit), names, values[..., own], replayed))
     pushed = _pushed(view)
     return found if pushed is None else [*found, pushed]
-
-
-def _by_unit(view: RunView, kind: str, name: str) -> Iterable[SignalGroup]:
-    values, again = view.array(name), view.array(f"{name}_replay")
-    if values is None:
-        return
-    signals = view.signals(kind)
-    for unit in dict.fromkeys(signal.unit for signal in signals):
-        own = [i for i, signal in enumerate(signals) if signal.unit == unit]
-        yield SignalGroup(
-            label(kind, unit),
-            [signals[i].name for i in own],
-            values[..., own],
-            None if again is None else again[..., own],
-        )
 
 
 def _pushed(view: RunView) -> SignalGroup | None:

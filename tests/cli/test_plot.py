@@ -29,7 +29,7 @@ def test_a_solve_writes_its_figure(ocp, tmp_path: Path) -> None:
     ("file", "sentence"),
     [
         ("push.gif", "a figure must end in .pdf, .svg or .png, got '.gif'; use push.pdf"),
-        ("push", "not in ''; name it push.pdf"),
+        ("push", "got ''; use push.pdf"),
         ("taken.pdf", "taken.pdf is a directory"),
     ],
 )
