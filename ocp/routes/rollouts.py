@@ -116,7 +116,8 @@ class RolloutStarts:
         """Where guessed inputs lead, the own and perturbed ones, ``count`` in all."""
         plans = initial_guesses(self.problem, self.values, count, 0, self.guess)
         rolled = self._rolled(np.array([u for _, u in plans]))
-        return self._points(program, rolled[np.isfinite(rolled.x).all(axis=(1, 2))])
+        solved = np.flatnonzero(np.all(np.isfinite(rolled.x), axis=(1, 2)))
+        return self._points(program, rolled[solved])
 
     @cached_property
     def acting(self) -> np.ndarray:

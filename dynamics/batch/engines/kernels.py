@@ -158,8 +158,9 @@ class CasadiKernel:
         """Fill `outputs`; an input of shape `(nnz, 1)` is shared by all samples."""
         m = max(array.shape[-1] for array in (*inputs, *outputs))
         columns = [np.broadcast_to(array, (len(array), m)) for array in inputs]
-        parallel = ("thread", self._threads) if min(self._threads, m) > 1 else ()
-        for array, result in zip(outputs, self._flat.map(m, *parallel).call(columns), strict=True):
+        threads = min(self._threads, m)
+        rows = self._flat.map(m, "thread", threads) if threads > 1 else self._flat.map(m)
+        for array, result in zip(outputs, rows.call(columns), strict=True):
             array[...] = np.asarray(result)
 
 
