@@ -13,7 +13,7 @@ from dynamics.batch import StepFunction
 from dynamics.contact import Exact, Step
 from ocp import Feedback
 from ocp.gradients.rollout_objective import RolloutObjective
-from tests.unit.batch.backends import BACKENDS
+from tests.unit.dynamics.batch.backends import BACKENDS
 
 FORWARD = {
     "push-1d": {"qa": 0.0},

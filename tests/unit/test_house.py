@@ -118,9 +118,9 @@ def test_the_map_of_the_house_is_true() -> None:
 
 def test_a_file_is_checked_by_its_own_tests() -> None:
     nearest = {
-        "ocp/store/atomic.py": "tests/unit/test_store.py",
+        "ocp/store/atomic.py": "tests/unit/ocp/test_store.py",
         "ocp/judges/audit.py": "tests/unit/ocp/test_audit.py",
-        "dynamics/systems/parameters.py": "tests/unit/test_parameters.py",
+        "dynamics/systems/parameters.py": "tests/unit/dynamics/test_parameters.py",
         "tests/unit/test_words.py": "tests/unit/test_words.py",
     }
     for file, test in nearest.items():

@@ -19,7 +19,7 @@ from dynamics.contact import Barrier, Step
 from problems import get
 from tests.benchmarks.batch.peers import casadi_forms, fastest, generated, hand_written, mapped
 from tests.benchmarks.batch.race import Row, race, tell
-from tests.unit.batch.rollout_cases import closed, four_contact_matrices, four_contacts
+from tests.unit.dynamics.batch.rollout_cases import closed, four_contact_matrices, four_contacts
 
 pytestmark = pytest.mark.bench
 MU = 1e-3

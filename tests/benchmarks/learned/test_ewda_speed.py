@@ -9,7 +9,7 @@ from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.samples import Normalisation
 from tests.benchmarks.batch.race import Row, race, tell
 from tests.benchmarks.learned.ewda_peers import HAS_KEOPS, Average
-from tests.unit.learned.ewda_reference import origin
+from tests.unit.dynamics.learned.ewda_reference import origin
 
 pytestmark = pytest.mark.bench
 N, NZ, NY = 100_000, 11, 7

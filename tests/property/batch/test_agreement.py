@@ -14,8 +14,8 @@ from hypothesis.extra.numpy import arrays
 from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, affine, open_loop
 from dynamics.contact import Barrier
 from tests.examples import settings
-from tests.unit.batch.backends import FAST
-from tests.unit.batch.rollout_cases import closed, four_contacts, reference, wall
+from tests.unit.dynamics.batch.backends import FAST
+from tests.unit.dynamics.batch.rollout_cases import closed, four_contacts, reference, wall
 
 VALUES = st.floats(-3.0, 3.0, allow_subnormal=False)
 N = 4

@@ -14,7 +14,7 @@ from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import Adaptive, Barrier, Exact
 from problems import get, names
 from tests.examples import settings
-from tests.unit.batch.backends import FAST
+from tests.unit.dynamics.batch.backends import FAST
 
 HORIZON = 4
 # Their kernels take a compiler a good part of a minute.

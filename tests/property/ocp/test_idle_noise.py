@@ -22,7 +22,7 @@ from ocp.policy import Feedback
 from ocp.problem import Problem
 from ocp.task import Task
 from problems.tasks import registry
-from tests.unit.batch.backends import BACKENDS
+from tests.unit.dynamics.batch.backends import BACKENDS
 
 LAW = Barrier(mu=0.1)
 MANY = 12

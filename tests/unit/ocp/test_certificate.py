@@ -18,7 +18,7 @@ from scipy.optimize import linprog
 
 from ocp.stationarity.certificate import certify
 from ocp.stationarity.lpec import LinearModel, negative_curvature
-from tests.unit.mpcc.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
+from tests.unit.ocp.mpcc.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
 
 RADIUS = 1e-3
 

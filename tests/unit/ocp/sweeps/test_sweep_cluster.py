@@ -1,0 +1,34 @@
+"""A sweep over a Dask cluster of two workers, one of them killed on the way."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+
+import pytest
+from distributed import LocalCluster
+
+from ocp.sweeps import sweep
+from tests.unit.ocp.sweeps.same import same
+
+
+@pytest.fixture
+def cluster() -> Iterator[LocalCluster]:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as found:
+        yield found
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_same_data(cluster: LocalCluster) -> None:
+    over, short = {"M": [0.5, 1.0, 2.0], "contact.mu": [1e-3, 1e-2]}, {"N": 6}
+    killed: list[int] = []
+
+    def kill_one(*_: object) -> None:
+        if not killed:
+            killed.append(next(iter(cluster.workers.values())).process.pid)
+            os.kill(killed[0], signal.SIGKILL)
+
+    address = cluster.scheduler_address
+    beside = sweep("push-1d", over, params=short, scheduler=address, progress=kill_one)
+    assert killed
+    assert same(beside, sweep("push-1d", over, params=short))

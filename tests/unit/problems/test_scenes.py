@@ -1,0 +1,151 @@
+"""What a scene refuses, how it is drawn, and how its states and inputs are called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.systems import ParameterTable
+from ocp.errors import InputError
+from problems import drawing
+from problems.parameters import Parameters, quantity, table
+from problems.registry import load
+from problems.scenes import (
+    Body,
+    Box,
+    Capsule,
+    Disc,
+    Goal,
+    HalfPlane,
+    Obstacle,
+    Pusher,
+    Scene,
+    pictured,
+)
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+HAND = Pusher("hand", Disc(0.1), at=(-1.0, 0.0), stiffness=50.0)
+PUCK = Body("puck", Disc(0.2), at=(0.0, 0.0))
+
+
+def one(**changed: object) -> Body:
+    return Body(**{"name": "object", "shape": Disc(0.2), "at": (0.0, 0.0), **changed})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("things", "more", "sentence"),
+    [
+        ([HAND, one(shape=Disc(-0.1))], {}, "'object': its disc has the radius -0.1 m"),
+        ([HAND, one(shape=Box((0.2, 0.0)))], {}, "its box has a half side of 0 m"),
+        ([HAND, one(shape=Box((0.2, 0.1), 0.15))], {}, "at most half its shorter side, 0.1 m"),
+        ([HAND, one(shape=Capsule((0, 0), (0, 0), 0.1))], {}, "its capsule has the length 0 m"),
+        ([HAND, one(shape=HalfPlane())], {}, "'object' moves, and a half-plane is unbounded"),
+        ([HAND, one(shape=drawing.Disc(0, 0, 0.1))], {}, "a problems.drawing.Disc; expected a"),
+        ([HAND, Obstacle("wall", HalfPlane(normal=(0, 2)), at=(0, -1))], {}, "of length 2"),
+        ([HAND, one(mass=0.0)], {}, "'object' has the mass 0; expected a positive number"),
+        ([HAND, one(inertia=-1.0)], {}, "'object' has the inertia -1"),
+        ([HAND, one(), PUCK, one()], {}, "two things are called 'object'"),
+        ([Obstacle("post", Disc(0.1), at=(0, 0))], {}, "nothing in the scene moves"),
+        ([HAND, one(), Obstacle("post", Disc(0.1), at=(0.25, 0))], {}, "0.05 m inside 'post'"),
+        ([HAND, one(), Goal("objekt", at=(1, 0))], {}, "'objekt' (did you mean 'object'?)"),
+        ([HAND, one(), "post"], {}, "holds bodies, pushers, obstacles and goals; got a str"),
+        ([HAND, one()], {"friction": {("hand", "puck"): 0.1}}, "a pair names 'puck'"),
+        ([HAND, one()], {"friction": {"hand": 0.1}}, "'hand' is not a pair of names"),
+        ([HAND, one()], {"friction": {("hand", "hand"): 0.1}}, "'hand' cannot touch itself"),
+        ([HAND, one()], {"friction": -0.1}, "hand on object: Coulomb's coefficient is -0.1"),
+        ([HAND, one()], {"apart": [("hand", "post")]}, "a pair names 'post'"),
+        ([Pusher("hand", Disc(0.1), at=(-1, 0)), one()], {}, "'hand' has no stiffness"),
+        (
+            [Pusher("hand", Disc(0.1), at=(-1, 0), stiffness=1.0, axis=(1, 1)), one()],
+            {}, "the rail of 'hand' runs along (1, 1) of length 1.41421",
+        ),
+    ],
+)  # fmt: skip
+def test_a_bad_scene_gets_one_sentence(things, more, sentence: str) -> None:
+    with pytest.raises(InputError) as told:
+        Scene(things, **more).quasi_dynamic("bad", ParameterTable(), h=0.1)
+    assert sentence in str(told.value) and "\n" not in str(told.value)
+
+
+def test_a_pusher_without_mass_cannot_be_thrown_about() -> None:
+    with pytest.raises(InputError, match="'hand' has no mass, required in a scene with vel"):
+        Scene([HAND, one()]).time_stepping("bad", ParameterTable(), h=0.1)
+
+
+def test_pairs_that_are_apart_have_no_contact_and_obstacles_never() -> None:
+    wall, floor = (Obstacle(n, HalfPlane(), at=(0, -1)) for n in ("wall", "floor"))
+    scene = Scene([HAND, one(), wall, floor], apart=[("wall", "hand")])
+    assert [touch.name for touch in scene.touches] == [
+        "hand on object", "hand on floor", "object on wall", "object on floor",
+    ]  # fmt: skip
+
+
+def test_coordinates_are_those_of_bodies_then_of_pushers() -> None:
+    cart = Pusher("cart", Disc(0.1), at=(0.0, 2.0), axis=(1.0, 0.0), stiffness=9.0, mass=3.0)
+    scene = Scene([HAND, cart, one(inertia=0.1), Body("puck", Disc(0.2), at=(3.0, 4.0))])
+    slow = scene.quasi_dynamic("slow", ParameterTable(), h=0.1)
+    assert [signal.name for signal in slow.states] == [
+        "object_x", "object_y", "object_angle", "puck_x", "puck_y", "hand_x", "hand_y", "cart",
+    ]  # fmt: skip
+    assert [signal.name for signal in slow.inputs] == ["u_hand_x", "u_hand_y", "u_cart"]
+    start = np.array(ca.DM(scene.at_rest(slow))).ravel()
+    np.testing.assert_array_equal(start, [0, 0, 0, 3, 4, -1, 0, 0])
+    np.testing.assert_array_equal(np.array(ca.DM(scene.hold)).ravel(), [-1, 0, 0])
+    assert ca.is_equal(scene.of("puck", slow.x), slow.x[3:5], 2)
+
+
+class Params(Parameters):
+    """A box by a wall."""
+
+    R: float = quantity(0.2, "m", "radius", above=0)
+    goal: float = quantity(1.5, "m", "goal")
+    f: float = quantity(0.4, "1", "friction", least=0)
+
+
+def stage(p) -> Scene:
+    return Scene([
+        Pusher("hand", Capsule((-0.1, 0.0), (0.1, 0.0), 0.05), at=(0.0, 0.5), stiffness=50.0),
+        Body("disc", Disc(p["R"]), at=(1.0, 0.0), inertia=0.1),
+        Body("box", Box((0.3, 0.1), 0.02), at=(-1.0, 0.0), inertia=0.1),
+        Obstacle("floor", HalfPlane(), at=(0.0, -0.5)),
+        Goal("box", at=(p["goal"], 0.2), angle=0.5),
+    ], friction={("hand", "disc"): p["f"]})  # fmt: skip
+
+
+def test_the_drawing_is_made_of_the_shapes_whose_gaps_count() -> None:
+    """Distances of what is drawn, found from the drawing, are those of the system."""
+    params = Params(R=0.25)
+    draw, frames = pictured(stage)
+    state = np.array([1.0, 0.1, 0.7, -1.0, 0.2, 0.3, 0.1, 0.5])
+    floor, goal, hand, disc, mark, box = draw(params, state)
+    assert floor == drawing.HalfPlane(0, -0.5, 0, 1, "environment")
+    assert goal == drawing.Box(1.5, 0.2, 0.6, 0.2, 0.5, "goal", 0.02)
+    assert hand == drawing.Capsule(0.0, 0.5, 0.2, 0.5, 0.05, "actuator")
+    assert disc == drawing.Disc(1.0, 0.1, 0.25, "object")
+    assert box == drawing.Box(-1.0, 0.2, 0.6, 0.2, 0.3, "object", 0.02)
+    assert isinstance(mark, drawing.Segment)
+    # Turned by 0.7 anticlockwise, what was upright leans to the left.
+    assert (mark.x2, mark.y2) == pytest.approx((1 - 0.25 * np.sin(0.7), 0.1 + 0.25 * np.cos(0.7)))
+    p = table(params)
+    system = stage(p).quasi_dynamic("stage", p, h=0.1)
+    assert system.phi is not None
+    phi = ca.Function("phi", [system.x, p.vector], [system.phi])(state, p.values)
+    gaps = dict(zip(system.distance_names, np.array(phi).ravel(), strict=True))
+    apart = np.hypot(1.0 - 0.2, 0.1 - 0.5) - 0.25 - 0.05
+    assert gaps["hand on disc"] == pytest.approx(apart)
+    # The frame is where the hand pushes the disc, into the disc.
+    at = frames(params, state)[list(gaps).index("hand on disc")]
+    towards = np.array([0.8, -0.4]) / np.hypot(0.8, 0.4)
+    assert (at.nx, at.ny) == pytest.approx(tuple(towards))
+    assert (at.x, at.y) == pytest.approx(tuple([1.0, 0.1] - 0.25 * towards))
+    assert at.friction == 0.4
+    assert {frame.friction for frame in frames(params, state)} == {0.0, 0.4}
+
+
+def test_a_bad_number_of_a_users_scene_is_told_with_its_line() -> None:
+    spec = load(EXAMPLES / "past_a_post.py")
+    with pytest.raises(InputError, match=r"line .*'object' starts 0.2.* m inside 'post'"):
+        spec.problem({"post": 0.55})
