@@ -99,6 +99,8 @@ def test_mirrored_noise_is_the_noise_turned_round(policy):
 # Differences along every input of a long horizon would take minutes.
 SHORT = {
     **{name: {"N": 6} for name in ("box-slide", "ball-throw", "cart-transport", "hopper-1d")},
+    "cart-walls": {"N": 12},
+    "ball-bounce": {"N": 12},
     "planar-push": {"N": 4},
     "planar-hand": {"N": 2},
     "hopper": {"N": 2},
