@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import secrets
 import subprocess
@@ -132,7 +133,7 @@ def document(command: str) -> Any:
         *before, last = command.split(" && ")
         program = f'"{sys.executable}" -m ocp'
         lines = [line.replace("ocp ", f"{program} ", 1) + " --quiet" for line in [*before, last]]
-        lines[-1] += " --json"
+        lines = [*(f"{line} > {os.devnull}" for line in lines[:-1]), f"{lines[-1]} --json"]
         done = subprocess.run(
             " && ".join(lines), shell=True, cwd=folder, text=True, capture_output=True, check=False,
         )  # fmt: skip
