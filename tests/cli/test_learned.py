@@ -121,9 +121,9 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     assert len(ocp("continue", "push-1d", *words, *over).json["points"]) == 3
     if model == "ewda":
         # The cost need not rise with trust: the path has a fold at every datum that it passes.
-        over = ["--over", "contact.trust", "--from", "0", "--to", "0.1", "--steps", "2"]
+        over = ["--over", "contact.trust", "--from", "0", "--to", "1e-3", "--steps", "2"]
         points = ocp("continue", "push-1d", *words, *over, "--json", "-q").json["points"]
-        assert (points[0]["value"], points[-1]["value"]) == (0, 0.1)
+        assert (points[0]["value"], points[-1]["value"]) == (0, 1e-3)
     judged = ocp("estimate", "push-1d", *words, "-n", "200", "--json", "-q")
     assert judged.code == 0 and judged.json["estimates"]
     refused = ocp("export", "push-1d", *words, "-o", "step.c")

@@ -50,7 +50,7 @@ LAWS = [Barrier(mu=1e-3), Barrier(mu=1e-10), Exact()]
 
 
 @pytest.mark.parametrize("law", LAWS, ids=["barrier 1e-3", "barrier 1e-10", "exact"])
-@pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
+@pytest.mark.parametrize("name", ["hopper", pytest.param("half-cheetah", marks=pytest.mark.slow)])
 def test_a_warm_start_ends_where_a_cold_one_does(name: str, law: ContactLaw) -> None:
     step, x0 = machine(name, law)
     inputs = np.random.default_rng(0).uniform(-0.2, 0.2, (N, 12, step.system.nu))

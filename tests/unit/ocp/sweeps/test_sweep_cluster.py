@@ -19,6 +19,7 @@ def cluster() -> Iterator[LocalCluster]:
         yield found
 
 
+@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_the_same_data(cluster: LocalCluster) -> None:
     over, short = {"M": [0.5, 1.0, 2.0], "contact.mu": [1e-3, 1e-2]}, {"N": 6}
     killed: list[int] = []
