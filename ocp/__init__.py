@@ -6,7 +6,7 @@ from ocp.distribution import version  # first: it sees to it that what follows i
 from ocp.errors import DamagedRun, InputError, NotConverged
 from ocp.policy import Feedback, OpenLoop
 from ocp.problem import Constraint, Problem, Scaling, Scenarios
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.solution import Replay, Solution
 from ocp.solve import solve

@@ -22,8 +22,7 @@ from ocp.judges.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, 
 from ocp.judges.referee import evaluate
 from ocp.judges.verdict import UNJUDGED
 from ocp.programs.program import Program
-from ocp.programs.solver import Point, Result
-from ocp.programs.status import Status
+from ocp.programs.solver import Point, Result, Status
 from ocp.rollout import Rollout, trajectory_costs
 from ocp.routes.homotopy import Progress, RouteResult, Trace, translate
 from ocp.routes.table import route_for
@@ -33,7 +32,7 @@ from ocp.stationarity.certificate import Certificate, certify
 from ocp.stationarity.sensitivity import sensitivity
 from ocp.store.dataset import label
 from ocp.store.provenance import versions
-from ocp.transcription.trajectories import trajectories
+from ocp.transcription.nlp import trajectories
 
 _FLAT = 1e-7
 _IDLE = 1e-6
@@ -159,7 +158,7 @@ def keeping(session: Session, seed: int, progress: Progress | None) -> Iterator[
     """Yield the callback that a solve of the session calls after each stage.
 
     If Ctrl-C ends the solve, raises :class:`~ocp.solution.Interrupted` with the best
-    point of it, judged, its status :attr:`~ocp.programs.status.Status.INTERRUPTED`; before a solver
+    point of it, judged, its status :attr:`~ocp.programs.solver.Status.INTERRUPTED`; before a solver
     has run at all, there is none, and KeyboardInterrupt is raised as it came.
     """
     kept = _Kept(session, progress)

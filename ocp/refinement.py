@@ -12,7 +12,7 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.judges.referee import LEAST_COST, place_of, refined_replay, step_place
 from ocp.problem import Problem
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.rollout import Gains, roll_on
 from ocp.solution import Solution
 

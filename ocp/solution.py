@@ -30,7 +30,7 @@ from ocp.physics.contact_report import least_slip
 from ocp.physics.measures import Worst, between
 from ocp.plugins import load_plugin
 from ocp.problem import Problem
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.stationarity.certificate import Certificate
 from ocp.validation import expand_path
@@ -303,7 +303,7 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C in a solve: ``solution`` is the best so far.
 
     Of several starts that is the best finished one; if none has finished, the best point of the
-    first, with status :attr:`~ocp.programs.status.Status.INTERRUPTED`.
+    first, with status :attr:`~ocp.programs.solver.Status.INTERRUPTED`.
     """
 
     def __init__(self, solution: Solution) -> None:

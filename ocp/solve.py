@@ -16,8 +16,7 @@ from ocp.factories import closing_law, method_of, policy_of, split_policy_settin
 from ocp.judgement import judged, keeping
 from ocp.policy import Policy
 from ocp.problem import Problem
-from ocp.programs.solver import Solver
-from ocp.programs.status import Status
+from ocp.programs.solver import Solver, Status
 from ocp.refinement import halved, refined
 from ocp.request import ProblemLike, check_setting_names, rebuilder, resolve_problem
 from ocp.rollout import initial_guesses

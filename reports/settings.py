@@ -9,7 +9,7 @@ from typing import Any
 
 from dynamics.laws import LAWS
 from ocp.errors import InputError, did_you_mean
-from ocp.gradients.interpolation import RULES
+from ocp.gradients.estimators import RULES
 from ocp.learning.algorithms import ALGORITHMS
 from ocp.learning.experiment import Experiment
 from ocp.learning.identification.psi_learning import PsiLearning

@@ -2,9 +2,8 @@
 
 from dynamics.batch.arguments import BatchWarning, NonFinite
 from dynamics.batch.engines.compiler import CompilerError
-from dynamics.batch.episodes import EpisodeFunction, EpisodeMoments, Episodes
 from dynamics.batch.export import TabulatedPolicy, exported, identifier
-from dynamics.batch.function import BatchFunction
+from dynamics.batch.function import BatchFunction, StepFunction, Steps
 from dynamics.batch.graphs.objective import Episode
 from dynamics.batch.graphs.policy import (
     DensePolicy,
@@ -15,10 +14,16 @@ from dynamics.batch.graphs.policy import (
     open_loop,
 )
 from dynamics.batch.graphs.tape import UnsupportedOperation
-from dynamics.batch.moments import Moments
 from dynamics.batch.random import Gaussian
-from dynamics.batch.rollout import RolloutFunction, RolloutMoments, Rollouts
-from dynamics.batch.stepping import StepFunction, Steps
+from dynamics.batch.rolling import Moments
+from dynamics.batch.rollout import (
+    EpisodeFunction,
+    EpisodeMoments,
+    Episodes,
+    RolloutFunction,
+    RolloutMoments,
+    Rollouts,
+)
 
 __all__ = [
     "BatchFunction",

@@ -1,4 +1,4 @@
-"""Rollouts of a step under a policy: costs, gradients, and their moments over many samples."""
+"""Rollouts of a step under a policy: costs or returns, gradients, and moments over many samples."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch.arguments import BLOCK, NonFinite, as_output, as_rows, common_length
-from dynamics.batch.engines.rollout_engines import Results
+from dynamics.batch.engines.rollout_engines import Call, Results
 from dynamics.batch.graphs.objective import Costs
 from dynamics.batch.graphs.policy import RolloutPolicy
-from dynamics.batch.moments import Moments
 from dynamics.batch.random import Gaussian
-from dynamics.batch.rolling import Rolling
+from dynamics.batch.rolling import Moments, Rolling
 from dynamics.contact import Step
 
 
@@ -97,7 +96,8 @@ class RolloutFunction(Rolling):
         (n, horizon, nu), or None. `n_samples` is needed only where no array implies it. The score,
         sum_t D_theta law(x_t, theta_t)' w_t / sigma^2, is the gradient by theta of the
         log-density of the noise, of that which has a way to the cost (see
-        `dynamics.batch.graphs.acting`). `out` is an earlier answer whose arrays are written over.
+        `dynamics.batch.graphs.step_graphs`). `out` is an earlier answer, whose arrays are written
+        over.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
@@ -154,3 +154,168 @@ class RolloutFunction(Rolling):
         before = as_rows(u_before, n_before, "u_before", "the rollout")
         n = common_length({"x0": states, "u_before": before}, "the rollout")
         return np.hstack([np.broadcast_to(a, (n, a.shape[1])) for a in (states, before)])
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """n episodes of H steps: `value` (n,) the returns, `lived` (n,) steps before the end.
+
+    `gradient` and `score` (n, *policy.shape), and `trail` (n, H + 1, nx + 2), the states with the
+    weight of a reward and the steps lived behind them, are None where not requested.
+    """
+
+    value: np.ndarray
+    lived: np.ndarray
+    gradient: np.ndarray | None
+    score: np.ndarray | None
+    trail: np.ndarray | None
+    nonfinite: NonFinite
+
+    @property
+    def states(self) -> np.ndarray:
+        """States (n, H + 1, nx); those after the end of an episode repeat its last one.
+
+        Raises `ValueError` where they were not requested.
+        """
+        if self.trail is None:
+            raise ValueError("the states were not kept; pass states=True")
+        return self.trail[..., :-2]
+
+
+@dataclass(frozen=True)
+class EpisodeMoments:
+    """Moments over samples of the return, its gradient, and the zeroth-order gradient.
+
+    As `RolloutMoments`, of returns in place of costs; `lived` (n,) are the steps of each episode.
+    """
+
+    value: Moments
+    gradient: Moments | None
+    zeroth: Moments | None
+    lived: np.ndarray
+    nonfinite: NonFinite
+
+
+class EpisodeFunction(Rolling):
+    """Return of episodes through contact under a policy, and its exact gradient.
+
+        V(theta, w) = sum_{t<H} d^t a_t reward(x_t, u_t, x_{t+1}, p) + d^H a_H final(x_H, p)
+
+    d the `discount`, a_t 1 until the first state that is `done` and 0 from there on: an episode
+    that is over adds nothing, to no gradient either, and its state stays as it is.
+
+        f = EpisodeFunction(step, Episode(reward, final, done), 40, dense(observe, (64, 64), -1, 1))
+        r = f(x0, theta, noise=Gaussian(0.1, seed=0), gradient=True)
+        m = f.moments(x0, theta, noise=Gaussian(0.1, seed=0), n_samples=1_000_000)
+
+    `parameters` are the step's, then `discount`, then what the policy has; `f.parameters.pack`
+    makes the p of a call. Backends, threads and block as `RolloutFunction` has them, raises alike.
+    """
+
+    def __call__(
+        self,
+        x0: Any,
+        theta: Any,
+        p: Any | None = None,
+        noise: Gaussian | Any | None = None,
+        n_samples: int | None = None,
+        *,
+        gradient: bool = False,
+        score: bool = False,
+        states: bool = False,
+        along: Episodes | None = None,
+        pull: np.ndarray | None = None,
+    ) -> Episodes:
+        """Return of each sample, with its gradient by theta, score and states on request.
+
+        Shapes as for `RolloutFunction`. The score, `sum_t a_t D_theta law(x_t)' w_t / sigma^2`,
+        counts the steps before the end, and the noise that has a way to the return. With `along`,
+        episodes of the same samples whose states were kept, every step starts at *their* state, and
+        the gradient is chained along them:
+        where those went by the exact law and this function's step is smoothed, only the gradient
+        is smoothed (algorithm 2 of adaptive barrier smoothing). `pull` (n, nx) is the gradient by
+        the last state of what else is gained there, of a critic's value say, with its discount, and
+        zero for episodes that ended before: `gradient` is then of both.
+
+        Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
+        """
+        q = self._asked(x0, theta, p, noise, n_samples, gradient, score, along, pull)
+        shape = (q.n, *self.policy.shape(self.horizon))
+        nx, last = self.tapes.nx, np.empty((q.n, self.tapes.nx))
+        trail = np.empty((q.n, self.horizon + 1, nx)) if states else None
+        flat = None if trail is None else trail.reshape(q.n, -1)
+        results = Results.of(q, last=last, trail=flat)
+        nonfinite = self._sampled(q, results)
+        if results.gradient is not None:
+            np.negative(results.gradient, out=results.gradient)
+        return Episodes(
+            value=-results.cost[:, 0],
+            lived=last[:, -1],
+            gradient=None if results.gradient is None else results.gradient.reshape(shape),
+            score=None if results.score is None else results.score.reshape(shape),
+            trail=trail,
+            nonfinite=nonfinite,
+        )
+
+    def moments(
+        self,
+        x0: Any,
+        theta: Any,
+        p: Any | None = None,
+        noise: Gaussian | Any | None = None,
+        n_samples: int | None = None,
+        *,
+        gradient: bool = True,
+        score: bool = False,
+        baseline: float = 0.0,
+        along: Episodes | None = None,
+    ) -> EpisodeMoments:
+        """Mean and second moment over the samples, computed as they come and never stored.
+
+        Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
+        gradient (return - baseline) * score. Raises `ValueError` as a call does.
+        """
+        q = self._asked(
+            x0, theta, p, noise, n_samples, gradient, score, along, None, -float(baseline)
+        )
+        last = np.empty((q.n, self.tapes.nx))
+        (cost, slope, zeroth), nonfinite = self._summed(q, last)
+        assert cost is not None
+        value, gradient_moments, zeroth_moments = (
+            None if m is None else Moments(m.n, -m.mean, m.m2) for m in (cost, slope, zeroth)
+        )
+        assert value is not None
+        return EpisodeMoments(value, gradient_moments, zeroth_moments, last[:, -1], nonfinite)
+
+    def _asked(
+        self,
+        x0: Any,
+        theta: Any,
+        p: Any,
+        noise: Any,
+        n_samples: int | None,
+        gradient: bool,
+        score: bool,
+        along: Episodes | None,
+        pull: np.ndarray | None,
+        baseline: float = 0.0,
+    ) -> Call:
+        states = as_rows(x0, self.tapes.nx - 2, "x0", "the rollout")
+        start = np.hstack([states, np.ones((len(states), 1)), np.zeros((len(states), 1))])
+        followed = None
+        if along is not None:
+            shape = (self.horizon + 1, self.tapes.nx)
+            if along.trail is None or along.trail.shape[1:] != shape:
+                raise ValueError(
+                    f"along needs episodes of {self.horizon} steps of the same system whose states"
+                    " were kept; pass states=True"
+                )
+            followed = along.trail.reshape(len(along.trail), -1)
+        pulled = None
+        if pull is not None:
+            rows = as_rows(pull, self.tapes.nx - 2, "pull", "the rollout")
+            pulled = np.hstack([-rows, np.zeros((len(rows), 2))])
+        return self._request(
+            start, theta, p, noise, n_samples, gradient=gradient, score=score, along=followed,
+            pull=pulled, baseline=baseline,
+        )  # fmt: skip

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from dynamics.batch.engines.choice import choose
+from dynamics.batch.engines.kernels import choose
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.learned.ewda_kernel import Cloud, CompiledMoments, NumpyMoments
-from dynamics.learned.samples import Normalisation, Origin
 from dynamics.learned.stored import EWDA
+from dynamics.learned.transitions import Normalisation, Origin
 
 if TYPE_CHECKING:
     import xarray as xr

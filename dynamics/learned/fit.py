@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynamics.contact.casadi_map import LearnedMap
-from dynamics.learned.samples import Samples
+from dynamics.learned.transitions import Samples
 
 if TYPE_CHECKING:
     import xarray as xr

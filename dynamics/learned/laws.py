@@ -14,7 +14,7 @@ from dynamics.contact.law import ContactLaw
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.step import Step
 from dynamics.learned.files import read_model
-from dynamics.learned.samples import Origin
+from dynamics.learned.transitions import Origin
 from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTable
 
 

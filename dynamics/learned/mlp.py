@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from dynamics.learned.samples import Normalisation, Origin
 from dynamics.learned.stored import MLP
+from dynamics.learned.transitions import Normalisation, Origin
 
 if TYPE_CHECKING:
     import xarray as xr

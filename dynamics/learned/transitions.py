@@ -1,22 +1,181 @@
-"""Measured or computed steps of a system: where it was, what was done, where it came to be."""
+"""Steps of a system, measured or computed, and samples of them as a map is learned from."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynamics.learned.samples import Normalisation, Origin, Samples, check_finite
-from dynamics.learned.stored import TRANSITIONS
+from dynamics.learned.stored import SCHEMA, TRANSITIONS, check
 from dynamics.systems import Signal
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Names and units of ``z`` and ``y``, and whose data they were.
+
+    Entries of z that y has too are states, the others inputs: z = (x, u), y = x_next.
+    """
+
+    z: tuple[Signal, ...]
+    y: tuple[Signal, ...]
+    problem: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    data_hash: str = ""
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        """Entries of z that are no states."""
+        states = {signal.name for signal in self.y}
+        return tuple(signal for signal in self.z if signal.name not in states)
+
+    def coordinates(self) -> dict[str, Any]:
+        """``z``, ``state`` and ``input`` of a dataset: names, and units as ``state_unit`` etc."""
+        found: dict[str, Any] = {}
+        for dimension, entries in (("z", self.z), ("state", self.y), ("input", self.inputs)):
+            # The type is stated, since NumPy would make numbers of an empty list.
+            names = np.array([signal.name for signal in entries], dtype=str)
+            units = np.array([signal.unit for signal in entries], dtype=str)
+            found |= {dimension: names, f"{dimension}_unit": (dimension, units)}
+        return found
+
+    def attributes(self, kind: str) -> dict[str, Any]:
+        """Attributes that transitions and models store."""
+        return {
+            "kind": kind,
+            "schema": SCHEMA,
+            "problem": self.problem,
+            "parameters": json.dumps(dict(self.parameters), sort_keys=True),
+            "data_hash": self.data_hash,
+        }
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset, kind: str) -> Origin:
+        """Back from a dataset with these coordinates and attributes.
+
+        Raises ``ValueError`` where :func:`~dynamics.learned.stored.check` does.
+        """
+        check(dataset, kind)
+        z, y = (_signals(dataset, dimension) for dimension in ("z", "state"))
+        attributes = dataset.attrs
+        parameters = json.loads(attributes["parameters"])
+        return cls(z, y, attributes["problem"], parameters, attributes["data_hash"])
+
+
+def _signals(dataset: xr.Dataset, dimension: str) -> tuple[Signal, ...]:
+    names, units = dataset[dimension].values, dataset[f"{dimension}_unit"].values
+    return tuple(Signal(str(name), str(unit)) for name, unit in zip(names, units, strict=True))
+
+
+@dataclass(frozen=True)
+class Normalisation:
+    """``(a - shift) / scale`` per coordinate, shift and scale (n,) in the coordinates' own units.
+
+    Noise of width sigma is ``sigma scale`` in those units: metres and radians have no common one.
+    """
+
+    shift: np.ndarray
+    scale: np.ndarray
+
+    @classmethod
+    def of(cls, rows: np.ndarray, names: Sequence[str]) -> Normalisation:
+        """Mean and standard deviation of every column of ``rows`` (n_samples, n).
+
+        Raises ``ValueError`` that names a column which does not vary.
+        """
+        scale = rows.std(axis=0)
+        size = np.abs(rows).max(axis=0, initial=0.0)
+        constant = [name for name, s, a in zip(names, scale, size, strict=True) if s <= 1e-12 * a]
+        if constant:
+            raise ValueError(
+                f"data: {', '.join(constant)} never varies, so nothing can be learned from it; vary"
+                " it in the data or leave it out"
+            )
+        return cls(rows.mean(axis=0), scale)
+
+    def normalised(self, rows: np.ndarray) -> np.ndarray:
+        """From the coordinates' units, (..., n)."""
+        return (rows - self.shift) / self.scale
+
+    def physical(self, rows: np.ndarray) -> np.ndarray:
+        """Back to the coordinates' units, (..., n)."""
+        return rows * self.scale + self.shift
+
+
+@dataclass(frozen=True)
+class Samples:
+    """``z`` (n, nz) and ``y = f(z)`` (n, ny) in physical units, a row a sample.
+
+    Raises ``ValueError`` for shapes that disagree with the names, and for rows that are not finite.
+    """
+
+    z: np.ndarray
+    y: np.ndarray
+    origin: Origin
+
+    def __post_init__(self) -> None:
+        wanted = (len(self.z), len(self.origin.z)), (len(self.z), len(self.origin.y))
+        if (self.z.shape, self.y.shape) != wanted:
+            raise ValueError(
+                f"data: z has shape {self.z.shape} and y {self.y.shape}, expected {wanted[0]} and"
+                f" {wanted[1]} from their names"
+            )
+        after = [f"{signal.name}_next" for signal in self.origin.y]
+        check_finite([self.z, self.y], [*(signal.name for signal in self.origin.z), *after])
+
+    @property
+    def scales(self) -> tuple[Normalisation, Normalisation]:
+        """Of z and of y, over all rows; raises ``ValueError`` for a column that never varies."""
+        named = (self.z, "{}", self.origin.z), (self.y, "the next {}", self.origin.y)
+        z, y = (
+            Normalisation.of(rows, [form.format(signal.name) for signal in signals])
+            for rows, form, signals in named
+        )
+        return z, y
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 over names, shapes and bytes."""
+        digest = hashlib.sha256()
+        for rows, signals in ((self.z, self.origin.z), (self.y, self.origin.y)):
+            digest.update(repr([signal.name for signal in signals]).encode())
+            digest.update(f"{rows.dtype.str}{rows.shape}".encode())
+            digest.update(np.ascontiguousarray(rows).tobytes())
+        return digest.hexdigest()
+
+
+def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
+    """Raise ``ValueError`` where arrays side by side, columns called ``names``, are not finite."""
+    whole = np.hstack(arrays)
+    rows, columns = np.nonzero(~np.isfinite(whole))
+    if not len(rows):
+        return
+    bad = np.unique(rows)
+    which = ", ".join(map(str, bad[:5])) + (", ..." if len(bad) > 5 else "")
+    first = f"{names[columns[0]]} is {whole[rows[0], columns[0]]:g} in row {rows[0]}"
+    raise ValueError(
+        f"data: {len(bad)} of {len(whole)} rows hold values that are not finite ({which}, counted"
+        f" from 0; {first}); leave them out or repair them"
+    )
+
+
+def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row numbers of the rest and of the random ``fraction`` of n rows held out, each rising.
+
+    Whatever holds rows of the same data out at the same seed holds the same ones out.
+    """
+    order = np.random.default_rng([seed, 1]).permutation(n)
+    held = round(fraction * n)
+    return np.sort(order[held:]), np.sort(order[:held])
+
 
 LEAST = 10
 """Rows for every coordinate of z below which nothing is learned."""

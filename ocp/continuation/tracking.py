@@ -10,8 +10,7 @@ import numpy as np
 
 from ocp.continuation.events import LOCATED, Event, degenerate
 from ocp.errors import InputError
-from ocp.programs.solver import Point, Result
-from ocp.programs.status import Status
+from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult, lower
 from ocp.session import Session

@@ -14,8 +14,7 @@ from ocp.continuation.events import LOCATED, PAIRS, Event, joined
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose, input_errors
 from ocp.judgement import judged
-from ocp.programs.solver import Point
-from ocp.programs.status import Status
+from ocp.programs.solver import Point, Status
 from ocp.routes.homotopy import RouteResult
 from ocp.session import Session
 from ocp.solution import Solution

@@ -14,8 +14,7 @@ from ocp.effort import check_memory, sampling_memory
 from ocp.errors import InputError, input_errors
 from ocp.factories import closing_law, policy_of
 from ocp.gradients.estimation import Estimate, Sampling, run_sampling
-from ocp.gradients.estimators import CHUNK
-from ocp.gradients.interpolation import Rule
+from ocp.gradients.estimators import CHUNK, Rule
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.rollout_objective import RolloutObjective
 from ocp.gradients.sampling import Progress

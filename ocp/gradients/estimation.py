@@ -11,9 +11,7 @@ import numpy as np
 
 from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError, choose
-from ocp.gradients.empirical_bias import EmpiricalBias, Jump, empirical_bias, sharpest_change
-from ocp.gradients.estimators import SAMPLED
-from ocp.gradients.interpolation import RULES, Choice, Evidence, Rule
+from ocp.gradients.estimators import RULES, SAMPLED, Choice, Evidence, Rule
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.reference import (
     KINDS,
@@ -23,7 +21,14 @@ from ocp.gradients.reference import (
     stream,
 )
 from ocp.gradients.sampling import CheckpointKey, EstimatorRun, Progress, run_estimator
-from ocp.gradients.verdict import Verdict, judge
+from ocp.gradients.verdict import (
+    EmpiricalBias,
+    Jump,
+    Verdict,
+    empirical_bias,
+    judge,
+    sharpest_change,
+)
 
 JUMP_STREAM = 4
 ALPHA_PARTS = ("zobg-mean", "fobg")

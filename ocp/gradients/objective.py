@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning, Gaussian, Moments
-from dynamics.batch.graphs.acting import depends
+from dynamics.batch.graphs.step_graphs import depends
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 

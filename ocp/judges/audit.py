@@ -15,8 +15,7 @@ from ocp.physics.measures import distances
 from ocp.problem import Problem
 from ocp.programs.solver import Result
 from ocp.rollout import Rollout, roll_on, trajectory_costs
-from ocp.transcription.nlp import NLP
-from ocp.transcription.trajectories import Trajectories
+from ocp.transcription.nlp import NLP, Trajectories
 
 TOLERANCES = {
     "dynamics_residual": 1e-8,

@@ -6,9 +6,7 @@ from ocp.learning.ars import ARS
 from ocp.learning.mbpo.algorithm import MBPO
 from ocp.learning.protocol import Algorithm
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.unrolls.aobg import AoBG
-from ocp.learning.unrolls.fopg import FOPG
-from ocp.learning.unrolls.zopg import ZOPG
+from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG
 
 ALGORITHMS: dict[str, type[Algorithm]] = {
     algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, TotalPropagation, MBPO)

@@ -13,9 +13,8 @@ import numpy as np
 from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant, dense
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
-from ocp.learning.balancing import balancing_feedback, embed_affine
 from ocp.learning.explorer import squash
-from ocp.learning.network import first_weights
+from ocp.learning.network import balancing_feedback, embed_affine, first_weights
 from ocp.learning.rollouts import TaskRollouts
 from ocp.task import Task
 

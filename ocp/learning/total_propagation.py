@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning, RolloutPolicy, StepFunction
-from dynamics.batch.graphs.acting import depends
 from dynamics.batch.graphs.rollout_tapes import Closed
+from dynamics.batch.graphs.step_graphs import depends
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
 from ocp.learning.network import vjp

@@ -13,8 +13,7 @@ from ocp.judges.audit import TOLERANCES
 from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
 from ocp.problem import Scaling
 from ocp.programs.program import Program
-from ocp.programs.solver import Point, Result, Solver
-from ocp.programs.status import Status
+from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import polish
 from ocp.routes.complementarity import Search, solve_pairs
 from ocp.routes.homotopy import Homotopy

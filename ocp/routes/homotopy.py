@@ -13,8 +13,7 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.programs.program import Program
-from ocp.programs.solver import Point, Result, Solver
-from ocp.programs.status import Status
+from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.solution import StageRecord
 
 _LOG = logging.getLogger(__name__)

@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.programs.solver import Point, Result
-from ocp.programs.status import Status
+from ocp.programs.solver import Point, Result, Status
 from ocp.stationarity.kkt import KKTCurve, regular
-from ocp.transcription.nlp import NLP
-from ocp.transcription.trajectories import trajectories
+from ocp.transcription.nlp import NLP, trajectories
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,8 +10,7 @@ from ocp.judges.audit import signed_distances
 from ocp.physics.contact_report import ContactReport, contact_report, least_slip
 from ocp.rollout import Rollout
 from ocp.routes.homotopy import RouteResult
-from ocp.transcription.nlp import NLP
-from ocp.transcription.trajectories import Trajectories
+from ocp.transcription.nlp import NLP, Trajectories
 from ocp.warm_start import multipliers, node_times
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypedDict
 from ocp.errors import DamagedRun, InputError
 from ocp.judges.audit import Audit
 from ocp.judges.referee import RefereeReport
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.solution import Grade, StageRecord
 from ocp.stationarity.certificate import Certificate
 from ocp.store.json_values import misfit

@@ -12,7 +12,7 @@ from ocp.errors import DamagedRun, InputError
 from ocp.judges.audit import Audit
 from ocp.judges.referee import RefereeReport
 from ocp.problem import Problem
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.rollout import Gains
 from ocp.solution import Solution, StageRecord
 from ocp.stationarity.certificate import Certificate

@@ -19,9 +19,8 @@ from ocp.scheduling import Failure, run_jobs
 from ocp.session import Session
 from ocp.solve import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
-from ocp.sweeps.axes import axes
 from ocp.sweeps.case import Case, FilesChanged
-from ocp.sweeps.grid import Grid, dataset, save_point, saved_points
+from ocp.sweeps.grid import Grid, axes, dataset, save_point, saved_points
 from ocp.sweeps.job import FAULT, JobResult, failed_result, solve_job
 from ocp.validation import Axis, expand_path
 

@@ -1,7 +1,6 @@
 """Methods that turn a problem under a law and a policy into one NLP."""
 
-from ocp.transcription.direct import Direct
-from ocp.transcription.multiple_shooting import MultipleShooting
+from ocp.transcription.direct import Direct, MultipleShooting
 from ocp.transcription.nlp import NLP
 from ocp.transcription.single_shooting import SingleShooting
 

@@ -13,10 +13,13 @@ from dynamics.contact import Step
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.program import Layout, PairName, Program
+from ocp.programs.solver import Result
 from ocp.programs.units import Scale, measured
+from ocp.rollout import Gains
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
+
 
 _SLIP = 1e3
 """Largest slip in a step, in characteristic distances."""
@@ -229,3 +232,50 @@ class StageCompiler:
     def outcome(self) -> str:
         """``compiled``, or why functions are interpreted instead."""
         return f"{self._reason}; functions are interpreted" if self._reason else "compiled"
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Planned trajectories of all scenarios; lam, gap, mu (S, N, n) over all branches."""
+
+    x: np.ndarray
+    u: np.ndarray
+    lam: np.ndarray
+    gap: np.ndarray
+    mu: np.ndarray
+    residual: np.ndarray
+    gains: Gains | None
+
+
+def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
+    """Read the trajectories out of an NLP's variables and recompute gap, mu and residual."""
+    blocks = nlp.variables.unpack(result.point.x)
+    problem, step = nlp.problem, nlp.step
+    S, N, nx = problem.scenarios.n, problem.N, problem.system.nx
+    gains = Gains(blocks["K"], blocks["k"]) if "K" in blocks else None
+    if nlp.trajectories is not None:
+        found = nlp.trajectories(result.point.x, p)
+        x, u, lam, _ = (np.array(v).T for v in found)
+        x, u, lam = x.reshape(S, N + 1, nx), u.reshape(S, N, -1), lam.reshape(S, N, -1)
+    else:
+        given = nlp.data.unpack(p[len(nlp.names) :])["x0"][:, None]
+        x = np.concatenate([blocks.get("x0", given), blocks["x"]], axis=1)
+        u = np.broadcast_to(blocks["u"], (S, N, problem.system.nu))
+        lam = blocks.get("lam")
+        if lam is None:
+            lam = _solved_contacts(nlp, x, u, p)
+    columns = (np.asarray(part).reshape(S * N, -1).T for part in (x[:, :-1], u, x[:, 1:], lam))
+    found = step.relation.map(S * N)(*columns, _step_values(nlp, p))
+    residual, gap, mu = (np.array(ca.densify(v)).T.reshape(S, N, -1) for v in found)
+    return Trajectories(x, np.array(u), lam, gap, mu, residual, gains)
+
+
+def _step_values(nlp: NLP, p: np.ndarray) -> np.ndarray:
+    return nlp.step.p.pack(dict(zip(nlp.names, p, strict=False)))
+
+
+def _solved_contacts(nlp: NLP, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+    values = _step_values(nlp, p)
+    flat_x, flat_u = x[:, :-1].reshape(-1, x.shape[2]).T, u.reshape(-1, u.shape[2]).T
+    lam = nlp.step.solve.map(flat_x.shape[1])(flat_x, flat_u, values)[1]
+    return np.array(lam).T.reshape(*u.shape[:2], -1)

@@ -9,11 +9,10 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Exact
-from dynamics.learned.samples import Origin, Samples
 from dynamics.learned.training import train
+from dynamics.learned.transitions import Origin, Samples
 from ocp.learning.explorer import Buffer, Explorer, random_transitions
-from ocp.learning.identification.identify import identify, intervals
-from ocp.learning.identification.one_step import OneStepLoss
+from ocp.learning.identification.identify import OneStepLoss, identify, intervals
 from ocp.learning.identification.random_search import RandomSearch
 from ocp.task import Task
 from problems.studies.study import (

@@ -8,8 +8,7 @@ import xarray as xr
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm
-from ocp.learning.unrolls.fopg import FOPG, SHARP
-from ocp.learning.unrolls.zopg import ZOPG
+from ocp.learning.unrolls.gradients import FOPG, SHARP, ZOPG
 from ocp.task import Task
 from problems.studies.shared.trainings import area, difference, gained, least
 from problems.studies.study import Claim, StudyParams, dataset, over, setting

@@ -12,7 +12,7 @@ from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Trained
 from ocp.learning.training import KEY, read_checkpoint, train
-from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.gradients import FOPG
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest

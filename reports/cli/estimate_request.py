@@ -13,7 +13,7 @@ from ocp.errors import InputError, choose, did_you_mean
 from ocp.factories import contact_law, split_policy_settings
 from ocp.gradients.estimate import NamedObjective, rollout_objective, static_objective
 from ocp.gradients.estimation import Sampling
-from ocp.gradients.interpolation import RULES
+from ocp.gradients.estimators import RULES
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.reference import reference_kind
 from ocp.gradients.sweep import read_sweep

@@ -8,8 +8,7 @@ from typing import Any
 
 from dynamics.laws import LAWS
 from ocp.errors import choose
-from ocp.gradients.estimators import SAMPLED
-from ocp.gradients.interpolation import RULES
+from ocp.gradients.estimators import RULES, SAMPLED
 from ocp.learning.algorithms import ALGORITHMS
 from ocp.policy import POLICIES
 from ocp.programs.solver import SOLVERS

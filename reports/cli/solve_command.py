@@ -10,7 +10,7 @@ from typing import Any, cast
 from ocp import store
 from ocp.effort import check_memory
 from ocp.errors import InputError, choose
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.refinement import halved
 from ocp.request import rebuilder
 from ocp.solution import Interrupted, Solution, StageRecord
@@ -110,7 +110,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
             elif min(options.jobs, options.starts) == 1:
                 found = solve_session(request.session, options.starts, options.seed, on_stage, rank)
             else:
-                from ocp.sweeps.starts import solve_starts
+                from ocp.sweeps.job import solve_starts
 
                 found = solve_starts(
                     request.session, request.case, options.starts, options.seed, on_stage,

@@ -13,8 +13,7 @@ from ocp.errors import InputError
 from ocp.session import Session
 from ocp.solve import Rank
 from ocp.store.checkpoint import Checkpoint
-from ocp.sweeps.axes import axes
-from ocp.sweeps.grid import Grid, dataset, dimension, saved_points
+from ocp.sweeps.grid import Grid, axes, dataset, dimension, saved_points
 from ocp.sweeps.job import JobResult
 from ocp.sweeps.summary import rows, run_meta, where
 from ocp.sweeps.sweep import check_parallel_memory, check_points, make_grid, solve_grid

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from reports.console import (
     contact_rows,
     hidden_stages,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.samples import split_rows
+from dynamics.learned.transitions import split_rows
 from ocp.store import models
 from reports.cli import interrupt
 from tests.cli.conftest import Ocp

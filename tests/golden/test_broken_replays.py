@@ -11,7 +11,7 @@ import pytest
 from dynamics.contact import Barrier
 from dynamics.systems import ParameterTable, lcs
 from ocp import Constraint, Problem, Solution, solve
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from problems import get
 
 ONE = [[1.0]]

@@ -7,8 +7,7 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp.learning.explorer import Explorer, random_transitions
-from ocp.learning.identification.identify import identify, intervals
-from ocp.learning.identification.one_step import OneStepLoss
+from ocp.learning.identification.identify import OneStepLoss, identify, intervals
 from ocp.learning.identification.random_search import RandomSearch
 from problems.tasks.registry import get
 

@@ -15,7 +15,7 @@ from dynamics.systems import ParameterTable, lcs, signals, time_stepping
 from ocp import Direct, MultipleShooting, Problem, SingleShooting, Solution, solve
 from ocp.errors import InputError
 from ocp.problem import Scaling
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.rollout import roll_out
 from ocp.solve import new_session, solve_session
 from ocp.transcription import Method

@@ -1,22 +1,64 @@
-"""Graphs over samples without a compiler: by NumPy, or by CasADi's own virtual machine."""
+"""Graphs over samples by NumPy or by CasADi's own virtual machine, and the choice of a backend."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, Protocol, TypeVar
 
 import casadi as ca
 import numpy as np
 
+from dynamics.batch.arguments import BatchWarning
+from dynamics.batch.engines.compiler import CompilerError
 from dynamics.batch.engines.parallel import over_chunks
 from dynamics.batch.graphs.tape import (
     BOOLEAN,
     Tape,
+    UnsupportedOperation,
     chosen,
     operands,
     tape_of,
     with_shared_reciprocals,
 )
+
+EngineT = TypeVar("EngineT")
+_told: set[str] = set()
+
+
+def choose(
+    backend: str, makers: Mapping[str, Callable[[], EngineT]], what: str
+) -> tuple[str, EngineT]:
+    """Build the named backend, or for `auto` the first of `makers` that can be built.
+
+    Under `auto`, a backend that cannot be built is passed over; a `BatchWarning` line gives the
+    reason and the replacement, once for each reason in a process.
+    Raises `ValueError` for an unknown name, and the backend's own error when it was named.
+    """
+    if backend != "auto":
+        if backend not in makers:
+            choices = ", ".join(("auto", *makers))
+            raise ValueError(f"unknown backend {backend!r} for {what}; choose one of {choices}")
+        try:
+            return backend, makers[backend]()
+        except CompilerError as error:
+            raise CompilerError(f"{error}; use the numpy or auto backend") from error
+    reasons: list[str] = []
+    for name, make in makers.items():
+        try:
+            engine = make()
+        except (CompilerError, UnsupportedOperation) as error:
+            reasons.append(str(error))
+            continue
+        if reasons and reasons[0] not in _told:
+            _told.add(reasons[0])
+            warnings.warn(
+                f"{reasons[0]}; {what} runs on the {name} backend", BatchWarning, stacklevel=4
+            )
+        return name, engine
+    raise UnsupportedOperation("; ".join(dict.fromkeys(reasons)))
+
 
 Array = np.ndarray
 _LOGICAL = frozenset({ca.OP_NOT, ca.OP_AND, ca.OP_OR})
@@ -33,15 +75,11 @@ class Kernel(Protocol):
         ...
 
 
-def _special(name: str) -> Callable[[Array], Array]:
+def _special(name: str, a: Array) -> Array:
     """A function of SciPy, loaded at its first use."""
+    from scipy import special
 
-    def call(a: Array) -> Array:
-        from scipy import special
-
-        return getattr(special, name)(a)
-
-    return call
+    return getattr(special, name)(a)
 
 
 def _remainder(a: Array, b: Array) -> Array:
@@ -67,7 +105,7 @@ _CALLS: dict[int, Callable[..., Array]] = {
     **{ca.OP_NOT: np.logical_not, ca.OP_AND: np.logical_and, ca.OP_OR: np.logical_or},
     **{ca.OP_FLOOR: np.floor, ca.OP_CEIL: np.ceil, ca.OP_FABS: np.absolute, ca.OP_SIGN: np.sign},
     **{ca.OP_FMOD: np.fmod, ca.OP_FMIN: np.fmin, ca.OP_FMAX: np.fmax},
-    **{ca.OP_ERF: _special("erf"), ca.OP_ERFINV: _special("erfinv")},
+    **{ca.OP_ERF: partial(_special, "erf"), ca.OP_ERFINV: partial(_special, "erfinv")},
     **{ca.OP_REMAINDER: _remainder, ca.OP_INV: lambda a: 1.0 / a},
     # A product would turn 0 * inf into NaN; CasADi's operation does not.
     ca.OP_IF_ELSE_ZERO: lambda condition, value: np.where(condition, value, 0.0),

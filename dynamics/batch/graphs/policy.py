@@ -10,9 +10,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.graphs.acting import depends
 from dynamics.batch.graphs.objective import expanded
-from dynamics.batch.graphs.step_graphs import layer_slices
+from dynamics.batch.graphs.step_graphs import depends, layer_slices
 from dynamics.systems import ParameterTable
 from dynamics.systems.parameters import entries
 

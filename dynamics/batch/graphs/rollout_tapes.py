@@ -20,13 +20,11 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.graphs.acting import Ways, stand_ins, ways
-from dynamics.batch.graphs.carrying import carried
-from dynamics.batch.graphs.hoisting import hoisted
+from dynamics.batch.graphs.hoisting import carried, hoisted
 from dynamics.batch.graphs.inner import InnerLoop, guess, solver_of
 from dynamics.batch.graphs.objective import Objective, expanded, fits, of_first
 from dynamics.batch.graphs.policy import DensePolicy, RolloutPolicy
-from dynamics.batch.graphs.step_graphs import Asked, Layers, RolloutTapes
+from dynamics.batch.graphs.step_graphs import Asked, Layers, RolloutTapes, Ways, stand_ins, ways
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.path import Path

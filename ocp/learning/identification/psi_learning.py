@@ -10,8 +10,7 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment, at_least, not_below
 from ocp.learning.explorer import Buffer, Explorer
-from ocp.learning.identification.identify import search_iteration
-from ocp.learning.identification.one_step import OneStepLoss
+from ocp.learning.identification.identify import OneStepLoss, search_iteration
 from ocp.learning.identification.random_search import Cloud, RandomSearch
 from ocp.learning.protocol import Algorithm, Row, State, Trained, prefixed, under
 

@@ -12,7 +12,7 @@ from ocp.learning.experiment import Experiment
 from ocp.learning.network import Normaliser, first_weights, renormalised, vjp
 from ocp.learning.protocol import Row, State, Trained
 from ocp.learning.total_propagation import with_jacobians
-from ocp.learning.unrolls.ascent import adam_step
+from ocp.learning.unrolls.unrolling import adam_step
 
 
 @dataclass(frozen=True, kw_only=True)

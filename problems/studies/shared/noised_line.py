@@ -15,8 +15,8 @@ from scipy.stats import norm
 
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.mlp import MlpModel
-from dynamics.learned.samples import Normalisation, Origin, Samples
 from dynamics.learned.training import train
+from dynamics.learned.transitions import Normalisation, Origin, Samples
 from dynamics.systems.parameters import Signal
 from ocp.errors import InputError
 

@@ -19,7 +19,7 @@ from dynamics.learned.transitions import Transitions
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp import Direct, Feedback, NotConverged, SingleShooting, solve
 from ocp.gradients.rollout_objective import RolloutObjective
-from ocp.learning.unrolls.ascent import adam
+from ocp.learning.unrolls.unrolling import adam
 from ocp.problem import Problem
 from ocp.rollout import Gains, roll_on
 from problems.studies.shared.learned_laws import average, network

@@ -9,8 +9,7 @@ import xarray as xr
 
 from dynamics.learned.collecting import collect
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.samples import Normalisation, Origin
-from dynamics.learned.transitions import Transitions
+from dynamics.learned.transitions import Normalisation, Origin, Transitions
 from dynamics.systems.parameters import Signal
 from problems.regions import region_of
 from problems.registry import spec

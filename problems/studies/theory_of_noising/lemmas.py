@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import norm
 
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.samples import Normalisation, Origin
+from dynamics.learned.transitions import Normalisation, Origin
 from dynamics.systems.parameters import Signal
 from problems.studies.shared.noised_line import LinePusher, Walls, answers, average_of
 

@@ -11,10 +11,9 @@ import xarray as xr
 
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.fit import fit
-from dynamics.learned.samples import split_rows
 from dynamics.learned.tables import TABLES, read_table
 from dynamics.learned.training import Recipe, Training
-from dynamics.learned.transitions import Transitions
+from dynamics.learned.transitions import Transitions, split_rows
 from ocp.effort import check_memory
 from ocp.errors import InputError, choose
 from ocp.store import atomic, models

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.samples import Normalisation
+from dynamics.learned.transitions import Normalisation
 from tests.benchmarks.batch.race import Row, race, tell
 from tests.benchmarks.learned.ewda_peers import HAS_KEOPS, Average
 from tests.unit.dynamics.learned.ewda_reference import origin

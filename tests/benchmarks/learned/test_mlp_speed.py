@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dynamics.learned.mlp import MlpModel
-from dynamics.learned.samples import Origin, Samples
 from dynamics.learned.training import Recipe, Training
+from dynamics.learned.transitions import Origin, Samples
 from dynamics.systems.parameters import Signal
 from tests.benchmarks.batch.race import Row, race, tell
 

@@ -18,7 +18,7 @@ from statistics import median
 
 from dynamics.contact import Exact
 from ocp.judgement import judged
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.rollout import initial_guesses
 from ocp.solution import Solution
 from ocp.solve import new_session

@@ -22,7 +22,7 @@ import numpy as np
 from dynamics.contact import Barrier, Exact
 from ocp.judgement import judged
 from ocp.physics.constraints import broken_constraints
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.rollout import initial_guesses
 from ocp.routes.complementarity import Search, by_strategy
 from ocp.routes.homotopy import Homotopy, RouteResult

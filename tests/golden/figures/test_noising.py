@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from scipy.stats import norm, truncnorm
 
 from dynamics.contact import Exact
-from dynamics.learned.samples import Normalisation
+from dynamics.learned.transitions import Normalisation
 from ocp.errors import InputError
 from problems import get, studies
 from problems.studies.noised_contact.data import many_sets

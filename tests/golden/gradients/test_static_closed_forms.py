@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ocp.gradients import estimate_gradient
-from ocp.gradients.empirical_bias import empirical_bias
-from ocp.gradients.interpolation import ConfidenceTest, Evidence, inverse_variance
+from ocp.gradients.estimators import ConfidenceTest, Evidence, inverse_variance
 from ocp.gradients.reference import quadrature
+from ocp.gradients.verdict import empirical_bias
 from problems import coulomb, heaviside
 from problems.objectives import objective_spec
 

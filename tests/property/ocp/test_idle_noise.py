@@ -14,10 +14,8 @@ from ocp.gradients.estimators import SAMPLED
 from ocp.learning.ars import ARS
 from ocp.learning.experiment import Experiment
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.unrolls.aobg import AoBG
-from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG
 from ocp.learning.unrolls.unrolling import roll
-from ocp.learning.unrolls.zopg import ZOPG
 from ocp.policy import Feedback
 from ocp.problem import Problem
 from ocp.task import Task

@@ -15,7 +15,7 @@ from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from ocp.mpcc import MPCC
 from ocp.mpcc import solve as solve_pairs
 from ocp.problem import Problem
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.programs.units import Units, dimension, fitted
 from ocp.solution import Solution
 from ocp.solve import solve

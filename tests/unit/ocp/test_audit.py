@@ -27,7 +27,7 @@ from ocp.programs.solver import Point
 from ocp.rollout import roll_out
 from ocp.routes.homotopy import RouteResult
 from ocp.session import Session
-from ocp.transcription.trajectories import trajectories
+from ocp.transcription.nlp import trajectories
 from problems import get
 
 

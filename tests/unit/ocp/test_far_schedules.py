@@ -10,8 +10,7 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp.judgement import judged
-from ocp.programs.solver import Point, Result
-from ocp.programs.status import Status
+from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.rollouts import RolloutStarts

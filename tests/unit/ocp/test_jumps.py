@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ocp import solve
-from ocp.judges.jumps import jumps, jumps_of
+from ocp.judges.verdict import jumps, jumps_of
 from ocp.problem import Constraint
 from problems import get, names
 

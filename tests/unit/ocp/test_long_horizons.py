@@ -10,8 +10,7 @@ import pytest
 
 from dynamics.contact import Barrier, Exact
 from ocp import Solution, solve
-from ocp.programs.solver import Point, Result
-from ocp.programs.status import Status
+from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import LONGEST, Branches, second_limit
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import CentralPath

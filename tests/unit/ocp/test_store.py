@@ -26,7 +26,7 @@ from ocp.judges.audit import Audit
 from ocp.judges.referee import RefereeReport
 from ocp.physics.constraints import Violation
 from ocp.physics.measures import Worst
-from ocp.programs.status import Status
+from ocp.programs.solver import Status
 from ocp.solution import Solution, StageRecord
 from ocp.stationarity.certificate import Certificate, ContactChange
 from ocp.store import atomic, lookup

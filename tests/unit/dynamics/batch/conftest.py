@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from dynamics.batch.engines import choice
+from dynamics.batch.engines import kernels
 
 
 @pytest.fixture(autouse=True)
 def nothing_told(monkeypatch) -> None:
     """As in a new process, where no reason to pass a backend over was told before."""
-    monkeypatch.setattr(choice, "_told", set())
+    monkeypatch.setattr(kernels, "_told", set())

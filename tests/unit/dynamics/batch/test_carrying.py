@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import RolloutFunction, open_loop
-from dynamics.batch.graphs.carrying import carried
+from dynamics.batch.graphs.hoisting import carried
 from dynamics.batch.graphs.tape import tape_of
 from dynamics.contact import Barrier
 from tests.unit.dynamics.batch.rollout_cases import closed, wall

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynamics.batch.moments import Moments, merge_chunks
+from dynamics.batch.rolling import Moments, merge_chunks
 
 
 def moments_of(values: np.ndarray) -> Moments:

@@ -8,7 +8,7 @@ import numpy as np
 from mpmath import mp, mpf
 
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.samples import Normalisation, Origin
+from dynamics.learned.transitions import Normalisation, Origin
 from dynamics.systems.parameters import Signal
 
 DIGITS = 60

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.samples import Normalisation
+from dynamics.learned.transitions import Normalisation
 from tests.unit.dynamics.learned.ewda_reference import gap, model_of, origin, reference
 
 ENGINES = ["c", "numpy"]

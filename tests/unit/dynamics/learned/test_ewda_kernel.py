@@ -9,7 +9,7 @@ import pytest
 from mpmath import mp, mpf
 
 from dynamics.batch.arguments import BatchWarning
-from dynamics.batch.engines import choice, compiler
+from dynamics.batch.engines import compiler, kernels
 from dynamics.learned.ewda_kernel import NumpyMoments, boxes, chunked, neighbourly
 from dynamics.learned.ewda_source import ewda_source
 from tests.unit.dynamics.learned.ewda_reference import model_of
@@ -59,7 +59,7 @@ def test_without_a_compiler_numpy_answers(monkeypatch):
     rng = np.random.default_rng(0)
     z, y = rng.standard_normal((50, 3)), rng.standard_normal((50, 2))
     monkeypatch.setattr(compiler, "CANDIDATES", ())
-    monkeypatch.setattr(choice, "_told", set())
+    monkeypatch.setattr(kernels, "_told", set())
     model = model_of(z, y, 0.3)
     with pytest.warns(BatchWarning, match="runs on the numpy backend"):
         assert isinstance(model._engine, NumpyMoments)

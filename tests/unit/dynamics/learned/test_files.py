@@ -10,8 +10,7 @@ import xarray as xr
 
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.mlp import MlpModel
-from dynamics.learned.samples import Normalisation
-from dynamics.learned.transitions import Transitions
+from dynamics.learned.transitions import Normalisation, Transitions
 from dynamics.systems import signals
 from ocp.errors import InputError
 from ocp.store import models

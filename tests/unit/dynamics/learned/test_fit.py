@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from dynamics.learned.fit import DISTANCES, Fit, fit
-from dynamics.learned.samples import Origin, Samples
+from dynamics.learned.transitions import Origin, Samples
 from dynamics.systems.parameters import Signal
 
 NAMES = (Signal("q", "m"), Signal("turn", "rad"))

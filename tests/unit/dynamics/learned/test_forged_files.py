@@ -11,7 +11,7 @@ import xarray as xr
 
 from dynamics.learned.files import read_model
 from dynamics.learned.mlp import MlpModel
-from dynamics.learned.samples import Normalisation
+from dynamics.learned.transitions import Normalisation
 from ocp.errors import InputError
 from ocp.store.models import load_any, save
 from reports.cli.app import main

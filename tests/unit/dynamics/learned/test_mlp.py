@@ -17,10 +17,8 @@ import xarray as xr
 
 from dynamics.contact.casadi_map import CasadiMap
 from dynamics.learned.mlp import BLOCK, MlpModel
-from dynamics.learned.network import Network, evaluate
-from dynamics.learned.samples import Normalisation, Origin, Samples, split_rows
-from dynamics.learned.training import Recipe, Training, train
-from dynamics.learned.transitions import Transitions
+from dynamics.learned.training import Network, Recipe, Training, evaluate, train
+from dynamics.learned.transitions import Normalisation, Origin, Samples, Transitions, split_rows
 from dynamics.systems.parameters import Signal
 
 LINE = Origin((Signal("q", "m"),), (Signal("q", "m"),))

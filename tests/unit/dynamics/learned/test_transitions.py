@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynamics.learned.samples import Normalisation, split_rows
-from dynamics.learned.transitions import Transitions
+from dynamics.learned.transitions import Normalisation, Transitions, split_rows
 from dynamics.systems import signals
 
 STATES, INPUTS = signals("x [m]; v [m/s]"), signals("u [N]")

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynamics.learned.samples import Origin
+from dynamics.learned.transitions import Origin
 from dynamics.systems import ContactSystem
 
 

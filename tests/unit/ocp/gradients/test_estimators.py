@@ -13,9 +13,8 @@ from dynamics.contact import Barrier, Exact
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 from ocp.gradients import RolloutObjective, StaticObjective, estimate_gradient, sampling
-from ocp.gradients.empirical_bias import empirical_bias, sharpest_change
-from ocp.gradients.estimators import SAMPLED
-from ocp.gradients.interpolation import ConfidenceTest, FixedWeight
+from ocp.gradients.estimators import SAMPLED, ConfidenceTest, FixedWeight
+from ocp.gradients.verdict import empirical_bias, sharpest_change
 from ocp.policy import Feedback, OpenLoop
 from problems import get, names
 from problems.objectives import objective_spec

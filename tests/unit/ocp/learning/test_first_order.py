@@ -12,7 +12,7 @@ from dynamics.contact import Adaptive, Barrier, ContactLaw
 from dynamics.systems import Signal
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import State
-from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.gradients import FOPG
 from ocp.learning.unrolls.unrolling import roll
 from ocp.task import Task
 from tests.unit.dynamics.batch.rollout_cases import wall

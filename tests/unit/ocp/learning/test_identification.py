@@ -7,8 +7,7 @@ import pytest
 
 from ocp.errors import InputError
 from ocp.learning.explorer import Buffer
-from ocp.learning.identification.identify import identify, intervals
-from ocp.learning.identification.one_step import OneStepLoss
+from ocp.learning.identification.identify import OneStepLoss, identify, intervals
 from ocp.learning.identification.random_search import RandomSearch
 from tests.unit.ocp.learning.spring_mass import (
     NAMES,

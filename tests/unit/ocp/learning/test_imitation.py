@@ -17,10 +17,10 @@ from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.mbpo.algorithm import MBPO
 from ocp.learning.network import first_weights
 from ocp.learning.plans.imitation import demonstrations, fit_actions, squared_error, tracking_gains
-from ocp.learning.plans.problem import planned_problem
+from ocp.learning.plans.planned import planned_problem
 from ocp.learning.protocol import Trained
 from ocp.learning.training import train
-from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.gradients import FOPG
 from ocp.problem import Scaling
 from ocp.task import Task
 

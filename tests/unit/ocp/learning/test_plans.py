@@ -18,10 +18,10 @@ from ocp.learning.plans.planned import (
     episode_return,
     guess_from_constant_inputs,
     guess_from_policy,
+    planned_problem,
 )
-from ocp.learning.plans.problem import planned_problem
 from ocp.learning.protocol import Trained
-from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.gradients import FOPG
 from ocp.rollout import trajectory_costs
 from ocp.task import Task
 from problems import ball_throw

@@ -14,7 +14,7 @@ from ocp.learning.experiment import Experiment
 from ocp.learning.identification.psi_learning import PsiLearning
 from ocp.learning.identification.random_search import RandomSearch
 from ocp.learning.training import train
-from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.gradients import FOPG
 from tests.unit.ocp.learning.spring_mass import D, K, M, following, spring_task
 
 WRONG = np.array([1.5 * M, 0.6 * K, D, 0.0])

@@ -22,10 +22,8 @@ from ocp.learning.network import LEAST_SCALE, Normaliser
 from ocp.learning.protocol import Trained
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.training import train
-from ocp.learning.unrolls.aobg import AoBG
-from ocp.learning.unrolls.fopg import FOPG
+from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG
 from ocp.learning.unrolls.unrolling import Starts
-from ocp.learning.unrolls.zopg import ZOPG
 from ocp.store.checkpoint import Checkpoint
 from tests.unit.ocp.learning.scalar import A, B, experiment, scalar
 

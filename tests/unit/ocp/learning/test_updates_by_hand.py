@@ -12,10 +12,8 @@ import pytest
 
 from ocp.learning.ars import ARS, search_direction
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.unrolls.aobg import AoBG, mixing
-from ocp.learning.unrolls.ascent import ascend
-from ocp.learning.unrolls.fopg import FOPG
-from ocp.learning.unrolls.zopg import ZOPG
+from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG, mixing
+from ocp.learning.unrolls.unrolling import ascend
 from tests.unit.ocp.learning.scalar import A, B, scalar
 from tests.unit.ocp.learning.scalar import experiment as scalar_experiment
 

@@ -15,8 +15,7 @@ import ocp.mpcc
 from ocp.errors import InputError
 from ocp.mpcc import MPCC, solve
 from ocp.mpcc.programs import programs_of
-from ocp.programs.solver import Point, Result, Solver
-from ocp.programs.status import Status
+from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.restoration import Elastic, restored

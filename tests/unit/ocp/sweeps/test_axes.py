@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from ocp.errors import InputError
-from ocp.sweeps.axes import axes, axis
 from ocp.sweeps.case import Case
-from ocp.sweeps.grid import dimension
+from ocp.sweeps.grid import axes, axis, dimension
 from ocp.sweeps.sweep import make_grid
 from ocp.validation import Axis
 

@@ -15,8 +15,7 @@ from ocp.solution import Solution
 from ocp.solve import solve_session
 from ocp.store.json_values import to_json
 from ocp.sweeps import sweep
-from ocp.sweeps.case import Case
-from ocp.sweeps.session_cache import SessionCache
+from ocp.sweeps.case import Case, SessionCache
 from ocp.transcription import Direct, MultipleShooting
 from problems import get
 from tests.unit.ocp.sweeps.same import TIMES, same

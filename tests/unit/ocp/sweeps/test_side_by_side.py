@@ -12,10 +12,9 @@ import pytest
 from ocp.errors import InputError
 from ocp.solve import solve_session
 from ocp.sweeps import job, sweep
-from ocp.sweeps.axes import axes
 from ocp.sweeps.case import Case
-from ocp.sweeps.job import JobResult
-from ocp.sweeps.starts import solve_starts
+from ocp.sweeps.grid import axes
+from ocp.sweeps.job import JobResult, solve_starts
 from ocp.sweeps.sweep import make_grid, solve_grid
 from tests.unit.ocp.sweeps.same import same
 
