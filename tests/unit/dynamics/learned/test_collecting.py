@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-import dynamics.batch.stepping as stepping
 import numpy as np
 import pytest
 
+import dynamics.batch.function as stepping
 from dynamics.learned.collecting import collect
 from dynamics.learned.region import Region
 from dynamics.learned.transitions import Transitions
