@@ -256,9 +256,9 @@ def from_exact(
 
     The path from a wide law may end in a worse minimum, one with another contact schedule, and then
     the exact optimum is the better neighbour. Pairs are lifted onto the path of the law's mu. None
-    where the solver does not converge, from a high or from a low barrier parameter of its own. It
-    is to stay near: the usual push off the bounds, a hundredth of a unit, would lift every small
-    impulse of every step above the path, and a long horizon with them.
+    where the solver does not converge, from a low or from a high barrier parameter of its own: the
+    low one first, since a high one leaves the neighbourhood of a small cost. The usual push off the
+    bounds, a hundredth of a unit, would do so too: it lifts every small impulse above the path.
     """
     x = x.copy()
     if program.pairs.size:
@@ -266,7 +266,7 @@ def from_exact(
         lam, gap = np.maximum(x[program.pairs], np.sqrt(mu) * 1e-3)
         active = lam > gap
         x[program.pairs] = np.where(active, lam, mu / gap), np.where(active, mu / lam, gap)
-    for mu_init in (1e-3, 1e-6):
+    for mu_init in (1e-6, 1e-3):
         stage = HomotopyStage("from exact", value, options={**_NEAR, "mu_init": mu_init})
         found = follower.solve_stage(stage, program, Point(x), False)
         if found.ok:

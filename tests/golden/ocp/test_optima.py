@@ -31,7 +31,7 @@ def exact(name: str, strategy: str | None = None) -> Solution:
 
 @pytest.mark.parametrize(
     ("name", "method"),
-    [(name, MultipleShooting()) for name in FIVE]
+    [(name, MultipleShooting()) for name in (*FIVE, "ball-throw")]
     + [
         pytest.param(name, SingleShooting(), marks=SLOW if name == "cart-walls" else ())
         for name in FIVE
