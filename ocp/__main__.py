@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from ocp.plugins import load_plugin
+from ocp.distribution import load_plugin
 
 if __name__ == "__main__":
     sys.exit(load_plugin("reports").main())

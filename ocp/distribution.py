@@ -1,16 +1,21 @@
-"""The distribution: its version, and its packages, which must be found beside this one.
+"""The distribution: its version, its packages, and those above this one, loaded by entry point.
 
 Their names are common words. ``python -m ocp`` puts the working directory first on the path, where
 a user's ``problems.py`` would stand for ours: importing this module takes that place off again. To
-a script that has such a file beside it, the first import that fails says so.
+a script that has such a file beside it, the first import that fails says so. Packages above are
+never imported by name, so that imports run one way only, and loaded where they are used.
 """
 
 from __future__ import annotations
 
 import sys
 from importlib import metadata
+from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
+
+from ocp.errors import InputError
 
 NAME = "centralpath"
 _ROOT = Path(__file__).resolve().parents[1]
@@ -64,3 +69,26 @@ def _check_shadowing() -> None:
 
 
 _check_shadowing()
+
+
+GROUP = "centralpath.plugins"
+
+
+def load_plugin(name: str) -> Any:
+    """Load the module that the entry point ``name``, "problems" or "reports", refers to.
+
+    Raises :class:`~ocp.errors.InputError` where the distribution is not installed, and
+    :class:`~ocp.distribution.ShadowedPackage` where a user's module of that name is found instead.
+    """
+    found = [*entry_points(group=GROUP, name=name)]
+    if not found:
+        raise InputError(
+            f"the package {name} of centralpath is not installed; install the distribution, as in"
+            " pip install centralpath"
+        )
+    try:
+        return found[0].load()
+    except ImportError as error:
+        if hidden := shadowing((name,)):
+            raise ShadowedPackage(hidden) from error
+        raise

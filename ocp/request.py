@@ -8,9 +8,9 @@ from os import PathLike, fspath
 from typing import Any, TypeAlias
 
 from dynamics.contact import ContactLaw
+from ocp.distribution import load_plugin
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.factories import law_settings
-from ocp.plugins import load_plugin
 from ocp.problem import Problem
 from ocp.programs.options import documented, has_option
 from ocp.programs.solver import SOLVERS

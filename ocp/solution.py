@@ -14,6 +14,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from dynamics.systems import LAW_PREFIX
+from ocp.distribution import load_plugin
 from ocp.errors import InputError
 from ocp.factories import closing_law
 from ocp.judges.audit import Audit, signed_distances
@@ -28,7 +29,6 @@ from ocp.physics.constraints import (
 )
 from ocp.physics.contact_report import least_slip
 from ocp.physics.measures import Worst, between
-from ocp.plugins import load_plugin
 from ocp.problem import Problem
 from ocp.programs.solver import Status
 from ocp.rollout import Gains, Rollout, roll_out

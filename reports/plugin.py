@@ -1,4 +1,4 @@
-"""What ``ocp.Solution`` loads from this package by entry point (:mod:`ocp.plugins`)."""
+"""What ``ocp.Solution`` loads from this package by entry point (:mod:`ocp.distribution`)."""
 
 from __future__ import annotations
 

@@ -1,15 +1,169 @@
-"""The step of a law that was learned: next states from a model, without multipliers."""
+"""A learned map as a CasADi function, and the step that it gives, without multipliers."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Protocol
 
 import casadi as ca
+import numpy as np
 
-from dynamics.contact.casadi_map import CasadiMap
 from dynamics.contact.step import Step
 from dynamics.systems import Signal
+
+Shapes = Sequence[tuple[int, int]]
+_KEPT = 4096
+"""Queries whose values and Jacobians are kept: a solver asks for cost, constraints and their
+derivatives one after the other at the same point."""
+
+
+class LearnedMap(Protocol):
+    """``y = g(z)``, z = (x, u) (n_in,), y (n_out,) the next state and, after it, whatever else.
+
+    Everything is in physical units and float64, one row a query.
+    """
+
+    @property
+    def n_in(self) -> int:
+        """Entries of z."""
+        ...
+
+    @property
+    def n_out(self) -> int:
+        """Entries of y."""
+        ...
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """``y`` (n, n_out) at ``z`` (n, n_in)."""
+        ...
+
+    def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in)."""
+        ...
+
+    def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out)."""
+        ...
+
+
+class CasadiMap:
+    """``y = g(z)`` of a :class:`LearnedMap` for CasADi's graphs.
+
+    Each function takes n queries as the columns of ``z`` (n_in, n) and evaluates them in one call.
+    """
+
+    def __init__(self, model: LearnedMap) -> None:
+        self.model, self.n_in, self.n_out = model, model.n_in, model.n_out
+        self._known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        self._made: dict[tuple[str, int], ca.Callback] = {}
+
+    def slopes(self, n: int) -> ca.Function:
+        """``z (n_in, n) -> y (n_out, n), [g'(z_1) .. g'(z_n)] (n_out, n_in n)``."""
+
+        def computed(z: np.ndarray) -> list[np.ndarray]:
+            y, slopes = self.evaluated(z)
+            return [y.T, _side_by_side(slopes)]
+
+        results = (self.n_out, n), (self.n_out, self.n_in * n)
+        return self._function("slopes", [(self.n_in, n)], results, computed)
+
+    def bends(self, n: int) -> ca.Function:
+        """``z (n_in, n), weights (n_out, n) -> [H_1 .. H_n] (n_in, n_in n)``, H the second
+        derivative of ``weights' g``.
+        """
+        given = (self.n_in, n), (self.n_out, n)
+        return self._function(
+            "bends", given, [(self.n_in, self.n_in * n)],
+            lambda z, weights: [_side_by_side(self.model.curvatures(z, weights))],
+        )  # fmt: skip
+
+    def values(self) -> ca.Function:
+        """``z (n_in, 1) -> y (n_out, 1)``, which CasADi can differentiate twice."""
+        n_in, n_out = self.n_in, self.n_out
+
+        def tensor(z: np.ndarray) -> list[np.ndarray]:
+            """``d vec(J) / dz``, columns of J one after the other."""
+            second = self.model.curvatures(np.repeat(z, n_out, axis=0), np.eye(n_out))
+            return [second.transpose(1, 0, 2).reshape(n_out * n_in, n_in)]
+
+        z = [(n_in, 1)]
+        second = self._function("tensor", z, [(n_out * n_in, n_in)], tensor)
+        first = self._function(
+            "jacobian", z, [(n_out, n_in)], lambda z: [self.evaluated(z)[1][0]], second
+        )
+        return self._function("values", z, [(n_out, 1)], lambda z: [self.evaluated(z)[0].T], first)
+
+    def _function(self, name: str, given: Shapes, *rest: Any) -> ca.Function:
+        # CasADi holds no reference to a callback: without this table it would be collected.
+        key = name, given[0][1]
+        if key not in self._made:
+            self._made[key] = _Callback(name, given, *rest)
+        return self._made[key]
+
+    def evaluated(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``y`` (n, n_out) and Jacobians (n, n_out, n_in) at ``z`` (n, n_in)."""
+        keys = [row.tobytes() for row in z]
+        new = [i for i, key in enumerate(keys) if key not in self._known]
+        if len(self._known) + len(new) > _KEPT:
+            self._known.clear()
+            new = list(range(len(z)))
+        if new:
+            found = self.model.jacobians(z[new])
+            self._known |= {keys[i]: pair for i, pair in zip(new, zip(*found, strict=True),
+                                                             strict=True)}  # fmt: skip
+        pairs = [self._known[key] for key in keys]
+        return np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])
+
+
+def _side_by_side(blocks: np.ndarray) -> np.ndarray:
+    """Blocks (n, rows, columns) beside each other, (rows, n columns)."""
+    return blocks.transpose(1, 0, 2).reshape(blocks.shape[1], -1)
+
+
+class _Callback(ca.Callback):
+    """A function of the queries' matrix, one query a row for ``compute``.
+
+    ``given`` and ``made`` are the shapes of arguments and results, ``derivative`` the function of
+    the Jacobian of the one result by the one argument, where it is needed.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        given: Shapes,
+        made: Shapes,
+        compute: Callable[..., list[np.ndarray]],
+        derivative: ca.Function | None = None,
+    ) -> None:
+        super().__init__()
+        self.given, self.made, self.compute, self.derivative = given, made, compute, derivative
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self.given)
+
+    def get_n_out(self) -> int:
+        return len(self.made)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(*self.given[i])
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(*self.made[i])
+
+    def eval(self, arg: Any) -> list[Any]:
+        rows = (np.ascontiguousarray(np.array(ca.densify(value)).T) for value in arg)
+        return [ca.DM(result) for result in self.compute(*rows)]
+
+    def has_jacobian(self) -> bool:
+        return self.derivative is not None
+
+    def get_jacobian(self, name: str, inames: Any, onames: Any, opts: Any) -> ca.Function:
+        z, y = ca.MX.sym("z", *self.given[0]), ca.MX.sym("y", *self.made[0])
+        assert self.derivative is not None
+        return ca.Function(name, [z, y], [self.derivative(z)], inames, onames, opts)
 
 
 @dataclass(frozen=True, eq=False)

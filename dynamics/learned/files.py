@@ -1,9 +1,11 @@
-"""Reading transitions and models from their files: arrays and attributes in netCDF, never code."""
+"""Reading transitions and models from netCDF, never code, and transitions from others' tables."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +13,12 @@ import numpy as np
 
 from dynamics.learned.stored import EWDA, KINDS, TRANSITIONS, plain
 from dynamics.learned.transitions import Transitions
+from dynamics.systems import Signal
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
+
 
 CHECKSUM = "checksum"
 _HDF = b"\x89HDF\r\n\x1a\n"
@@ -101,3 +106,148 @@ def checksum(dataset: xr.Dataset) -> str:
     attributes = {key: plain(value) for key, value in dataset.attrs.items() if key != CHECKSUM}
     digest.update(json.dumps(attributes, sort_keys=True).encode())
     return digest.hexdigest()
+
+
+TABLES = (".csv", ".parquet")
+NEXT = "_next"
+_HEAD = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+
+
+def read_table(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    signals: tuple[Sequence[Signal], Sequence[Signal]] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> Transitions:
+    """One transition a row: columns named after states, inputs, and ``<state>_next``.
+
+    A column may carry its unit, ``ox [m]``. ``columns`` maps such names to those of the table where
+    they differ. ``signals`` are the states and inputs that are expected; without them whatever has
+    a ``_next`` is a state and all else, of the mapped columns where ``columns`` says any, an input.
+
+    Raises ``ValueError`` for a file that cannot be read, columns that are missing or hold no
+    numbers, other units than those expected, and as :meth:`Transitions.checked` does.
+    """
+    table = _table(path)
+    heads = _named(path, [str(head) for head in table.columns], columns or {})
+    if signals is None:
+        states, inputs = _guessed(path, heads, list(columns or heads))
+    else:
+        states, inputs = signals
+    after = [Signal(f"{signal.name}{NEXT}", signal.unit) for signal in states]
+    x, u, x_next = (
+        _values(path, table, [_column(path, heads, signal) for signal in part])
+        for part in (states, inputs, after)
+    )
+    told = {"how": f"read from {path.name}", **(provenance or {})}
+    return Transitions.checked(x, u, x_next, states, inputs, told)
+
+
+def _table(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    if path.suffix not in TABLES:
+        raise ValueError(f"{path}: expected a table, {' or '.join(TABLES)}")
+    if not path.is_file():
+        raise ValueError(f"{path}: file not found")
+    if path.suffix == ".parquet":
+        return _parquet(path)
+    try:
+        return pd.read_csv(path, skipinitialspace=True)
+    except pd.errors.EmptyDataError as error:
+        raise ValueError(f"{path} is empty; the first line must name the columns") from error
+    except pd.errors.ParserError as error:
+        raise ValueError(f"{path} is not a CSV table: {str(error).splitlines()[-1]}") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not UTF-8 text, so not a CSV table") from error
+
+
+def _parquet(path: Path) -> pd.DataFrame:
+    try:
+        from pyarrow import ArrowException
+        from pyarrow.parquet import read_table as read
+    except ImportError as error:
+        raise ValueError(
+            f"{path}: Parquet is read by Arrow, which the extra learn installs: pip install"
+            " 'centralpath[learn]'; or write the table as CSV"
+        ) from error
+    try:
+        return read(path).to_pandas(ignore_metadata=True)
+    except (ArrowException, OSError) as error:
+        raise ValueError(f"{path} is not a complete Parquet file") from error
+
+
+def _split(head: str) -> tuple[str, str | None]:
+    """Name and unit of ``ox [m]``; the whole text and None where it has no such form."""
+    found = _HEAD.fullmatch(head)
+    return (found["name"], found["unit"]) if found and found["name"] else (head, None)
+
+
+Heads = dict[str, tuple[str, str | None]]
+"""By the name of a signal: the column of the table, and its unit where it says one."""
+
+
+def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
+    heads: Heads = {}
+    for text in texts:
+        name, unit = _split(text)
+        if name in heads:
+            raise ValueError(f"{path}: two columns are called {name}; rename one")
+        heads[name] = text, unit
+    found = dict(heads)
+    for name, column in columns.items():
+        match = heads.get(_split(column)[0])
+        if match is None or column not in (match[0], _split(match[0])[0]):
+            raise ValueError(
+                f"{path}: no column {column!r} for {name}; available: {', '.join(texts)}"
+            )
+        found[name] = match
+    return found
+
+
+def _guessed(
+    path: Path, heads: Heads, names: list[str]
+) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
+    """States and inputs of a table that nothing is known about."""
+    states = [name for name in names if f"{name}{NEXT}" in names]
+    if not states:
+        raise ValueError(
+            f"{path}: no column is the next state of another; name states such as x and x{NEXT},"
+            f" or map them with columns, of {', '.join(heads)}"
+        )
+    ends = {f"{name}{NEXT}" for name in states}
+    inputs = [name for name in names if name not in states and name not in ends]
+    first, second = (
+        tuple(Signal(name, heads[name][1] or "1") for name in part) for part in (states, inputs)
+    )
+    return first, second
+
+
+def _column(path: Path, heads: Heads, signal: Signal) -> str:
+    """The column of a signal, whose unit, where the table says it, must be the signal's."""
+    if signal.name not in heads:
+        raise ValueError(
+            f"{path}: no column for {signal.name} [{signal.unit}]; it has"
+            f" {', '.join(heads)}; map one with columns {signal.name}=COLUMN"
+        )
+    column, unit = heads[signal.name]
+    if unit is not None and unit != signal.unit:
+        raise ValueError(
+            f"{path}: column {column!r} is in {unit}, and {signal.name} is in {signal.unit};"
+            " convert it, and name its unit so"
+        )
+    return column
+
+
+def _values(path: Path, table: pd.DataFrame, columns: list[str]) -> np.ndarray:
+    import pandas as pd
+
+    found = table[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=float)
+    rows, places = np.nonzero(np.isnan(found) & table[columns].notna().to_numpy(bool))
+    if len(rows):
+        row, column = rows[0], columns[places[0]]
+        raise ValueError(
+            f"{path}: column {column!r} holds {str(table[column].iloc[row])!r} in row {row},"
+            " counted from 0, which is not a number"
+        )
+    return found

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynamics.contact.casadi_map import LearnedMap
+from dynamics.contact.learned_step import LearnedMap
 from dynamics.learned.transitions import Samples
 
 if TYPE_CHECKING:

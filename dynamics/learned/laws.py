@@ -8,10 +8,9 @@ from typing import Annotated, Any, ClassVar, Protocol, runtime_checkable
 
 import casadi as ca
 
-from dynamics.contact.casadi_map import CasadiMap, LearnedMap
 from dynamics.contact.closure import Branch, Closure
 from dynamics.contact.law import ContactLaw
-from dynamics.contact.learned_step import LearnedStep
+from dynamics.contact.learned_step import CasadiMap, LearnedMap, LearnedStep
 from dynamics.contact.step import Step
 from dynamics.learned.files import read_model
 from dynamics.learned.transitions import Origin

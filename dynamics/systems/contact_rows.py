@@ -8,7 +8,14 @@ from typing import Literal
 
 import casadi as ca
 
-from dynamics.systems.contacts.cone import EDGES, LINEARISED, SECOND_ORDER, ConeForm, Row, Rubbing
+from dynamics.systems.contacts.contact import (
+    EDGES,
+    LINEARISED,
+    SECOND_ORDER,
+    ConeForm,
+    Row,
+    Rubbing,
+)
 from dynamics.systems.pairs import ContactForces, Pair
 from dynamics.systems.parameters import Signal
 from dynamics.systems.sharp import COULOMB, TRUE_GAPS, Sharp

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.contact import ContactLaw
+from ocp.distribution import load_plugin
 from ocp.effort import check_memory, sampling_memory
 from ocp.errors import InputError, input_errors
 from ocp.factories import closing_law, policy_of
@@ -18,7 +19,6 @@ from ocp.gradients.estimators import CHUNK, Rule
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.rollout_objective import RolloutObjective
 from ocp.gradients.sampling import Progress
-from ocp.plugins import load_plugin
 from ocp.policy import Policy
 
 SIGMA_SHARE = 0.1

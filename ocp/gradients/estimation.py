@@ -13,14 +13,17 @@ from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError, choose
 from ocp.gradients.estimators import RULES, SAMPLED, Choice, Evidence, Rule
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.reference import (
+from ocp.gradients.sampling import (
     KINDS,
+    CheckpointKey,
+    EstimatorRun,
+    Progress,
     ReferenceGradient,
     reference_gradient,
     reference_kind,
+    run_estimator,
     stream,
 )
-from ocp.gradients.sampling import CheckpointKey, EstimatorRun, Progress, run_estimator
 from ocp.gradients.verdict import (
     EmpiricalBias,
     Jump,
@@ -120,7 +123,7 @@ class Sampling:
     """What to estimate: estimators by name, samples of each, the noise and the seed.
 
     ``rules`` replaces the settings of alpha estimators by name; ``reference`` is one of
-    :data:`~ocp.gradients.reference.KINDS`, ``reference_samples`` None for ten times
+    :data:`~ocp.gradients.sampling.KINDS`, ``reference_samples`` None for ten times
     ``samples``.
 
     Raises :class:`~ocp.errors.InputError` for an unknown or repeated estimator, fewer than two

@@ -13,7 +13,7 @@ import numpy as np
 from dynamics.batch import Gaussian
 from ocp.gradients.estimation import Sampling, check_samples, run_sampling
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.reference import reference_kind
+from ocp.gradients.sampling import reference_kind
 from ocp.gradients.verdict import short_verdict
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json

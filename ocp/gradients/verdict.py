@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.reference import ReferenceGradient
+from ocp.gradients.sampling import ReferenceGradient
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from ocp.physics.constraints import (
     seen_sizes,
     travelled,
 )
-from ocp.physics.measures import Physics, Worst, distances, measure
-from ocp.physics.nonuniqueness import find_nonuniqueness
+from ocp.physics.measures import Physics, Worst, distances, find_nonuniqueness, measure
 from ocp.problem import Problem
 from ocp.rollout import Gains, Rollout, Unsolved, roll_on, trajectory_costs
 

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from ocp.distribution import load_plugin
 from ocp.errors import InputError, did_you_mean
-from ocp.plugins import load_plugin
 from ocp.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import discard

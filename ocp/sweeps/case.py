@@ -18,9 +18,9 @@ import casadi as ca
 
 from dynamics.contact import ContactLaw, Step
 from dynamics.systems import LAW_PREFIX, ParameterTable
+from ocp.distribution import load_plugin
 from ocp.errors import InputError, did_you_mean
 from ocp.factories import law_settings
-from ocp.plugins import load_plugin
 from ocp.problem import Problem
 from ocp.request import ProblemSource
 from ocp.session import Session

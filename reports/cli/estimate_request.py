@@ -15,7 +15,7 @@ from ocp.gradients.estimate import NamedObjective, rollout_objective, static_obj
 from ocp.gradients.estimation import Sampling
 from ocp.gradients.estimators import RULES
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.reference import reference_kind
+from ocp.gradients.sampling import reference_kind
 from ocp.gradients.sweep import read_sweep
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest

@@ -15,8 +15,15 @@ from ocp.solve import Rank
 from ocp.store.checkpoint import Checkpoint
 from ocp.sweeps.grid import Grid, axes, dataset, dimension, saved_points
 from ocp.sweeps.job import JobResult
-from ocp.sweeps.summary import rows, run_meta, where
-from ocp.sweeps.sweep import check_parallel_memory, check_points, make_grid, solve_grid
+from ocp.sweeps.sweep import (
+    check_parallel_memory,
+    check_points,
+    make_grid,
+    rows,
+    run_meta,
+    solve_grid,
+    where,
+)
 from reports.cli import interrupt
 from reports.cli.commands import SweepOptions
 from reports.cli.request import case_of, check_places, read_names

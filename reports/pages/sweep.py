@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from ocp.store.stored_run import StoredRun
-from ocp.sweeps.summary import rows
+from ocp.sweeps.sweep import rows
 from reports.console import number
 from reports.figures import sweep as drawn
 from reports.pages.described import Page, head, how, law

@@ -61,7 +61,7 @@ def test_the_installed_program_never_looks_into_the_working_directory(
     [
         ("dynamics", "import ocp"),
         ("problems", "from ocp import solve; solve('push-1d')"),
-        ("reports", "import ocp.plugins; ocp.plugins.load_plugin('reports')"),
+        ("reports", "import ocp.distribution; ocp.distribution.load_plugin('reports')"),
         ("problems", "import sys; from reports.cli.app import main; sys.exit(main(['list']))"),
     ],
 )

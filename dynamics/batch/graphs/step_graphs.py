@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch.graphs.inner import InnerLoop
-from dynamics.contact.casadi_map import LearnedMap
+from dynamics.contact.learned_step import LearnedMap
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,8 @@ import numpy as np
 
 from dynamics.batch import StepFunction
 from dynamics.contact import ContactLaw, Exact, Step
-from dynamics.contact.casadi_map import CasadiMap
 from dynamics.contact.closure import Branch, Closure
-from dynamics.contact.learned_step import LearnedStep
+from dynamics.contact.learned_step import CasadiMap, LearnedStep
 from dynamics.learned.laws import LearnedLaw
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import ContactSystem, ParameterTable

@@ -10,8 +10,8 @@ from typing import Any
 import xarray as xr
 
 from dynamics.learned.ewda import EwdaModel
+from dynamics.learned.files import TABLES, read_table
 from dynamics.learned.fit import fit
-from dynamics.learned.tables import TABLES, read_table
 from dynamics.learned.training import Recipe, Training
 from dynamics.learned.transitions import Transitions, split_rows
 from ocp.effort import check_memory

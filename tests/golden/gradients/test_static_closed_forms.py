@@ -9,7 +9,7 @@ import pytest
 
 from ocp.gradients import estimate_gradient
 from ocp.gradients.estimators import ConfidenceTest, Evidence, inverse_variance
-from ocp.gradients.reference import quadrature
+from ocp.gradients.sampling import quadrature
 from ocp.gradients.verdict import empirical_bias
 from problems import coulomb, heaviside
 from problems.objectives import objective_spec

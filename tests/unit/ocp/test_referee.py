@@ -14,8 +14,7 @@ from dynamics.systems import ContactSystem
 from ocp import Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
 from ocp.judges.referee import Referee, RefereeReport, evaluate, referee, survival
 from ocp.physics.constraints import broken_constraints
-from ocp.physics.measures import measure
-from ocp.physics.nonuniqueness import find_nonuniqueness
+from ocp.physics.measures import find_nonuniqueness, measure
 from ocp.rollout import Rollout, roll_on
 from problems import get
 from tests.unit.ocp.user_problems import (

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ocp.store.stored_run import StoredRun
 from ocp.sweeps.job import COUNTS, NUMBERS, WORDS
-from ocp.sweeps.summary import rows, verdict
+from ocp.sweeps.sweep import rows, verdict
 from reports.figures.sweep import figures, replayed
 from reports.pages.sweep import sweep_content
 from reports.style import styled

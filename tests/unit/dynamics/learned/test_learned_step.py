@@ -10,7 +10,7 @@ import pytest
 
 from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import ContactLaw, Exact, Randomized
-from dynamics.contact.casadi_map import CasadiMap
+from dynamics.contact.learned_step import CasadiMap
 from dynamics.learned.laws import Ewda, Mlp
 from ocp import Direct, Feedback, MultipleShooting, OpenLoop, SingleShooting, solve
 from ocp.rollout import roll_out

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from dynamics.contact.casadi_map import CasadiMap
+from dynamics.contact.learned_step import CasadiMap
 from dynamics.learned.mlp import BLOCK, MlpModel
 from dynamics.learned.training import Network, Recipe, Training, evaluate, train
 from dynamics.learned.transitions import Normalisation, Origin, Samples, Transitions, split_rows

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics.learned.tables import read_table
+from dynamics.learned.files import read_table
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import signals
 

@@ -15,10 +15,10 @@ import ocp.mpcc
 from ocp.errors import InputError
 from ocp.mpcc import MPCC, solve
 from ocp.mpcc.programs import programs_of
+from ocp.mpcc.solving import Elastic, restored
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy
-from ocp.routes.restoration import Elastic, restored
 
 
 def symbols(n: int) -> tuple[ca.SX, list[ca.SX]]:
