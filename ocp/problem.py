@@ -73,7 +73,10 @@ class Problem:
     shown: Any = None
 
     def __post_init__(self) -> None:
-        self._check_kinds()
+        for what, kind in _KINDS.items():
+            called = {"name": "a problem's name", "N": f"{self.name}: the horizon N"}
+            owner = called.get(what, f"{self.name}: {what}")
+            self._set(what, validated(owner, getattr(self, what), kind))
         nx, nu = self.system.nx, self.system.nu
         sizes = {"x0": (nx,), "du": (nu,), "u_before": (nu,), "u_lower": (nu, 1),
                  "u_upper": (nu, 1), "x_lower": (nx, 1), "x_upper": (nx, 1),
@@ -97,12 +100,6 @@ class Problem:
 
     def _set(self, what: str, value: Any) -> None:
         object.__setattr__(self, what, value)
-
-    def _check_kinds(self) -> None:
-        for what, kind in _KINDS.items():
-            called = {"name": "a problem's name", "N": f"{self.name}: the horizon N"}
-            owner = called.get(what, f"{self.name}: {what}")
-            self._set(what, validated(owner, getattr(self, what), kind))
 
     def _check_symbols(self) -> None:
         s, free = self.system, self.start

@@ -163,7 +163,9 @@ def _header(step: Step, name: str, about: Sequence[str], values: np.ndarray) -> 
         for p, value in zip(step.p, values, strict=True)
     ]
     return _HEADER.format(
-        about="\n   ".join(line for text in about or (name,) for line in _wrapped(text)),
+        about="\n   ".join(
+            line for text in about or (name,) for line in wrap(_harmless(text), _WIDTH) or [""]
+        ),
         name=name,
         **{"nx": system.nx, "nu": system.nu, "nlam": step.n},
         **{"np": len(values), "room": max(len(values), 1)},
@@ -172,10 +174,6 @@ def _header(step: Step, name: str, about: Sequence[str], values: np.ndarray) -> 
         contacts=_listed(step.contacts),
         parameters=_listed(parameters),
     )
-
-
-def _wrapped(text: str) -> list[str]:
-    return wrap(_harmless(text), _WIDTH) or [""]
 
 
 def _listed(signals: Iterable[Signal]) -> str:

@@ -158,7 +158,9 @@ class Training:
 
     def model(self) -> MlpModel:
         """The network with the best weights so far, or with the last where nothing is held out."""
-        weights, biases = arrays_of(self._now.best)
+        best = self._now.best
+        weights = tuple(np.array(layer.weight, float) for layer in best)
+        biases = tuple(np.array(layer.bias, float) for layer in best)
         known = self.data.origin
         origin = replace(known, data_hash=known.data_hash or self.data.hash)
         return MlpModel(weights, biases, *self._scales, self.sigma, origin, self.seed)
@@ -233,12 +235,6 @@ class Network:
         number, best_at, least = arrays["progress"]
         layers, moments, best = jax.tree.unflatten(structure, found)
         return Progress(layers, moments, best, int(number), int(best_at), float(least))
-
-
-def arrays_of(layers: Any) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Weights and biases, layer by layer, float64."""
-    weights = tuple(np.array(layer.weight, float) for layer in layers)
-    return weights, tuple(np.array(layer.bias, float) for layer in layers)
 
 
 @functools.cache

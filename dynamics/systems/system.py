@@ -118,9 +118,12 @@ class ContactSystem:
                 f"system {self.name!r}: {len(self.pairs)} pairs for {len(self.contacts)} named"
                 " contacts; give one for each entry of lam"
             )
-        known = ca.vertcat(self.x, self.u, self.x_next, self.lam, self.parameters.vector)
-        undeclared = _free_symbols(ca.vertcat(self.residual, self.gap), known)
-        if undeclared:
+        symbols = (self.x, self.u, self.x_next, self.lam, self.parameters.vector)
+        known, used = (
+            {str(symbol) for symbol in ca.symvar(ca.vertcat(*parts))}
+            for parts in (symbols, (self.residual, self.gap))
+        )
+        if undeclared := sorted(used - known):
             raise ValueError(
                 f"system {self.name!r}: residual or gap uses {', '.join(undeclared)}, which is not"
                 " a state, input, contact or declared parameter; declare it as a parameter"
@@ -248,9 +251,3 @@ def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int
         raise ValueError(
             f"system {system!r}: {what} has shape {ca.SX(expression).shape}, expected {shape}"
         )
-
-
-def _free_symbols(expression: ca.SX, known: ca.SX) -> list[str]:
-    names = {str(symbol): symbol for symbol in ca.symvar(expression)}
-    declared = [str(symbol) for symbol in ca.symvar(known)]
-    return sorted(set(names) - set(declared))

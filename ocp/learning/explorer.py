@@ -138,17 +138,12 @@ class Explorer:
             self._count(len(x))
         solved = np.asarray(np.isfinite(steps.x_next).all(axis=1))
         x_next = np.where(solved[:, None], steps.x_next, x)
-        return EpisodeSteps(
-            x, u, steps.x_next, np.where(solved, self.rewards(x, u, x_next), np.nan),
-            solved & self.ended(x_next), solved,
-            solved & self._touching(x_next),
-        )  # fmt: skip
-
-    def _touching(self, x: np.ndarray) -> np.ndarray:
-        """Whether bodies touch at states (n, nx); nowhere, where no distance is known."""
-        if self._distance is None:
-            return np.zeros(len(x), dtype=bool)
-        return np.asarray(self._distance(x, self.p)[:, 0] <= TOUCHED)
+        touched = np.zeros(len(x), dtype=bool)
+        if self._distance is not None:
+            touched = solved & (self._distance(x_next, self.p)[:, 0] <= TOUCHED)
+        reward = np.where(solved, self.rewards(x, u, x_next), np.nan)
+        ended = solved & self.ended(x_next)
+        return EpisodeSteps(x, u, steps.x_next, reward, ended, solved, touched)
 
     def advance(
         self, seen: EpisodeSteps, age: np.ndarray, rng: np.random.Generator

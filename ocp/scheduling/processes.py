@@ -47,7 +47,8 @@ def run_in_processes(
             while waiting and len(crew) < workers:
                 crew.append(_Worker.hired(function))
                 crew[-1].give(waiting.popleft(), jobs)
-            for worker in _ready(crew):
+            ready = wait([worker.pipe for worker in crew])
+            for worker in [one for one in crew if one.pipe in ready]:
                 message = worker.received()
                 if message is None:
                     crew.remove(worker)
@@ -124,11 +125,6 @@ def _alone() -> Iterator[None]:
         sys.modules["__main__"] = main
         for name in given:
             del os.environ[name]
-
-
-def _ready(crew: Sequence[_Worker]) -> list[_Worker]:
-    found = wait([worker.pipe for worker in crew])
-    return [worker for worker in crew if worker.pipe in found]
 
 
 def _stop(crew: Sequence[_Worker]) -> None:

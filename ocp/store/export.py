@@ -56,8 +56,10 @@ def write_csv(run: StoredRun, file: Path) -> None:
 
 def write_npz(run: StoredRun, file: Path) -> None:
     """Write every array and coordinate by name, and the description as JSON in ``meta``."""
+    values = {str(name): run.data[name].values for name in run.data.variables}
+    # Objects would be pickled.
     arrays: dict[str, Any] = {
-        str(name): _unpickled(run.data[name].values) for name in run.data.variables
+        name: each.astype(str) if each.dtype.kind == "O" else each for name, each in values.items()
     }
     content = io.BytesIO()
     np.savez_compressed(content, meta=np.array(json.dumps(run.meta)), **arrays)
@@ -65,10 +67,6 @@ def write_npz(run: StoredRun, file: Path) -> None:
 
 
 FORMATS: dict[str, Callable[[StoredRun, Path], None]] = {"csv": write_csv, "npz": write_npz}
-
-
-def _unpickled(values: np.ndarray) -> np.ndarray:
-    return values.astype(str) if values.dtype.kind == "O" else values
 
 
 def _cell(value: Any) -> str:

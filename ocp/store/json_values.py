@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Hashable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -75,92 +75,83 @@ def _without_circumstances(value: Any) -> Any:
     return [_without_circumstances(item) for item in value] if isinstance(value, list) else value
 
 
-def from_json(kind: Any, value: Any) -> Any:
-    """Build what the type ``kind`` says, records in records; null is a float that was not finite.
+def from_json(kind: Any, value: Any, place: str = "") -> Any:
+    """Build what the type ``kind`` says of ``value``, as JSON has it, records in records.
 
-    Raises ``KeyError`` or ``TypeError`` for records that are not whole.
+    Types are those of dataclasses and TypedDicts: numbers, texts, lists and mappings by text of
+    them, Literals, Enums by their names' words, and unions. For a float null is NaN, a number that
+    was not finite; of a TypedDict there may be more than it has.
+
+    Raises ``ValueError`` that says what does not fit, at which ``place`` of the whole.
     """
-    if value is None:
-        return float("nan") if kind is float else None
-    if isinstance(kind, type) and is_dataclass(kind):
-        types = get_type_hints(kind)
-        return kind(**{name: from_json(types[name], item) for name, item in value.items()})
-    inner = [part for part in get_args(kind) if part is not type(None)]
-    if get_origin(kind) is list:
-        return [from_json(inner[0], item) for item in value]
-    if isinstance(kind, UnionType):
-        return from_json(inner[0], value)
+    origin, inner = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return value
+    if origin in (Union, UnionType):
+        return _of_union(inner, value, place)
+    if origin is Literal:
+        return _one_of(dict(zip(inner, inner, strict=True)), value, place)
     if isinstance(kind, type) and issubclass(kind, Enum):
-        return kind[str(value).replace("-", "_").upper()]
-    return float(value) if kind is float else value
+        words = {name.lower().replace("_", "-"): one for name, one in kind.__members__.items()}
+        return _one_of(words, value, place)
+    if origin in (list, tuple):
+        _expect(list, value, place)
+        return [from_json(inner[0], item, f"{place}[{i}]") for i, item in enumerate(value)]
+    if origin is dict:
+        _expect(dict, value, place)
+        return {key: from_json(inner[1], item, _under(place, key)) for key, item in value.items()}
+    if is_dataclass(kind) or is_typeddict(kind):
+        return _of_record(kind, value, place)
+    _expect(kind, value, place)
+    return (float("nan") if value is None else float(value)) if kind is float else value
 
 
 _WORDS = {
     str: "a text", int: "a whole number", float: "a number or null", bool: "true or false",
     list: "a list", dict: "an object", NoneType: "null",
 }  # fmt: skip
+_PLAIN: dict[Any, Any] = {float: (int, float, NoneType)}
 
 
-def misfit(kind: Any, value: Any, place: str = "") -> str:
-    """Say where ``value``, as JSON has it, is not of type ``kind``; empty where it is.
-
-    Types are those of dataclasses and TypedDicts: numbers, texts, lists and mappings by text of
-    them, Literals, Enums by their names' words, and unions. A float may be null, which stands for a
-    number that was not finite; of a TypedDict there may be more than it has.
-    """
-    if kind is Any:
-        return ""
-    if get_origin(kind) in (Union, UnionType):
-        found = [misfit(part, value, place) for part in get_args(kind)]
-        return "" if "" in found else found[0]
-    for applies, check in _CHECKS:
-        if applies(kind):
-            return check(kind, value, place)
-    return "" if _is_plain(kind, value) else _mismatch(place, value, _WORDS[kind])
+def _expect(kind: Any, value: Any, place: str) -> None:
+    whole = isinstance(value, _PLAIN.get(kind, kind))
+    if not whole or (isinstance(value, bool) and kind is not bool):
+        raise _mismatch(place, value, _WORDS[kind])
 
 
-def _is_plain(kind: Any, value: Any) -> bool:
-    if kind is float:
-        return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
-    return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
+def _of_union(kinds: tuple[Any, ...], value: Any, place: str) -> Any:
+    """The first type that fits; null is null where the union has it."""
+    if value is None and NoneType in kinds:
+        return None
+    errors = []
+    for kind in kinds:
+        try:
+            return from_json(kind, value, place)
+        except ValueError as error:
+            errors.append(error)
+    raise errors[0]
 
 
-def _of_literal(kind: Any, value: Any, place: str) -> str:
-    words = get_args(kind)
-    return "" if value in words else _mismatch(place, value, f"one of {', '.join(map(str, words))}")
+def _one_of(words: Mapping[Any, Any], value: Any, place: str) -> Any:
+    if not isinstance(value, Hashable) or value not in words:
+        raise _mismatch(place, value, f"one of {', '.join(map(str, words))}")
+    return words[value]
 
 
-def _of_enum(kind: type[Enum], value: Any, place: str) -> str:
-    words = [name.lower().replace("_", "-") for name in kind.__members__]
-    return "" if value in words else _mismatch(place, value, f"one of {', '.join(words)}")
-
-
-def _of_list(kind: Any, value: Any, place: str) -> str:
-    if not isinstance(value, list):
-        return _mismatch(place, value, _WORDS[list])
-    inner = get_args(kind)[0]
-    return _first(misfit(inner, item, f"{place}[{i}]") for i, item in enumerate(value))
-
-
-def _of_dict(kind: Any, value: Any, place: str) -> str:
-    if not isinstance(value, dict):
-        return _mismatch(place, value, _WORDS[dict])
-    inner = get_args(kind)[1]
-    return _first(misfit(inner, item, _under(place, key)) for key, item in value.items())
-
-
-def _of_record(kind: Any, value: Any, place: str) -> str:
+def _of_record(kind: Any, value: Any, place: str) -> Any:
     """A dataclass has all of its fields and no others; a TypedDict those that are required."""
-    if not isinstance(value, dict):
-        return _mismatch(place, value, _WORDS[dict])
+    _expect(dict, value, place)
     types, required = _fields(kind)
     if is_dataclass(kind) and (strange := sorted(set(value) - set(types))):
-        return f"{_under(place, strange[0])} is unknown"
+        raise ValueError(f"{_under(place, strange[0])} is unknown")
     if missing := sorted(required - set(value)):
-        return f"{_under(place, missing[0])} is missing"
-    return _first(
-        misfit(types[key], item, _under(place, key)) for key, item in value.items() if key in types
-    )
+        raise ValueError(f"{_under(place, missing[0])} is missing")
+    parts = {
+        key: from_json(types[key], item, _under(place, key)) if key in types else item
+        for key, item in value.items()
+    }
+    made: Any = kind if is_dataclass(kind) else dict
+    return made(**parts)
 
 
 @cache
@@ -172,25 +163,11 @@ def _fields(kind: Any) -> tuple[dict[str, Any], frozenset[str]]:
     return get_type_hints(kind), kind.__required_keys__
 
 
-_CHECKS: list[tuple[Callable[[Any], bool], Callable[[Any, Any, str], str]]] = [
-    (lambda kind: get_origin(kind) is Literal, _of_literal),
-    (lambda kind: get_origin(kind) is list, _of_list),
-    (lambda kind: get_origin(kind) is tuple, _of_list),
-    (lambda kind: get_origin(kind) is dict, _of_dict),
-    (lambda kind: is_dataclass(kind) or is_typeddict(kind), _of_record),
-    (lambda kind: isinstance(kind, type) and issubclass(kind, Enum), _of_enum),
-]
-
-
-def _first(found: Any) -> str:
-    return next(filter(None, found), "")
-
-
 def _under(place: str, key: str) -> str:
     return f"{place}.{key}" if place else key
 
 
-def _mismatch(place: str, value: Any, expected: str) -> str:
+def _mismatch(place: str, value: Any, expected: str) -> ValueError:
     shown = repr(value)
     shown = shown if len(shown) <= 40 else f"{shown[:37]}..."
-    return f"{place or 'it'} is {shown}, expected {expected}"
+    return ValueError(f"{place or 'it'} is {shown}, expected {expected}")

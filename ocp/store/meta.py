@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, TypedDict
@@ -14,7 +15,7 @@ from ocp.judges.referee import RefereeReport
 from ocp.programs.solver import Status
 from ocp.solution import Grade, StageRecord
 from ocp.stationarity.certificate import Certificate
-from ocp.store.json_values import misfit
+from ocp.store.json_values import from_json
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST
 
 Scalar = str | float | bool
@@ -210,37 +211,41 @@ KINDS: dict[str, Any] = {
 
 def check_meta(file: Path, meta: dict[str, Any]) -> None:
     """Raise :class:`~ocp.errors.DamagedRun` for the first entry that is missing or of no sense."""
-    found = misfit(RunMeta, meta) or misfit(OptionalMeta, meta)
-    found = found or _misfit_of_parts(meta)
-    found = found or _misfit_of_time(meta["created"])
-    if not found and meta["kind"] not in KINDS:
-        found = f"kind is {meta['kind']!r}, expected one of {', '.join(KINDS)}"
-    if found := found or misfit(KINDS[meta["kind"]], meta):
-        raise DamagedRun(f"{file} does not describe a run: {found}")
+    try:
+        from_json(RunMeta, meta)
+        from_json(OptionalMeta, meta)
+        _check_parts(meta["parts"])
+        _check_time(meta["created"])
+        if meta["kind"] not in KINDS:
+            raise ValueError(f"kind is {meta['kind']!r}, expected one of {', '.join(KINDS)}")
+        from_json(KINDS[meta["kind"]], meta)
+    except ValueError as error:
+        raise DamagedRun(f"{file} does not describe a run: {error}") from error
 
 
 def check_own_problem(file: Path, told: dict[str, Any]) -> None:
     """Raise :class:`~ocp.errors.DamagedRun` for what is no :class:`OwnProblem`."""
-    found = misfit(OwnProblem, told)
-    if not found and len(told["axes"]) != len("xy"):
-        found = f"axes are {len(told['axes'])}, expected 2"
-    if found:
-        raise DamagedRun(f"{file} does not describe a problem: {found}")
-
-
-def _misfit_of_parts(meta: dict[str, Any]) -> str:
-    known = set(MOST) - {META_FILE}
-    if strange := sorted(set(meta["parts"]) - known):
-        return f"parts names {strange[0]!r}, expected one of {', '.join(sorted(known))}"
-    return "" if DATA_FILE in meta["parts"] else f"parts lacks {DATA_FILE}"
-
-
-def _misfit_of_time(created: str) -> str:
     try:
-        known = datetime.fromisoformat(created).tzinfo is not None
-    except ValueError:
-        known = False
-    return "" if known else f"created is {created!r}, expected a time with its zone"
+        from_json(OwnProblem, told)
+        if len(told["axes"]) != len("xy"):
+            raise ValueError(f"axes are {len(told['axes'])}, expected 2")
+    except ValueError as error:
+        raise DamagedRun(f"{file} does not describe a problem: {error}") from error
+
+
+def _check_parts(parts: dict[str, str]) -> None:
+    known = set(MOST) - {META_FILE}
+    if strange := sorted(set(parts) - known):
+        raise ValueError(f"parts names {strange[0]!r}, expected one of {', '.join(sorted(known))}")
+    if DATA_FILE not in parts:
+        raise ValueError(f"parts lacks {DATA_FILE}")
+
+
+def _check_time(created: str) -> None:
+    with suppress(ValueError):
+        if datetime.fromisoformat(created).tzinfo is not None:
+            return
+    raise ValueError(f"created is {created!r}, expected a time with its zone")
 
 
 def check_tags(tags: Iterable[str]) -> list[str]:

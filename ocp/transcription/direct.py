@@ -134,10 +134,11 @@ def _interval(graph: Graph, variables: Layout, constraints: Layout, reformulatio
     symbols += [step.lam, gap]
     positions += [variables["lam"].index, variables["gap"].index]
     names = graph.component_names
+    closed = closure_rows(reformulation, step.lam, gap, step.mu, graph.relaxation)
     parts = [
         ("dynamics", step.residual, names("x")),
         ("gap_definition", step.gap - gap, names("lam")),
-        *_closure(graph, gap, reformulation),
+        *((name, row, names("lam")) for name, row in closed),
         ("policy", policy_constraint(graph), names("u")),
         ("path", graph.path_constraints(), constraint_names(graph.problem.path)),
     ]
@@ -169,13 +170,6 @@ def solved_interval(
     hidden = graph.hidden(w, make=compiled)
     cost = graph.stage_cost()
     return Stage("interval", w, graph.p, cost, expression, index, rows, 1 / S, hidden)
-
-
-def _closure(
-    graph: Graph, gap: ca.SX, reformulation: str
-) -> list[tuple[str, ca.SX, tuple[str, ...]]]:
-    rows = closure_rows(reformulation, graph.step.lam, gap, graph.step.mu, graph.relaxation)
-    return [(name, row, graph.component_names("lam")) for name, row in rows]
 
 
 def terminal_stage(graph: Graph, variables: Layout, constraints: Layout) -> Stage:

@@ -15,7 +15,7 @@ from ocp.problem import Problem
 from ocp.programs.program import Layout, PairName, Program
 from ocp.programs.solver import Result
 from ocp.programs.units import Scale, measured
-from ocp.rollout import Gains
+from ocp.rollout import Gains, at_steps
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -251,6 +251,7 @@ def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
     """Read the trajectories out of an NLP's variables and recompute gap, mu and residual."""
     blocks = nlp.variables.unpack(result.point.x)
     problem, step = nlp.problem, nlp.step
+    values = step.p.pack(dict(zip(nlp.names, p, strict=False)))
     S, N, nx = problem.scenarios.n, problem.N, problem.system.nx
     gains = Gains(blocks["K"], blocks["k"]) if "K" in blocks else None
     if nlp.trajectories is not None:
@@ -263,19 +264,6 @@ def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
         u = np.broadcast_to(blocks["u"], (S, N, problem.system.nu))
         lam = blocks.get("lam")
         if lam is None:
-            lam = _solved_contacts(nlp, x, u, p)
-    columns = (np.asarray(part).reshape(S * N, -1).T for part in (x[:, :-1], u, x[:, 1:], lam))
-    found = step.relation.map(S * N)(*columns, _step_values(nlp, p))
-    residual, gap, mu = (np.array(ca.densify(v)).T.reshape(S, N, -1) for v in found)
+            lam = at_steps(step.solve, x[:, :-1], u, p=values)[1]
+    residual, gap, mu = at_steps(step.relation, x[:, :-1], u, x[:, 1:], lam, p=values)
     return Trajectories(x, np.array(u), lam, gap, mu, residual, gains)
-
-
-def _step_values(nlp: NLP, p: np.ndarray) -> np.ndarray:
-    return nlp.step.p.pack(dict(zip(nlp.names, p, strict=False)))
-
-
-def _solved_contacts(nlp: NLP, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-    values = _step_values(nlp, p)
-    flat_x, flat_u = x[:, :-1].reshape(-1, x.shape[2]).T, u.reshape(-1, u.shape[2]).T
-    lam = nlp.step.solve.map(flat_x.shape[1])(flat_x, flat_u, values)[1]
-    return np.array(lam).T.reshape(*u.shape[:2], -1)

@@ -281,7 +281,8 @@ def cache_directory() -> Path | None:
     A directory that belongs to someone else, or that others may write to, is never loaded from.
     """
     try:
-        directory = _cache_path()
+        root = os.environ.get("XDG_CACHE_HOME")
+        directory = (Path(root) if root else Path.home() / ".cache") / "centralpath" / "objects"
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = directory.stat()
         if status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
@@ -291,11 +292,6 @@ def cache_directory() -> Path | None:
     except (OSError, RuntimeError):
         return None
     return directory
-
-
-def _cache_path() -> Path:
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "centralpath" / "objects"
 
 
 def identity() -> str:

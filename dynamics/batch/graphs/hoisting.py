@@ -7,7 +7,7 @@ a value becomes a product with its reciprocal, and a chain of such products one 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import casadi as ca
 
@@ -158,7 +158,8 @@ def carried(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.Function, ca
     """
     first, second = (_Graph(with_shared_reciprocals(tape_of(f))) for f in (forward, adjoint))
     same = second.matched(first, lam_input=4)
-    kept = sorted({same[i] for i in second.needed(lambda i: i in same and second.costly(i))})
+    costly = {i for i in same if second.tape.operations[i].op in _COSTLY}
+    kept = sorted({same[i] for i in second.needed(costly)})
     lam = ca.SX.sym("lam", adjoint.numel_in(4) + len(kept))
     given = {i: lam[adjoint.numel_in(4) + kept.index(same[i])] for i in same if same[i] in kept}
     arguments = [ca.SX.sym(f"i{k}", n) for k, n in enumerate(first.tape.input_sizes)]
@@ -179,11 +180,8 @@ class _Graph:
     def __init__(self, tape: Tape) -> None:
         self.tape = tape
 
-    def costly(self, i: int) -> bool:
-        return self.tape.operations[i].op in _COSTLY
-
-    def needed(self, ends: Callable[[int], bool]) -> list[int]:
-        """Values at which ``ends`` holds, met first on the way from the outputs down."""
+    def needed(self, ends: set[int]) -> list[int]:
+        """Those of ``ends`` that are met first on the way from the outputs down."""
         seen: set[int] = set()
         found, pending = [], [i for row in self.tape.outputs for i in row]
         while pending:
@@ -191,7 +189,7 @@ class _Graph:
             if i in seen:
                 continue
             seen.add(i)
-            if ends(i):
+            if i in ends:
                 found.append(i)
             else:
                 pending += operands(self.tape.operations[i])
