@@ -1,11 +1,17 @@
-"""A problem by name, file or object, and keywords that belong to it or to its contact law."""
+"""What a solve is asked for: a problem by name, file or object, keywords, and ``-s`` settings."""
 
 from __future__ import annotations
 
+import inspect
+import sys
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
-from typing import Any, TypeAlias
+from types import SimpleNamespace
+from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
+
+from pydantic import Field
 
 from dynamics.contact import ContactLaw
 from ocp.distribution import load_plugin
@@ -14,6 +20,8 @@ from ocp.factories import law_settings
 from ocp.problem import Problem
 from ocp.programs.options import documented, has_option
 from ocp.programs.solver import SOLVERS
+from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
+from ocp.validation import number, parse, whole
 
 ProblemSource: TypeAlias = Any
 """What builds a problem at any parameters: a :class:`problems.ProblemSpec`."""
@@ -97,8 +105,6 @@ def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
 
     Raises :class:`~ocp.errors.InputError` with the one that was meant, and where all are listed.
     """
-    from ocp.settings import OWN
-
     choose("solver", solver, SOLVERS)
     for key in sorted(set(settings) - set(OWN)):
         bare = key.removeprefix("ipopt.")
@@ -126,8 +132,6 @@ def _unknown_keyword(
     settings: tuple[str, ...], solver: str,
 ) -> str:  # fmt: skip
     """Say where a keyword belongs that neither the problem nor the law has."""
-    from ocp.settings import OWN
-
     if key.startswith("policy") or key in OWN or has_option(solver, key):
         return f"{key} is not an argument of solve; use settings={{{key!r}: ...}}"
     made = [
@@ -150,3 +154,93 @@ def _unknown_keyword(
         f"solve has no argument {key!r}{did_you_mean(key, (*settings, *takes))};"
         f" {'; '.join([*lists, *made])}"
     )
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Validated settings; ``options`` go to the solver, which knows their types."""
+
+    homotopy: Annotated[
+        bool | None,
+        "follow a law's smoothing down from a wide start; not given: where the law smooths. Exact"
+        " law in shooting: true follows the barrier law down, false is the gradient method alone,"
+        " not given rolls out the plan of the direct transcription",
+    ] = None
+    strategy: Annotated[
+        str, f"how a direct transcription meets exact complementarity: {', '.join(STRATEGIES)}"
+    ] = DEFAULT_STRATEGY
+    factor: Annotated[
+        Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None,
+        "by which the homotopy's parameter shrinks, between 0 and 1; not given: the law's own",
+    ] = None
+    start: Annotated[
+        Annotated[float, Field(gt=0, allow_inf_nan=False)] | None,
+        "first value of the homotopy's parameter; not given: from the sizes of the problem",
+    ] = None
+    jit: Annotated[bool, "evaluate by compiled C, cached, where a compiler is found"] = False
+    options: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, raw: Mapping[str, Any]) -> Settings:
+        """Read strings (or values) by key; raises :class:`~ocp.errors.InputError`."""
+        types = get_type_hints(cls, include_extras=True)
+        own = {key: parse(f"setting {key}", raw[key], types[key]) for key in OWN if key in raw}
+        if "strategy" in own:
+            choose("strategy", own["strategy"], STRATEGIES)
+        options = {k.removeprefix("ipopt."): literal(v) for k, v in raw.items() if k not in OWN}
+        return cls(**own, options=options)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting as it was declared: name, kind of value, default (None for none) and meaning."""
+
+    name: str
+    kind: str
+    default: Any
+    meaning: str
+
+
+def declared(cls: type) -> list[Setting]:
+    """Settings of a class: the arguments that make one and are ``Annotated`` with their meaning."""
+    found = []
+    for name, argument in inspect.signature(cls).parameters.items():
+        hint = _hint(cls, name)
+        said = [word for word in getattr(hint, "__metadata__", ()) if isinstance(word, str)]
+        if said:
+            default = None if argument.default is argument.empty else argument.default
+            found.append(Setting(name, _kind(hint), default, said[0]))
+    return found
+
+
+def _hint(cls: type, name: str) -> Any:
+    """Type of an argument that makes ``cls``; None where only type checkers know it."""
+    owner = next((base for base in cls.__mro__ if name in vars(base).get("__annotations__", {})),
+                 cls.__init__)  # fmt: skip
+    scope = vars(sys.modules[owner.__module__])
+    with suppress(NameError):
+        alone = SimpleNamespace(__annotations__={name: owner.__annotations__[name]})
+        return get_type_hints(alone, scope, include_extras=True)[name]
+    return None
+
+
+def _kind(hint: Any) -> str:
+    """The first type among the alternatives of ``hint`` in words."""
+    while get_origin(hint) is Annotated or (get_args(hint) and get_origin(hint) is not tuple):
+        hint = get_args(hint)[0]
+    words = {bool: "true or false", int: "whole number", float: "number", str: "word"}
+    return words.get(hint, "whole numbers" if get_origin(hint) is tuple else "name")
+
+
+OWN = {setting.name: setting.meaning for setting in declared(Settings)}
+"""Our own settings of a solve, with their meanings."""
+
+
+def literal(value: Any) -> Any:
+    """Turn a word into an int, float or bool where it reads as one (:mod:`ocp.validation`)."""
+    if not isinstance(value, str):
+        return value
+    if (found := number(value)) is not None:
+        written = value.strip().lstrip("+-").isdigit()
+        return whole(value) if written else found
+    return {"true": True, "false": False}.get(value.lower(), value)

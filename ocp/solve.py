@@ -18,7 +18,7 @@ from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver, Status
 from ocp.refinement import halved, refined
-from ocp.request import ProblemLike, check_setting_names, rebuilder, resolve_problem
+from ocp.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
 from ocp.rollout import initial_guesses
 from ocp.routes.homotopy import GAIN
 from ocp.session import Session
@@ -169,9 +169,6 @@ def new_session(
     Raises :class:`~ocp.errors.InputError` for what cannot be, what would not fit into memory, and
     a setting that would change nothing.
     """
-    # Here, since pydantic costs a fifth of importing this package.
-    from ocp.settings import Settings
-
     if method is not None and transcription != "direct":
         raise InputError("method and transcription are one argument; give one of them")
     for_policy, own = split_policy_settings(settings or {})

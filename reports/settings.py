@@ -10,14 +10,14 @@ from typing import Any
 from dynamics.laws import LAWS
 from ocp.errors import InputError, did_you_mean
 from ocp.gradients.estimators import RULES
-from ocp.learning.algorithms import ALGORITHMS
 from ocp.learning.experiment import Experiment
 from ocp.learning.identification.psi_learning import PsiLearning
 from ocp.learning.identification.random_search import RandomSearch
+from ocp.learning.training import ALGORITHMS
 from ocp.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS, SOLVERS
-from ocp.settings import Setting, Settings, declared
+from ocp.request import Setting, Settings, declared
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from dynamics.systems.chain import Chain
 from dynamics.systems.lcs import is_p_matrix, lcs
 from dynamics.systems.machine import Machine, Part, Sphere
-from dynamics.systems.pairs import ContactForces, EnergyBook, Pair
+from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, Sharp
 from dynamics.systems.parameters import (
     LAW_PREFIX,
     Parameter,
@@ -13,10 +13,8 @@ from dynamics.systems.parameters import (
     signals,
 )
 from dynamics.systems.planar import Link
-from dynamics.systems.quasidynamic import quasi_dynamic
-from dynamics.systems.sharp import Sharp
 from dynamics.systems.system import ContactSystem, ReducedContact
-from dynamics.systems.timestepping import time_stepping
+from dynamics.systems.timestepping import quasi_dynamic, time_stepping
 
 __all__ = [
     "LAW_PREFIX",

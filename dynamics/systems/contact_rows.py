@@ -16,9 +16,8 @@ from dynamics.systems.contacts.contact import (
     Row,
     Rubbing,
 )
-from dynamics.systems.pairs import ContactForces, Pair
+from dynamics.systems.pairs import COULOMB, TRUE_GAPS, ContactForces, Pair, Sharp
 from dynamics.systems.parameters import Signal
-from dynamics.systems.sharp import COULOMB, TRUE_GAPS, Sharp
 from dynamics.systems.system import ContactSystem, check_shape
 
 Cone = Literal["linearised", "second-order", "edges"]

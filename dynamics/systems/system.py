@@ -9,14 +9,16 @@ import casadi as ca
 
 from dynamics.systems.elimination import solve_without_pivoting
 from dynamics.systems.pairs import (
+    TRUE_GAPS,
     ContactForces,
     EnergyBook,
     Pair,
+    Sharp,
+    by_true_distance,
     deciding_pairs,
     has_open_multipliers,
 )
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.sharp import TRUE_GAPS, Sharp, by_true_distance
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, 
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
 from ocp.learning.explorer import squash
-from ocp.learning.network import balancing_feedback, embed_affine, first_weights
+from ocp.learning.protocol import balancing_feedback, embed_affine, first_weights
 from ocp.learning.rollouts import TaskRollouts
 from ocp.task import Task
 

@@ -20,7 +20,7 @@ from dynamics.batch import (
 from dynamics.batch.graphs.objective import DISCOUNT
 from dynamics.contact import ContactLaw
 from ocp.gradients.objective import without_warnings
-from ocp.learning.network import Normaliser
+from ocp.learning.protocol import Normaliser
 from ocp.task import Task
 
 

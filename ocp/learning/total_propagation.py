@@ -14,8 +14,7 @@ from dynamics.batch.graphs.rollout_tapes import Closed
 from dynamics.batch.graphs.step_graphs import depends
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
-from ocp.learning.network import vjp
-from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.protocol import Row, State, Trained, vjp
 from ocp.learning.rollouts import episode_rewards
 from ocp.learning.unrolls.unrolling import Clipping, Starts, non_finite_reward, with_observations
 

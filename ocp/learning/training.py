@@ -14,11 +14,20 @@ import xarray as xr
 
 from ocp.effort import check_memory
 from ocp.errors import InputError
+from ocp.learning.ars import ARS
 from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
-from ocp.learning.protocol import Row, State, prefixed, under
+from ocp.learning.mbpo.algorithm import MBPO
+from ocp.learning.protocol import Algorithm, Row, State, prefixed, under
+from ocp.learning.total_propagation import TotalPropagation
+from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
+
+ALGORITHMS: dict[str, type[Algorithm]] = {
+    algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, TotalPropagation, MBPO)
+}
+
 
 KEY = "training"
 """Name of the arrays in a checkpoint."""

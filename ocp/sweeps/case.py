@@ -22,9 +22,8 @@ from ocp.distribution import load_plugin
 from ocp.errors import InputError, did_you_mean
 from ocp.factories import law_settings
 from ocp.problem import Problem
-from ocp.request import ProblemSource
+from ocp.request import OWN, ProblemSource
 from ocp.session import Session
-from ocp.settings import OWN
 from ocp.solve import new_session
 from ocp.store.provenance import content_digest
 

@@ -134,7 +134,7 @@ class Scene:
 
         The state is q, the input the commanded coordinates of the pushers [m]; gaps are the true
         ones at the next state unless ``linearised``. ``load`` [m/s²] pulls at every body's mass.
-        See :func:`~dynamics.systems.quasidynamic.quasi_dynamic`.
+        See :func:`~dynamics.systems.timestepping.quasi_dynamic`.
 
         Raises :class:`~ocp.errors.InputError` for numbers that make no sense at the parameters'
         values, such as things that start inside each other.

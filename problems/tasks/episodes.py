@@ -9,8 +9,7 @@ import numpy as np
 
 from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
-from ocp.learning.network import Normaliser
-from ocp.learning.protocol import Trained
+from ocp.learning.protocol import Normaliser, Trained
 from ocp.physics.contact_report import least_slip
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Any
 from dynamics.laws import LAWS
 from ocp.errors import choose
 from ocp.gradients.estimators import RULES, SAMPLED
-from ocp.learning.algorithms import ALGORITHMS
+from ocp.learning.training import ALGORITHMS
 from ocp.policy import POLICIES
 from ocp.programs.solver import SOLVERS
 from ocp.transcription import METHODS

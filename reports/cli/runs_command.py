@@ -9,10 +9,9 @@ from typing import Any
 
 from ocp import store
 from ocp.errors import InputError, choose
-from ocp.store import export
 from ocp.store.lookup import check_removable, find, remove
 from ocp.store.run_files import visible
-from ocp.store.stored_run import StoredRun
+from ocp.store.stored_run import FORMATS, StoredRun, check_rows
 from reports.cli.commands import RmOptions, RunsExportOptions, RunsOptions
 from reports.cli.request import check_place
 from reports.console import print_table
@@ -146,17 +145,17 @@ def check_export(options: RunsExportOptions) -> tuple[StoredRun, str]:
     """Read the run, and check that it can be written in that format."""
     check_place(options.file, "data")
     form = options.form or options.file.suffix.removeprefix(".").lower()
-    choose("format", form, export.FORMATS)
+    choose("format", form, FORMATS)
     found = options.stored(options.run)
     if form == "csv":
-        export.check_rows(found)
+        check_rows(found)
     return found, form
 
 
 def run_export(options: RunsExportOptions, request: tuple[StoredRun, str]) -> int:
     """Write the arrays of a stored run to a file for other programs."""
     found, form = request
-    export.FORMATS[form](found, options.file)
+    FORMATS[form](found, options.file)
     options.output.say(f"{form}: {options.file}")
     options.output.document({"file": str(options.file), "format": form, "run": str(found.path)})
     return 0

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import pytest
 
 from dynamics.laws import LAWS
-from ocp.learning.algorithms import ALGORITHMS
 from ocp.learning.identification.psi_learning import PsiLearning
 from ocp.learning.identification.random_search import RandomSearch
+from ocp.learning.training import ALGORITHMS
 from ocp.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS
-from ocp.settings import OWN, Setting, Settings, declared
+from ocp.request import OWN, Setting, Settings, declared
 from ocp.transcription import METHODS
 from problems.tasks.registry import settings_of
 from reports.settings import training

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from ocp.learning.algorithms import ALGORITHMS
 from ocp.learning.mbpo.algorithm import MBPO
-from ocp.learning.network import LEAST_SCALE
+from ocp.learning.protocol import LEAST_SCALE
+from ocp.learning.training import ALGORITHMS
 from problems.tasks import registry
 
 PAGE = Path(__file__).parents[2] / "docs" / "theory" / "policies.md"

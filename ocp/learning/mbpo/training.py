@@ -10,27 +10,24 @@ import jax
 import numpy as np
 
 from ocp.learning.explorer import COLUMNS, Buffer, Explorer, random_transitions
-from ocp.learning.mbpo.ensemble import (
+from ocp.learning.mbpo.networks import (
+    Agent,
+    Batch,
     Learner,
+    Rates,
+    act,
     arrays,
+    begin_agent,
     begin_learner,
     drawn_next,
     elites_of,
     member_errors,
+    theta_of,
     trainer,
     tree_of,
-)
-from ocp.learning.mbpo.soft_actor_critic import (
-    Agent,
-    Batch,
-    Rates,
-    act,
-    begin_agent,
-    theta_of,
     updater,
 )
-from ocp.learning.network import Normaliser
-from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.protocol import Normaliser, Row, State, Trained
 
 if TYPE_CHECKING:
     from ocp.learning.experiment import Experiment

@@ -12,8 +12,7 @@ from dynamics.batch import BatchFunction, DensePolicy, StepFunction, dense
 from dynamics.contact import Barrier, Step
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError, NotConverged
-from ocp.learning.network import Normaliser, first_weights
-from ocp.learning.protocol import Trained
+from ocp.learning.protocol import Normaliser, Trained, first_weights
 from ocp.rollout import Gains, step_values
 from ocp.solution import Solution
 from ocp.task import Task

@@ -9,8 +9,7 @@ import numpy as np
 from dynamics.batch import BatchFunction, DensePolicy, Episodes, Gaussian, dense
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
-from ocp.learning.network import Normaliser, first_weights, renormalised, vjp
-from ocp.learning.protocol import Row, State, Trained
+from ocp.learning.protocol import Normaliser, Row, State, Trained, first_weights, renormalised, vjp
 from ocp.learning.total_propagation import with_jacobians
 from ocp.learning.unrolls.unrolling import adam_step
 

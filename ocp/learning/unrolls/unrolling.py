@@ -13,8 +13,7 @@ from dynamics.batch import Episodes, Gaussian
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, NotConverged, choose
 from ocp.learning.experiment import Experiment, at_least, positive
-from ocp.learning.network import Normaliser, renormalised
-from ocp.learning.protocol import Algorithm, Row, State, Trained
+from ocp.learning.protocol import Algorithm, Normaliser, Row, State, Trained, renormalised
 
 Slope = Callable[[np.ndarray], tuple[float, np.ndarray]]
 """Maps parameters to a cost and its gradient, which may be a sample of it."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.errors import choose
-from ocp.learning.algorithms import ALGORITHMS
+from ocp.learning.training import ALGORITHMS
 from ocp.scheduling import Failure, Function, Report, run_jobs
 from problems.studies.study import Claim, Pieces, over
 from problems.tasks import registry

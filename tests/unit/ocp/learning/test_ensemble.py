@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ocp.learning.mbpo.ensemble import (
+from ocp.learning.mbpo.networks import (
     Ensemble,
     begin_learner,
     drawn_next,

@@ -14,7 +14,7 @@ from ocp.learning.experiment import Experiment
 from ocp.learning.explorer import Buffer, Explorer
 from ocp.learning.mbpo.algorithm import MBPO
 from ocp.learning.mbpo.training import branch_length, branch_rollouts
-from ocp.learning.network import Normaliser
+from ocp.learning.protocol import Normaliser
 from ocp.learning.training import train
 from tests.unit.ocp.learning.scalar import A, B, scalar
 from tests.unit.ocp.learning.spring_mass import D, K, M, following, spring_task

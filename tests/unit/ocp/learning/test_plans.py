@@ -12,7 +12,6 @@ from scipy.optimize import minimize
 from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
-from ocp.learning.network import Normaliser
 from ocp.learning.plans.planned import (
     best_plan,
     episode_return,
@@ -20,7 +19,7 @@ from ocp.learning.plans.planned import (
     guess_from_policy,
     planned_problem,
 )
-from ocp.learning.protocol import Trained
+from ocp.learning.protocol import Normaliser, Trained
 from ocp.learning.unrolls.gradients import FOPG
 from ocp.rollout import trajectory_costs
 from ocp.task import Task

@@ -11,8 +11,7 @@ import xarray as xr
 from dynamics.batch import BatchFunction
 from ocp.learning.evaluation import evaluate_from
 from ocp.learning.experiment import EXACT
-from ocp.learning.network import Normaliser
-from ocp.learning.protocol import Trained
+from ocp.learning.protocol import Normaliser, Trained
 from problems.studies.shared.trainings import interpolated, side_by_side
 from problems.studies.study import Pieces
 from problems.studies.trained_policies import data

@@ -42,8 +42,7 @@ class Told:
         return {**state, "given": state["psi"]}, {"return_mean": 0.0}
 
     def policy(self, experiment, state):
-        from ocp.learning.network import Normaliser
-        from ocp.learning.protocol import Trained
+        from ocp.learning.protocol import Normaliser, Trained
 
         return Trained(state["theta"], Normaliser.identity(2))
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ocp.learning.mbpo.soft_actor_critic import (
+from ocp.learning.mbpo.networks import (
     Actor,
     Agent,
     Batch,

@@ -18,8 +18,7 @@ from ocp.errors import InputError, NotConverged
 from ocp.learning.ars import ARS
 from ocp.learning.evaluation import SEED, evaluate
 from ocp.learning.experiment import EXACT, Budget
-from ocp.learning.network import LEAST_SCALE, Normaliser
-from ocp.learning.protocol import Trained
+from ocp.learning.protocol import LEAST_SCALE, Normaliser, Trained
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.training import train
 from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG
