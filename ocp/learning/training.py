@@ -7,10 +7,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import count
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from ocp.effort import check_memory
 from ocp.errors import InputError
@@ -23,6 +22,9 @@ from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 ALGORITHMS: dict[str, type[Algorithm]] = {
     algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, TotalPropagation, MBPO)
@@ -169,6 +171,8 @@ def _curves(rows: list[Row]) -> dict[str, np.ndarray]:
 
 
 def _result(experiment: Experiment, progress: _Progress) -> xr.Dataset:
+    import xarray as xr
+
     curves = _curves(progress.rows)
     steps = np.nan_to_num(curves["env_steps"])
     curves["env_steps"] = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
