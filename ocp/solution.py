@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynamics.contact import ContactLaw
-from dynamics.systems import LAW_PREFIX
+from dynamics.systems import LAW_PREFIX, Signal
 from ocp.distribution import load_plugin
 from ocp.errors import InputError
 from ocp.factories import closing_law
@@ -108,6 +108,17 @@ def replayed(
     )
 
 
+def units_of(
+    entries: Mapping[str, Sequence[Signal]],
+) -> tuple[dict[str, list[str]], dict[str, dict[str, str]]]:
+    """Units of signals by dimension, and attributes of arrays over it, which name them."""
+    units = {key: [signal.unit for signal in found] for key, found in entries.items()}
+    return units, {
+        key: {"units": found[0] if len(set(found)) == 1 else f"see {key}_unit"}
+        for key, found in units.items()
+    }
+
+
 def _labelled(problem: Problem, plan: xr.Dataset, rolled: Rollout, law: ContactLaw) -> xr.Dataset:
     import xarray as xr
 
@@ -115,11 +126,7 @@ def _labelled(problem: Problem, plan: xr.Dataset, rolled: Rollout, law: ContactL
     step = law.close(system)
     lam, gap = least_slip(step, rolled.lam, rolled.gap)
     entries = {"state": system.states, "control": system.inputs, "contact": step.contacts}
-    units = {key: [signal.unit for signal in found] for key, found in entries.items()}
-    one = {
-        key: {"units": found[0] if len(set(found)) == 1 else f"see {key}_unit"}
-        for key, found in units.items()
-    }
+    units, one = units_of(entries)
     steps = ("scenario", "interval")
     coords = {
         **{key: [signal.name for signal in found] for key, found in entries.items()},

@@ -156,10 +156,7 @@ class Rolling:
     def _summed(
         self, q: Call, last: np.ndarray | None = None
     ) -> tuple[list[Moments | None], NonFinite]:
-        """Moments of cost, gradient and zeroth-order gradient, None where not requested.
-
-        `last` (n, nx) is filled with what every sample carries at the end.
-        """
+        """Moments as requested of cost, both gradients; `last` (n, nx) gets what is carried."""
         total: Moments | None = None
         bad: list[np.ndarray] = []
         for begin in range(0, q.n, STRIDE):

@@ -239,7 +239,9 @@ class EpisodeFunction(Rolling):
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        q = self._asked(x0, theta, p, noise, n_samples, gradient, score, along, pull)
+        q = self._asked(
+            x0, theta, p, noise, n_samples, gradient=gradient, score=score, along=along, pull=pull
+        )
         shape = (q.n, *self.policy.shape(self.horizon))
         nx, last = self.tapes.nx, np.empty((q.n, self.tapes.nx))
         trail = np.empty((q.n, self.horizon + 1, nx)) if states else None
@@ -276,8 +278,9 @@ class EpisodeFunction(Rolling):
         gradient (return - baseline) * score. Raises `ValueError` as a call does.
         """
         q = self._asked(
-            x0, theta, p, noise, n_samples, gradient, score, along, None, -float(baseline)
-        )
+            x0, theta, p, noise, n_samples, gradient=gradient, score=score, along=along,
+            baseline=-float(baseline),
+        )  # fmt: skip
         last = np.empty((q.n, self.tapes.nx))
         (cost, slope, zeroth), nonfinite = self._summed(q, last)
         assert cost is not None
@@ -288,17 +291,7 @@ class EpisodeFunction(Rolling):
         return EpisodeMoments(value, gradient_moments, zeroth_moments, last[:, -1], nonfinite)
 
     def _asked(
-        self,
-        x0: Any,
-        theta: Any,
-        p: Any,
-        noise: Any,
-        n_samples: int | None,
-        gradient: bool,
-        score: bool,
-        along: Episodes | None,
-        pull: np.ndarray | None,
-        baseline: float = 0.0,
+        self, x0: Any, *given: Any, along: Episodes | None, pull: Any = None, **wanted: Any
     ) -> Call:
         states = as_rows(x0, self.tapes.nx - 2, "x0", "the rollout")
         start = np.hstack([states, np.ones((len(states), 1)), np.zeros((len(states), 1))])
@@ -315,7 +308,4 @@ class EpisodeFunction(Rolling):
         if pull is not None:
             rows = as_rows(pull, self.tapes.nx - 2, "pull", "the rollout")
             pulled = np.hstack([-rows, np.zeros((len(rows), 2))])
-        return self._request(
-            start, theta, p, noise, n_samples, gradient=gradient, score=score, along=followed,
-            pull=pulled, baseline=baseline,
-        )  # fmt: skip
+        return self._request(start, *given, along=followed, pull=pulled, **wanted)

@@ -24,7 +24,11 @@ TOLERANCES = {
     "complementarity": 1e-8,
 }
 """What ``success`` demands; complementarity only of the exact law."""
+_OF_BOOK = ("cone_violation", "dissipation_residual", "energy_gain", "dissipated",
+            "momentum_residual", "contacts")  # fmt: skip
+"""What a contact report gives the audit."""
 _ACTIVE = 1e-7
+_WORST = 5
 CONTENT = 1e-4
 """Share of the cost's span below which its gradient is flat: standing still is optimal."""
 STILL = 0.05
@@ -117,12 +121,7 @@ def audit(
         active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _ACTIVE))),
         task_gradient=task_gradient(problem, replay, values),
         worst=worst_constraints(nlp, result.point.x, g, bounds),
-        cone_violation=book.cone_violation,
-        dissipation_residual=book.dissipation_residual,
-        energy_gain=book.energy_gain,
-        dissipated=book.dissipated,
-        momentum_residual=book.momentum_residual,
-        contacts=book.contacts,
+        **{name: getattr(book, name) for name in _OF_BOOK},
         replay_failed="" if unsolved is None else unsolved.brief,
         replay_broken=noticeable(broken_constraints(problem, replay.x, replay.u, physical, seen)),
     )
@@ -219,13 +218,13 @@ def feasible(nlp: NLP, found: Audit) -> bool:
 
 
 def worst_constraints(
-    nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray], count: int = 5
+    nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray]
 ) -> list[Violation]:
-    """Return the most violated constraints and bounds, by name, scenario and step."""
+    """Return the five most violated constraints and bounds, by name, scenario and step."""
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
     x_off = np.maximum(bounds["lbx"] - x, x - bounds["ubx"])
     off = np.concatenate([g_off, x_off])
-    order = np.argsort(-np.nan_to_num(off, nan=np.inf))[:count]
+    order = np.argsort(-np.nan_to_num(off, nan=np.inf))[:_WORST]
     worst = []
     for position in order:
         if not off[position] > 0:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_RECORDED = ("hidden", "initial", "rest", "normalise", "discount", "seed", "evaluate_every",
+             "episodes", "budget")  # fmt: skip
 EXACT = Exact()
 """The law that every policy is judged under."""
 
@@ -221,15 +223,7 @@ class Experiment:
             "algorithm": self.algorithm.name,
             **{f"algorithm.{key}": value for key, value in self.algorithm.settings().items()},
             **{f"contact.{key}": value for key, value in law.items()},
-            "hidden": self.hidden,
-            "initial": self.initial,
-            "rest": self.rest,
-            "normalise": self.normalise,
-            "discount": self.discount,
-            "seed": self.seed,
-            "evaluate_every": self.evaluate_every,
-            "episodes": self.episodes,
-            "budget": self.budget,
+            **{name: getattr(self, name) for name in _RECORDED},
             "psi": self.physics,
             "start": None if self.start is None else self.start.digest,
         }

@@ -10,6 +10,7 @@ from ocp.judges.audit import signed_distances
 from ocp.physics.contact_report import ContactReport, contact_report, least_slip
 from ocp.rollout import Rollout
 from ocp.routes.homotopy import RouteResult
+from ocp.solution import units_of
 from ocp.transcription.nlp import NLP, Trajectories
 from ocp.warm_start import multipliers, node_times
 
@@ -42,11 +43,7 @@ def label(
         "state": system.states, "control": system.inputs, "contact_exact": system.contacts,
         "contact": nlp.step.contacts,
     }  # fmt: skip
-    entries = {key: [signal.unit for signal in found] for key, found in signals.items()}
-    of = {
-        dimension: {"units": units[0] if len(set(units)) == 1 else f"see {dimension}_unit"}
-        for dimension, units in entries.items()
-    }
+    entries, of = units_of(signals)
     gap_unit = {"units": system.gap_unit}
     mu_unit = {"units": f"{system.contacts[0].unit if system.contacts else 1} {system.gap_unit}"}
     lam, gap = least_slip(nlp.step, plan.lam, plan.gap)

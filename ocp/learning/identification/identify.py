@@ -150,11 +150,6 @@ class Identification:
     model_params: np.ndarray = field(repr=False)
     spread: np.ndarray = field(repr=False)
 
-    @property
-    def by_name(self) -> dict[str, float]:
-        """The found values by name."""
-        return dict(zip(self.names, self.values.tolist(), strict=True))
-
 
 def search_iteration(
     loss: OneStepLoss, buffer: Buffer, search: RandomSearch, cloud: Cloud, seed: list[int],
@@ -210,6 +205,7 @@ def identify(
     )
 
 
+_RESAMPLES, _TAIL = 400, (1 - 0.95) / 2
 STEP = 1e-4
 """Of log psi in central differences."""
 FLAT = 1e-10
@@ -239,14 +235,12 @@ def intervals(
     loss: OneStepLoss,
     log_psi: np.ndarray,
     buffer: Buffer,
-    level: float = 0.95,
-    resamples: int = 400,
     seed: int = 0,
 ) -> Intervals:
     """Bootstrap over transitions, each resample's minimum being one Gauss-Newton step away.
 
     With J_t and errors r_t at ``log_psi`` (n_psi,), resample b's minimum is ``log_psi -
-    (sum_b J_t'J_t)^(-1) sum_b J_t' r_t``. The interval has ``level`` of these minima and reaches to
+    (sum_b J_t'J_t)^(-1) sum_b J_t' r_t``. The interval has 95 % of the 400 minima and reaches to
     what was found: it tells of the noise in the data, and where those are exact, of how far the
     search stayed from their minimum. J_t is by central differences; transitions that do not solve
     there are left out. Two-sided quantiles, so an interval is one of each parameter alone.
@@ -261,12 +255,11 @@ def intervals(
     rng = np.random.default_rng([seed, 0])
     n = len(J)
     minima = [log_psi]
-    for _ in range(resamples):
+    for _ in range(_RESAMPLES):
         weights = np.bincount(rng.integers(n, size=n), minlength=n)
         H = seen.T @ np.tensordot(weights, each[0], 1) @ seen
         minima.append(log_psi - seen @ np.linalg.lstsq(H, seen.T @ (weights @ each[1]))[0])
-    tail = (1 - level) / 2
-    low, high = np.quantile(minima[1:], [tail, 1 - tail], axis=0)
+    low, high = np.quantile(minima[1:], [_TAIL, 1 - _TAIL], axis=0)
     return Intervals(
         np.where(lost, 0.0, np.exp(np.minimum(low, log_psi))),
         np.where(lost, np.inf, np.exp(np.maximum(high, log_psi))),
