@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.protocol import Normaliser, Trained
+from ocp.learning.training import evaluate
 from ocp.physics.contact_report import least_slip
 
 if TYPE_CHECKING:

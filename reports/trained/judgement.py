@@ -12,7 +12,7 @@ from reports.console import number, table_of
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ocp.learning.evaluation import Evaluation
+    from ocp.learning.training import Evaluation
     from ocp.task import Task
 
 _CONFIDENCE = 0.95

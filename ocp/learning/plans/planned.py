@@ -11,10 +11,10 @@ import numpy as np
 from dynamics.batch import BatchFunction, constant
 from ocp.errors import InputError
 from ocp.judgement import judged
-from ocp.learning.evaluation import evaluate_from
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.protocol import Trained
 from ocp.learning.rollouts import TaskRollouts
+from ocp.learning.training import evaluate_from
 from ocp.problem import Constraint, Guess, Problem, Scaling
 from ocp.programs.solver import Point
 from ocp.rollout import InitialGuess, roll_on

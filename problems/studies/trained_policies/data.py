@@ -10,11 +10,11 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
-from ocp.learning.evaluation import evaluate_from
 from ocp.learning.experiment import EXACT, Budget, Experiment
 from ocp.learning.plans.imitation import demonstrations, fit_actions
 from ocp.learning.plans.planned import best_plan, guess_from_constant_inputs, guess_from_policy
 from ocp.learning.protocol import Trained
+from ocp.learning.training import evaluate_from
 from ocp.learning.unrolls.gradients import FOPG
 from ocp.scheduling import Report
 from problems.studies.shared.trainings import Curves, curves, interpolated, job, side_by_side

@@ -7,9 +7,9 @@ from typing import Any
 from dynamics.contact import ContactLaw
 from ocp.effort import check_memory
 from ocp.factories import closing_law
-from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Trained
+from ocp.learning.training import evaluate
 from ocp.store.stored_run import StoredRun
 from problems.tasks.training import rebuilt
 from reports.cli.learning.options import EvaluateOptions

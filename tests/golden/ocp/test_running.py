@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from ocp import store
-from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT
+from ocp.learning.training import evaluate
 from problems.tasks.training import rebuilt
 from reports.cli.app import main
 

@@ -11,10 +11,9 @@ from dynamics.contact import Barrier, Exact
 from dynamics.systems import ParameterTable, Signal, lcs
 from ocp.gradients import RolloutObjective, StaticObjective, estimate_gradient
 from ocp.gradients.estimators import SAMPLED
-from ocp.learning.ars import ARS
 from ocp.learning.experiment import Experiment
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG
+from ocp.learning.unrolls.gradients import ARS, FOPG, ZOPG, AoBG
 from ocp.learning.unrolls.unrolling import roll
 from ocp.policy import Feedback
 from ocp.problem import Problem

@@ -11,9 +11,9 @@ from scipy.linalg import solve_discrete_are
 
 from dynamics.systems import Signal, lcs
 from ocp.errors import InputError
-from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT
 from ocp.learning.protocol import balancing_feedback
+from ocp.learning.training import evaluate
 from ocp.learning.unrolls.gradients import FOPG
 from ocp.task import Task
 from tests.unit.ocp.learning.scalar import experiment

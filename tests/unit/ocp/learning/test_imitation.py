@@ -12,13 +12,12 @@ from dynamics.contact import Exact
 from dynamics.systems import Parameter, ParameterTable, Signal, lcs
 from ocp import Solution, solve
 from ocp.errors import InputError
-from ocp.learning.evaluation import evaluate
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.mbpo.algorithm import MBPO
 from ocp.learning.plans.imitation import demonstrations, fit_actions, squared_error, tracking_gains
 from ocp.learning.plans.planned import planned_problem
 from ocp.learning.protocol import Trained, first_weights
-from ocp.learning.training import train
+from ocp.learning.training import evaluate, train
 from ocp.learning.unrolls.gradients import FOPG
 from ocp.problem import Scaling
 from ocp.task import Task

@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 from dynamics.batch import BatchFunction
-from ocp.learning.evaluation import evaluate_from
 from ocp.learning.experiment import EXACT
 from ocp.learning.protocol import Normaliser, Trained
+from ocp.learning.training import evaluate_from
 from problems.studies.shared.trainings import interpolated, side_by_side
 from problems.studies.study import Pieces
 from problems.studies.trained_policies import data

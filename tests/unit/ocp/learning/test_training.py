@@ -15,13 +15,11 @@ from scipy.optimize import minimize
 from dynamics.batch import EpisodeFunction, StepFunction
 from dynamics.contact import Barrier
 from ocp.errors import InputError, NotConverged
-from ocp.learning.ars import ARS
-from ocp.learning.evaluation import SEED, evaluate
 from ocp.learning.experiment import EXACT, Budget
 from ocp.learning.protocol import LEAST_SCALE, Normaliser, Trained
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.training import train
-from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG
+from ocp.learning.training import SEED, evaluate, train
+from ocp.learning.unrolls.gradients import ARS, FOPG, ZOPG, AoBG
 from ocp.learning.unrolls.unrolling import Starts
 from ocp.store.checkpoint import Checkpoint
 from tests.unit.ocp.learning.scalar import A, B, experiment, scalar

@@ -10,9 +10,8 @@ from math import log, sqrt, tanh
 import numpy as np
 import pytest
 
-from ocp.learning.ars import ARS, search_direction
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.unrolls.gradients import FOPG, ZOPG, AoBG, mixing
+from ocp.learning.unrolls.gradients import ARS, FOPG, ZOPG, AoBG, mixing, search_direction
 from ocp.learning.unrolls.unrolling import ascend
 from tests.unit.ocp.learning.scalar import A, B, scalar
 from tests.unit.ocp.learning.scalar import experiment as scalar_experiment

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from dynamics.systems import Signal
-from ocp.learning.evaluation import Evaluation
+from ocp.learning.training import Evaluation
 from reports.trained.judgement import judgement, sentence
 
 TASK = SimpleNamespace(horizon=10, measures=[SimpleNamespace(signal=Signal("speed", "m/s"))])
