@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo check test test-cpus test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated numbers verdicts refined promises
+.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -26,7 +26,11 @@ lint: setup
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 
-test: lint
+# Style, types and contracts beside all tests that are not slow (tests/slow.txt, tests/times.py).
+test: setup
+	$(MAKE) --no-print-directory --jobs=2 lint tests
+
+tests: setup
 	$(BIN)/pytest -n auto --dist worksteal
 
 # Golden, docs and property tests as on other processors, all that this computer can act;
@@ -34,10 +38,10 @@ test: lint
 test-cpus: setup
 	$(BIN)/python -m tests.cpus $(CPU)
 
-# The studies that take minutes, and properties on all of their examples, where make test takes 25.
+# All that make test leaves out, and properties on all of their examples, where make test takes 25.
 test-slow: setup
-	$(BIN)/pytest -m slow
-	EXAMPLES=all $(BIN)/pytest tests/property
+	$(BIN)/pytest -m slow -n auto --dist worksteal --ignore tests/property
+	EXAMPLES=all $(BIN)/pytest -m "slow or not slow" -n auto --dist worksteal tests/property
 
 # Kills, full disks, flipped bits, crowds, broken files, and nonsense against the whole program, in
 # less than twenty minutes; ATTACK_SEED=7 draws others. `make promises` writes the site's table of it.

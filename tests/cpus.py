@@ -21,6 +21,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests import times
+
 TESTS = ("tests/golden", "tests/docs", "tests/property")
 _AVX512 = ("AVX512F", "AVX512VL", "AVX512BW", "AVX512CD", "AVX512DQ")
 _X86_V4 = ("X86_V4", *_AVX512, "AVX512_SKX", "AVX512_CLX", "AVX512_CNL", "AVX512_ICL", "AVX512_SPR")
@@ -125,6 +127,7 @@ def main(arguments: Sequence[str]) -> int:
     if unknown:
         print(f"cannot act {', '.join(unknown)}; this computer can be {', '.join(names)}")
         return 2
+    os.environ[times.ALL] = "1"
     pytest = [sys.executable, "-m", "pytest", "-n", "auto", *TESTS]
     codes = {name: act(name, pytest) for name in arguments or names}
     for name in PROCESSORS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +17,35 @@ def checked_block(block: int) -> int:
     if isinstance(block, bool) or not isinstance(block, int) or block < 1:
         raise ValueError(f"block must be a whole number of samples, at least 1, not {block!r}")
     return block
+
+
+def bind(
+    args: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], what: str
+) -> list[Any]:
+    """Arguments in the order of `names`, given either all by position or all by name.
+
+    Raises `TypeError` that names missing, unknown and surplus inputs.
+    """
+    if args and named:
+        raise TypeError(f"{what} takes its inputs by position or by name, not both at once")
+    if named:
+        unknown = [name for name in named if name not in names]
+        missing = [name for name in names if name not in named]
+        if unknown or missing:
+            raise TypeError(
+                f"{what} has inputs {', '.join(names)}; "
+                + "; ".join(
+                    f"{word} {', '.join(group)}"
+                    for word, group in (("unknown:", unknown), ("missing:", missing))
+                    if group
+                )
+            )
+        return [named[name] for name in names]
+    if len(args) != len(names):
+        raise TypeError(
+            f"{what} takes {len(names)} inputs ({', '.join(names)}), but {len(args)} were given"
+        )
+    return list(args)
 
 
 def as_rows(value: Any, size: int, name: str, what: str) -> np.ndarray:

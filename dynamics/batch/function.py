@@ -18,6 +18,7 @@ from dynamics.batch.arguments import (
     NonFinite,
     as_output,
     as_rows,
+    bind,
     checked_block,
     common_length,
     non_finite_rows,
@@ -52,6 +53,7 @@ class BatchFunction:
 
         f = BatchFunction(ca.Function("f", [x, p], [y], ["x", "p"], ["y"]))
         y = f(x, p)            # x (n_samples, nnz_x), p (n_samples, nnz_p) or (nnz_p,) for all
+        y = f(x=x, p=p)["y"]   # by name: a dictionary of outputs
 
     Rows hold nonzeros in CasADi's order. Outputs are `(n_samples, nnz_out)`: one array, or a tuple
     where the function has several. `backend` is `c`, `numpy`, `casadi`, or `auto` for the fastest
@@ -100,24 +102,21 @@ class BatchFunction:
         long = backend == "auto" and _too_long(tape)
         return interpreted if long else {"c": compiled, **interpreted}
 
-    def __call__(self, *values: Any, out: Sequence[np.ndarray] | None = None) -> Any:
+    def __call__(self, *args: Any, out: Sequence[np.ndarray] | None = None, **named: Any) -> Any:
         """Evaluate; `out` gives arrays `(n_samples, nnz_out)` to write to, one for each output."""
-        names = self.input_names
-        if len(values) != len(names):
-            raise TypeError(
-                f"'{self.name}' takes {len(names)} inputs ({', '.join(names)}), but {len(values)}"
-                " were given"
-            )
+        values = bind(args, named, self.input_names, f"'{self.name}'")
         rows = [
             as_rows(value, size, name, f"'{self.name}'")
-            for value, size, name in zip(values, self.input_sizes, names, strict=True)
+            for value, size, name in zip(values, self.input_sizes, self.input_names, strict=True)
         ]
-        n = common_length(dict(zip(names, rows, strict=True)), f"'{self.name}'")
+        n = common_length(dict(zip(self.input_names, rows, strict=True)), f"'{self.name}'")
         outputs = self._outputs(out, n)
         bad = self._engine.evaluate(rows, outputs, n) if n else 0
         self.nonfinite = non_finite_rows(outputs) if bad else NonFinite()
         if self.nonfinite:
             warnings.warn(f"'{self.name}': {self.nonfinite}", BatchWarning, stacklevel=2)
+        if named:
+            return dict(zip(self.output_names, outputs, strict=True))
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
 
     def _outputs(self, out: Sequence[np.ndarray] | None, n: int) -> list[np.ndarray]:

@@ -15,7 +15,7 @@ from pathlib import Path
 import grimp
 import pytest
 
-from tests import check
+from tests import check, times
 
 ROOT = Path(__file__).parents[2]
 IMPORTERS = ("import_module", "__import__")
@@ -127,3 +127,11 @@ def test_a_file_is_checked_by_its_own_tests() -> None:
         assert ROOT / test in check.tests_of(ROOT / file)[: check.MOST], file
     commands = check.commands(ROOT / "problems/hopper_1d.py")
     assert ["-k", "hopper-1d"] in [command[-2:] for command in commands]
+
+
+def test_the_list_of_slow_tests_names_tests() -> None:
+    for name in times.listed():
+        file, function = name.partition("[")[0].split("::")
+        assert f"def {function}(" in (ROOT / file).read_text(), (
+            f"{name} is no test; see tests/times.py"
+        )

@@ -55,6 +55,13 @@ def test_shared_inputs_broadcast(backend, graph, samples):
     assert f(x[0], p[0])[0].shape == (1, 13)
 
 
+def test_names_and_positions_give_the_same(graph, samples):
+    f = BatchFunction(graph)
+    named = f(p=samples[1], x=samples[0])
+    assert list(named) == ["y", "norm"]
+    np.testing.assert_array_equal(named["y"], f(*samples)[0])
+
+
 @pytest.mark.parametrize("backend", FAST)
 def test_threads_and_blocks_do_not_change_a_bit(backend, graph):
     rng = np.random.default_rng(2)
@@ -156,10 +163,14 @@ def test_one_value_a_sample_must_be_a_column():
     assert f(3.0).shape == (1, 1)
 
 
-def test_wrong_counts_are_listed(graph, samples):
+def test_wrong_names_and_counts_are_listed(graph, samples):
     f = BatchFunction(graph, backend="numpy")
+    with pytest.raises(TypeError, match="has inputs x, p; unknown: q; missing: p"):
+        f(x=samples[0], q=samples[1])
     with pytest.raises(TypeError, match=r"takes 2 inputs \(x, p\), but 1 were given"):
         f(samples[0])
+    with pytest.raises(TypeError, match="by position or by name, not both"):
+        f(samples[0], p=samples[1])
 
 
 @pytest.mark.parametrize(
