@@ -28,12 +28,13 @@ REFUSED, FAULT = "refused", "fault"
 
 @dataclass(frozen=True)
 class SolveJob:
-    """A case, from how many guesses it is solved, and which of the answers is taken."""
+    """A case, its guesses, and which of the answers is taken; or the ``number`` of one guess."""
 
     case: Case
     starts: int = 1
     seed: int = 0
     rank: Rank = "planned"
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -137,16 +138,6 @@ _HELD = {"problem", "derivative"}
 
 
 @dataclass(frozen=True)
-class StartJob:
-    """The guess ``number`` of ``starts`` of a case, as :func:`~ocp.rollout.guesses` has them."""
-
-    case: Case
-    number: int
-    starts: int
-    seed: int
-
-
-@dataclass(frozen=True)
 class StartResult:
     """What a solved start sends: its outcome, its NLP's reformulation, and the verdicts."""
 
@@ -154,7 +145,7 @@ class StartResult:
     judged: dict[str, Any]
 
 
-def solve_start(job: StartJob, report: Callable[[Any], None]) -> StartResult:
+def solve_start(job: SolveJob, report: Callable[[Any], None]) -> StartResult:
     """Solve from one guess; a :data:`~ocp.scheduling.Function` that tells each stage."""
     session = cached_session(job.case)
     guess = initial_guesses(session.problem, session.values, job.starts, job.seed)[job.number]
@@ -184,7 +175,7 @@ def solve_starts(
     check_starts(starts)
     if jobs == 1 or starts == 1:
         return solve_session(session, starts, seed, progress, rank_by)
-    work = [StartJob(case, number, starts, seed) for number in range(starts)]
+    work = [SolveJob(case, starts, seed, number=number) for number in range(starts)]
     found: dict[int, StartResult] = {}
 
     def callback(_: int, stage: Any) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from dynamics.batch import Episodes, Gaussian
+from dynamics.batch import Episodes
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, NotConverged, choose
 from ocp.learning.experiment import Experiment, at_least, positive
@@ -142,17 +142,13 @@ def roll(
     *,
     theta: np.ndarray | None = None,
     law: ContactLaw | None = None,
-    noise: Gaussian | None = None,
-    gradient: bool = False,
-    score: bool = False,
-    along: Episodes | None = None,
-    pull: np.ndarray | None = None,
+    **asked: Any,
 ) -> Episodes:
     """Unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
 
     ``theta`` (n, n_theta) are other parameters for each sample, ``law`` another contact law than
     the model's; physical parameters are the state's ``psi`` where it has any; states are kept.
-    ``pull`` (n, nx) is the slope of what else is gained at the last state, for the gradient.
+    ``asked`` (noise, gradient, score, along, pull) as :class:`~dynamics.batch.EpisodeFunction`.
     Samples that are not finite, where a contact found no solution or a motion overflowed, are left
     to :func:`finite_samples`.
     """
@@ -162,13 +158,9 @@ def roll(
         Normaliser.of(state),
         discount=experiment.discount,
         model_params=state.get("psi", experiment.physics),
-        noise=noise,
         n_samples=len(x0),
-        gradient=gradient,
-        score=score,
         states=True,
-        along=along,
-        pull=pull,
+        **asked,
     )
     experiment.count_steps(found.lived.sum())
     return found
