@@ -171,7 +171,7 @@ class Settings:
     ] = DEFAULT_STRATEGY
     factor: Annotated[
         Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None,
-        "by which the homotopy's parameter shrinks, between 0 and 1; not given: the law's own",
+        "factor of the homotopy's parameter per stage, between 0 and 1; not given: the law's",
     ] = None
     start: Annotated[
         Annotated[float, Field(gt=0, allow_inf_nan=False)] | None,

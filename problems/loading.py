@@ -146,7 +146,7 @@ _LONGEST = 100
 def _word(name: str) -> str:
     if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > _LONGEST:
         raise ValueError(
-            f"must be a word of letters, digits, '-' and '_', of at most {_LONGEST} signs"
+            f"must be a word of letters, digits, '-' and '_', of at most {_LONGEST} characters"
         )
     return name
 

@@ -106,10 +106,10 @@ def _check_variable(name: str, dataset: xr.Dataset) -> None:
     values = np.asarray(variable.values)
     if name in _LABELS:
         if not all(isinstance(one, str) for one in values.ravel().tolist()):
-            raise ValueError(f"{name} holds something else than texts")
+            raise ValueError(f"{name} does not hold text only")
         return
     if values.dtype.kind not in "iuf":
-        raise ValueError(f"{name} holds something else than numbers")
+        raise ValueError(f"{name} does not hold numbers only")
     # NaN compares as false.
     if not (np.abs(values) <= LARGEST).all():
         raise ValueError(f"{name} holds numbers that are not finite or beyond {LARGEST:g}")

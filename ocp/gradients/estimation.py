@@ -317,6 +317,6 @@ def _check_finite(objective: SampledObjective, name: str, found: EstimatorRun) -
         )
     if not np.isfinite([found.moments.mean, found.moments.variance]).all():
         raise InputError(
-            f"{objective.name}: mean or variance of {name} is beyond what a double holds; take"
+            f"{objective.name}: mean or variance of {name} overflows double precision; take"
             " another sigma"
         )

@@ -69,9 +69,7 @@ class SampledObjective(ABC):
         for name, value in values.items():
             if name not in known:
                 shown = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
-                raise InputError(
-                    f"{self.name} has nothing called {name!r} to set; there are {shown}"
-                )
+                raise InputError(f"{self.name} has no parameter {name!r} to set; there are {shown}")
             if not np.isfinite(value):
                 raise InputError(f"{self.name}: {name} must be finite, got {value}")
         other = copy(self)
@@ -184,7 +182,7 @@ class StaticObjective(SampledObjective):
             return self._closed_form({**theta, **self.parameters}, sigma)
         except ArithmeticError as error:
             raise InputError(
-                f"{self.name}: at sigma = {sigma:g} its closed form is beyond what a double holds;"
+                f"{self.name}: at sigma = {sigma:g} its closed form overflows double precision;"
                 " take another sigma, or other parameters"
             ) from error
 

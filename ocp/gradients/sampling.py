@@ -203,11 +203,11 @@ def reference_kind(objective: SampledObjective, sigma: float, kind: str) -> str:
     if kind == "auto":
         return "closed-form" if closed else "quadrature" if line else "zobg"
     if kind == "closed-form" and not closed:
-        raise InputError(f"{objective.name} has no closed form; say --reference zobg")
+        raise InputError(f"{objective.name} has no closed form; use --reference zobg")
     if kind == "quadrature" and not line:
         raise InputError(
             f"{objective.name} has {objective.n_noise} noise components; quadrature needs one,"
-            " added to the decision; say --reference zobg"
+            " added to the decision; use --reference zobg"
         )
     return kind
 

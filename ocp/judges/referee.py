@@ -85,10 +85,10 @@ def step_place(system: ContactSystem) -> tuple[str, str, int]:
     if not system.refinable:
         return "the step size is part of the model", "", -1
     if any(signal.unit == "N s" for signal in system.inputs):
-        return "an input is the impulse of a step, which belongs to its size", "", -1
+        return "an input is an impulse per step, which depends on the step size", "", -1
     chosen, named = place_of(system.h, system.x), place_of(system.h, system.parameters.vector)
     if chosen is None and named is None:
-        return "the step size is no parameter of the model that could be turned", "", -1
+        return "the step size is not a parameter of the model", "", -1
     if chosen is not None:
         return "", "", chosen
     return "", system.parameters.names[named or 0], -1

@@ -156,7 +156,7 @@ def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.nda
     gain = _regulator(by_x[0], by_u[0] * half, _WEIGHT * C.T @ C)
     W = -gain @ np.linalg.pinv(C)
     if np.abs(W @ C + gain).max() > 1e-6 * np.abs(gain).max():
-        raise InputError(f"{task.name} cannot be kept at rest by what is observed alone")
+        raise InputError(f"{task.name} cannot be stabilised at rest from its observations alone")
     return W, -W @ seen[:, 0]
 
 

@@ -35,12 +35,11 @@ class Status(Enum):
         " follow it (--contact exact -s homotopy=true)"
     )
     ITERATION_LIMIT = "not converged: the iteration limit was reached"
-    TIME_LIMIT = "not converged: it took too long and was given up"
+    TIME_LIMIT = "not converged: the time limit was reached"
     INFEASIBLE = "not converged: the constraints could not be met from this guess"
     DIVERGED = "not converged: the iterates diverged or a function returned NaN or infinity"
     INTERRUPTED = (
-        "interrupted: stopped by the user; this is the best point by then, and --from its run goes"
-        " on there"
+        "interrupted by the user; this is the best point so far: continue with --from its run"
     )
     FAILED = "not converged: the solver gave up"
 

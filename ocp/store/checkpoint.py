@@ -65,7 +65,7 @@ class Checkpoint:
     def place(self) -> Path | None:
         """The directory that is held, None where nothing is kept; only inside of ``with``."""
         if self._place is None and self._shelf is not None:
-            raise RuntimeError("a checkpoint is held inside of 'with' only")
+            raise RuntimeError("a checkpoint can only be used inside a 'with' block")
         return self._place
 
     def __enter__(self) -> Self:

@@ -31,17 +31,17 @@ class PsiLearning(Algorithm):
     """
 
     name: ClassVar[str] = "psi"
-    summary: ClassVar[str] = "any algorithm, the model's parameters being learned beside it"
+    summary: ClassVar[str] = "any algorithm; it also learns the model's parameters"
     contact: ClassVar[str] = "adaptive"
 
     algorithm: Algorithm
     names: tuple[str, ...]
-    walkers: Annotated[int, "episodes that go on under the exact law in every iteration"] = 16
-    steps: Annotated[int, "steps that each of them goes on"] = 16
+    walkers: Annotated[int, "episodes continued under the exact law in each iteration"] = 16
+    steps: Annotated[int, "steps of each continued episode"] = 16
     sigma: Annotated[float, "noise on the inputs, in half ranges"] = 0.1
-    capacity: Annotated[int, "transitions that are kept"] = 2000
+    capacity: Annotated[int, "transitions kept"] = 2000
     rows: Annotated[int, "transitions that judge an iteration of the search"] = 128
-    searched: Annotated[int, "iterations of the search in one of the policy"] = 10
+    searched: Annotated[int, "search iterations per policy iteration"] = 10
     search: RandomSearch = field(default_factory=RandomSearch)
 
     def settings(self) -> dict[str, Any]:

@@ -33,12 +33,12 @@ class RandomSearch:
     cloud is when its covariance never learns; masses and inertias that move alike need it.
     """
 
-    candidates: Annotated[int, "drawn in an iteration"] = 32
-    width: Annotated[float, "standard deviation of the cloud at first"] = 0.3
+    candidates: Annotated[int, "candidates per iteration"] = 32
+    width: Annotated[float, "initial standard deviation of the candidates"] = 0.3
     iterations: Annotated[int, "most of a pass"] = 150
     narrow: Annotated[float, "standard deviation below which a pass ends"] = 1e-3
-    passes: Annotated[int, "each begins where the last ended"] = 2
-    reach: Annotated[float, "farthest that a coordinate goes"] = 3.0
+    passes: Annotated[int, "passes; each starts where the last one ended"] = 2
+    reach: Annotated[float, "largest change of a coordinate"] = 3.0
 
     def __post_init__(self) -> None:
         if self.candidates < 4 or self.iterations < 1 or self.passes < 1:

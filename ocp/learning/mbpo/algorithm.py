@@ -39,34 +39,34 @@ class MBPO(Algorithm):
     summary: ClassVar[str] = "soft actor-critic on short branches of a network ensemble"
     contact: ClassVar[str] = "exact"
 
-    walkers: Annotated[int, "episodes that go on under the exact law in every iteration"] = 16
-    steps: Annotated[int, "steps that each of them goes on"] = 16
+    walkers: Annotated[int, "episodes continued under the exact law in each iteration"] = 16
+    steps: Annotated[int, "steps of each continued episode"] = 16
     explored: Annotated[int, "steps of random policies in iteration 0"] = 2048
     capacity: Annotated[int, "steps that are kept"] = 100_000
     members: Annotated[int, "networks of the ensemble"] = 7
-    elites: Annotated[int, "of which this many are used"] = 5
+    elites: Annotated[int, "networks used: the elites"] = 5
     model_units: Annotated[int, "units of a layer of the model"] = 100
     model_layers: Annotated[int, "its layers"] = 3
-    model_rate: Annotated[float, "step length of its fit"] = 1e-3
-    model_steps: Annotated[int, "steps of its fit in an iteration"] = 200
-    model_batch: Annotated[int, "transitions in a batch of its fit"] = 128
-    held_out: Annotated[float, "part of the steps that chooses the elites"] = 0.1
-    branches: Annotated[int, "branches of the model in an iteration"] = 400
-    shortest: Annotated[int, "their steps at first"] = 1
-    longest: Annotated[int, "their steps from half of the iterations on"] = 5
-    kept: Annotated[int, "iterations whose branches are learned from"] = 10
+    model_rate: Annotated[float, "learning rate of the model"] = 1e-3
+    model_steps: Annotated[int, "gradient steps of the model per iteration"] = 200
+    model_batch: Annotated[int, "batch size of the model"] = 128
+    held_out: Annotated[float, "share of the transitions that selects the elites"] = 0.1
+    branches: Annotated[int, "model branches per iteration"] = 400
+    shortest: Annotated[int, "branch length in the first half of the iterations"] = 1
+    longest: Annotated[int, "branch length in the second half"] = 5
+    kept: Annotated[int, "iterations whose branches are kept for learning"] = 10
     critic_units: Annotated[int, "units of a layer of the critics"] = 128
     critic_layers: Annotated[int, "their layers"] = 2
-    rate: Annotated[float, "step length of actor, critics and temperature"] = 3e-4
-    sigma: Annotated[float, "deviation of the actions before tanh at first"] = 0.3
-    alpha: Annotated[float, "temperature of the entropy at first"] = 0.1
-    aim: Annotated[float, "entropy an input that the temperature keeps"] = -1.0
-    cut: Annotated[float, "most size of a reward that the critics are told"] = math.inf
-    critic_discount: Annotated[float, "times the experiment's discount, the critics'"] = 0.99
-    slow: Annotated[float, "share by which the target critics follow"] = 0.005
-    updates: Annotated[int, "of actor and critics in an iteration"] = 1000
-    batch: Annotated[int, "steps in a batch of an update"] = 128
-    real: Annotated[float, "part of a batch that was seen, not of branches"] = 0.05
+    rate: Annotated[float, "learning rate of actor, critics and temperature"] = 3e-4
+    sigma: Annotated[float, "initial standard deviation of the actions before tanh"] = 0.3
+    alpha: Annotated[float, "initial entropy temperature"] = 0.1
+    aim: Annotated[float, "target entropy per input"] = -1.0
+    cut: Annotated[float, "largest absolute reward given to the critics"] = math.inf
+    critic_discount: Annotated[float, "factor on the experiment's discount for the critics"] = 0.99
+    slow: Annotated[float, "step of the target critics toward the critics"] = 0.005
+    updates: Annotated[int, "updates of actor and critics per iteration"] = 1000
+    batch: Annotated[int, "batch size of an update"] = 128
+    real: Annotated[float, "share of real transitions in a batch"] = 0.05
 
     def begin(self, experiment: Experiment) -> State:
         """Networks out of the seed, and the steps explored.

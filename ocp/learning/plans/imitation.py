@@ -34,7 +34,7 @@ def demonstrations(
     number.
     """
     if not plans:
-        raise InputError("a policy is fitted to plans, and there are none; give at least one")
+        raise InputError("no plans to fit the policy to; give at least one")
     states, inputs = [], []
     for number, plan in enumerate(plans):
         x, u = (plan.data[name].values for name in ("x", "u"))

@@ -209,8 +209,7 @@ def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) 
         )
     if bool(task.ends(start, task.parameters.values)):
         raise InputError(
-            f"{task.name}: an episode from this start is over before its first step; start where it"
-            " goes on"
+            f"{task.name}: an episode from this start ends before its first step; give another start"
         )
     after, before = _parts(task, start)
     final = ca.SX(task.final)
@@ -240,8 +239,8 @@ def _parts(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
         used = {str(symbol) for symbol in ca.symvar(slope)}
         mixed = ", ".join(str(symbol) for symbol in ca.symvar(given) if str(symbol) in used)
         raise InputError(
-            f"{task.name}: the reward's part in x_next depends on {mixed} too, which"
-            " no stage cost in (x, u) can say; write the reward as a(x_next) + b(x, u)"
+            f"{task.name}: the reward's term in x_next also depends on {mixed}, which a stage cost"
+            " in (x, u) cannot express; write the reward as a(x_next) + b(x, u)"
         )
     usual = ca.vertcat(ca.DM(start), ca.DM(task.lower + task.upper) / 2)
     after = ca.substitute(reward, given, usual)
@@ -255,8 +254,8 @@ def _survival_constraint(task: Task) -> tuple[Constraint, ...]:
     if task.lasts is None:
         if ca.depends_on(ca.SX(task.done), task.system.x):
             raise InputError(
-                f"{task.name}: done depends on the state, but what a plan must keep so that its"
-                " episode goes on is not said; give Task.lasts"
+                f"{task.name}: done depends on the state: give Task.lasts, the constraints that"
+                " keep an episode running"
             )
         return ()
     kept = ca.SX(task.lasts)

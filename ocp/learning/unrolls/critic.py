@@ -35,12 +35,12 @@ class Critic:
         """Raise :class:`~ocp.errors.InputError` where nothing is to come, or no end of it."""
         if experiment.discount == 1:
             raise InputError(
-                "a critic needs a discount below 1, got 1, at which what is to come has no bound;"
+                "a critic needs a discount below 1, got 1, where the return is unbounded;"
                 " give a discount such as 0.99, or critic 0 for none"
             )
         if unroll >= experiment.task.horizon:
             raise InputError(
-                f"a critic values what comes after an unroll, but unrolls of {unroll} steps are"
+                f"a critic estimates the return after an unroll, but unrolls of {unroll} steps are"
                 f" whole episodes of {experiment.task.name}; shorten them, or give critic 0 for"
                 " none"
             )

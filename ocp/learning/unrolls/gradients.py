@@ -37,7 +37,7 @@ class ZOPG(Clipping):
     summary: ClassVar[str] = "likelihood-ratio policy gradient, antithetic, with a baseline"
     contact: ClassVar[str] = "exact"
 
-    samples: Annotated[int, "unrolls an iteration, in pairs of noise w and -w"] = 256
+    samples: Annotated[int, "unrolls per iteration, in pairs of noise w and -w"] = 256
     least: ClassVar[int] = 4
 
     def check(self, experiment: Experiment) -> None:
@@ -238,9 +238,9 @@ class ARS(Algorithm):
     summary: ClassVar[str] = "augmented random search, V2-t"
     contact: ClassVar[str] = "exact"
 
-    directions: Annotated[int, "random directions an iteration"] = 16
-    top: Annotated[int, "best directions that count"] = 8
-    spread: Annotated[float, "distance gone along each direction"] = 0.1
+    directions: Annotated[int, "random directions per iteration"] = 16
+    top: Annotated[int, "best directions used"] = 8
+    spread: Annotated[float, "step along each direction"] = 0.1
     rate: Annotated[float, "length of a step"] = 0.05
 
     def check(self, experiment: Experiment) -> None:

@@ -246,7 +246,7 @@ class Unrolled(Algorithm):
     samples: Annotated[int, "unrolls an iteration"] = 64
     unroll: Annotated[int, "steps of an unroll, at most an episode's"] = 32
     sigma: Annotated[float, "standard deviation of the noise on the actions before tanh"] = 0.1
-    rate: Annotated[float, "length of a step of the optimiser"] = 0.01
+    rate: Annotated[float, "learning rate"] = 0.01
     optimiser: Annotated[str, f"rule of a step: {', '.join(RULES)}"] = "adam"
 
     least: ClassVar[int] = 1
@@ -307,7 +307,7 @@ class Clipping(Unrolled):
     """
 
     clip: Annotated[
-        float | None, "a sample's longest gradient in median lengths of all, which biases the mean"
+        float | None, "largest norm of a sample's gradient, in medians of all; biases the mean"
     ] = None
 
     def check(self, experiment: Experiment) -> None:

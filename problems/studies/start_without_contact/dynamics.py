@@ -59,7 +59,7 @@ class Bundle:
 
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Of no use: the exact step's second derivatives are zero but at its kinks."""
-        raise NotImplementedError("bundled slopes have no slopes of their own; use Adam")
+        raise NotImplementedError("bundled gradients cannot be differentiated again; use Adam")
 
 
 class Bundled(ContactLaw):

@@ -325,7 +325,7 @@ def test_an_objective_is_turned_without_being_built_again():
     zeros[0, 2] = 0.3
     np.testing.assert_allclose(other.nominal(), fresh.costs(zeros)[0], rtol=1e-12)
     assert objective.nominal() != other.nominal()
-    with pytest.raises(InputError, match="nothing called 'y0'"):
+    with pytest.raises(InputError, match="no parameter 'y0'"):
         objective.at({"y0": 1.0})
 
 

@@ -174,5 +174,5 @@ def test_what_cannot_be_started_from_is_named(found: list[Solution]):
     mbpo = Experiment(task=task, algorithm=MBPO(), start=policy)
     with pytest.raises(InputError, match="leave start out"):
         mbpo.algorithm.begin(mbpo)
-    with pytest.raises(InputError, match="there are none"):
+    with pytest.raises(InputError, match="no plans to fit"):
         fit_actions(task, *demonstrations([]))
