@@ -209,7 +209,7 @@ def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) 
         )
     if bool(task.ends(start, task.parameters.values)):
         raise InputError(
-            f"{task.name}: an episode from this start ends before its first step; give another start"
+            f"{task.name}: an episode from this start ends before its first step; give another"
         )
     after, before = _parts(task, start)
     final = ca.SX(task.final)
