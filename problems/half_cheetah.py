@@ -10,7 +10,7 @@ from dynamics.systems.contact_rows import Cone
 from ocp.problem import Constraint, FreeStart, Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.machines.half_cheetah import half_cheetah as machine_of
-from problems.machines.picture import machine_frames, machine_shapes
+from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 

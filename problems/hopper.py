@@ -10,7 +10,7 @@ from dynamics.systems.contact_rows import Cone
 from ocp.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.hopper import hopper as machine_of
-from problems.machines.picture import machine_frames, machine_shapes
+from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 

@@ -9,9 +9,8 @@ from typing import Any
 from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.stored_run import StoredRun
-from problems.objectives import named as named
-from problems.objectives import objective_names
-from problems.registry import load, names, registered, spec
+from problems.registry import load, names, objective_names, registered, spec
+from problems.registry import named as named
 from problems.spec import ProblemSpec, Spec
 
 

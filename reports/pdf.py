@@ -51,7 +51,7 @@ PAGES = {
     "solve": "reports.pages.solve.solve_page",
     "continue": "reports.pages.continuation.continuation_page",
     "sweep": "reports.pages.sweep.sweep_page",
-    "estimate": "reports.pages.estimate.estimate_page",
+    "estimate": "reports.pages.sweep.estimate_page",
     "figure": "reports.pages.study.study_page",
     "train": "reports.pages.training.training_page",
 }

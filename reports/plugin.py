@@ -46,7 +46,7 @@ def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
 
 def plot(solution: Solution) -> Figure:
     """The figure of ``ocp solve --plot``: the strobe above states, inputs and forces."""
-    from reports.papers.solution import solution_figure
+    from reports.papers import solution_figure
     from reports.style import literal, styled
 
     with styled():

@@ -1,18 +1,158 @@
-"""A strobe of the motion: the problem's own shapes at several instants, with contact forces."""
+"""A strobe of the motion, with contact forces as arrows and the friction cones that hold them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Wedge
 
-from problems.drawing import Shape
-from reports.forces import Forces, caption, draw_contacts, forces_of
+from problems.drawing import ContactFrame, Shape
 from reports.shapes import bounds, draw, show
-from reports.style import INK, WIDTH
+from reports.style import INK, PURPLE, VERMILLION, WIDTH
 from reports.view import RunView
+
+LEAST = 0.02
+"""Forces below this fraction of the largest are not drawn."""
+_LONGEST, _ACROSS, CONE = 0.18, 0.4, 0.7
+"""Longest arrow in sides of the view, the longer and the shorter, and a cone in arrows."""
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Forces of every contact over a trajectory, in scenario 0.
+
+    ``normal`` and ``friction`` (N, points) are along the normal and the tangent of the contact's
+    :class:`~problems.drawing.ContactFrame`, both in ``unit``: impulses of one step [N s], or
+    forces [N] where the system's multipliers are forces.
+    """
+
+    normal: np.ndarray
+    friction: np.ndarray
+    unit: str
+
+    @property
+    def largest(self) -> float:
+        """Size of the largest finite force, 0 where there is none."""
+        size = np.hypot(self.normal, self.friction)
+        return float(np.max(size[np.isfinite(size)], initial=0.0))
+
+
+def forces_of(view: RunView, suffix: str = "") -> Forces | None:
+    """Forces of the plan, or with suffix ``"_replay"`` of its replay; None for a run without.
+
+    From the stored ``normal_impulse`` and ``friction_impulse``, else from the system's map of the
+    multipliers, else every multiplier is a normal impulse.
+    """
+    lam = view.array(f"lam{suffix}")
+    if lam is None:
+        return None
+    normal, friction = (view.array(f"{kind}_impulse{suffix}") for kind in ("normal", "friction"))
+    if normal is not None and friction is not None:
+        return Forces(normal[0], friction[0], "N s")
+    signals = view.signals("contacts")
+    # lam of a law averaged over noise has one block a node; the mean is what moves the system.
+    mean = [lam[0, :, i :: len(signals)].mean(axis=-1) for i in range(len(signals))]
+    pushed = np.stack(mean, axis=1) if mean else np.zeros((lam.shape[1], 0))
+    if view.problem is not None and (sums := view.problem.system.forces) is not None:
+        system, parameters = view.problem.system, view.problem.parameters
+        outputs = [sums.normal, sums.tangential]
+        add_up = ca.Function("forces", [system.lam, parameters.vector], outputs)
+        normal, tangential = (np.asarray(one).T for one in add_up(pushed.T, parameters.values))
+        return Forces(normal, tangential, "N s")
+    return Forces(pushed, np.zeros_like(pushed), signals[0].unit if signals else "")
+
+
+def caption(largest: float, unit: str, rough: bool) -> str:
+    """Caption of arrows and, where contacts are ``rough``, of cones."""
+    cones = "; shaded: friction cone" if rough else ""
+    what = "impulse" if unit == "N s" else "force"
+    return f"arrows: contact {what}, the longest {largest:.3g} {unit}{cones}"
+
+
+def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str]]:
+    """Sizes (N, points) of the forces of plan and replay by suffix, and the contacts that act.
+
+    These are names by column: contacts with a visible force in the plan or in its replay.
+    """
+    found = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
+    sizes = {key: np.hypot(one.normal, one.friction) for key, one in found.items() if one}
+    if not sizes:
+        return {}, {}
+    most = np.max([np.nanmax(size, axis=0, initial=0.0) for size in sizes.values()], axis=0)
+    acting = np.flatnonzero((most > LEAST * most.max(initial=0.0)) & (most > 0))
+    names = [signal.name for signal in view.signals("contacts")]
+    if "point" in view.run.data.coords and view.run.data.sizes["point"] == most.size:
+        names = [str(name) for name in view.run.data["point"].values]
+    return sizes, {int(i): names[i] for i in acting}
+
+
+def longest_arrow(size: np.ndarray) -> float:
+    """Length [m] of the arrow of the largest force, inside a view of ``size`` (2,)."""
+    return min(_LONGEST * float(size.max()), _ACROSS * float(size.min()))
+
+
+def visible(
+    contacts: Sequence[ContactFrame], pushes: tuple[np.ndarray, np.ndarray], largest: float
+) -> Iterator[tuple[ContactFrame, float, float]]:
+    """Contacts with their normal and friction force, without the smallest forces."""
+    for frame, normal, friction in zip(contacts, *pushes, strict=False):
+        if math.hypot(normal, friction) >= LEAST * largest > 0:
+            yield frame, float(normal), float(friction)
+
+
+def draw_contacts(
+    axis: Axes,
+    contacts: Sequence[ContactFrame],
+    pushes: tuple[np.ndarray, np.ndarray],
+    largest: float,
+    alpha: float = 1,
+    cones: float = 1,
+) -> list[Artist]:
+    """Draw the forces ``pushes``, normal and friction (points,), and cones this strong, 0 for none.
+
+    The ``largest`` force is as long as :func:`longest_arrow`; the smallest are left out.
+    """
+    longest = longest_arrow(np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1))
+    drawn = list[Artist]()
+    for frame, normal, friction in visible(contacts, pushes, largest):
+        if frame.friction and cones:
+            drawn.append(draw_cone(axis, frame, longest, cones))
+        drawn.append(draw_force(axis, frame, normal, friction, longest / largest, alpha))
+    return drawn
+
+
+def draw_force(
+    axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float, alpha: float = 1
+) -> Artist:
+    """Draw the force as an arrow from the contact, ``scale`` [m per unit] times its size long."""
+    tx, ty = frame.tangent
+    tip = (
+        frame.x + scale * (normal * frame.nx + friction * tx),
+        frame.y + scale * (normal * frame.ny + friction * ty),
+    )
+    return axis.annotate(
+        "", xytext=(frame.x, frame.y), xy=tip, zorder=5, annotation_clip=False,
+        arrowprops={"arrowstyle": "-|>", "color": VERMILLION, "linewidth": 1.0, "shrinkA": 0,
+                    "shrinkB": 0, "alpha": alpha, "mutation_scale": 6},
+    )  # fmt: skip
+
+
+def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 1) -> Artist:
+    """Draw the friction cone, half as wide as atan(friction) on either side of the normal."""
+    middle = math.degrees(math.atan2(frame.ny, frame.nx))
+    half = math.degrees(math.atan(frame.friction))
+    cone = Wedge((frame.x, frame.y), CONE * length, middle - half, middle + half, zorder=3,
+                 facecolor=(PURPLE, 0.22 * strength),
+                 edgecolor=(PURPLE, 0.8 * strength), linewidth=0.6)  # fmt: skip
+    return axis.add_patch(cone)
+
 
 _FEWEST, _MOST = 3, 7
 _TALLEST, _SMALL = 3.1, 1.7
@@ -24,7 +164,7 @@ def strobe(view: RunView, cones: bool = False) -> Figure | None:
 
     Friction cones are drawn where ``cones``.
     """
-    if not drawable(view):
+    if view.picture is None:
         return None
     figure = Figure(figsize=(WIDTH, _TALLEST))
     axis = figure.subplots()
@@ -32,11 +172,6 @@ def strobe(view: RunView, cones: bool = False) -> Figure | None:
     ratio = np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim())
     figure.set_figheight(float(np.clip(0.9 * WIDTH * ratio + 0.7, 1.3, _TALLEST)))
     return figure
-
-
-def drawable(view: RunView) -> bool:
-    """Whether the run has states, and its problem a drawing."""
-    return view.picture is not None
 
 
 def picked_scenarios(count: int) -> list[int]:
@@ -50,8 +185,10 @@ def strobe_rows(
 ) -> tuple[list[Figure], str]:
     """Strobes beside each other under their titles, of scenario 0 each, in rows of one figure each.
 
-    All have the same limits, and their arrows one scale, given in the returned caption.
+    Views without a picture are left out. All have the same limits, and their arrows one scale,
+    given in the returned caption.
     """
+    shown = [(title, view) for title, view in shown if view.picture is not None]
     if not shown:
         return [], ""
     forces = [found for _, view in shown if (found := _forces_drawn(view)) is not None]

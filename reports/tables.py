@@ -1,18 +1,23 @@
-"""Tables of specs and stored runs: parameters, best values, runs, claims, points, events."""
+"""Tables of specs, stored runs, sweeps and estimates, and the progress of the last two."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from reports.console import number, small, stage_title, table_of, value_text
+from reports.console import live, number, small, stage_title, table_of, value_text
 
 if TYPE_CHECKING:
+    from ocp.gradients.sweep import SweepProgress
     from ocp.store.stored_run import StoredRun
+    from ocp.sweeps.job import JobResult
     from problems.spec import Golden
     from problems.studies import Claim
 
@@ -159,3 +164,129 @@ def _parts(row: Row) -> Iterator[str]:
         yield f"{row['scenarios']} scenario{'' if row['scenarios'] == 1 else 's'}"
     if row["tags"]:
         yield "tagged " + " ".join(row["tags"])
+
+
+MOST = 200
+"""Points that a table shows; all are in the stored study."""
+HEADS = ("cost", "exact", "referee", "iter", "s", "verdict")
+
+
+def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[list[str]]:
+    """Coordinates, costs, iterations, seconds and grade of each point, as text."""
+    return [
+        [
+            *(f"{row[dim]:.4g}" for dim in dims),
+            *(number(row[name], 6) for name in ("cost", "exact_cost", "referee_cost")),
+            str(row["iterations"]), f"{row['seconds']:.1f}",
+            str(row["status"] if row["grade"] == "failed" else row["grade"]),
+        ]
+        for row in rows[:MOST]
+    ]  # fmt: skip
+
+
+def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table:
+    """The points of a sweep; a caption counts those left out."""
+    heads = [f">{name}" for name in (*(dim.removeprefix("contact.") for dim in dims), *HEADS[:-1])]
+    table = table_of(*heads, HEADS[-1], rows=point_rows(rows, dims))
+    if len(rows) > MOST:
+        table.caption, table.caption_justify = f"and {len(rows) - MOST} more points", "left"
+    return table
+
+
+_BAR = 20
+
+
+@contextmanager
+def sweep_progress(
+    names: Sequence[str], before: int, quiet: bool
+) -> Iterator[Callable[[int, JobResult], None]]:
+    """Yield a callback for the place of each finished point; ``names`` label all points.
+
+    The first ``before`` calls are points that were kept. On a terminal one line moves; elsewhere a
+    line is printed every two seconds at most, and for each point that failed.
+    """
+    began, done = time.monotonic(), 0
+    with live(quiet, every_s=2.0) as show:
+
+        def ended(place: int, point: JobResult) -> None:
+            nonlocal done
+            done += 1
+            if done <= before:
+                return
+            left = (time.monotonic() - began) / (done - before) * (len(names) - done)
+            text = sweep_line(done, len(names), names[place], point.row, left)
+            full = round(done / len(names) * _BAR)
+            bar = Text(f"{'━' * full}{'╌' * (_BAR - full)} {text}")
+            show(text, done == len(names) or not point.row["success"], lambda: bar)
+
+        yield ended
+
+
+def sweep_line(done: int, total: int, name: str, row: dict[str, Any], left: float) -> str:
+    """Progress after a point, and its result, in one line."""
+    found = f"cost {number(row['cost'], 5)}" if row["success"] else row["status"]
+    return f"{done}/{total}  {name}  {found}  {duration(left)} left"
+
+
+def duration(seconds: float) -> str:
+    """A duration as text: ``40 s``, ``12 min``, ``3.5 h``."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+@contextmanager
+def estimate_progress(
+    quiet: bool, check: Callable[[], None]
+) -> Iterator[Callable[[SweepProgress], None]]:
+    """Yield a callback that prints rate and time left, and calls ``check``."""
+    began, first = time.monotonic(), None
+    with live(quiet, every_s=5.0, delay=True) as show:
+
+        def report(state: SweepProgress) -> None:
+            nonlocal first
+            check()
+            first = state.done if first is None else first
+            show(progress_line(state, state.done - first, time.monotonic() - began))
+
+        yield report
+
+
+def progress_line(state: SweepProgress, since: int, seconds: float) -> str:
+    """One line: points, samples, rate of this session, time left."""
+    rate = since / seconds if seconds > 0 else 0.0
+    left = f"{(state.total - state.done) / rate:.0f} s left" if rate > 0 else "time left unknown"
+    points = f"point {state.points + 1} of {state.all_points}, " if state.all_points > 1 else ""
+    return f"{points}{state.done / state.total:.0%}, {rate:.3g} samples/s, {left}"
+
+
+def estimate_table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
+    """One line per estimate; for several components the norms."""
+    several = any(isinstance(row["mean"], list) for row in rows)
+    numbers = ("|mean|" if several else "mean", "std error", "variance", "reference")
+    found = (
+        (*columns, word) for *columns, _, word in (estimate_cells(row, bool(swept)) for row in rows)
+    )
+    heads = ("estimator", *(f">{head}" for head in numbers), "verdict")
+    return table_of(*([f">{swept}"] if swept else []), *heads, rows=found)
+
+
+def _size(value: float | list[float] | None) -> float | None:
+    if value is None or isinstance(value, float):
+        return value
+    return float(np.linalg.norm(value))
+
+
+def estimate_cells(row: Mapping[str, Any], swept: bool) -> list[str]:
+    """What was swept, estimator, mean, error, variance, reference, alpha, verdict, as text."""
+    reference, short = row["reference"], row["verdict"].partition(" within")[0].partition(" at")[0]
+    return [
+        *([number(row["value"], 4)] if swept else []),
+        row["estimator"],
+        number(_size(row["mean"]), 5),
+        number(_size(row["standard_error"]), 2),
+        number(row["variance_trace"], 3),
+        "–" if reference is None else number(_size(reference), 5),
+        "" if row["alpha"] is None else number(row["alpha"], 3),
+        "too wide" if row["wide"] else short,
+    ]

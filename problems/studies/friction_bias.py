@@ -8,7 +8,7 @@ import xarray as xr
 from dynamics.batch import Gaussian
 from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.estimators import SAMPLED
-from problems.objectives import objective_spec
+from problems.registry import objective_spec
 from problems.studies.study import CODE, Claim, StudyParams, dataset, largest, setting
 
 NOTES = (

@@ -9,7 +9,7 @@ from scipy.stats import norm
 from dynamics.batch import Gaussian
 from ocp.gradients import estimate_gradient
 from ocp.gradients.estimators import mean_cost
-from problems.objectives import objective_spec
+from problems.registry import objective_spec
 from problems.studies.study import CODE, Claim, StudyParams, dataset, largest, setting
 
 NOTES = (

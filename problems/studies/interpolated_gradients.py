@@ -8,7 +8,7 @@ import xarray as xr
 from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.estimators import ConfidenceTest, FixedWeight
 from ocp.gradients.sampling import reference_gradient
-from problems.objectives import objective_spec
+from problems.registry import objective_spec
 from problems.studies.study import Claim, StudyParams, dataset, setting, share_margin
 
 NOTES = (

@@ -10,7 +10,7 @@ from ocp.task import Task
 from problems.drawing import ContactFrame, Shape
 from problems.half_cheetah import SPHERES
 from problems.machines.half_cheetah import half_cheetah as machine_of
-from problems.machines.picture import machine_frames, machine_shapes
+from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
 from problems.tasks.running import built, inertia, mass, tame

@@ -61,9 +61,10 @@ def names() -> list[str]:
     return list(_MODULES)
 
 
+@cache
 def spec(name: str) -> TaskSpec:
     """Return the task called ``name``; raises :class:`~ocp.errors.InputError` for no name."""
-    return _registered(choose("task", name, _MODULES))
+    return defined(TaskSpec, importlib.import_module(choose("task", name, _MODULES)))
 
 
 def get(name: str, **params: Any) -> Task:
@@ -72,11 +73,6 @@ def get(name: str, **params: Any) -> Task:
     Raises :class:`~ocp.errors.InputError` for an unknown name or a bad parameter.
     """
     return spec(name).task(params)
-
-
-@cache
-def _registered(module: str) -> TaskSpec:
-    return defined(TaskSpec, importlib.import_module(module))
 
 
 def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:

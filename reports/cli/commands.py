@@ -79,7 +79,7 @@ class ShowOptions(Options):
     the quality of the fit.
     """
 
-    code: ClassVar = "reports.cli.show_command"
+    code: ClassVar = "reports.cli.list_command:show"
     examples: ClassVar = ("show push-disc", "show data.nc")
     problem: str = argument(
         metavar="PROBLEM|FILE", help=f"{PROBLEM[:-1]}, or a .nc file of ocp collect or ocp learn."
@@ -113,7 +113,7 @@ class SolveOptions(StartsOptions):
 class ReplayOptions(RunOptions, LawOptions, SourceOptions):
     """Simulate the inputs, or the feedback policy, of a stored run under a contact law."""
 
-    code: ClassVar = "reports.cli.replay_command"
+    code: ClassVar = "reports.cli.solve_command:replay"
     examples: ClassVar = ("replay @last", "replay @last --contact barrier -c mu=1e-2")
     contact: str = option("exact", help="Contact law; list with ocp laws.")
 

@@ -2,18 +2,253 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any
+
+import numpy as np
 
 from ocp import store
 from ocp.effort import check_time
-from ocp.errors import choose, interruptible
-from ocp.gradients.sweep import SweepRun, summary, sweep_dataset
+from ocp.errors import InputError, choose, did_you_mean, interruptible
+from ocp.factories import contact_law, split_policy_settings
+from ocp.gradients.estimate import NamedObjective, rollout_objective, static_objective
+from ocp.gradients.estimation import Sampling
+from ocp.gradients.estimators import RULES
+from ocp.gradients.objective import SampledObjective
+from ocp.gradients.sampling import reference_kind
+from ocp.gradients.sweep import SweepRun, read_sweep, summary, sweep_dataset
 from ocp.store.checkpoint import Checkpoint
-from reports import estimates
+from ocp.store.json_values import to_json
+from ocp.store.provenance import content_digest
+from ocp.store.stored_run import StoredRun
+from ocp.validation import Axis, parse
+from problems.parameters import unit_of
+from problems.registry import ObjectiveSpec, named
+from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.commands import BACKENDS, EstimateOptions
-from reports.cli.estimate_request import EstimateRequest
-from reports.cli.request import check_places
+from reports.cli.request import assignments, check_places, whole
+from reports.tables import estimate_progress, estimate_table
+
+_OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "at": "--at"}
+
+
+@dataclass(frozen=True)
+class EstimateRequest:
+    """One checked study: ``given`` parameters as typed, ``params`` all of them."""
+
+    options: EstimateOptions
+    spec: ObjectiveSpec | ProblemSpec
+    given: dict[str, str]
+    objective: SampledObjective
+    params: dict[str, Any]
+    sampling: Sampling
+    sweep: Axis | None
+
+    @classmethod
+    def read(cls, options: EstimateOptions) -> EstimateRequest:
+        """Check the command line; raises InputError for the first word that does not fit."""
+        spec = named(options.problem)
+        given = assignments("-p", options.params)
+        if "sigma" in given and options.sigma is not None:
+            raise InputError("--sigma and -p sigma set the same value; drop one of them")
+        estimators = tuple(n.strip() for n in options.estimators.split(",") if n.strip())
+        rules = _rules(split_policy_settings(assignments("-s", options.settings))[1], estimators)
+        most = options.reference_samples
+        sweep = None if options.sweep is None else read_sweep(options.sweep)
+        built = build(spec, given, options)
+        objective, params = built.objective, built.params
+        sampling = Sampling(
+            estimators, whole("--samples", options.samples),
+            built.sigma if options.sigma is None else options.sigma, options.seed, rules,
+            options.reference, None if most is None else whole("--reference-samples", most),
+        )  # fmt: skip
+        swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
+        built.check_sigma([sampling.sigma, *swept])
+        kind = reference_kind(objective, sampling.sigma, sampling.reference)
+        if most is not None and kind != "zobg":
+            raise InputError(
+                f"the reference of {spec.name} is not sampled; drop --reference-samples or choose"
+                " --reference zobg"
+            )
+        if "sigma" in params:
+            params["sigma"] = sampling.sigma
+        if sweep is not None:
+            _check_sweep(sweep, spec, given, options)
+        return cls(options, spec, given, objective, params, sampling, sweep)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Everything that determines the result."""
+        options, sampling, swept = self.options, self.sampling, self.sweep
+        path = getattr(self.spec, "path", None)
+        record = {
+            "problem": self.spec.name, "params": self.params,
+            "estimators": list(sampling.estimators), "samples": sampling.samples,
+            "sigma": sampling.sigma, "seed": sampling.seed,
+            "reference": sampling.reference, "reference_samples": sampling.most_reference_samples,
+            "rules": {rule.name: vars(rule) for rule in sampling.rules},
+            "sweep": None if swept is None else {"name": swept.name, "values": swept.values},
+            "source": None if path is None else str(path),
+        }  # fmt: skip
+        if hasattr(self.objective, "problem"):
+            record |= {
+                "contact": options.contact, "law_settings": list(options.law_settings or ()),
+                "policy": options.policy, "policy_settings": _policy_settings(options),
+                "at": options.at,
+            }  # fmt: skip
+        return record
+
+    @property
+    def decisive(self) -> dict[str, Any]:
+        """What a resumed study must have in common with the stopped one, except the files.
+
+        A run of ``--at`` counts by its decision, for ``@last`` may name another run each time.
+        """
+        decision = hashlib.sha256(self.objective.theta.tobytes()).hexdigest()
+        return {**self.record, "source": None, "at": None, "decision": decision}
+
+    @property
+    def content(self) -> str:
+        """Digest of the user's files: the problem's and a learned law's."""
+        given = assignments("-c", self.options.law_settings)
+        return content_digest(getattr(self.spec, "digest", None), given)
+
+    def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
+        """Build the objective again at a structural value, such as a number of steps."""
+        known = self.spec.Params.model_fields
+        for name in changed:
+            if name not in known:
+                names = dict.fromkeys(["sigma", "samples", *known, *self.objective.parameters])
+                raise InputError(
+                    f"--sweep: {self.spec.name} has no parameter {name!r}"
+                    f"{did_you_mean(name, names)}; available: {', '.join(names)}"
+                )
+        return build(self.spec, {**self.given, **changed}, self.options).objective
+
+    def unit(self) -> str:
+        """Unit of what is swept."""
+        if self.sweep is None or self.sweep.name == "samples":
+            return "1"
+        known = self.spec.Params.model_fields.get(self.sweep.name)
+        if known is not None:
+            return unit_of(known)
+        units = {s.name: s.unit for s in self.objective.decision}
+        step = getattr(self.objective, "step", None)
+        if step is not None:
+            units |= step.p.units
+        return units.get(self.sweep.name, "1")
+
+
+def build(
+    spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], options: EstimateOptions
+) -> NamedObjective:
+    """Return the objective with all its parameters and the default noise."""
+
+    engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
+    own = _policy_settings(options)
+    if not isinstance(spec, ObjectiveSpec):
+        theta = None if options.at is None else _stored_decision(options, spec, given)
+        settings = assignments("-c", options.law_settings)
+        return rollout_objective(
+            spec, given, options.contact, settings, options.policy, own, theta, **engine
+        )
+    unused = [_OF_ROLLOUTS[name] for name in _OF_ROLLOUTS if name in options.given]
+    unused += [f"-s policy.{name}" for name in own]
+    if unused:
+        raise InputError(
+            f"{spec.name} is an objective without dynamics, {unused[0]} has no effect; drop it"
+        )
+    return static_objective(spec, given, **engine)
+
+
+def _policy_settings(options: EstimateOptions) -> dict[str, str]:
+    return split_policy_settings(assignments("-s", options.settings))[0]
+
+
+def _check_sweep(
+    swept: Axis,
+    spec: ObjectiveSpec | ProblemSpec,
+    given: Mapping[str, Any],
+    options: EstimateOptions,
+) -> None:
+    """Raise InputError for a swept value out of range, and for a second value of what is swept."""
+    law, sign, parameter = swept.name.partition(".")
+    of_law = (law, sign) == ("contact", ".")
+    beside = {name: "-p " + name for name in given}
+    own = assignments("-c", options.law_settings)
+    beside |= {f"contact.{name}": "-c " + name for name in own}
+    beside |= {name: f"--{name}" for name in ("sigma", "samples") if name in options.given}
+    if swept.name in beside:
+        raise InputError(f"--sweep sets {swept.name}; drop {beside[swept.name]}")
+    for value in swept.values:
+        if swept.name in spec.Params.model_fields:
+            spec.params({**given, swept.name: value})
+        elif of_law:
+            contact_law(options.contact, {**own, parameter: str(value)})
+    if isinstance(spec, ProblemSpec) and swept.name in spec.Params.model_fields:
+        # The range of a parameter may allow what mechanics does not: a user's mass below zero.
+        for value in (min(swept.values), max(swept.values)):
+            spec.problem({**given, swept.name: value})
+
+
+def _stored_decision(
+    options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
+) -> np.ndarray:
+    """Inputs, or gains, of a stored run of this problem, in the order of a decision."""
+    run = options.stored(str(options.at))
+    if run.kind != "solve":
+        raise InputError(
+            f"--at {options.at}: it is a run of ocp {run.kind}; give a run of ocp solve"
+        )
+    _check_same(run, options, spec, given)
+    if options.policy == "open-loop":
+        return run.data["u"].values[0]
+    if "K" not in run.data:
+        raise InputError(f"{options.at} has no gains; solve it with --policy feedback")
+    K, k = run.data["K"].values, run.data["k"].values
+    return np.concatenate([K.reshape(len(K), -1), k], axis=1)
+
+
+def _check_same(
+    run: StoredRun, options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
+) -> None:
+    """Raise InputError unless a run is of this problem and has all parameters but the swept."""
+    at = f"--at {options.at}: the run is of"
+    if run.meta["problem"] != spec.name:
+        raise InputError(
+            f"{at} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}"
+        )
+    if run.meta.get("source_digest") != spec.digest:
+        raise InputError(
+            f"{at} another {spec.name}: {spec.path or 'the problem'}, or a file it imports, has"
+            " changed since; solve it again"
+        )
+    swept = "" if options.sweep is None else options.sweep.partition("=")[0].strip()
+    kept = run.record.get("params", {})
+    wanted = to_json(spec.params(given).model_dump())
+    differ = [
+        f"{name}={kept.get(name)}" for name, value in wanted.items()
+        if name != swept and kept.get(name) != value
+    ]  # fmt: skip
+    if differ:
+        raise InputError(
+            f"{at} {spec.name} at other parameters; give those of the run: -p {' -p '.join(differ)}"
+        )
+
+
+def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
+    """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
+    known = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
+    settings: dict[str, dict[str, float]] = {}
+    for key, value in given.items():
+        rule = choose("setting", key, known)
+        if rule not in estimators:
+            raise InputError(f"-s {key} has no effect: {rule} is not among --estimators")
+        settings.setdefault(rule, {})[key.partition(".")[2]] = parse(f"-s {key}", value, float)
+    return [RULES[rule](**values) for rule, values in settings.items()]
 
 
 def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoint]:
@@ -40,7 +275,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
         for line in checkpoint.notes:
             output.say(line)
         try:
-            with interruptible(), estimates.progress(options.quiet, interrupt.check) as report:
+            with interruptible(), estimate_progress(options.quiet, interrupt.check) as report:
                 study.run(report)
         except KeyboardInterrupt:
             if not study.rows:
@@ -54,7 +289,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
         if study.finished:
             checkpoint.discard()
     swept = None if request.sweep is None else request.sweep.name
-    output.note(estimates.table(meta["estimates"], swept))
+    output.note(estimate_table(meta["estimates"], swept))
     if study.resumed:
         output.say(f"resumed; {study.resumed} points already complete")
     output.say(meta["verdict"])

@@ -18,8 +18,8 @@ from ocp.rollout import step_values
 from ocp.solution import Solution
 from ocp.store import atomic
 from problems import names, spec
-from problems.objectives import objective_names
 from problems.plugin import problem_of
+from problems.registry import objective_names
 from reports.cli.commands import ExportOptions
 from reports.cli.request import assignments, check_place
 

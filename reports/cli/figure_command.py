@@ -25,7 +25,7 @@ from problems.studies import FigureStudy
 from problems.studies.study import did_hold
 from reports.cli.commands import FigureOptions
 from reports.cli.request import assignments, check_places
-from reports.papers.bare import FORMATS, bare
+from reports.papers import FORMATS, bare
 from reports.pdf import write_pdf
 from reports.tables import claim_table
 

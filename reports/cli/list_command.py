@@ -1,25 +1,33 @@
-"""``ocp list``, ``ocp laws``, ``ocp methods``, ``ocp settings``: everything that has a name."""
+"""What there is: ``ocp list``, ``laws``, ``methods``, ``settings``; ``ocp show`` describes one."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynamics.laws import LAWS
+from dynamics.learned.transitions import Transitions
 from ocp.errors import choose
 from ocp.gradients.estimators import RULES, SAMPLED
 from ocp.learning.training import ALGORITHMS
 from ocp.policy import POLICIES
 from ocp.programs.solver import SOLVERS
 from ocp.transcription import METHODS
-from problems import names, spec, studies
-from problems.objectives import objective_names, objective_spec
-from problems.tasks import registry as tasks
+from problems import describe, names, spec, studies
+from problems.registry import ObjectiveSpec, named, objective_names, objective_spec
+from problems.spec import ProblemSpec, Spec
+from problems.tasks import registry
 from reports import settings
-from reports.cli.commands import LawsOptions, SettingsOptions
+from reports.cli.commands import LawsOptions, SettingsOptions, ShowOptions
 from reports.cli.options import Options
+from reports.notation import full_citation, plain
 from reports.settings import SettingGroup
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 _MARGIN = 21
 Catalogue = dict[str, list[dict[str, str]]]
@@ -29,7 +37,7 @@ def check_list(options: Options) -> Catalogue:
     """Return what ``ocp list --json`` prints: per kind, objects with name and summary."""
     summaries = {
         "problems": {name: spec(name).title for name in names()},
-        "tasks": {name: tasks.spec(name).title for name in tasks.names()},
+        "tasks": {name: registry.spec(name).title for name in registry.names()},
         "algorithms": {name: one.summary for name, one in ALGORITHMS.items()},
         "contacts": {name: one.summary for name, one in LAWS.items()},
         "methods": {name: one.summary for name, one in METHODS.items()},
@@ -112,3 +120,83 @@ def _show_groups(options: Options, groups: Sequence[SettingGroup], document: dic
         for setting in group.settings:
             print(settings.line(setting))
     return 0
+
+
+def check_show(options: ShowOptions) -> ProblemSpec | ObjectiveSpec | Transitions | Dataset:
+    """Find the problem, or read the file."""
+    from ocp.store import models
+
+    if not options.problem.endswith(".nc"):
+        return named(options.problem)
+    return models.load_any(Path(options.problem))
+
+
+def run_show(
+    options: ShowOptions, found: ProblemSpec | ObjectiveSpec | Transitions | Dataset
+) -> int:
+    """Show a problem: equations, parameters with units and defaults, citation, golden values."""
+    return _show_spec(options, found) if isinstance(found, Spec) else _show_file(options, found)
+
+
+def _show_file(options: ShowOptions, found: Transitions | Dataset) -> int:
+    from reports import learned
+    from reports.console import print_table
+
+    own = isinstance(found, Transitions)
+    content = learned.data_document(found) if own else learned.model_document(found)
+    options.output.document({"file": options.problem, **content})
+    if options.as_json:
+        return 0
+    for line in learned.lines(content):
+        print(fill(line, 80))
+    for table in learned.tables(content):
+        print()
+        print_table(table)
+    return 0
+
+
+def _show_spec(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
+    tasks = [registry.spec(found.name)] if found.name in registry.names() else []
+    golden = {name: asdict(golden) for name, golden in found.golden.items()}
+    task = _described(tasks[0]) if tasks else None
+    options.output.document({**_described(found), "golden": golden, "task": task})
+    if options.as_json:
+        return 0
+    print(f"{found.name}: {found.title}\n")
+    _page(found)
+    for task in tasks:
+        print(f"\nThe learning task {task.name}: {task.title}\n")
+        _page(task)
+    return 0
+
+
+def _described(found: Spec) -> dict[str, Any]:
+    return {
+        "name": found.name,
+        "title": found.title,
+        "equations": [plain(line) for line in found.equations],
+        "parameters": describe(found),
+        "citation": None if found.citation is None else asdict(found.citation),
+    }
+
+
+def _page(found: Spec) -> None:
+    """Equations, parameters, best known values with remarks on them, and the source."""
+    from reports.console import print_table
+    from reports.tables import golden_table, parameter_table
+
+    described = _described(found)
+    for line in described["equations"]:
+        print(fill(line, 80, initial_indent="    ", subsequent_indent="        "))
+    print()
+    print_table(parameter_table(described["parameters"]))
+    golden = found.golden if isinstance(found, ProblemSpec | ObjectiveSpec) else {}
+    if golden:
+        print()
+        print_table(golden_table(golden))
+    for key, best in golden.items():
+        if best.remarks:
+            text = f"{key}: {best.remarks}"
+            print(fill(text, 80, subsequent_indent="    ", break_on_hyphens=False))
+    if found.citation is not None:
+        print(f"\nSource: {found.citation.text} ({full_citation(found.citation.key)})")

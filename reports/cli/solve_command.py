@@ -1,4 +1,4 @@
-"""``ocp solve PROBLEM``: solve, audit, store, report."""
+"""``ocp solve PROBLEM``: solve, audit, store, report; ``ocp replay RUN``: simulate a plan."""
 
 from __future__ import annotations
 
@@ -7,21 +7,26 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any, cast
 
+from dynamics.contact import ContactLaw
 from ocp import store
 from ocp.effort import check_memory
 from ocp.errors import InputError, choose
+from ocp.factories import closing_law
+from ocp.physics.constraints import describe_violations
 from ocp.programs.solver import Status
 from ocp.refinement import halved
 from ocp.request import rebuilder
-from ocp.solution import Interrupted, Solution, StageRecord
+from ocp.solution import Interrupted, Replay, Solution, StageRecord
 from ocp.solve import Rank, refine_from, solve_from, solve_session
 from ocp.store import atomic
+from ocp.store.stored_run import StoredRun
 from problems.plugin import edited, problem_of
 from reports import console
 from reports.cli import interrupt
-from reports.cli.commands import SolveOptions
-from reports.cli.request import Request, check_place, check_places
+from reports.cli.commands import ReplayOptions, SolveOptions
+from reports.cli.request import Request, assignments, check_place, check_places
 from reports.cli.streams import Output
+from reports.console import number, small
 
 NOT_CONVERGED = 3
 REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at h/4"}
@@ -36,7 +41,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     if options.start is not None and options.starts > 1:
         raise InputError("--from excludes several starts; drop --starts")
     if options.plot is not None:
-        from reports.papers.bare import format_of
+        from reports.papers import format_of
 
         format_of(options.plot)
         check_place(options.plot, "figure")
@@ -83,7 +88,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     output.verdict(solution.verdict, solution.grade)
     content = document(solution, stored.meta)
     if options.plot is not None:
-        from reports.papers.bare import bare, format_of
+        from reports.papers import bare, format_of
 
         drawn = bare(stored, format_of(options.plot), own=request.spec)
         atomic.write(options.plot, drawn, "the figure")
@@ -182,4 +187,57 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
         "params": record.get("params", record.get("parameters")),
         **{key: record.get(key) for key in ("settings", "seed", "from", "jit")},
         "versions": meta["versions"],
+    }
+
+
+ReplayRequest = tuple[StoredRun, Solution, ContactLaw]
+
+
+def check_replay(options: ReplayOptions) -> ReplayRequest:
+    """Read the run's plan, and make the law."""
+    found = options.stored(options.run)
+    problem = problem_of(found, options.own([found]))[2]
+    law = closing_law(options.contact, assignments("-c", options.law_settings), problem.system)
+    return found, found.solution(problem), law
+
+
+def run_replay(options: ReplayOptions, request: ReplayRequest) -> int:
+    """Simulate the inputs, or the feedback policy, of a stored run under a contact law."""
+    (stored, solution, law), output = request, options.output
+    rolled = solution.replay(law)
+    output.say(
+        f"planned cost {number(rolled.planned_cost, 8)};"
+        f" under the {law.name} law {number(rolled.cost, 8)}"
+    )
+    between = rolled.between
+    output.say(
+        f"largest state difference {small(rolled.state_gap)};"
+        f" penetration {small(rolled.penetration)} m"
+        + ("" if between is None else f", between nodes {small(between.amount)} m")
+    )
+    for line in describe_violations(rolled.broken):
+        output.say(line)
+    output.document(replay_document(stored, rolled))
+    return 0 if math.isfinite(rolled.cost) else NOT_CONVERGED
+
+
+def replay_document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:
+    """Return what ``ocp replay --json`` prints.
+
+    ``cost`` under the law, ``planned_cost``, ``state_gap`` max |x - x_replay|, ``penetration`` [m]
+    by true signed distance, ``between`` the deepest penetration between nodes, ``broken`` the
+    constraints that the replay violates, ``final_state`` (scenario, state), ``inputs`` "open-loop"
+    or "feedback".
+    """
+    same = ("inputs", "cost", "planned_cost", "state_gap", "penetration")
+    return {
+        "run": str(stored.path),
+        "problem": stored.meta["problem"],
+        "contact": rolled.law.name,
+        "contact_settings": rolled.law.settings(),
+        **{name: getattr(rolled, name) for name in same},
+        "between": None if rolled.between is None else asdict(rolled.between),
+        "broken": [asdict(one) for one in rolled.broken],
+        "final_state": rolled.data["x"].values[:, -1],
+        "states": [str(name) for name in rolled.data["state"].values],
     }

@@ -28,7 +28,7 @@ from reports.cli import interrupt
 from reports.cli.commands import SweepOptions
 from reports.cli.request import case_of, check_places, read_names
 from reports.cli.solve_command import NOT_CONVERGED
-from reports.sweep_tables import live, point_table
+from reports.tables import point_table, sweep_progress
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
     if found:
         output.say(f"resumed; {len(found)} of {len(names)} points already complete")
     try:
-        with live(names, len(found), options.quiet) as ended:
+        with sweep_progress(names, len(found), options.quiet) as ended:
             return solve_grid(
                 study, options.jobs, options.scheduler, request.checkpoint, found, ended,
                 lambda *_: interrupt.check(),

@@ -25,7 +25,7 @@ ENVIRONMENTS = {
 for _identifier, _task in ENVIRONMENTS.items():
     register(
         _identifier,
-        entry_point="reports.environments.single:TaskEnv",
-        vector_entry_point="reports.environments.vector:TaskVectorEnv",
+        entry_point="reports.environments.environment:TaskEnv",
+        vector_entry_point="reports.environments.environment:TaskVectorEnv",
         kwargs={"task": _task},
     )

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from reports.console import number, small
 from reports.figures.motion import Track, idle, tracks
 from reports.figures.panels import Panel, Row, in_rows, lines, note_zero
-from reports.strobe import drawable, strobe_rows
+from reports.notation import label
 from reports.style import CYCLE, GREY, PLANNED, REPLAYED, WIDTH
-from reports.units import label
 from reports.view import RunView
 
 _WIDE = 30.0
@@ -131,11 +130,3 @@ def _panel(
 
 def _largest(values: np.ndarray) -> float:
     return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
-
-
-def strobes(
-    views: list[RunView], names: list[str], cones: bool = False
-) -> tuple[list[Figure], str]:
-    """The motions beside each other, all of them, each under its name; what the arrows mean."""
-    shown = [(name, view) for name, view in zip(names, views, strict=True) if drawable(view)]
-    return strobe_rows(shown, cones)

@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from reports.console import number
-from reports.figures.law import FLOOR
 from reports.figures.motion import Track, idle, tracks
 from reports.figures.panels import Panel, Row, in_rows, lines
-from reports.strobe import drawable, strobe_rows
+from reports.figures.run import FLOOR
+from reports.notation import label, symbol
+from reports.strobe import strobe_rows
 from reports.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH
-from reports.units import label, symbol
 from reports.view import RunView
 
 _COLOURS = {"contact": GREEN, "degenerate": GREEN, "fold": PURPLE, "switch": ORANGE}
@@ -87,7 +87,7 @@ def chosen_points(view: RunView) -> list[int]:
 
 def strobes(view: RunView, cones: bool = False) -> tuple[list[Figure], str]:
     """The motion at points along the path, each beside its value, and what the arrows mean."""
-    if view.array("x") is None or not drawable(view):
+    if view.picture is None:
         return [], ""
     return strobe_rows([(told, view.at_point(point)) for point, told in _named(view)], cones)
 

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ocp.store.stored_run import StoredRun
+from reports.notation import label, symbol
 from reports.style import CYCLE, INK, WIDTH
-from reports.units import label, symbol
 
 _MARKS = "os^Dvx*P+"
 _NAMES = ("zobg", "fobg", "alpha", "es", "zobg-zero-noise", "zobg-mean", "zobg-antithetic",

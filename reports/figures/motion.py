@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.figures.panels import Panel, Row, between, draw_rows, in_rows, lines, note_zero
+from reports.notation import label
 from reports.style import PLANNED, REPLAYED
-from reports.units import label
 from reports.view import RunView
 
 SAME = 1e-6

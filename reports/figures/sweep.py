@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from reports.notation import label
 from reports.style import (
     CYCLE,
     FAINT,
@@ -20,7 +21,6 @@ from reports.style import (
     REPLAYED,
     WIDTH,
 )
-from reports.units import label
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,8 +9,8 @@ import numpy as np
 from ocp.errors import InputError
 from problems.drawing import ContactFrame, Shape
 from problems.plugin import spec_of
-from reports.forces import Forces, forces_of
 from reports.shapes import Camera, film
+from reports.strobe import Forces, forces_of
 from reports.view import RunView
 
 _MOST_FRAMES = 1500

@@ -1,23 +1,219 @@
-"""Write an animation to a GIF, an MP4 or a page of HTML that needs nothing else."""
+"""Pictures of an animation, written to a GIF, an MP4 or a page of HTML that needs nothing else."""
 
 from __future__ import annotations
 
 import errno
+import math
 import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.path import Path as Outline
 from PIL import Image
 
 from ocp.errors import InputError
 from ocp.store import atomic
-from reports.motion.animation import Animation
-from reports.motion.canvas import Canvas
+from problems.drawing import ContactFrame, HalfPlane, Mark, Segment, Shape, Spring
+from reports import shapes
+from reports.motion.animation import Animation, Motion
 from reports.motion.player import player
+from reports.shapes import Camera
+from reports.strobe import CONE, caption, longest_arrow, visible
+from reports.style import FAINT, GREY, INK, PURPLE, VERMILLION, literal
+
+_POINTS = 72.0
+HEAD = 5.0, 2.0
+"""Length and half the width of an arrow's head [pt]."""
+_NONE = (0.0, 0.0, 0.0, 0.0)
+
+Rgba = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A path [m] with its colours, its width [pt], and how far up it lies."""
+
+    path: Outline
+    face: Rgba
+    edge: Rgba
+    width: float
+    order: int
+
+
+class MotionArtist:
+    """One motion on ``axis``, under its camera; ``largest`` is the force of the longest arrow."""
+
+    def __init__(
+        self, axis: Axes, motion: Motion, camera: Camera, largest: float, cones: bool
+    ) -> None:
+        self.axis, self._motion, self._camera = axis, motion, camera
+        self._largest, self._cones = largest, cones
+        self._strokes = PathCollection([], capstyle="round")
+        self._strokes.set_animated(True)
+        axis.add_collection(self._strokes, autolim=False)
+        camera.aim(axis, 0)
+        # Ticks belong to the still part of the picture only as long as the camera stands.
+        moves = np.ptp(camera.middle, axis=0) > 0
+        ticks = zip((axis.xaxis, axis.yaxis), moves, strict=True)
+        self._ticks: list[Artist] = [ruler for ruler, moving in ticks if moving]
+        for ruler in self._ticks:
+            ruler.set_animated(True)
+
+    def draw(self, frame: int) -> None:
+        """Draw a frame onto the canvas; nothing of a motion that has diverged."""
+        if frame >= len(self._motion.x):
+            return
+        self.put(frame)
+        for artist in (*self._ticks, self._strokes):
+            self.axis.draw_artist(artist)
+
+    def put(self, frame: int) -> None:
+        """Move camera and paths to a frame."""
+        self._camera.aim(self.axis, frame)
+        strokes = self.strokes(frame)
+        self._strokes.set_paths([stroke.path for stroke in strokes])
+        self._strokes.set_facecolor([stroke.face for stroke in strokes])
+        self._strokes.set_edgecolor([stroke.edge for stroke in strokes])
+        self._strokes.set_linewidth([stroke.width for stroke in strokes])
+
+    def strokes(self, frame: int) -> list[Stroke]:
+        """The strokes of a frame, from back to front."""
+        return sorted(self._found(frame), key=lambda stroke: stroke.order)
+
+    def _found(self, frame: int) -> Iterator[Stroke]:
+        middle, size = self._camera.middle[frame], self._camera.size
+        # One point of paper in metres: lines have their width, heads and marks their size in these.
+        figure = self.axis.get_figure(root=True)
+        assert figure is not None
+        point = size[0] / self.axis.bbox.width * figure.dpi / _POINTS
+        for shape in self._motion.shapes[frame]:
+            yield of_shape(shape, middle, size, point)
+        forces = self._motion.forces
+        if forces is None:
+            return
+        longest, pushes = longest_arrow(size), (forces.normal[frame], forces.friction[frame])
+        for pushed in visible(self._motion.contacts[frame], pushes, self._largest):
+            if self._cones and pushed[0].friction:
+                yield cone(pushed[0], CONE * longest)
+            yield arrow(*pushed, longest / self._largest, point)
+
+
+def of_shape(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:
+    """Stroke of a body in a view around ``middle`` of ``size`` [m], a ``point`` of paper in [m]."""
+    ink = to_rgba(shapes.color(shape.role))
+    match shape:
+        case HalfPlane():
+            path = shapes.beyond(shape, middle, shapes.REACH * float(size.sum()))
+            return Stroke(path, to_rgba(FAINT), to_rgba(GREY), 0.8, 0)
+        case Mark(x, y, "goal"):
+            arm = shapes.CROSS / 2 * point
+            cross = Outline([(x - arm, y), (x + arm, y), (x, y - arm), (x, y + arm)],
+                         [Outline.MOVETO, Outline.LINETO] * 2)  # fmt: skip
+            return Stroke(cross, _NONE, ink, 1.5, 4)
+        case Mark(x, y):
+            return Stroke(Outline.circle((x, y), shapes.MARK / 2 * point), ink, _NONE, 0.0, 2)
+        case Segment() | Spring():
+            return Stroke(shapes.outline(shape), _NONE, ink, shapes.THICK[type(shape)], 2)
+        case _:
+            return Stroke(shapes.outline(shape), (*ink[:3], shapes.FILLED), ink, shapes.EDGE, 1)
+
+
+def arrow(
+    contact: ContactFrame, normal: float, friction: float, scale: float, point: float
+) -> Stroke:
+    """Arrow of a force from its contact, ``scale`` [m per unit] times its size long."""
+    tx, ty = contact.tangent
+    force = normal * np.array([contact.nx, contact.ny]) + friction * np.array([tx, ty])
+    start, tip = np.array([contact.x, contact.y]), scale * force
+    length = float(np.hypot(*tip))
+    along, tip = tip / length, start + tip
+    head, side = (min(part * point, part / HEAD[0] * length) for part in HEAD)
+    neck, across = tip - head * along, side * np.array([-along[1], along[0]])
+    ink = to_rgba(VERMILLION)
+    corners = [start, neck, neck + across, tip, neck - across, neck]
+    return Stroke(Outline(np.array(corners)), ink, ink, 1.0, 5)
+
+
+def cone(contact: ContactFrame, length: float) -> Stroke:
+    """Friction cone, half as wide as atan(friction) on either side of the normal."""
+    middle, half = math.atan2(contact.ny, contact.nx), math.atan(contact.friction)
+    wedge = Outline.wedge(math.degrees(middle - half), math.degrees(middle + half))
+    path = Outline(np.asarray(wedge.vertices) * length + (contact.x, contact.y), wedge.codes)
+    return Stroke(path, to_rgba(PURPLE, 0.22), to_rgba(PURPLE, 0.8), 0.6, 3)
+
+
+DPI = 100
+_WIDTH = 8.0
+
+
+class Canvas:
+    """The figure of an animation, and pictures of it: one size, an even number of pixels a side."""
+
+    def __init__(self, animation: Animation) -> None:
+        self._animation = animation
+        self.figure, axes = _layout(len(animation.motions), animation.cameras[0])
+        self._canvas = FigureCanvasAgg(self.figure)
+        self.scenes = [
+            MotionArtist(axis, motion, camera, animation.largest, animation.cones)
+            for axis, motion, camera in zip(axes, animation.motions, animation.cameras, strict=True)
+        ]
+        self._label()
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(self.figure.bbox)
+
+    def _label(self) -> None:
+        shown = self._animation
+        look = {"fontsize": 11, "color": INK, "va": "top"}
+        title = self.figure.suptitle(shown.title, x=0.01, ha="left", **look)
+        self.clock = self.figure.text(0.99, 0.98, "", ha="right", animated=True, **look)
+        for scene, motion in zip(self.scenes, shown.motions, strict=True):
+            scene.axis.set_title(motion.title, loc="left", color=INK)
+            scene.axis.set(xlabel=shown.axes[0], ylabel=shown.axes[1])
+            scene.axis.label_outer()
+        if shown.largest > 0:
+            text = caption(shown.largest, shown.unit, shown.rough)
+            self.figure.supxlabel(text, x=0.01, ha="left", fontsize=8, color=GREY)
+        literal(self.figure).draw_without_rendering()
+        # Laid out once, so that labels of changing width do not move the picture.
+        self.figure.set_layout_engine("none")
+        self.clock.set_y(title.get_position()[1])
+
+    def picture(self, frame: int) -> np.ndarray:
+        """Red, green, blue and opacity of a frame, (height, width, 4) of uint8, and contiguous.
+
+        The next frame is drawn over them.
+        """
+        self._canvas.restore_region(self._still)
+        for scene in self.scenes:
+            scene.draw(frame)
+        self.clock.set_text(self._animation.clock(frame))
+        self.figure.draw_artist(self.clock)
+        return np.asarray(self._canvas.buffer_rgba())
+
+
+def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
+    """Figure and axes: two motions one above the other where the view is wide, else abreast."""
+    ratio = float(camera.size[1] / camera.size[0])
+    rows = count if ratio < 0.4 else 1
+    columns = count // rows
+    width = (_WIDTH - 0.8) / columns - 0.2
+    height = rows * float(np.clip(width * ratio, 0.9, 3.6)) + 0.3 * rows + 1.0
+    # Video encoders need an even number of pixels.
+    figure = Figure(figsize=(_WIDTH, 2 * round(height * DPI / 2) / DPI), dpi=DPI)
+    figure.set_layout_engine("constrained", h_pad=0.1)
+    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
+
 
 FORMATS = (".gif", ".mp4", ".html")
 FASTEST_GIF = 50

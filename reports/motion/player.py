@@ -17,11 +17,11 @@ from ocp.rollout import at_steps
 from ocp.task import Task
 from problems.drawing import Shape
 from reports import shapes
-from reports.forces import acting_contacts, caption, longest_arrow, visible
 from reports.motion.animation import Animation, Motion
+from reports.notation import label
 from reports.shapes import Camera
+from reports.strobe import acting_contacts, caption, longest_arrow, visible
 from reports.style import CYCLE, PLANNED, PURPLE, REPLAYED, VERMILLION
-from reports.units import label
 from reports.view import RunView
 
 _PAGE = Path(__file__).with_name("page")

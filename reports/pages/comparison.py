@@ -8,8 +8,9 @@ from typing import Any
 from ocp.store.stored_run import StoredRun
 from reports.console import value_text
 from reports.figures import comparison
+from reports.notation import symbol
 from reports.pages.described import Page, how, numbered, pairs, row_figures, settings
-from reports.units import symbol
+from reports.strobe import strobe_rows
 from reports.view import RunView
 
 _IN_ORDER = ("problem", "contact", "method", "policy", "solver", "strategy")
@@ -40,7 +41,7 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
         "versions": pairs(views[0].run.meta.get("versions") or {}),
         "zero": [],
     }
-    pictures, content["arrows"] = comparison.strobes(views, titles, cones)
+    pictures, content["arrows"] = strobe_rows(list(zip(titles, views, strict=True)), cones)
     figures = numbered("strobes", pictures)
     if one_problem:
         figures["costs"] = comparison.costs(views, titles)

@@ -8,10 +8,10 @@ import numpy as np
 
 from reports.console import number, small
 from reports.figures import continuation
-from reports.figures.law import FLOOR
+from reports.figures.run import FLOOR
+from reports.notation import symbol
 from reports.pages.described import Page, head, how, law, numbered, row_figures
 from reports.tables import event_rows
-from reports.units import symbol
 from reports.view import RunView
 
 

@@ -14,8 +14,7 @@ from problems.parameters import unit_of
 from problems.spec import Spec
 from reports.console import number
 from reports.figures.panels import COLUMNS, Row, draw_rows
-from reports.notation import full_citation, plain
-from reports.units import in_symbols, powers, symbol
+from reports.notation import full_citation, in_symbols, plain, powers, symbol
 from reports.view import RunView
 
 if TYPE_CHECKING:

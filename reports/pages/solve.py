@@ -21,12 +21,10 @@ from reports.console import (
     stage_title,
     violation_rows,
 )
-from reports.figures import contacts, law, motion
-from reports.figures import run as figures_of
-from reports.pages.described import Page, head, numbered, row_figures, shown
-from reports.pages.described import law as law_summary
-from reports.strobe import drawable, picked_scenarios, strobe, strobe_rows
-from reports.units import label, symbol
+from reports.figures import motion, run
+from reports.notation import label, symbol
+from reports.pages.described import Page, head, law, numbered, row_figures, shown
+from reports.strobe import picked_scenarios, strobe, strobe_rows
 from reports.view import RunView
 
 _BELOW = 0.5
@@ -44,7 +42,7 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
         **head(view),
         "grade": stored.meta["grade"],
         "key": key_numbers(view),
-        "law": law_summary(view),
+        "law": law(view),
         "parted": motion.apart(found) > motion.SAME,
         "apart": small(motion.apart(found)),
         "undetermined": motion.undetermined(found),
@@ -69,17 +67,17 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
     if view.array("lam") is not None:
         drawn, content["untouched"] = _law_figures(view)
         figures |= drawn
-    figures |= row_figures("friction", *contacts.friction_rows(view))
+    figures |= row_figures("friction", *run.friction_rows(view))
     if len(stored.stages) > 1:
-        figures["homotopy"] = figures_of.homotopy(view)
+        figures["homotopy"] = run.homotopy(view)
     if "K" in stored.data:
-        figures["gains"] = figures_of.gains(view)
+        figures["gains"] = run.gains(view)
     return content, {name: figure for name, figure in figures.items() if figure is not None}
 
 
 def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
     """The strobe, or one for each scenario, and the caption of their arrows."""
-    if view.scenarios == 1 or not drawable(view):
+    if view.scenarios == 1 or view.picture is None:
         return {"strobe": strobe(view, cones)}, ""
     picked = picked_scenarios(view.pictured)
     rows, arrows = strobe_rows([(f"scenario {i}", view.scenario(i)) for i in picked], cones)
@@ -104,13 +102,13 @@ def _starts(view: RunView) -> list[str]:
 
 def _law_figures(view: RunView) -> tuple[dict[str, Figure | None], list[str]]:
     """Figures of the law, and the names of idle contacts without a figure."""
-    if law.at_the_end(view):
-        rows, columns, resting = law.interval_rows(view)
+    if run.at_the_end(view):
+        rows, columns, resting = run.interval_rows(view)
         return {**row_figures("intervals", rows, columns, _BELOW)}, resting
     mu = view.array("mu")
     if mu is None or not np.isfinite(mu).any():
         return {}, []
-    return {"contact": law.contact_plane(view)}, []
+    return {"contact": run.contact_plane(view)}, []
 
 
 def multiplier_unit(view: RunView) -> str:

@@ -1,17 +1,25 @@
-"""The page of a sweep: its axes, and the result at every point."""
+"""The pages of what is swept or estimated: sweeps, and gradient estimates."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.figure import Figure
 
+from ocp.errors import InputError
+from ocp.gradients.verdict import WIDE, short_verdict, weakest_verdict
 from ocp.store.stored_run import StoredRun
 from ocp.sweeps.sweep import rows
+from problems.plugin import spec_of
+from problems.registry import ObjectiveSpec, objective_names, objective_spec
+from problems.spec import ProblemSpec
 from reports.console import number
+from reports.figures import estimate
 from reports.figures import sweep as drawn
-from reports.pages.described import Page, head, how, law
-from reports.sweep_tables import HEADS, MOST, duration, point_rows
+from reports.notation import label, symbol
+from reports.pages.described import Page, described, head, how, law, law_text
+from reports.tables import HEADS, MOST, duration, estimate_cells, point_rows
 from reports.view import RunView
 
 
@@ -55,3 +63,75 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
                    for failure in meta["study"]["failed"][:MOST]],
     }  # fmt: skip
     return content, dict(zip(names, figures, strict=True))
+
+
+_GRADES = {
+    "unbiased within the interval": "survives",
+    "no reference": "certified",
+    WIDE: "certified",
+    "empirically biased at this sample size": "failed",
+    "biased": "failed",
+}
+"""Colour of the weakest verdict."""
+
+
+def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
+    """Content and figure of a stored estimate; ``own`` is the problem of a user's file."""
+    meta, swept = run.meta, run.meta["sweep"]
+    spec = _spec(run, own)
+    rows = meta["estimates"]
+    content = described(run, spec, run.record["params"])
+    parameters = [row for row in content["parameters"] if not swept or row[0] != swept["name"]]
+    content |= {
+        "title": f"Gradient of {meta['problem']}",
+        "verdict": f"{headline(rows)}\n{meta['verdict']}",
+        "grade": _GRADES[weakest_verdict(rows)],
+        "how": _estimate_how(run),
+        "parameters": parameters,
+        "settings": [row for row in content["settings"] if row[0] not in _ELSEWHERE],
+        "caption": estimate.caption(run),
+        "swept": label(symbol(swept["name"]), swept["unit"]) if swept else "",
+        "rows": [estimate_cells(row, bool(swept)) for row in rows],
+        "explanations": [] if swept else [f"{r['estimator']}: {r['explanation']}" for r in rows],
+    }
+    return content, {"estimate": estimate.draw(run)}
+
+
+def _spec(run: StoredRun, own: ProblemSpec | None) -> ObjectiveSpec | ProblemSpec | None:
+    name = run.meta["problem"]
+    try:
+        return objective_spec(name) if name in objective_names() else spec_of(run, own)
+    except InputError:
+        return None
+
+
+_ELSEWHERE = ("estimators", "reference", "reference samples", "samples", "sigma")
+
+
+def headline(rows: Sequence[dict[str, Any]]) -> str:
+    """The weakest verdict among rows, with its estimators."""
+    word = weakest_verdict(rows)
+    whose = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == word))
+    if all(short_verdict(row) == word for row in rows):
+        return f"Every estimate: {word}."
+    count = sum(short_verdict(row) == word for row in rows)
+    return f"Weakest verdict: {word}, {count} of {len(rows)} estimates ({', '.join(whose)})."
+
+
+def _estimate_how(run: StoredRun) -> list[list[str]]:
+    """Law, policy, reference by its source, noise and samples."""
+    record, swept = run.record, run.meta["sweep"]
+    sources = dict.fromkeys(row["reference_source"] for row in run.meta["estimates"])
+    reference = ", ".join(filter(None, sources)) or "none"
+    if "zobg" in reference:
+        reference += f" ({number(record['reference_samples'])} samples)"
+    found = [["law", law_text(run) if record.get("contact") else "none (static objective)"]]
+    if record.get("policy"):
+        found.append(["policy", str(record["policy"])])
+    found.append(["reference", reference])
+    constant = (name for name in ("sigma", "samples") if not swept or swept["name"] != name)
+    found += [[symbol(name), number(record[name])] for name in constant]
+    if swept:
+        ends = (number(swept["values"][index], 4) for index in (0, -1))
+        found.append([symbol(swept["name"]), " to ".join(ends)])
+    return found

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from reports.console import number
+from reports.notation import label
 from reports.pages.described import Page, head, law, law_text, numbered, settings
 from reports.trained.figures import learning, signals, strobes
 from reports.trained.summary import SeedGroup, groups, measures, summary_rows, verdict
-from reports.units import label
 from reports.view import RunView
 
 

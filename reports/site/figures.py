@@ -13,8 +13,7 @@ from problems.studies import FigureStudy
 from problems.studies.study import counted, verdict
 from reports.figures.studies import DRAWINGS
 from reports.notation import full_citation
-from reports.site.markdown import escaped, provenance, table
-from reports.site.measured import DATA, DOCS, read
+from reports.site.measured import DATA, DOCS, escaped, provenance, read, table
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
 PAPERS = {

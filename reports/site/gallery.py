@@ -8,10 +8,8 @@ from typing import Any
 
 from problems import describe, names, spec
 from problems.spec import ProblemSpec
-from reports.notation import full_citation, plain
-from reports.site.markdown import provenance, table
-from reports.site.measured import DATA, DOCS, read
-from reports.units import powers
+from reports.notation import full_citation, plain, powers
+from reports.site.measured import DATA, DOCS, provenance, read, table
 
 PICTURES = DOCS / "pictures"
 

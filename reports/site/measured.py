@@ -1,4 +1,4 @@
-"""Measured tables and pictures of the site, each with its origin, and the pages of the tables."""
+"""Measured tables and pictures of the site, each with its origin, and tables as Markdown."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from io import BytesIO
@@ -19,7 +19,48 @@ from PIL import Image
 from ocp.errors import InputError
 from ocp.store.atomic import write
 from ocp.store.provenance import git_revision, versions
-from reports.site.markdown import provenance, table
+
+
+def cell(value: Any) -> str:
+    """Write a cell: numbers to six digits, nothing as a dash; a bar within would end it."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Write a table; columns in which every cell begins like a number stand to the right."""
+    body = [[cell(value) for value in row] for row in rows]
+    right = [
+        any(row[k] for row in body) and all(_is_number(row[k]) for row in body)
+        for k in range(len(columns))
+    ]
+    rule = ["---:" if aligned else "---" for aligned in right]
+    lines = [[cell(name) for name in columns], rule, *body]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _is_number(text: str) -> bool:
+    return text in {"", "–"} or text.strip("*").lstrip("-+×").replace(".", "", 1)[:1].isdigit()
+
+
+def provenance(origin: Mapping[str, Any]) -> str:
+    """One small line with command, date, commit and computer."""
+    return (
+        f"<small>`{origin['command']}` · {origin['date']} · commit `{origin['commit']}` ·"
+        f" {origin['machine']}</small>\n{{ .origin }}\n"
+    )
+
+
+def escaped(text: str) -> str:
+    """Keep the signs of formulas from being read as Markdown or as HTML."""
+    for sign in "\\`*_{}[]":
+        text = text.replace(sign, f"\\{sign}")
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 GENERATED = DOCS / "generated"

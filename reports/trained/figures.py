@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from reports.strobe import drawable, strobe, strobe_rows
+from reports.notation import label
+from reports.strobe import strobe, strobe_rows
 from reports.style import CYCLE, GREY, INK, WIDTH
 from reports.trained.summary import SeedGroup, measures
-from reports.units import label
 from reports.view import RunView
 
 _COLORS = (*CYCLE, INK, GREY)
@@ -63,7 +63,7 @@ def signals(found: Sequence[SeedGroup]) -> Figure | None:
 def strobes(found: Sequence[SeedGroup]) -> list[Figure]:
     """An episode of the best policy of each group, from faint to dark, in rows of pictures."""
     views = [(group, RunView.of(group.best)) for group in found]
-    shown = [(group, view) for group, view in views if drawable(view)]
+    shown = [(group, view) for group, view in views if view.picture is not None]
     if len(shown) == 1 and (single := strobe(shown[0][1])) is not None:
         return [single]
     return strobe_rows([(_title(group), view) for group, view in shown])[0]

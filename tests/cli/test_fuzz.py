@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from reports.cli import parser
+from reports.cli import app
 from reports.cli.app import main
 from tests.cli.command_lines import OBJECTIVES, lines
 
@@ -122,7 +122,7 @@ def stub(*_: object) -> int:
 @settings(max_examples=200, **QUIETLY)
 @given(line=lines())
 def test_two_hundred_command_lines(line: list[str], judged, monkeypatch) -> None:
-    monkeypatch.setattr(parser, "work", stub)
+    monkeypatch.setattr(app, "work", stub)
     judged(line)
 
 
@@ -130,7 +130,7 @@ def test_two_hundred_command_lines(line: list[str], judged, monkeypatch) -> None
 @settings(max_examples=10_000, **QUIETLY)
 @given(line=lines())
 def test_ten_thousand_command_lines(line: list[str], judged, monkeypatch) -> None:
-    monkeypatch.setattr(parser, "work", stub)
+    monkeypatch.setattr(app, "work", stub)
     judged(line)
 
 

@@ -9,7 +9,7 @@ import pytest
 import ocp as workbench
 from ocp.errors import InputError
 from problems import get
-from reports.cli import parser
+from reports.cli import app
 
 DOORS = {
     "steps of a problem": ["solve", "wall-1d", "-p", "N={}"],
@@ -57,7 +57,7 @@ def test_what_is_no_number_is_refused_at_every_door(ocp, tmp_path: Path, door: l
 
 def test_whole_numbers_may_be_written_as_numbers(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    monkeypatch.setattr(parser, "carry_out", lambda options: seen.append(options) or 0)
+    monkeypatch.setattr(app, "carry_out", lambda options: seen.append(options) or 0)
     ocp("solve", "wall-1d", "--seed", " 1e1 ", "--starts=+2.0", "--jobs", "-0")
     ocp("solve", "wall-1d", "--seed", " 1e1 ", "--starts=+2.0", "-j3e0")
     ocp("continue", "wall-1d", "--over", "m", "--from", "+.5", "--to", "1E1", "--steps", "2e2")

@@ -16,7 +16,7 @@ from ocp import store
 from ocp.errors import InputError
 from problems import names, spec
 from reports.console import shown_stages
-from reports.figures import law
+from reports.figures import run as figures
 from reports.notation import full_citation
 from reports.pages.continuation import continuation_page
 from reports.pages.solve import solve_page
@@ -150,7 +150,7 @@ def test_every_axis_has_a_unit(views, name: str) -> None:
 def test_the_contact_plane_draws_the_central_path_and_the_points(views) -> None:
     view = views["solve wall-1d barrier"]
     with styled():
-        (axis,) = law.contact_plane(view).axes
+        (axis,) = figures.contact_plane(view).axes
     path = next(line for line in axis.lines if "gap = " in str(line.get_label()))
     gap, lam = (np.asarray(values) for values in path.get_data())
     np.testing.assert_allclose(lam * gap, 1e-3, rtol=1e-12)

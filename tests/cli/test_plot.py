@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from ocp import store
-from reports.papers.bare import BOTH, bare
+from reports.papers import BOTH, bare
 
 
 def test_a_solve_writes_its_figure(ocp, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from reports.cli import parser, streams
+from reports.cli import app, streams
 from reports.cli.app import commands, main
 
 ROOT = Path(__file__).parents[2]
@@ -53,7 +53,7 @@ def test_the_list_of_commands_is_whole(ocp) -> None:
 def test_examples_are_understood(ocp, name: str, monkeypatch) -> None:
     """Every example passes the parser: its options exist, its numbers are in range."""
     seen = []
-    monkeypatch.setattr(parser, "carry_out", lambda *given: seen.append(given) or 0)
+    monkeypatch.setattr(app, "carry_out", lambda *given: seen.append(given) or 0)
     for line in COMMANDS[name].declared.examples:
         done = ocp(*line.split())
         assert (done.code, done.err) == (0, ""), line

@@ -15,7 +15,7 @@ from dynamics.contact import Exact
 from ocp import solve
 from problems import spec
 from reports.cli.app import main
-from reports.site.markdown import cell
+from reports.site.measured import cell
 from tests.docs.pages import ROOT, blocks
 
 README, DOCS = ROOT / "README.md", ROOT / "docs"

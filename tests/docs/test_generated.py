@@ -10,10 +10,10 @@ import pytest
 
 from ocp.errors import InputError
 from problems import describe, names, spec
+from reports.notation import powers
 from reports.site import measured
 from reports.site.__main__ import pages as fresh
-from reports.site.markdown import cell, table
-from reports.units import powers
+from reports.site.measured import cell, table
 
 LIMIT = 6_000_000
 """Bytes of all pictures of the documentation."""

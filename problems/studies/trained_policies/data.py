@@ -20,8 +20,7 @@ from ocp.scheduling import Report
 from problems.studies.shared.trainings import Curves, curves, interpolated, job, side_by_side
 from problems.studies.study import Pieces, StudyParams, dataset, setting
 from problems.tasks import registry
-from problems.tasks.episodes import policy_of
-from problems.tasks.training import TrainingJob
+from problems.tasks.training import TrainingJob, policy_of
 
 TASKS = ("hopper", "half-cheetah")
 POINTS = 60

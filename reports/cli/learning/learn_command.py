@@ -1,4 +1,4 @@
-"""``ocp learn DATA --model NAME -o FILE``: a model of one time step, from transitions."""
+"""``ocp collect`` and ``ocp learn``: transitions of a problem, and a model of one step."""
 
 from __future__ import annotations
 
@@ -9,20 +9,75 @@ from typing import Any
 
 import xarray as xr
 
+from dynamics.learned.collecting import collect
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.files import TABLES, read_table
 from dynamics.learned.fit import fit
+from dynamics.learned.region import Region
 from dynamics.learned.training import Recipe, Training
-from dynamics.learned.transitions import Transitions, split_rows
+from dynamics.learned.transitions import LEAST, Transitions, split_rows
 from ocp.effort import check_memory
 from ocp.errors import InputError, choose
+from ocp.problem import Problem
 from ocp.store import atomic, models
 from ocp.store.checkpoint import Checkpoint
 from problems import spec
+from problems.regions import region_of
+from problems.registry import objective_names
 from reports import learned
 from reports.cli import interrupt
-from reports.cli.learning.options import NOISE, LearnOptions
-from reports.cli.request import assignments, check_place, input_errors, layers
+from reports.cli.learning.options import NOISE, CollectOptions, LearnOptions
+from reports.cli.request import assignments, check_place, input_errors, layers, whole
+
+
+@dataclass(frozen=True)
+class CollectRequest:
+    """A problem at parameters, the region of its transitions, and their number."""
+
+    name: str
+    params: dict[str, Any]
+    problem: Problem
+    region: Region
+    samples: int
+
+
+def check_collect(options: CollectOptions) -> CollectRequest:
+    """Build the problem, find its region, and check memory and file."""
+    if options.problem in objective_names():
+        raise InputError(
+            f"{options.problem} is an objective without dynamics and has no transitions"
+        )
+    found = spec(options.problem)
+    given = assignments("-p", options.params)
+    params, problem = found.params(given), found.problem(given)
+    samples, system = whole("--samples", options.samples), problem.system
+    least = LEAST * (system.nx + system.nu)
+    if samples < least:
+        raise InputError(
+            f"--samples: {samples} transitions are too few for a model; {found.name} needs at"
+            f" least {least}, ten per state and input"
+        )
+    check_memory(f"{samples} transitions", 32.0 * samples * (2 * system.nx + system.nu))
+    region = region_of(found, params, problem)
+    check_place(options.file, "data")
+    return CollectRequest(found.name, params.model_dump(), problem, region, samples)
+
+
+def run_collect(options: CollectOptions, request: CollectRequest) -> int:
+    """Draw states without penetration and inputs, and advance each by one step of the exact law."""
+    began, step = time.perf_counter(), request.problem.exact_step
+    origin = {"problem": request.name, "parameters": request.params}
+    with input_errors(f"{request.name}: "):
+        data = collect(step, request.region, request.samples, options.seed, provenance=origin)
+    models.save(data.dataset(), options.file)
+    document, seconds = learned.data_document(data), time.perf_counter() - began
+    for line in learned.lines(document):
+        options.output.note(line)
+    options.output.note(learned.coordinate_table(document))
+    options.output.say(f"data: {options.file} ({len(data)} transitions, {seconds:.1f} s)")
+    options.output.document({"file": str(options.file), **document, "seconds": seconds})
+    return 0
+
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
 NETWORK = ("hidden", "epochs")

@@ -28,7 +28,7 @@ class CollectOptions(Options):
     Half are drawn in the problem's region, half in a tube around the path from start to goal.
     """
 
-    code: ClassVar = "reports.cli.learning.collect_command"
+    code: ClassVar = "reports.cli.learning.learn_command:collect"
     examples: ClassVar = ("collect push-1d --samples 1e5 -o data.nc",)
     problem: str = argument(help=PROBLEM)
     file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
@@ -115,7 +115,7 @@ class EvaluateOptions(RunOptions, LawOptions):
     The initial states differ from those of every training; the same seed gives the same episodes.
     """
 
-    code: ClassVar = "reports.cli.learning.evaluate_command"
+    code: ClassVar = "reports.cli.learning.train_command:evaluate"
     examples: ClassVar = (
         "evaluate @last", "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""``ocp train TASK --algorithm NAME,...``: train policies through contact, over seeds."""
+"""``ocp train`` and ``ocp evaluate``: policies trained through contact, and judged anew."""
 
 from __future__ import annotations
 
@@ -10,23 +10,34 @@ from typing import Any
 
 from dynamics.contact import ContactLaw
 from ocp import store
+from ocp.effort import check_memory
 from ocp.errors import InputError, interruptible
 from ocp.factories import closing_law
 from ocp.learning.experiment import Experiment
-from ocp.learning.protocol import Algorithm
-from ocp.learning.training import check_training
+from ocp.learning.protocol import Algorithm, Trained
+from ocp.learning.training import check_training, evaluate
 from ocp.scheduling import Failure, run_jobs
 from ocp.store.checkpoint import Checkpoint
+from ocp.store.stored_run import StoredRun
 from ocp.task import Task
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec
-from problems.tasks.training import TrainingJob, record, trained, unfinished
+from problems.tasks.training import TrainingJob, rebuilt, record, trained, unfinished
 from reports.cli import interrupt
-from reports.cli.learning.options import TrainOptions
+from reports.cli.learning.options import EvaluateOptions, TrainOptions
 from reports.cli.learning.training_options import algorithms, is_psi, learned_parameters
 from reports.cli.request import assignments, check_places
 from reports.trained.live import live
-from reports.trained.summary import document, groups, meta, summary_table, verdict
+from reports.trained.summary import (
+    document,
+    groups,
+    judgement,
+    judgement_table,
+    meta,
+    sentence,
+    summary_table,
+    verdict,
+)
 
 _OWN_LAW = {"adaptive": {"law": "quartic"}}
 """Default settings of a law in training, from the paper."""
@@ -183,3 +194,38 @@ def _print_results(
     output.document({"task": options.task, **document(found), "failed": errors, "pdf": pdf})
     if failed:
         raise next(iter(failed.values()))
+
+
+EvaluateRequest = tuple[StoredRun, Experiment, Trained, ContactLaw]
+
+
+def check_evaluate(options: EvaluateOptions) -> EvaluateRequest:
+    """Read the policy, build its task, and make the law."""
+    found = options.stored(options.run)
+    experiment, policy = rebuilt(found)
+    task = experiment.task
+    law = closing_law(options.contact, assignments("-c", options.law_settings), task.system)
+    numbers = task.horizon * (task.system.nx + task.system.nu)
+    check_memory(f"--episodes {options.episodes}", 32.0 * options.episodes * numbers)
+    return found, experiment, policy, law
+
+
+def run_evaluate(options: EvaluateOptions, request: EvaluateRequest) -> int:
+    """Evaluate a trained policy: returns, lengths, measures, and violations in its episodes."""
+    found, experiment, policy, law = request
+    seen = evaluate(experiment, policy, law, options.episodes, options.seed)
+    content: dict[str, Any] = {
+        "run": str(found.path),
+        "task": experiment.task.name,
+        "contact": law.name,
+        "contact_settings": law.settings(),
+        "seed": options.seed,
+        **judgement(experiment.task, seen),
+        "own": found.meta["evaluation"],
+    }
+    content["verdict"] = sentence(content)
+    output = options.output
+    output.say(content["verdict"])
+    output.note(judgement_table(content))
+    output.document(content)
+    return 0

@@ -1,22 +1,19 @@
 """Drawings of the studies, by the study's identifier."""
 
 from reports.figures.studies import (
-    model_learning,
-    noised_contact,
+    learned_laws,
+    noising,
     pathologies,
     policies,
     smoothing,
-    smoothings_compared,
-    start_without_contact,
-    theory_of_noising,
 )
 from reports.figures.studies.panels import Drawing
 
 DRAWINGS: dict[str, Drawing] = {
-    "N0": theory_of_noising.DRAWING,
-    "N1": noised_contact.DRAWING,
-    "N2": start_without_contact.DRAWING,
-    "N3": smoothings_compared.DRAWING,
+    "N0": noising.N0,
+    "N1": noising.N1,
+    "N2": learned_laws.N2,
+    "N3": learned_laws.N3,
     "P1": pathologies.P1,
     "P2": pathologies.P2,
     "P3": pathologies.P3,
@@ -32,7 +29,7 @@ DRAWINGS: dict[str, Drawing] = {
     "A5": policies.A5,
     "A6": smoothing.A6,
     "A7": policies.A7,
-    "AM": model_learning.DRAWING,
+    "AM": learned_laws.AM,
     "AT": policies.AT,
     "T1": smoothing.T1,
 }

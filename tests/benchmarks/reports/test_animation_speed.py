@@ -14,9 +14,8 @@ from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import solve, store
 from problems import get
 from reports.motion.animation import Animation
-from reports.motion.canvas import DPI, Canvas
 from reports.motion.gallery import moving
-from reports.motion.movie import write
+from reports.motion.movie import DPI, Canvas, write
 from reports.site.measured import write_table
 from reports.style import styled
 from reports.view import RunView

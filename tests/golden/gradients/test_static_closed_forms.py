@@ -12,7 +12,7 @@ from ocp.gradients.estimators import ConfidenceTest, Evidence, inverse_variance
 from ocp.gradients.sampling import quadrature
 from ocp.gradients.verdict import empirical_bias
 from problems import coulomb, heaviside
-from problems.objectives import objective_spec
+from problems.registry import objective_spec
 
 # Numbers from quadrature and enumeration that share no code with this project.
 HEAVISIDE = [

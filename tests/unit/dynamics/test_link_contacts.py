@@ -10,7 +10,7 @@ from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem, Link, Machine, ParameterTable, Part, Sphere
 from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Shape
 from problems import drawing
-from problems.machines.picture import machine_frames, machine_shapes
+from problems.machines.machine import machine_frames, machine_shapes
 
 H, G = 0.01, 9.81
 MASSES, INERTIAS = np.array([2.0, 0.7]), np.array([0.05, 0.01])

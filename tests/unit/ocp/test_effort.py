@@ -15,7 +15,7 @@ from ocp.errors import InputError
 from ocp.gradients.estimation import Sampling
 from ocp.gradients.sweep import SweepRun
 from problems import get
-from problems.objectives import objective_spec
+from problems.registry import objective_spec
 
 PEAK = """
 import resource, sys

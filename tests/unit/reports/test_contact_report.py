@@ -19,8 +19,8 @@ from ocp.physics.contact_report import ContactSummary
 from problems import spec
 from reports import console
 from reports.cli.solve_command import document
-from reports.figures.contacts import friction_rows
 from reports.figures.panels import draw_rows
+from reports.figures.run import friction_rows
 from reports.pages.solve import solve_page
 from reports.style import ORANGE, SKY, styled
 from reports.view import RunView

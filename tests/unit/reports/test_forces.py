@@ -9,8 +9,7 @@ from matplotlib.patches import Wedge
 from matplotlib.text import Annotation
 
 from problems.drawing import ContactFrame
-from reports import forces
-from reports.strobe import strobe
+from reports.strobe import draw_cone, draw_force, forces_of, strobe
 from tests.unit.reports.made import sliding_box
 
 NORMAL = np.array([[1.0, 2.0], [0.5, 0.0], [4.0, 1.0]])
@@ -28,7 +27,7 @@ def test_an_arrow_is_normal_and_tangent_added_up(angle: float) -> None:
     """Turned so that the normal lies along x, the arrow is (normal, -friction)."""
     frame = ContactFrame(0.3, -0.2, np.cos(angle), np.sin(angle), friction=1.0)
     axis = Figure().subplots()
-    forces.draw_force(axis, frame, 2.0, 0.5, 0.1)
+    draw_force(axis, frame, 2.0, 0.5, 0.1)
     (arrow,) = arrows(axis)
     c, s = np.cos(-angle), np.sin(-angle)
     assert np.array([[c, -s], [s, c]]) @ arrow == pytest.approx([0.2, -0.05])
@@ -37,7 +36,7 @@ def test_an_arrow_is_normal_and_tangent_added_up(angle: float) -> None:
 def test_a_cone_opens_by_the_angle_of_friction_and_holds_the_forces_at_its_edge() -> None:
     frame = ContactFrame(1, 2, 0, 1, friction=0.75)
     axis = Figure().subplots()
-    cone = forces.draw_cone(axis, frame, 1.0)
+    cone = draw_cone(axis, frame, 1.0)
     assert isinstance(cone, Wedge)
     assert (cone.theta2 - cone.theta1) / 2 == pytest.approx(np.degrees(np.arctan(0.75)))
     assert (cone.theta2 + cone.theta1) / 2 == pytest.approx(90)
@@ -67,7 +66,7 @@ def test_without_stored_impulses_a_multiplier_is_a_normal_impulse() -> None:
     view = sliding_box(NORMAL, SLIP)
     bare = view.run.data.drop_vars(["normal_impulse", "friction_impulse"])
     object.__setattr__(view.run, "data", bare)
-    found = forces.forces_of(view)
+    found = forces_of(view)
     assert found is not None
     np.testing.assert_array_equal(found.normal, NORMAL)
     assert not found.friction.any()
@@ -79,6 +78,6 @@ def test_a_law_averaged_over_noise_shows_the_mean_multiplier() -> None:
     branches = np.concatenate([NORMAL, 3 * NORMAL], axis=1)[None]
     data = one.drop_dims("contact").assign(lam=(("scenario", "interval", "branch"), branches))
     object.__setattr__(view.run, "data", data.assign_coords(contact=["heel", "toe"]))
-    found = forces.forces_of(view)
+    found = forces_of(view)
     assert found is not None
     np.testing.assert_allclose(found.normal, 2 * NORMAL)

@@ -6,8 +6,7 @@ import re
 
 import pytest
 
-from problems.objectives import named, objective_names
-from problems.registry import names
+from problems.registry import named, names, objective_names
 from reports.notation import plain
 
 _MARKUP = re.compile(r'["\\^]|\b(quad|norm|abs|lambda|perp|dif|delta|macron)\b')

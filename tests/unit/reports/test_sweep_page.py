@@ -16,7 +16,7 @@ from ocp.sweeps.sweep import rows, verdict
 from reports.figures.sweep import figures, replayed
 from reports.pages.sweep import sweep_content
 from reports.style import styled
-from reports.sweep_tables import MOST, duration, line, point_rows
+from reports.tables import MOST, duration, point_rows, sweep_line
 
 
 def made(**sizes: int) -> StoredRun:
@@ -116,8 +116,8 @@ def test_a_page_tells_all_points_up_to_a_number_and_counts_the_rest() -> None:
 def test_what_is_left_is_told_as_people_say_it() -> None:
     assert [duration(s) for s in (0.4, 119, 600, 9000)] == ["0 s", "119 s", "10 min", "2.5 h"]
     row = {"success": 1, "cost": 1.25, "status": "solved"}
-    assert line(3, 28, "M = 2", row, 40.0) == "3/28  M = 2  cost 1.25  40 s left"
-    assert "refused" in line(3, 28, "M = 2", {**row, "success": 0, "status": "refused"}, 1.0)
+    assert sweep_line(3, 28, "M = 2", row, 40.0) == "3/28  M = 2  cost 1.25  40 s left"
+    assert "refused" in sweep_line(3, 28, "M = 2", {**row, "success": 0, "status": "refused"}, 1.0)
 
 
 @pytest.mark.parametrize("grade", ["survives", "failed"])

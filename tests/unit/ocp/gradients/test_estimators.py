@@ -17,7 +17,7 @@ from ocp.gradients.estimators import SAMPLED, ConfidenceTest, FixedWeight
 from ocp.gradients.verdict import empirical_bias, sharpest_change
 from ocp.policy import Feedback, OpenLoop
 from problems import get, names
-from problems.objectives import objective_spec
+from problems.registry import objective_spec
 
 BACKENDS = ("c", "numpy", "casadi")
 

@@ -7,7 +7,7 @@ import pytest
 
 from ocp.errors import InputError
 from problems import coulomb
-from problems.objectives import named, objective_names, objective_spec
+from problems.registry import named, objective_names, objective_spec
 
 
 @pytest.mark.parametrize("name", objective_names())

@@ -22,8 +22,7 @@ from ocp.learning.rollouts import TaskRollouts
 from problems.tasks import registry
 from reports import environments
 from reports.environments import world as world_module
-from reports.environments.single import TaskEnv
-from reports.environments.vector import TaskVectorEnv
+from reports.environments.environment import TaskEnv, TaskVectorEnv
 from reports.environments.world import LARGEST
 
 IDS = {task: name for name, task in environments.ENVIRONMENTS.items()}

@@ -15,8 +15,7 @@ from PIL import Image
 
 from ocp.errors import InputError
 from reports.motion.animation import Animation
-from reports.motion.canvas import Canvas
-from reports.motion.movie import check_format, delays, write
+from reports.motion.movie import Canvas, check_format, delays, write
 from tests.unit.reports.made import sliding_box
 
 NORMAL = np.array([[1.0, 2.0], [0.0, 0.0], [4.0, 1.0], [0.0, 0.0]])

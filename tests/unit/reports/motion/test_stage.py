@@ -10,7 +10,7 @@ from matplotlib.path import Path
 
 from problems.drawing import Disc, HalfPlane, Mark, Segment, Spring
 from reports.motion.animation import Animation
-from reports.motion.canvas import HEAD, Canvas, MotionArtist, Stroke, of_shape
+from reports.motion.movie import HEAD, Canvas, MotionArtist, Stroke, of_shape
 from reports.style import FAINT, PURPLE, VERMILLION
 from tests.unit.reports.made import FRICTION, sliding_box
 

@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 from ocp.store.stored_run import StoredRun
+from reports.notation import in_symbols, label, powers, symbol
 from reports.pages.comparison import labels
 from reports.pages.described import shown
-from reports.units import in_symbols, label, powers, symbol
 
 
 def run(place: int, **asked: Any) -> StoredRun:

@@ -13,7 +13,7 @@ from ocp.gradients.sweep import summary
 from ocp.gradients.verdict import WIDE, WORST_FIRST
 from ocp.store.stored_run import StoredRun
 from reports.figures import estimate
-from reports.pages.estimate import estimate_page, headline
+from reports.pages.sweep import estimate_page, headline
 
 GOOD = "unbiased within the interval"
 NAMES = ("zobg", "fobg", "alpha", "es", "zobg-zero-noise", "zobg-mean", "zobg-antithetic",

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
-from reports.figures import law
+from reports.figures import run as figures
 from reports.figures.panels import draw_rows
 from reports.style import CYCLE, SKY
 from tests.unit.reports.pages.made import run, waves
@@ -26,8 +26,8 @@ def exact(contacts: dict[str, np.ndarray], gaps: np.ndarray, **more):
 def test_impulse_above_gap_below_and_contact_shaded() -> None:
     gaps = np.stack([GAP, np.ones(N)], axis=-1)[None]
     view = exact({"toe [N s]": PUSH[None], "heel [N s]": np.zeros((1, N))}, gaps)
-    assert law.at_the_end(view)
-    rows, columns, resting = law.interval_rows(view)
+    assert figures.at_the_end(view)
+    rows, columns, resting = figures.interval_rows(view)
     assert (columns, resting) == (1, ["heel"])
     above, below = draw_rows(rows, columns, 0.6).axes
     assert above.get_title("left") == "toe [N s]"
@@ -42,15 +42,15 @@ def test_impulse_above_gap_below_and_contact_shaded() -> None:
 def test_only_normal_pairs_are_contacts() -> None:
     contacts = {"toe [N s]": PUSH[None], "rub [N s]": PUSH[None], "stop [N s]": PUSH[None]}
     gaps = np.repeat(GAP[None, :, None], 3, axis=-1)
-    rows, _, _ = law.interval_rows(exact(contacts, gaps, kinds=["normal", "friction", "limit"]))
+    rows, _, _ = figures.interval_rows(exact(contacts, gaps, kinds=["normal", "friction", "limit"]))
     assert [cell.panel.title for row in rows for cell in row] == ["toe [N s]"]
 
 
 def test_a_smoothed_law_is_no_end_and_its_points_lie_on_the_path() -> None:
     lam = np.geomspace(1e-3, 1, N)
     view = exact({"toe [N s]": lam[None]}, (1e-3 / lam)[None, :, None], mu=1e-3)
-    assert not law.at_the_end(view)
-    (axis,) = law.contact_plane(view).axes
+    assert not figures.at_the_end(view)
+    (axis,) = figures.contact_plane(view).axes
     points = next(line for line in axis.lines if line.get_label() == "toe")
     np.testing.assert_allclose(np.prod(points.get_data(), axis=0), 1e-3)
     low, high = axis.get_xlim()
@@ -60,7 +60,7 @@ def test_a_smoothed_law_is_no_end_and_its_points_lie_on_the_path() -> None:
 def test_what_lies_below_the_floor_is_counted_and_not_drawn() -> None:
     lam = np.array([0.0, 1e-15, *np.geomspace(1e-3, 1, N - 2)])
     view = exact({"toe [N s]": lam[None]}, np.full((1, N, 1), 1e-3), mu=1e-3)
-    (axis,) = law.contact_plane(view).axes
+    (axis,) = figures.contact_plane(view).axes
     points = next(line for line in axis.lines if line.get_label() == "toe")
     assert np.nansum(np.isfinite(points.get_ydata())) == N - 2
     assert axis.get_title("left").startswith("2 of 10 points")
@@ -69,7 +69,7 @@ def test_what_lies_below_the_floor_is_counted_and_not_drawn() -> None:
 def test_twelve_contacts_have_twelve_colours_that_stay_apart() -> None:
     contacts = {f"c{i} [N s]": np.full((1, N), 0.1 + i) for i in range(12)}
     view = exact(contacts, np.full((1, N, 12), 1e-2), mu=1e-3)
-    (axis,) = law.contact_plane(view).axes
+    (axis,) = figures.contact_plane(view).axes
     colors = [line.get_color() for line in axis.lines if str(line.get_label()).startswith("c")]
     assert len(colors) == 12 == len(set(colors))
     distances = [np.linalg.norm(lab(a) - lab(b)) for a, b in itertools.combinations(CYCLE, 2)]

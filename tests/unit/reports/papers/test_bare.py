@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ocp.errors import InputError
-from reports.papers.bare import BOTH, COLUMN, panels, render
+from reports.papers import BOTH, COLUMN, panels, render
 
 COLORS = ("#ff0000", "#00ff00", "#0000ff", "#ff00ff")
 

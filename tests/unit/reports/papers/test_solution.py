@@ -12,8 +12,7 @@ from ocp import solve, store
 from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from problems import get
-from reports.papers.bare import bare
-from reports.papers.solution import groups, solution_figure
+from reports.papers import bare, groups, solution_figure
 from reports.view import RunView
 from tests.unit.reports.made import sliding_box
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 from dynamics.systems import Signal
 from ocp.learning.training import Evaluation
-from reports.trained.judgement import judgement, sentence
+from reports.trained.summary import judgement, sentence
 
 TASK = SimpleNamespace(horizon=10, measures=[SimpleNamespace(signal=Signal("speed", "m/s"))])
 

@@ -1,0 +1,321 @@
+"""Drawings of the studies of learned laws and models: N2, N3 and AM."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from problems.registry import spec
+from problems.studies.smoothings_compared.data import ANALYTIC, WITHIN, described, excess, gap
+from reports.figures.studies.panels import Drawing
+from reports.smoothings import dearer, seconds_of, short
+from reports.strobe import draw_motion
+from reports.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
+
+_COLORS = {"f": GREY, "f_sigma": GREEN, "g_sigma": BLUE, "h": ORANGE, "h_sigma": VERMILLION}
+_LABELS = {
+    "f": "$f$", "f_sigma": r"$f_\sigma$", "g_sigma": r"$g_\sigma$", "h": "$h$",
+    "h_sigma": r"$h_\sigma$",
+}  # fmt: skip
+
+
+def _n2(data: xr.Dataset) -> Figure:
+    """Curves, strobes, heat maps and bars, two problems each."""
+    figure = Figure(figsize=(WIDTH, 8.2), layout="constrained")
+    parts: Any = figure.subfigures(4, 1, height_ratios=(2.2, 2.6, 1.7, 1.7))
+    curves, strobes, maps, bars = parts
+    names = [str(name) for name in data["problem"].values]
+    for axis, name in zip(curves.subplots(1, 2), names, strict=True):
+        _curves(axis, data.sel(problem=name))
+        axis.set_title(name)
+    curves.axes[0].set_ylabel("cost (14)")
+    curves.legend(*curves.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    _strobes(strobes, data, names)
+    _maps(maps, data, names)
+    for axis, name in zip(bars.subplots(1, 2), names, strict=True):
+        _costs(axis, data.sel(problem=name))
+        axis.set_title(name)
+    bars.axes[0].set_ylabel("cost of the object")
+    bars.axes[0].legend(loc="upper center", ncols=3)
+    return figure
+
+
+def _curves(axis: Axes, data: xr.Dataset) -> None:
+    step = data["step"].values
+    for kind in data["dynamics"].values:
+        color = _COLORS[str(kind)]
+        found = data["learned"].sel(dynamics=kind)
+        model, exact = (found.sel(end=end).values for end in data["end"].values)
+        axis.plot(step, np.median(model, axis=0), color=color, linewidth=0.7)
+        axis.fill_between(step, exact.min(axis=0), exact.max(axis=0), color=color, alpha=0.15,
+                          linewidth=0)  # fmt: skip
+        axis.plot(step, np.median(exact, axis=0), color=color, linewidth=1.8,
+                  label=_LABELS[str(kind)])  # fmt: skip
+        planned, replayed = data["gains"].sel(dynamics=kind).values
+        axis.plot(1.05 * step[-1], planned, "o", color=color, markerfacecolor="white")
+        axis.plot(1.05 * step[-1], replayed, "o", color=color)
+    axis.set(yscale="log", xlabel="iteration of Adam", xlim=(step[0], 1.08 * step[-1]))
+
+
+def _strobes(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
+    axes = figure.subplots(len(names), data.sizes["dynamics"])
+    for row, name in zip(axes, names, strict=True):
+        found = spec(name)
+        assert found.draw is not None
+        params, nx = found.params({}), found.problem().system.nx
+        for axis, kind in zip(row, data["dynamics"].values, strict=True):
+            states = data["states"].sel(problem=name, dynamics=kind).values[:, :nx]
+            draw_motion(axis, [found.draw(params, state) for state in states])
+            axis.set(xticks=[], yticks=[], title=_LABELS[str(kind)])
+            axis.grid(False)
+        row[0].set_ylabel(name)
+
+
+def _maps(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
+    pairs = [(name, kind) for name in names for kind in data["swept"].values]
+    for axis, (name, kind) in zip(figure.subplots(1, len(pairs)), pairs, strict=True):
+        at = data.sel(problem=name)
+        still = float(at["learned"].sel(dynamics="f", end="exact replay").isel(seed=0, step=0))
+        ratio = at["final"].sel(swept=kind).values / still
+        axis.imshow(np.log10(ratio), cmap="RdBu_r", vmin=-1.5, vmax=1.5, origin="lower",
+                    aspect="auto")  # fmt: skip
+        for i, j in np.ndindex(ratio.shape):
+            strong = abs(np.log10(ratio[i, j])) > 0.9
+            value = f"{ratio[i, j]:.2g}" if ratio[i, j] < 30 else ">30"
+            axis.text(j, i, value, ha="center", va="center", fontsize=7,
+                      color="white" if strong else INK)  # fmt: skip
+        axis.set_xticks(range(ratio.shape[1]), [f"{n:.0e}".replace("e+0", "e")
+                                                for n in data["amount"].values])  # fmt: skip
+        axis.set_yticks(range(ratio.shape[0]), [f"{w:g}" for w in data["width"].values])
+        axis.grid(False)
+        axis.set(title=f"{name}, {_LABELS[str(kind)]}", xlabel="transitions")
+    figure.axes[0].set_ylabel(r"width $\sigma$")
+
+
+def _costs(axis: Axes, data: xr.Dataset) -> None:
+    places, kinds = np.arange(data.sizes["law"]), data["of"].values
+    for offset, kind, color in zip((-0.27, 0, 0.27), kinds, (GREY, BLUE, PURPLE), strict=True):
+        values = data["cost"].sel(of=kind).values
+        axis.bar(places + offset, values, 0.25, color=color, label=str(kind))
+    axis.set(yscale="log", ylim=(1, 8 * float(data["cost"].max())))
+    axis.set_xticks(places, [str(law) for law in data["law"].values])
+
+
+N2 = Drawing(
+    _n2,
+    "Top: cost over Adam's iterations through each of the five dynamics, thin on the model, thick "
+    "replayed under the exact law, medians over seeds and their range; circles at the right are "
+    "gains by IPOPT, open on the model, full replayed. Then: what the last "
+    "policies do under the exact law. Then: final exact cost of policies learned through the "
+    "average of data and through the noised network, over the width of the noise and the amount "
+    "of data, as a multiple of what standing still costs: less is blue, more is red. Bottom: the "
+    "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed.",
+)
+
+
+_LEAST, _MOST = 1e-3, 100.0
+"""Excesses at which the colours end."""
+
+
+def _n3(data: xr.Dataset) -> Figure:
+    """The table, and below it what trust does."""
+    figure = Figure(figsize=(WIDTH, 7.6))
+    parts: Any = figure.subfigures(2, 1, height_ratios=(2.5, 1))
+    table, trust = parts
+    costs, seconds = table.subplots(1, 2, width_ratios=(1.75, 1))
+    _table(costs, data)
+    _seconds(seconds, data)
+    left, right = trust.subplots(1, 2)
+    cost = data["trusting_cost"]
+    _over_share(left, data, 1 + gap(cost), "replay / plan")
+    _over_share(right, data, cost.sel(motion="exact replay") / data["rest"], "replay / at rest")
+    trust.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _table(axis: Axes, data: xr.Dataset) -> None:
+    shown = excess(data).median("seed").transpose("law", "problem").values
+    best = data["cost"].sel(law="exact", motion="exact replay")
+    promised = (data["cost"].sel(motion="plan") / best - 1).median("seed")
+    plans = promised.transpose("law", "problem").values
+    lives, of = data["survives"].sum("seed").transpose("law", "problem").values, data.sizes["seed"]
+    norm = TwoSlopeNorm(np.log10(WITHIN), np.log10(_LEAST), np.log10(_MOST))
+    heights = np.log10(np.clip(shown, _LEAST, _MOST))
+    axis.imshow(heights, cmap="RdBu_r", norm=norm, aspect="auto", alpha=0.75)
+    for row, column in np.ndindex(shown.shape):
+        light = 0.12 < norm(heights[row, column]) < 0.88
+        style: dict[str, Any] = {"ha": "center", "va": "center", "color": INK if light else "white"}
+        word = dearer(float(shown[row, column])) + _mark(int(lives[row, column]), of)
+        axis.text(column, row - 0.16, word, **style)
+        axis.text(column, row + 0.25, f"plan {dearer(float(plans[row, column]))}", fontsize=6,
+                  **style)  # fmt: skip
+    _grid(axis, data)
+    axis.set_yticks(range(data.sizes["law"]), list(described(data.attrs).values()))
+    axis.set_title("exact replay over the exact optimum")
+
+
+def _mark(lives: int, of: int) -> str:
+    """A check mark where plans survive, with their number where not all do."""
+    if lives == 0:
+        return ""
+    return r" $\checkmark$" if lives == of else rf" $\checkmark${lives}/{of}"
+
+
+def _seconds(axis: Axes, data: xr.Dataset) -> None:
+    spent = seconds_of(data).transpose("law", "problem").values
+    axis.imshow(np.log10(spent), cmap="Greys", aspect="auto", vmin=-1.5, vmax=2.5, alpha=0.6)
+    for (row, column), value in np.ndenumerate(spent):
+        axis.text(column, row, f"{value:.2g}", ha="center", va="center", color=INK)
+    _grid(axis, data)
+    axis.set_yticks([])
+    axis.set_title("processor [s]")
+
+
+def _grid(axis: Axes, data: xr.Dataset) -> None:
+    """Name the columns, and part the exact law, the analytic ones and the learned ones."""
+    axis.grid(False)
+    axis.tick_params(length=0)
+    axis.xaxis.tick_top()
+    axis.set_xticks(range(data.sizes["problem"]), [short(str(p)) for p in data["problem"].values])
+    for line in (0.5, len(ANALYTIC) + 0.5):
+        axis.axhline(line, color=INK, linewidth=0.9)
+
+
+def _over_share(axis: Axes, data: xr.Dataset, values: xr.DataArray, label: str) -> None:
+    shares = data["share"].values
+    places = np.arange(len(shares))
+    for name, color in zip(data["problem"].values, CYCLE, strict=False):
+        rows = values.sel(problem=name).transpose("seed", "share").values
+        axis.plot(places, np.median(rows, axis=0), "o-", color=color, label=str(name))
+        axis.fill_between(places, rows.min(axis=0), rows.max(axis=0), color=color, alpha=0.12,
+                          linewidth=0)  # fmt: skip
+    axis.axhline(1, color=GREY, linewidth=0.8, linestyle="--")
+    axis.set(yscale="log", xlabel="weight of trust", ylabel=label)
+    axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.yaxis.set_minor_locator(NullLocator())
+    axis.set_xticks(places, [f"{share:g}" for share in shares])
+
+
+N3 = Drawing(
+    _n3,
+    "Top left: what the plan of every law costs when it is replayed under the exact law, over the "
+    "exact law's own optimum; blue within 10 %, red beyond. Small: what the plan promised on its "
+    "own model, over the same optimum; a check mark: the referee lets the plan survive. Top right: "
+    "seconds of the processor, collecting and training included. Medians over seeds, how many "
+    "of them survive. Bottom: the average of data with trust over its weight beta, as a share of a "
+    "step's cost at rest, median and range over seeds; left how much dearer the replay is than the "
+    "plan, right what the replay costs, as a share of standing still.",
+)
+
+
+_MODEL_COLORS = {"psi": BLUE, "network": VERMILLION}
+_KINDS = {"exact": BLUE, "noise": GREEN, "drag": ORANGE}
+_REACH = (0.2, 5.0)
+
+
+def _am(data: xr.Dataset) -> Figure:
+    """Errors above, the search in the middle, psi below."""
+    figure = Figure(figsize=(WIDTH, 7.4))
+    grid = figure.add_gridspec(3, 2, height_ratios=(1.2, 0.9, 1.0))
+    _over_transitions(figure.add_subplot(grid[0, 0]), data)
+    _kinds(figure.add_subplot(grid[0, 1]), data)
+    _way(figure.add_subplot(grid[1, :]), data)
+    _values(figure.add_subplot(grid[2, :]), data)
+    return figure
+
+
+def _over_transitions(axis: Axes, data: xr.Dataset) -> None:
+    n = data["transitions"].values
+    for model in data["model"].values:
+        color = _MODEL_COLORS[str(model)]
+        for where, style in (("all", "-"), ("contact", "--")):
+            found = data["errors"].sel(data="exact", model=model, where=where).values
+            some = ~np.isnan(found).all(axis=1)
+            found = found[some]
+            label = str(model) if where == "all" else f"{model}, contact"
+            axis.plot(n[some], np.median(found, axis=1), style, marker="o", color=color,
+                      label=label)  # fmt: skip
+            if where == "all":
+                axis.fill_between(n[some], found.min(axis=1), found.max(axis=1), color=color,
+                                  alpha=0.2, linewidth=0)  # fmt: skip
+    axis.axhline(float(data["still"].sel(data="exact", where="all")), color=GREY,
+                 linestyle=":", label="nothing moves")  # fmt: skip
+    axis.set(xscale="log", yscale="log", xlabel="transitions learned from",
+             ylabel="mean one-step error")  # fmt: skip
+    axis.set_ylim(bottom=1e-8)
+    axis.legend(loc="lower left", ncols=2)
+
+
+def _kinds(axis: Axes, data: xr.Dataset) -> None:
+    at = data["errors"].sel(transitions=data.attrs["data"])
+    kinds, wheres = [str(kind) for kind in data["data"].values], ("flight", "contact")
+    for offset, (model, where) in zip(
+        (-0.3, -0.1, 0.1, 0.3), ((m, w) for m in _MODEL_COLORS for w in wheres), strict=True
+    ):
+        found = at.sel(model=model, where=where).values
+        axis.bar(np.arange(len(kinds)) + offset, np.median(found, axis=1), 0.19,
+                 color=_MODEL_COLORS[model], alpha=0.5 if where == "flight" else 1.0,
+                 label=f"{model}, {where}")  # fmt: skip
+        for place, each in enumerate(found):
+            axis.plot(np.full(each.size, place + offset), each, ".", color=INK, markersize=3)
+    axis.set(yscale="log", xticks=range(len(kinds)), ylabel="mean one-step error")
+    axis.set_xticklabels(kinds)
+    axis.set_ylim(top=30 * float(at.max()))
+    axis.legend(loc="upper left", ncols=2)
+
+
+def _way(axis: Axes, data: xr.Dataset) -> None:
+    way = data["way"].isel(seed=0)
+    for name in data["parameter"].values:
+        color = {"friction": VERMILLION, "spring": GREEN, "damping": PURPLE}.get(str(name), FAINT)
+        label = str(name) if color != FAINT else None
+        axis.plot(data["iteration"].values, way.sel(parameter=name).values,
+                  color=GREY if label is None else color, label=label,
+                  linewidth=0.6 if label is None else 1.2)  # fmt: skip
+    axis.plot([], [], color=GREY, linewidth=0.6, label="masses, inertias")
+    axis.axhline(1, color=INK, linewidth=0.6)
+    axis.set(yscale="log", xlabel="iteration of the random search", ylabel="psi / truth")
+    _plain(axis, (0.25, 0.5, 1, 2, 4))
+    axis.legend(loc="upper right", ncols=4)
+
+
+def _values(axis: Axes, data: xr.Dataset) -> None:
+    at = data.sel(transitions=data.attrs["data"])
+    names, seeds = [str(name) for name in data["parameter"].values], data.sizes["seed"]
+    for group, (kind, color) in enumerate(_KINDS.items()):
+        for seed in range(seeds):
+            own = at.sel(data=kind).isel(seed=seed)
+            place = np.arange(len(names)) + 0.27 * (group - 1) + 0.2 * (seed + 0.5) / seeds - 0.1
+            psi, low, high = (np.clip(own[key].values, *_REACH) for key in ("psi", "low", "high"))
+            axis.vlines(place, low, high, color=color, linewidth=1.2)
+            axis.plot(place, psi, "o", color=color, markersize=2.5,
+                      label=kind if seed == 0 else None)  # fmt: skip
+    axis.axhline(1, color=INK, linewidth=0.6)
+    axis.set(yscale="log", ylim=_REACH, ylabel="psi / truth", xticks=range(len(names)))
+    axis.set_xticklabels([name.replace("_", "\n") for name in names])
+    _plain(axis, (0.25, 0.5, 1, 2, 4))
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3)
+
+
+def _plain(axis: Axes, ticks: tuple[float, ...]) -> None:
+    axis.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    axis.minorticks_off()
+
+
+AM = Drawing(
+    _am,
+    "Top left: error of the next state on held-out transitions of random policies over the number "
+    "learned from, of the physical model with learned psi and of a network; lines: median over "
+    "starts, bands: range; dashed: those that end in contact, dotted: nothing moves. Top right: "
+    "the same at the full number, where transitions are exact, noisy, or of a hopper with a drag "
+    "that the model lacks. Middle: mean of the random search's candidates, from one start; the "
+    "second pass begins where psi moves again. Bottom: psi over its truth with 95 % intervals, all "
+    "starts; what leaves the axis is cut at its edge.",
+)
