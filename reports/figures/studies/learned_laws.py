@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from problems.registry import spec
 from problems.studies.smoothings_compared.data import ANALYTIC, WITHIN, described, excess, gap
-from reports.figures.studies.panels import Drawing
+from reports.figures.studies.panels import drawing
 from reports.smoothings import dearer, seconds_of, short
 from reports.strobe import draw_motion
 from reports.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
@@ -25,7 +25,16 @@ _LABELS = {
 }  # fmt: skip
 
 
-def _n2(data: xr.Dataset) -> Figure:
+@drawing(
+    "Top: cost over Adam's iterations through each of the five dynamics, thin on the model, thick "
+    "replayed under the exact law, medians over seeds and their range; circles at the right are "
+    "gains by IPOPT, open on the model, full replayed. Then: what the last "
+    "policies do under the exact law. Then: final exact cost of policies learned through the "
+    "average of data and through the noised network, over the width of the noise and the amount "
+    "of data, as a multiple of what standing still costs: less is blue, more is red. Bottom: the "
+    "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed.",
+)
+def n2(data: xr.Dataset) -> Figure:
     """Curves, strobes, heat maps and bars, two problems each."""
     figure = Figure(figsize=(WIDTH, 8.2), layout="constrained")
     parts: Any = figure.subfigures(4, 1, height_ratios=(2.2, 2.6, 1.7, 1.7))
@@ -107,23 +116,20 @@ def _costs(axis: Axes, data: xr.Dataset) -> None:
     axis.set_xticks(places, [str(law) for law in data["law"].values])
 
 
-N2 = Drawing(
-    _n2,
-    "Top: cost over Adam's iterations through each of the five dynamics, thin on the model, thick "
-    "replayed under the exact law, medians over seeds and their range; circles at the right are "
-    "gains by IPOPT, open on the model, full replayed. Then: what the last "
-    "policies do under the exact law. Then: final exact cost of policies learned through the "
-    "average of data and through the noised network, over the width of the noise and the amount "
-    "of data, as a multiple of what standing still costs: less is blue, more is red. Bottom: the "
-    "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed.",
-)
-
-
 _LEAST, _MOST = 1e-3, 100.0
 """Excesses at which the colours end."""
 
 
-def _n3(data: xr.Dataset) -> Figure:
+@drawing(
+    "Top left: what the plan of every law costs when it is replayed under the exact law, over the "
+    "exact law's own optimum; blue within 10 %, red beyond. Small: what the plan promised on its "
+    "own model, over the same optimum; a check mark: the referee lets the plan survive. Top right: "
+    "seconds of the processor, collecting and training included. Medians over seeds, how many "
+    "of them survive. Bottom: the average of data with trust over its weight beta, as a share of a "
+    "step's cost at rest, median and range over seeds; left how much dearer the replay is than the "
+    "plan, right what the replay costs, as a share of standing still.",
+)
+def n3(data: xr.Dataset) -> Figure:
     """The table, and below it what trust does."""
     figure = Figure(figsize=(WIDTH, 7.6))
     parts: Any = figure.subfigures(2, 1, height_ratios=(2.5, 1))
@@ -203,24 +209,21 @@ def _over_share(axis: Axes, data: xr.Dataset, values: xr.DataArray, label: str) 
     axis.set_xticks(places, [f"{share:g}" for share in shares])
 
 
-N3 = Drawing(
-    _n3,
-    "Top left: what the plan of every law costs when it is replayed under the exact law, over the "
-    "exact law's own optimum; blue within 10 %, red beyond. Small: what the plan promised on its "
-    "own model, over the same optimum; a check mark: the referee lets the plan survive. Top right: "
-    "seconds of the processor, collecting and training included. Medians over seeds, how many "
-    "of them survive. Bottom: the average of data with trust over its weight beta, as a share of a "
-    "step's cost at rest, median and range over seeds; left how much dearer the replay is than the "
-    "plan, right what the replay costs, as a share of standing still.",
-)
-
-
 _MODEL_COLORS = {"psi": BLUE, "network": VERMILLION}
 _KINDS = {"exact": BLUE, "noise": GREEN, "drag": ORANGE}
 _REACH = (0.2, 5.0)
 
 
-def _am(data: xr.Dataset) -> Figure:
+@drawing(
+    "Top left: error of the next state on held-out transitions of random policies over the number "
+    "learned from, of the physical model with learned psi and of a network; lines: median over "
+    "starts, bands: range; dashed: those that end in contact, dotted: nothing moves. Top right: "
+    "the same at the full number, where transitions are exact, noisy, or of a hopper with a drag "
+    "that the model lacks. Middle: mean of the random search's candidates, from one start; the "
+    "second pass begins where psi moves again. Bottom: psi over its truth with 95 % intervals, all "
+    "starts; what leaves the axis is cut at its edge.",
+)
+def am(data: xr.Dataset) -> Figure:
     """Errors above, the search in the middle, psi below."""
     figure = Figure(figsize=(WIDTH, 7.4))
     grid = figure.add_gridspec(3, 2, height_ratios=(1.2, 0.9, 1.0))
@@ -307,15 +310,3 @@ def _values(axis: Axes, data: xr.Dataset) -> None:
 def _plain(axis: Axes, ticks: tuple[float, ...]) -> None:
     axis.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axis.minorticks_off()
-
-
-AM = Drawing(
-    _am,
-    "Top left: error of the next state on held-out transitions of random policies over the number "
-    "learned from, of the physical model with learned psi and of a network; lines: median over "
-    "starts, bands: range; dashed: those that end in contact, dotted: nothing moves. Top right: "
-    "the same at the full number, where transitions are exact, noisy, or of a hopper with a drag "
-    "that the model lacks. Middle: mean of the random search's candidates, from one start; the "
-    "second pass begins where psi moves again. Bottom: psi over its truth with 95 % intervals, all "
-    "starts; what leaves the axis is cut at its edge.",
-)

@@ -8,11 +8,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from reports.figures.studies.panels import Drawing, light_to_dark
+from reports.figures.studies.panels import drawing, light_to_dark
 from reports.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
 
 
-def _n0(data: xr.Dataset) -> Figure:
+@drawing(
+    "Lines: theory, marks: computed. Lemma 1: largest distance of g from f_sigma over the spacing "
+    "D of uniform data. Lemmas 2 and 3: noised risk of g perturbed by p, above that of g. Walls: "
+    "how far inside a penetrating state is put, and the slope there, over the penetration s. Ends: "
+    "g against f_sigma near the last datum. Networks: distance of h from g over the number of "
+    "noised pairs, medians, and the rate -1/2. Neighbours: effective number of data in an average "
+    "of g; diamonds: planar-push (7) and planar-hand (11) in the tube, at sigma = 0.2 of the "
+    "deviation, open: data in ranges, filled: half of them in the tube.",
+)
+def n0(data: xr.Dataset) -> Figure:
     """Six panels: lemmas, walls, ends, networks and neighbours."""
     figure = Figure(figsize=(WIDTH, 7.2))
     panels = figure.subplots(3, 2).ravel()
@@ -110,22 +119,17 @@ def _neighbours(axis: Axes, data: xr.Dataset) -> None:
     axis.legend(fontsize=7)
 
 
-N0 = Drawing(
-    _n0,
-    "Lines: theory, marks: computed. Lemma 1: largest distance of g from f_sigma over the spacing "
-    "D of uniform data. Lemmas 2 and 3: noised risk of g perturbed by p, above that of g. Walls: "
-    "how far inside a penetrating state is put, and the slope there, over the penetration s. Ends: "
-    "g against f_sigma near the last datum. Networks: distance of h from g over the number of "
-    "noised pairs, medians, and the rate -1/2. Neighbours: effective number of data in an average "
-    "of g; diamonds: planar-push (7) and planar-hand (11) in the tube, at sigma = 0.2 of the "
-    "deviation, open: data in ranges, filled: half of them in the tube.",
-)
-
-
 _EDGE = 1.0
 
 
-def _n1(data: xr.Dataset) -> Figure:
+@drawing(
+    "Left: a pusher is sent to u, and the block is found at y; f is the exact step, the dots are "
+    "Monte Carlo of f_sigma. Right: a block at x between walls at -1 m and 1 m; hatched: "
+    "penetration, where no data are; thin dashed: no motion. Ticks below: the data (of the dense "
+    "ones every tenth). Bottom: rollouts of the average and of the network from penetration, "
+    "dense data, as cobwebs: up to the map, across to the diagonal, and again.",
+)
+def n1(data: xr.Dataset) -> Figure:
     """Rows: what is learned, sparse data, dense data, rollouts; pusher left, block right."""
     figure = Figure(figsize=(WIDTH, 7.7))
     rows = figure.subplots(4, 2, height_ratios=(0.42, 1, 1, 1))
@@ -230,13 +234,3 @@ def _cobweb(axis: Axes, at: xr.Dataset, name: str) -> None:
         axis.plot(path[0], path[0], "o", color=INK, markersize=3)
     axis.set(ylim=(-2, 2), title=f"rollouts of ${name[0]}_\\sigma$ from penetration",
              xlabel="block $x$ [m]", ylabel="block after a step [m]")  # fmt: skip
-
-
-N1 = Drawing(
-    _n1,
-    "Left: a pusher is sent to u, and the block is found at y; f is the exact step, the dots are "
-    "Monte Carlo of f_sigma. Right: a block at x between walls at -1 m and 1 m; hatched: "
-    "penetration, where no data are; thin dashed: no motion. Ticks below: the data (of the dense "
-    "ones every tenth). Bottom: rollouts of the average and of the network from penetration, "
-    "dense data, as cobwebs: up to the map, across to the diagonal, and again.",
-)

@@ -23,6 +23,11 @@ class Drawing:
     caption: str
 
 
+def drawing(caption: str) -> Callable[[Callable[[xr.Dataset], Figure]], Drawing]:
+    """Make a :class:`Drawing` of the function below, with its caption."""
+    return lambda draw: Drawing(draw, caption)
+
+
 def light_to_dark(number: int, first: float = 0.85, last: float = 0.05) -> np.ndarray:
     """Colours (number, 4) of a setting that grows, from light to dark; both ends in [0, 1]."""
     return mpl.colormaps["viridis"](np.linspace(first, last, number))

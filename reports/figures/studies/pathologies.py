@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Rectangle
 from matplotlib.ticker import NullFormatter
 
-from reports.figures.studies.panels import Drawing, gradient_panel, light_to_dark, unbroken
+from reports.figures.studies.panels import drawing, gradient_panel, light_to_dark, unbroken
 from reports.style import BLUE, CYCLE, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
 
 _PANELS = (
@@ -20,7 +20,11 @@ _PANELS = (
 )  # fmt: skip
 
 
-def _p1(data: xr.Dataset) -> Figure:
+@drawing(
+    "Top: the objective (black) and its smoothing over the decision. Bottom: the gradient of the "
+    "smoothed objective by quadrature (grey), and the estimates from equally many samples.",
+)
+def p1(data: xr.Dataset) -> Figure:
     """Objectives above gradients, one column a system."""
     figure = Figure(figsize=(WIDTH, 4.6))
     axes = figure.subplots(2, 3)
@@ -39,17 +43,14 @@ def _p1(data: xr.Dataset) -> Figure:
     return figure
 
 
-P1 = Drawing(
-    _p1,
-    "Top: the objective (black) and its smoothing over the decision. Bottom: the gradient of the "
-    "smoothed objective by quadrature (grey), and the estimates from equally many samples.",
-)
-
-
 _MARKS = {"zobg": "o", "zobg-zero-noise": "^", "zobg-mean": "s", "fobg": "x"}
 
 
-def _p2(data: xr.Dataset) -> Figure:
+@drawing(
+    "Heaviside objective and its smoothed form, gradient estimates and the empirical variance of "
+    "one sample over the decision; lines: closed forms, marks: samples.",
+)
+def p2(data: xr.Dataset) -> Figure:
     """Objective, gradient and variance over theta."""
     figure = Figure(figsize=(WIDTH, 2.6))
     left, middle, right = figure.subplots(1, 3)
@@ -74,14 +75,12 @@ def _p2(data: xr.Dataset) -> Figure:
     return figure
 
 
-P2 = Drawing(
-    _p2,
-    "Heaviside objective and its smoothed form, gradient estimates and the empirical variance of "
-    "one sample over the decision; lines: closed forms, marks: samples.",
+@drawing(
+    "Relaxed friction over sliding velocity, and the impulse on a block behind it (dashed); "
+    "estimates over sample count; empirical variance over slip tolerance (marks: 1000 samples, "
+    "crosses: many, lines: closed forms), and that of the block.",
 )
-
-
-def _p3(data: xr.Dataset) -> Figure:
+def p3(data: xr.Dataset) -> Figure:
     """Friction, running estimates, and variances over the tolerance."""
     figure = Figure(figsize=(WIDTH, 4.8))
     (friction, running), (variance, block) = figure.subplots(2, 2)
@@ -114,18 +113,16 @@ def _p3(data: xr.Dataset) -> Figure:
     return figure
 
 
-P3 = Drawing(
-    _p3,
-    "Relaxed friction over sliding velocity, and the impulse on a block behind it (dashed); "
-    "estimates over sample count; empirical variance over slip tolerance (marks: 1000 samples, "
-    "crosses: many, lines: closed forms), and that of the block.",
-)
-
-
 _COLORS = (GREEN, PURPLE)
 
 
-def _p4(data: xr.Dataset) -> Figure:
+@drawing(
+    "Top: throws past the corner of the rectangle (left) and of the dome (right). Middle: minus "
+    "the distance over the angle (left); variance of one sample's gradient at the corner's angle "
+    "as the dome shrinks (right). Bottom: gradient of the smoothed objective by quadrature (grey) "
+    "and estimates, at the rectangle (left) and the dome (right).",
+)
+def p4(data: xr.Dataset) -> Figure:
     """Paths, objective, variance, gradients."""
     figure = Figure(figsize=(WIDTH, 6.6))
     paths, (objective, variance), gradients = figure.subplots(3, 2)
@@ -159,16 +156,12 @@ def _p4(data: xr.Dataset) -> Figure:
     return figure
 
 
-P4 = Drawing(
-    _p4,
-    "Top: throws past the corner of the rectangle (left) and of the dome (right). Middle: minus "
-    "the distance over the angle (left); variance of one sample's gradient at the corner's angle "
-    "as the dome shrinks (right). Bottom: gradient of the smoothed objective by quadrature (grey) "
-    "and estimates, at the rectangle (left) and the dome (right).",
+@drawing(
+    "Variance of the gradient by all inputs over the stiffness of the spring; the vertical line is "
+    "the analytic limit of semi-implicit integration. Horizontal: implicit time stepping, which "
+    "has no stiffness, under the exact law (full) and softened (dotted).",
 )
-
-
-def _p5(data: xr.Dataset) -> Figure:
+def p5(data: xr.Dataset) -> Figure:
     """Variance over k."""
     figure = Figure(figsize=(WIDTH, 3.6))
     axis = figure.subplots()
@@ -189,15 +182,11 @@ def _p5(data: xr.Dataset) -> Figure:
     return figure
 
 
-P5 = Drawing(
-    _p5,
-    "Variance of the gradient by all inputs over the stiffness of the spring; the vertical line is "
-    "the analytic limit of semi-implicit integration. Horizontal: implicit time stepping, which "
-    "has no stiffness, under the exact law (full) and softened (dotted).",
+@drawing(
+    "Next position and its slope over the input impulse at (x, v) = 0: the QP of eq. 3 (dashed) "
+    "and the log barrier of eq. 4 (lines: contact law; dots: closed form of eq. 5).",
 )
-
-
-def _p6(data: xr.Dataset) -> Figure:
+def p6(data: xr.Dataset) -> Figure:
     """Next position, and its derivative, over the input."""
     figure = Figure(figsize=(WIDTH, 3.0))
     left, right = figure.subplots(1, 2)
@@ -220,18 +209,15 @@ def _p6(data: xr.Dataset) -> Figure:
     return figure
 
 
-P6 = Drawing(
-    _p6,
-    "Next position and its slope over the input impulse at (x, v) = 0: the QP of eq. 3 (dashed) "
-    "and the log barrier of eq. 4 (lines: contact law; dots: closed form of eq. 5).",
-)
-
-
 _MARKS_P7 = ("o", "x", "^", "s", "D")
 _UNITS = {"heaviside": "", "coulomb": " [m/s]", "ball-wall": " [rad]"}
 
 
-def _p7(data: xr.Dataset) -> Figure:
+@drawing(
+    "Above: gradient estimates of one run over the decision (line: the gradient, band: the allowed "
+    "error). Below: mean weight of the first order over all runs.",
+)
+def p7(data: xr.Dataset) -> Figure:
     """Estimates and weights of the three cases."""
     figure = Figure(figsize=(WIDTH, 4.2))
     rows = figure.subplots(2, 3, sharex="col", height_ratios=(1.6, 1))
@@ -255,10 +241,3 @@ def _p7(data: xr.Dataset) -> Figure:
     rows[1, 0].set_ylabel("weight alpha")
     figure.legend(loc="outside upper center", ncols=5)
     return figure
-
-
-P7 = Drawing(
-    _p7,
-    "Above: gradient estimates of one run over the decision (line: the gradient, band: the allowed "
-    "error). Below: mean weight of the first order over all runs.",
-)

@@ -12,11 +12,15 @@ from matplotlib.figure import Figure
 from problems.studies.convergence_bound import bound
 from problems.studies.trained_policies.data import METHODS, MODEL_BASED
 from problems.studies.unroll_variance import growth
-from reports.figures.studies.panels import Drawing, quartile_curve
+from reports.figures.studies.panels import drawing, quartile_curve
 from reports.style import CYCLE, INK, WIDTH
 
 
-def _a3(data: xr.Dataset) -> Figure:
+@drawing(
+    "Left: variance of one unroll's gradient, mean over the policies of a training (band: their "
+    "range). Right: growth of its logarithm a step from H = 5 on, with twice its standard error.",
+)
+def a3(data: xr.Dataset) -> Figure:
     """Variances over the length, and growth rates by law."""
     figure = Figure(figsize=(WIDTH, 4.6))
     tasks, laws = list(map(str, data["task"].values)), list(map(str, data["law"].values))
@@ -42,14 +46,13 @@ def _a3(data: xr.Dataset) -> Figure:
     return figure
 
 
-A3 = Drawing(
-    _a3,
-    "Left: variance of one unroll's gradient, mean over the policies of a training (band: their "
-    "range). Right: growth of its logarithm a step from H = 5 on, with twice its standard error.",
+@drawing(
+    "Returns of whole episodes under the exact law: median over seeds, and the range of the middle "
+    "half, over the simulated steps that all spend, over MBPO's own and over wall time. Below, "
+    "every seed's policy over the steps of a plan from the same starts, as a share of what the "
+    "best plan's inputs return.",
 )
-
-
-def _a4(data: xr.Dataset) -> Figure:
+def a4(data: xr.Dataset) -> Figure:
     """Curves over steps and over time, a row a task; then shares of the best plan."""
     figure = Figure(figsize=(WIDTH, 7.2))
     tasks = list(map(str, data["task"].values))
@@ -95,16 +98,11 @@ def curves(axes: Axes, data: xr.DataArray, along: str, named: bool) -> None:
         quartile_curve(axes, at, values[:, been], color, style, name if named else None)
 
 
-A4 = Drawing(
-    _a4,
-    "Returns of whole episodes under the exact law: median over seeds, and the range of the middle "
-    "half, over the simulated steps that all spend, over MBPO's own and over wall time. Below, "
-    "every seed's policy over the steps of a plan from the same starts, as a share of what the "
-    "best plan's inputs return.",
+@drawing(
+    "Left: return of whole episodes under the exact law, median over seeds and middle half. Right: "
+    "variance of one unroll's gradient, median over seeds.",
 )
-
-
-def _a5(data: xr.Dataset) -> Figure:
+def a5(data: xr.Dataset) -> Figure:
     """Returns and gradient variances over iterations."""
     figure = Figure(figsize=(WIDTH, 3.2))
     returns, spread = figure.subplots(1, 2, width_ratios=(1.4, 1))
@@ -119,18 +117,16 @@ def _a5(data: xr.Dataset) -> Figure:
     return figure
 
 
-A5 = Drawing(
-    _a5,
-    "Left: return of whole episodes under the exact law, median over seeds and middle half. Right: "
-    "variance of one unroll's gradient, median over seeds.",
-)
-
-
 _SHOWN = (("FOPG", "exact"), ("BS 0.01", "barrier, 1e-2"), ("ABS quartic", "adaptive"))
 _LEAST = 1e-5
 
 
-def _a7(data: xr.Dataset) -> Figure:
+@drawing(
+    "Above: how much exact return a decision lacks over iterations, median and quartiles over "
+    "runs. Below: the return over angle and speed under three laws, light where it is high, with "
+    "the iterates of one run, its end (dot) and the goal's throw (cross).",
+)
+def a7(data: xr.Dataset) -> Figure:
     """Curves of all methods beside the landscapes of three laws."""
     figure = Figure(figsize=(WIDTH, 5.2))
     grid = figure.add_gridspec(2, 3, height_ratios=(1.1, 1))
@@ -161,15 +157,12 @@ def _a7(data: xr.Dataset) -> Figure:
     return figure
 
 
-A7 = Drawing(
-    _a7,
-    "Above: how much exact return a decision lacks over iterations, median and quartiles over "
-    "runs. Below: the return over angle and speed under three laws, light where it is high, with "
-    "the iterates of one run, its end (dot) and the goal's throw (cross).",
+@drawing(
+    "Left: mean square norm of the gradient of J over the steps of ascent, mean over runs. Middle: "
+    "bias and variance of the batch's gradient, means over runs. Right: the smallest mean square "
+    "norm (dot) and the bound on it (bar).",
 )
-
-
-def _at(data: xr.Dataset) -> Figure:
+def at(data: xr.Dataset) -> Figure:
     """Norms, bias and variance over steps, and both sides of the bound."""
     figure = Figure(figsize=(WIDTH, 3.0))
     norms, terms, sides = figure.subplots(1, 3, width_ratios=(1.2, 1.2, 1))
@@ -189,11 +182,3 @@ def _at(data: xr.Dataset) -> Figure:
     sides.set_xticks(places, laws, rotation=60)
     figure.legend(*norms.get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return figure
-
-
-AT = Drawing(
-    _at,
-    "Left: mean square norm of the gradient of J over the steps of ascent, mean over runs. Middle: "
-    "bias and variance of the batch's gradient, means over runs. Right: the smallest mean square "
-    "norm (dot) and the bound on it (bar).",
-)

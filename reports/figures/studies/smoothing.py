@@ -7,11 +7,16 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from reports.figures.studies.panels import Drawing, impulse_arrow, light_to_dark
+from reports.figures.studies.panels import drawing, impulse_arrow, light_to_dark
 from reports.style import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 
 
-def _a1(data: xr.Dataset) -> Figure:
+@drawing(
+    "Top: the adaptive mu(z) and the contact impulse over the gap. Bottom: how far each softening "
+    "is from the exact law, and the density of the noise that it stands for (lines: F times the "
+    "curvature of the contact law; dots: Student's t with 2 degrees of freedom, and the Gaussian).",
+)
+def a1(data: xr.Dataset) -> Figure:
     """mu, impulse, error and noise density over z."""
     figure = Figure(figsize=(WIDTH, 5.0))
     (top, impulse), (error, density) = figure.subplots(2, 2)
@@ -43,15 +48,12 @@ def _a1(data: xr.Dataset) -> Figure:
     return figure
 
 
-A1 = Drawing(
-    _a1,
-    "Top: the adaptive mu(z) and the contact impulse over the gap. Bottom: how far each softening "
-    "is from the exact law, and the density of the noise that it stands for (lines: F times the "
-    "curvature of the contact law; dots: Student's t with 2 degrees of freedom, and the Gaussian).",
+@drawing(
+    "Height, vertical velocity and its derivative along the horizontal position. Top: the "
+    "softened equation of motion (C.1), which is elastic. Bottom: time stepping, softened (lines) "
+    "and exact (dashed), which is plastic; the arrow stands for the impulse.",
 )
-
-
-def _a2(data: xr.Dataset) -> Figure:
+def a2(data: xr.Dataset) -> Figure:
     """Two rows, one a model; three columns."""
     figure = Figure(figsize=(WIDTH, 4.6))
     axes = figure.subplots(2, 3, sharex=True)
@@ -86,15 +88,12 @@ def _a2(data: xr.Dataset) -> Figure:
     return figure
 
 
-A2 = Drawing(
-    _a2,
-    "Height, vertical velocity and its derivative along the horizontal position. Top: the "
-    "softened equation of motion (C.1), which is elastic. Bottom: time stepping, softened (lines) "
-    "and exact (dashed), which is plastic; the arrow stands for the impulse.",
+@drawing(
+    "Variance of one sample's gradient by the throw's velocity, the largest over both components "
+    "and over when the rollout ends, for first-order (left) and likelihood-ratio gradients "
+    "(right).",
 )
-
-
-def _a2v(data: xr.Dataset) -> Figure:
+def a2v(data: xr.Dataset) -> Figure:
     """Variance over mu for every step size."""
     figure = Figure(figsize=(WIDTH, 3.0))
     left, right = figure.subplots(1, 2, sharey=True)
@@ -112,18 +111,16 @@ def _a2v(data: xr.Dataset) -> Figure:
     return figure
 
 
-A2V = Drawing(
-    _a2v,
-    "Variance of one sample's gradient by the throw's velocity, the largest over both components "
-    "and over when the rollout ends, for first-order (left) and likelihood-ratio gradients "
-    "(right).",
-)
-
-
 _RS = (ORANGE, PURPLE, GREEN)
 
 
-def _a6(data: xr.Dataset) -> Figure:
+@drawing(
+    "Left: derivative of the vertical velocity along a throw, around its impact; the arrow stands "
+    "for the impulse of the exact law. Right: derivative of the box's next velocity by the push. "
+    "Barrier smoothing in full lines, randomized smoothing as points; the exact ball that it "
+    "averages has the finest of three steps.",
+)
+def a6(data: xr.Dataset) -> Figure:
     """Impact on the left, friction on the right."""
     figure = Figure(figsize=(WIDTH, 4.2))
     impact, push = figure.subplots(1, 2)
@@ -154,16 +151,13 @@ def _a6(data: xr.Dataset) -> Figure:
     return figure
 
 
-A6 = Drawing(
-    _a6,
-    "Left: derivative of the vertical velocity along a throw, around its impact; the arrow stands "
-    "for the impulse of the exact law. Right: derivative of the box's next velocity by the push. "
-    "Barrier smoothing in full lines, randomized smoothing as points; the exact ball that it "
-    "averages has the finest of three steps.",
+@drawing(
+    "Top left: how often each bound holds over all sizes. Top right: largest slope and curvature "
+    "over mu at four contacts, with the bound of thm. 4.5 as printed. Bottom left: slope over "
+    "bound, median and range over the draws. Bottom right: gradient variance over the horizon "
+    "(dots), with the growth that thm. 4.4 would allow, L^4H, from the first point (dotted).",
 )
-
-
-def _t1(data: xr.Dataset) -> Figure:
+def t1(data: xr.Dataset) -> Figure:
     """How often the bounds hold, what scales with mu, how loose they are, and variance."""
     figure = Figure(figsize=(WIDTH, 6.0))
     (often, scaling), (loose, growth) = figure.subplots(2, 2)
@@ -207,12 +201,3 @@ def _t1(data: xr.Dataset) -> Figure:
     loose.legend()
     growth.legend()
     return figure
-
-
-T1 = Drawing(
-    _t1,
-    "Top left: how often each bound holds over all sizes. Top right: largest slope and curvature "
-    "over mu at four contacts, with the bound of thm. 4.5 as printed. Bottom left: slope over "
-    "bound, median and range over the draws. Bottom right: gradient variance over the horizon "
-    "(dots), with the growth that thm. 4.4 would allow, L^4H, from the first point (dotted).",
-)
