@@ -67,10 +67,10 @@ def run(params: Params) -> xr.Dataset:
         slope = f"{unit}/{per}"
         variables |= {
             f"f_{name}": (dense, objective.costs(fine[:, None]), unit, "objective"),
-            f"F_{name}": (place, found.F, unit, "smoothed objective"),
-            f"slope_{name}": (place, found.slope, slope, "its derivative"),
-            f"first_{name}": ((place, "moment"), found.first, slope, "FoBG"),
-            f"zeroth_{name}": ((place, "moment"), found.zeroth, slope, "ZoBG"),
+            f"F_{name}": (place, found["F"], unit, "smoothed objective"),
+            f"slope_{name}": (place, found["slope"], slope, "its derivative"),
+            f"first_{name}": ((place, "moment"), found["first"], slope, "FoBG"),
+            f"zeroth_{name}": ((place, "moment"), found["zeroth"], slope, "ZoBG"),
         }
         coordinates |= {
             place: (theta, per, objective.decision[0].description),

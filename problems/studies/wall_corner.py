@@ -204,7 +204,7 @@ def run(params: Params) -> xr.Dataset:
     slope = "m/rad"
 
     def stacked(name: str) -> list[np.ndarray]:
-        return [getattr(found[shape], name) for shape in SHAPES]
+        return [found[shape][name] for shape in SHAPES]
 
     shapes, narrow = ("shape", "theta"), _shrinking(params, corner)
     width = narrow.pop("width")

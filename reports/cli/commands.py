@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
@@ -32,7 +32,6 @@ BACKENDS = ("auto", "c", "numpy", "casadi")
 """Engines of batched evaluation; auto takes the first that can be built."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class ListOptions(Options):
     """List named problems, tasks, algorithms, contact laws, methods, policies, solvers, figures."""
 
@@ -40,7 +39,6 @@ class ListOptions(Options):
     examples: ClassVar = ("list", "list --json")
 
 
-@dataclass(frozen=True, kw_only=True)
 class LawsOptions(Options):
     """List the contact laws with every setting of -c: default, value, meaning."""
 
@@ -49,7 +47,6 @@ class LawsOptions(Options):
     law: str | None = argument(None, help="One law; default: all.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class MethodsOptions(Options):
     """List the methods and policies of ocp solve, with every setting of -s that they take."""
 
@@ -57,7 +54,6 @@ class MethodsOptions(Options):
     examples: ClassVar = ("methods", "methods --json")
 
 
-@dataclass(frozen=True, kw_only=True)
 class SettingsOptions(Options):
     """List every setting of -s and -c: default, value, meaning.
 
@@ -71,7 +67,6 @@ class SettingsOptions(Options):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class ShowOptions(Options):
     """Show a problem: equations, parameters with units and defaults, citation, golden values.
 
@@ -86,7 +81,6 @@ class ShowOptions(Options):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class SolveOptions(StartsOptions):
     """Solve a problem under a contact law, audit the answer, and store the run."""
 
@@ -109,7 +103,6 @@ class SolveOptions(StartsOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class ReplayOptions(RunOptions, LawOptions, SourceOptions):
     """Simulate the inputs, or the feedback policy, of a stored run under a contact law."""
 
@@ -118,7 +111,6 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
     contact: str = option("exact", help="Contact law; list with ocp laws.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class ContinueOptions(SolverOptions):
     """Continue a solution along a parameter of problem, law or start, and store the path."""
 
@@ -134,7 +126,6 @@ class ContinueOptions(SolverOptions):
     scale: str = option("linear", help="log or linear.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class SweepOptions(StartsOptions):
     """Solve a problem at every point of a grid, over processes or a Dask cluster.
 
@@ -156,7 +147,6 @@ class SweepOptions(StartsOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class EstimateOptions(ProblemOptions):
     """Estimate the gradient of a smoothed objective with several estimators, and judge each.
 
@@ -182,7 +172,6 @@ class EstimateOptions(ProblemOptions):
     threads: int | None = option(None, min=1, max=1024, help="CPUs to use.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class FigureOptions(StoreOptions):
     """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims.
 
@@ -214,7 +203,6 @@ class FigureOptions(StoreOptions):
         return [name for name in self.figures or () if name.startswith("@") or "/" in name]
 
 
-@dataclass(frozen=True, kw_only=True)
 class ReportOptions(SourceOptions):
     """Write a PDF of one stored run, or of several side by side."""
 
@@ -225,7 +213,6 @@ class ReportOptions(SourceOptions):
     cones: bool = option(False, help="Draw friction cones at the contact forces.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class AnimateOptions(RunOptions, SourceOptions):
     """Animate a stored run: bodies and contact forces of the plan and of its exact replay."""
 
@@ -239,7 +226,6 @@ class AnimateOptions(RunOptions, SourceOptions):
     cones: bool = option(False, help="Draw friction cones.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class ExportOptions(SourceOptions):
     """Write one step of a problem, its derivatives and a run's policy as one C11 file."""
 
@@ -266,7 +252,6 @@ class ExportOptions(SourceOptions):
         return [] if self.what in names() or self.what.endswith(".py") else [self.what]
 
 
-@dataclass(frozen=True, kw_only=True)
 class RunsOptions(StoreOptions):
     """List the stored runs, the latest last, or show one.
 
@@ -298,7 +283,6 @@ class RunsOptions(StoreOptions):
     last: int | None = option(None, "-n", min=1, metavar="N", help="Only the last N matching runs.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class RmOptions(StoreOptions):
     """Delete stored runs, damaged ones too; nothing is deleted unless every name is a run."""
 
@@ -309,7 +293,6 @@ class RmOptions(StoreOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class RunsExportOptions(RunOptions):
     """Write the arrays of a stored run to a file for other programs.
 
@@ -326,7 +309,6 @@ class RunsExportOptions(RunOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class DoctorOptions(Options):
     """Show CasADi's plugins, the compiler, threads, versions, and the location of the packages."""
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, dataclass_transform
 
 import typer
 
@@ -48,8 +48,11 @@ def decoded(word: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
+@dataclass_transform(
+    kw_only_default=True, frozen_default=True, field_specifiers=(option, assigned, argument, field)
+)
 class Options:
-    """Options of every command; ``given`` names those on the command line.
+    """Options of every command, each subclass a dataclass; ``given`` names those that are given.
 
     ``code`` is the module of the command, with ``check(options)``, which raises
     :class:`~ocp.errors.InputError` or a related error before any work, and
@@ -67,6 +70,9 @@ class Options:
     )
     debug: bool = option(False, help="Show the traceback of an error.")
     given: frozenset[str] = frozenset()
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
 
     @classmethod
     def epilog(cls) -> str:
@@ -93,7 +99,6 @@ class Options:
         return [run for run in named if run is not None]
 
 
-@dataclass(frozen=True, kw_only=True)
 class StoreOptions(Options):
     """Where runs are kept."""
 
@@ -106,14 +111,12 @@ class StoreOptions(Options):
         return store.load(store.find(run, self.out))
 
 
-@dataclass(frozen=True, kw_only=True)
 class RunOptions(StoreOptions):
     """A stored run."""
 
     run: str = argument(help=RUN)
 
 
-@dataclass(frozen=True, kw_only=True)
 class SourceOptions(StoreOptions):
     """The file of a run's problem: a run is data, and code that it names is never loaded."""
 
@@ -135,7 +138,6 @@ class SourceOptions(StoreOptions):
         return found
 
 
-@dataclass(frozen=True, kw_only=True)
 class TagOptions(StoreOptions):
     """Tags of the stored run."""
 
@@ -151,7 +153,6 @@ class TagOptions(StoreOptions):
         check_tags(self.tags or ())
 
 
-@dataclass(frozen=True, kw_only=True)
 class LawOptions(StoreOptions):
     """A contact law and its settings."""
 
@@ -161,7 +162,6 @@ class LawOptions(StoreOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class ProblemOptions(LawOptions, TagOptions):
     """A problem under a law and a policy, and a report of the result."""
 
@@ -177,7 +177,6 @@ class ProblemOptions(LawOptions, TagOptions):
     pdf: Path | None = option(None, help="Write a PDF report to this file.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class SolverOptions(ProblemOptions):
     """A method and a solver."""
 
@@ -185,7 +184,6 @@ class SolverOptions(ProblemOptions):
     solver: str = option("ipopt", help="ipopt, fatrop, uno or sleqp.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class StartsOptions(SolverOptions):
     """Several starts of one solve."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.stats import norm
 
@@ -13,23 +11,6 @@ from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import EstimatorRun, run_estimator
 
 _NODES = 4001
-
-
-@dataclass(frozen=True)
-class DecisionSweep:
-    """Everything over theta, (k,) each: f, its smoothing F and F' by quadrature, and estimates.
-
-    ``first``, ``zeroth`` (k, 2) hold mean and standard error of FoBG and of ZoBG with the mean as
-    baseline; ``first_variance``, ``zeroth_variance`` (k,) are of one sample.
-    """
-
-    f: np.ndarray
-    F: np.ndarray
-    slope: np.ndarray
-    first: np.ndarray
-    zeroth: np.ndarray
-    first_variance: np.ndarray
-    zeroth_variance: np.ndarray
 
 
 def both_orders(
@@ -45,10 +26,13 @@ def both_orders(
 
 def sweep_decision(
     objective: SampledObjective, theta: np.ndarray, sigma: float, n: int, seed: int
-) -> DecisionSweep:
+) -> dict[str, np.ndarray]:
     """Evaluate ``objective``, whose noise is added to its one decision, at ``theta`` (k,).
 
-    F and F' by quadrature over +-6 sigma: ``F' = E[f w]/sigma²``, which needs no derivative.
+    ``F`` and ``slope`` (k,), its smoothing and F' by quadrature over +-6 sigma: ``F' = E[f w]/
+    sigma²``, which needs no derivative; ``first``, ``zeroth`` (k, 2), mean and standard error of
+    FoBG and of ZoBG with the mean as baseline; ``first_variance``, ``zeroth_variance`` (k,) of one
+    sample.
     """
     w = np.linspace(-6, 6, _NODES) * sigma
     weight = norm.pdf(w, 0, sigma)
@@ -61,13 +45,12 @@ def sweep_decision(
         # Independent streams for every point, so that errors show as scatter, not as an offset.
         found = [sampled.moments for sampled in both_orders(here, sigma, n, seed, index)]
         rows.append([
-            middle, weight @ cost, weight @ ((cost - middle) * w) / sigma**2,
+            weight @ cost, weight @ ((cost - middle) * w) / sigma**2,
             *(float(value) for m in found for value in (m.mean[0], m.standard_error[0],
                                                         m.variance[0])),
         ])  # fmt: skip
-    f, F, slope, *estimates = np.transpose(rows)
-    first, first_error, first_variance, zeroth, zeroth_error, zeroth_variance = estimates
-    return DecisionSweep(
-        f, F, slope, np.stack((first, first_error), 1), np.stack((zeroth, zeroth_error), 1),
-        first_variance, zeroth_variance,
-    )  # fmt: skip
+    found = np.array(rows)
+    return {
+        "F": found[:, 0], "slope": found[:, 1], "first": found[:, 2:4], "zeroth": found[:, 5:7],
+        "first_variance": found[:, 4], "zeroth_variance": found[:, 7],
+    }  # fmt: skip

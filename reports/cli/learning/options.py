@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
@@ -21,7 +21,6 @@ NOISE = 0.2
 """Default noise of a learned model, in standard deviations of the data."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class CollectOptions(Options):
     """Draw states without penetration and inputs, and advance each by one step of the exact law.
 
@@ -37,7 +36,6 @@ class CollectOptions(Options):
     seed: int = option(0, min=0, help="Seed of the random draws.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class LearnOptions(Options):
     """Learn a time step from transitions: a weighted average, or a network on noised inputs.
 
@@ -63,7 +61,6 @@ class LearnOptions(Options):
     )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class TrainOptions(LawOptions, TagOptions):
     """Train a policy through contact, with several algorithms and seeds in parallel.
 
@@ -108,7 +105,6 @@ class TrainOptions(LawOptions, TagOptions):
         return f"\n{help_text()}\n"
 
 
-@dataclass(frozen=True, kw_only=True)
 class EvaluateOptions(RunOptions, LawOptions):
     """Evaluate a trained policy: returns, lengths, measures, and violations in its episodes.
 
