@@ -109,7 +109,7 @@ refined: setup
 claims: setup
 	mkdir -p runs/claims
 	$(BIN)/ocp figure --all --json --quiet --out runs/claims > runs/claims/figures.json
-	$(BIN)/python -m reports.site.claims runs/claims/figures.json
+	$(BIN)/python -m reports.site.figures runs/claims/figures.json
 	$(BIN)/python -m reports.site
 
 # Pictures of the README: these problems in this order, solved under the exact law, or as

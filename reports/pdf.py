@@ -49,7 +49,7 @@ def render(runs: Sequence[StoredRun], cones: bool = False, own: ProblemSpec | No
 
 PAGES = {
     "solve": "reports.pages.solve.solve_page",
-    "continue": "reports.pages.continuation.continuation_page",
+    "continue": "reports.pages.comparison.continuation_page",
     "sweep": "reports.pages.sweep.sweep_page",
     "estimate": "reports.pages.sweep.estimate_page",
     "figure": "reports.pages.study.study_page",

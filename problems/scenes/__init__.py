@@ -1,8 +1,7 @@
 """Pushing problems from shapes: what is there, who touches whom, the system and the drawing."""
 
 from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane
-from problems.scenes.picture import pictured
-from problems.scenes.scene import Scene
+from problems.scenes.scene import Scene, pictured
 from problems.scenes.things import Body, Goal, Obstacle, Pusher
 
 __all__ = [

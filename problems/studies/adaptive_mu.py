@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import t as student_t
 
 from dynamics.contact import Adaptive, Exact
-from problems.studies.shared.scalar_contact import (
+from problems.studies.shared.sampled_step import (
     averaged_exact,
     barrier_contact,
     gaussian,

@@ -114,7 +114,7 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
 class ContinueOptions(SolverOptions):
     """Continue a solution along a parameter of problem, law or start, and store the path."""
 
-    code: ClassVar = "reports.cli.continue_command"
+    code: ClassVar = "reports.cli.sweep_command:continue"
     examples: ClassVar = (
         "continue push-disc --over contact.mu --from 1e-1 --to 1e-5 --scale log",
         "continue push-1d --over M --from 1 --to 2 --contact exact --pdf path.pdf",

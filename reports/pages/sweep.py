@@ -15,7 +15,6 @@ from problems.plugin import spec_of
 from problems.registry import ObjectiveSpec, objective_names, objective_spec
 from problems.spec import ProblemSpec
 from reports.console import number
-from reports.figures import estimate
 from reports.figures import sweep as drawn
 from reports.notation import label, symbol
 from reports.pages.described import Page, described, head, how, law, law_text
@@ -89,12 +88,12 @@ def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
         "how": _estimate_how(run),
         "parameters": parameters,
         "settings": [row for row in content["settings"] if row[0] not in _ELSEWHERE],
-        "caption": estimate.caption(run),
+        "caption": drawn.estimate_caption(run),
         "swept": label(symbol(swept["name"]), swept["unit"]) if swept else "",
         "rows": [estimate_cells(row, bool(swept)) for row in rows],
         "explanations": [] if swept else [f"{r['estimator']}: {r['explanation']}" for r in rows],
     }
-    return content, {"estimate": estimate.draw(run)}
+    return content, {"estimate": drawn.estimate_figure(run)}
 
 
 def _spec(run: StoredRun, own: ProblemSpec | None) -> ObjectiveSpec | ProblemSpec | None:

@@ -1,19 +1,42 @@
 """A page per figure: its picture, and every claim of the papers with the measured value.
 
-Claims lie as JSON in ``docs/generated/data/claims``; ``make claims`` measures them.
+Claims lie as JSON in ``docs/generated/data/claims``; ``python -m reports.site.figures FILE.json``
+stores there the claims in that file, the output of ``ocp figure --all --json``, each picture in
+``docs/pictures/figures/<id>.png``, and of N3 the table :mod:`reports.smoothings`; ``make claims``
+makes the figures first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import sys
+from argparse import ArgumentParser
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import xarray as xr
+
+from ocp.errors import InputError
 from problems import studies
 from problems.studies import FigureStudy
 from problems.studies.study import counted, verdict
+from reports import smoothings
 from reports.figures.studies import DRAWINGS
 from reports.notation import full_citation
-from reports.site.measured import DATA, DOCS, escaped, provenance, read, table
+from reports.site.measured import (
+    DATA,
+    DOCS,
+    escaped,
+    origin,
+    provenance,
+    read,
+    save_picture,
+    table,
+    write_data,
+    write_table,
+)
+from reports.style import styled
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
 PAPERS = {
@@ -83,3 +106,52 @@ def claims(figure: Mapping[str, Any]) -> str:
         word = verdict(claim["holds"], claim.get("margin"))
         rows.append([*(escaped(claim[name]) for name in COLUMNS[:-1]), marks.get(word, word)])
     return table(COLUMNS, rows)
+
+
+def stored(figure: Mapping[str, Any]) -> dict[str, Any]:
+    """The claims of a figure for the site, and their origin."""
+    keys = (*COLUMNS, "margin")
+    claims = [
+        {name: claim[name] for name in keys if claim.get(name) is not None}
+        for claim in figure["claims"]
+    ]
+    command = f"ocp figure {figure['id']}"
+    return {"id": figure["id"], **origin(command), "claims": claims}
+
+
+def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
+    """Write claims, pictures and the table of smoothings; returns the files.
+
+    Raises :class:`~ocp.errors.InputError` for a figure that no study has.
+    """
+    written = []
+    for figure in figures:
+        study = studies.get(figure["id"])
+        written.append(write_data(f"claims/{study.id}", stored(figure)))
+        for file in (name for name in figure.get("files", ()) if name.endswith(".nc")):
+            with xr.open_dataset(file, engine="scipy") as data, styled():
+                drawn = DRAWINGS[study.id].draw(data)
+                written.append(save_picture(drawn, f"figures/{study.id}"))
+                if study.id == "N3":
+                    columns, *rows = smoothings.rows(data)
+                    written.append(write_table(
+                        "smoothings", title="Which smoothing to trust", command="ocp figure N3",
+                        columns=columns, rows=rows,
+                    ))  # fmt: skip
+    return written
+
+
+def main() -> None:
+    """Store the content of the file on the command line."""
+    parser = ArgumentParser(prog="python -m reports.site.figures", description=__doc__)
+    parser.add_argument("figures", type=Path, metavar="FIGURES.json")
+    given = parser.parse_args()
+    content = json.loads(given.figures.read_text())
+    try:
+        keep(content.get("figures", [content]))
+    except InputError as error:
+        sys.exit(f"error: {given.figures}: {error}")
+
+
+if __name__ == "__main__":
+    main()

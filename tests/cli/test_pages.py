@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ocp import store
-from reports.pages.comparison import comparison_page
-from reports.pages.continuation import continuation_page
+from reports.pages.comparison import comparison_page, continuation_page
 from reports.pages.solve import solve_page
 from reports.style import styled
 from reports.view import RunView

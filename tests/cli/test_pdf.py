@@ -18,7 +18,7 @@ from problems import names, spec
 from reports.console import shown_stages
 from reports.figures import run as figures
 from reports.notation import full_citation
-from reports.pages.continuation import continuation_page
+from reports.pages.comparison import continuation_page
 from reports.pages.solve import solve_page
 from reports.pdf import render, write_pdf
 from reports.style import styled, to_svg

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from problems.studies.convergence_bound import bound
-from problems.studies.trained_policies.data import METHODS, MODEL_BASED
+from problems.studies.trained_policies import METHODS, MODEL_BASED
 from problems.studies.unroll_variance import growth
 from reports.figures.studies.panels import drawing, quartile_curve
 from reports.style import CYCLE, INK, WIDTH

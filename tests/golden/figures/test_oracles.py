@@ -10,7 +10,6 @@ from scipy.stats import norm
 from dynamics.batch import Gaussian
 from dynamics.contact import Adaptive, Barrier, Exact
 from problems import get, studies
-from problems.studies.audited_theory import bounds
 from problems.studies.barrier_relaxation import eq5, newton_step, solve_qp
 from problems.studies.bouncing_ball import in_log_height, least_height, turning_points
 from problems.studies.impact_and_friction import (
@@ -19,8 +18,9 @@ from problems.studies.impact_and_friction import (
     softened_box,
 )
 from problems.studies.jumping_objectives import drop, pivot, throw_wall
-from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.shared.scalar_contact import (
+from problems.studies.shared import contact_bounds as bounds
+from problems.studies.shared.sampled_step import (
+    SampledStep,
     averaged_exact,
     gaussian,
     least_residual,

@@ -9,7 +9,7 @@ import pytest
 from ocp.errors import InputError
 from problems.studies.study import counted
 from reports import smoothings
-from reports.site import claims, figures, measured
+from reports.site import figures, measured
 from tests.golden.figures.compared import compared
 from tests.golden.figures.verdicts import VERDICTS
 
@@ -27,14 +27,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_claims_are_kept_with_where_they_come_from(folder: Path) -> None:
-    (file,) = claims.keep([{"id": "P1", "claims": CLAIMS}])
+    (file,) = figures.keep([{"id": "P1", "claims": CLAIMS}])
     assert file == folder / "data" / "claims" / "P1.json"
     kept = measured.read("claims/P1")
     assert kept["claims"] == CLAIMS and kept["command"] == "ocp figure P1"
     assert all(kept[name] for name in ("commit", "date", "machine"))
     assert counted(kept["claims"]) == "1 of 2"
     noisy = [{**claim, "margin": margin} for claim, margin in zip(CLAIMS, (2.9, -3.1), strict=True)]
-    claims.keep([{"id": "P1", "claims": noisy}])
+    figures.keep([{"id": "P1", "claims": noisy}])
     kept_noisy = measured.read("claims/P1")
     assert (
         kept_noisy["claims"] == noisy and counted(kept_noisy["claims"]) == "0 of 2 (1 within noise)"
@@ -47,7 +47,7 @@ def test_claims_are_kept_with_where_they_come_from(folder: Path) -> None:
 
 def test_a_figure_that_is_none_is_refused(folder: Path) -> None:
     with pytest.raises(InputError, match="figure"):
-        claims.keep([{"id": "X1", "claims": CLAIMS}])
+        figures.keep([{"id": "X1", "claims": CLAIMS}])
 
 
 def test_picture_and_table_of_smoothings_are_made_from_the_file(folder: Path) -> None:
@@ -55,7 +55,7 @@ def test_picture_and_table_of_smoothings_are_made_from_the_file(folder: Path) ->
     file = folder / "N3.nc"
     made.to_netcdf(file, engine="scipy", format="NETCDF3_64BIT")
     files = [str(folder / "N3.pdf"), str(file)]
-    claims.keep([{"id": "N3", "claims": CLAIMS, "files": files}])
+    figures.keep([{"id": "N3", "claims": CLAIMS, "files": files}])
     table = measured.read("smoothings")
     assert [table["columns"], *table["rows"]] == smoothings.rows(made)
     assert (folder / "pictures" / "figures" / "N3.png").read_bytes().startswith(b"\x89PNG")

@@ -12,11 +12,10 @@ from dynamics.batch import BatchFunction
 from ocp.learning.experiment import EXACT
 from ocp.learning.protocol import Normaliser, Trained
 from ocp.learning.training import evaluate_from
+from problems.studies import trained_policies
 from problems.studies.shared.trainings import interpolated, side_by_side
 from problems.studies.study import Pieces
-from problems.studies.trained_policies import data
-from problems.studies.trained_policies.claims import claims
-from problems.studies.trained_policies.data import (
+from problems.studies.trained_policies import (
     METHODS,
     MODEL_BASED,
     SHOWN,
@@ -25,6 +24,7 @@ from problems.studies.trained_policies.data import (
     Params,
     Policy,
     _job,
+    claims,
     starts,
 )
 from problems.tasks import registry
@@ -100,11 +100,11 @@ def test_curves_end_where_steps_were_spent(monkeypatch: pytest.MonkeyPatch):
         return {key: {**dict.fromkeys(names, steps), "evaluation_return": steps / 100}
                 for key, steps in along.items()}  # fmt: skip
 
-    monkeypatch.setattr(data, "curves", made)
-    monkeypatch.setattr(data, "_against_plans", lambda *_: {})
-    monkeypatch.setattr(data, "plans", lambda *_: {task: [] for task in TASKS})
-    monkeypatch.setattr(data, "fitted", lambda *_: None)
-    found = data.run(Params(kilosteps=1, runs=2), Pieces())
+    monkeypatch.setattr(trained_policies, "curves", made)
+    monkeypatch.setattr(trained_policies, "_against_plans", lambda *_: {})
+    monkeypatch.setattr(trained_policies, "plans", lambda *_: {task: [] for task in TASKS})
+    monkeypatch.setattr(trained_policies, "fitted", lambda *_: None)
+    found = trained_policies.run(Params(kilosteps=1, runs=2), Pieces())
     alone = found.sel(algorithm=MODEL_BASED)
     rest = found.drop_sel(algorithm=MODEL_BASED)
     assert (rest["spent"] == 1200).all() and (alone["spent"] == 60).all()

@@ -12,7 +12,7 @@ import xarray as xr
 from ocp.gradients.sweep import summary
 from ocp.gradients.verdict import WIDE, WORST_FIRST
 from ocp.store.stored_run import StoredRun
-from reports.figures import estimate
+from reports.figures import sweep
 from reports.pages.sweep import estimate_page, headline
 
 GOOD = "unbiased within the interval"
@@ -92,18 +92,18 @@ def test_the_axis_covers_the_interval_of_every_estimator() -> None:
     mean = np.array([[1.0, 40.0], [1.0, -7.0]])
     error = np.array([[0.1, 30.0], [0.1, 2.0]])
     rows = [row(name) for _ in range(2) for name in ("zobg", "fobg")]
-    low, high = estimate.draw(stored(rows, mean, error)).axes[0].get_ylim()
+    low, high = sweep.estimate_figure(stored(rows, mean, error)).axes[0].get_ylim()
     assert low <= (mean - 1.96 * error).min() and high >= (mean + 1.96 * error).max()
 
 
 def test_each_estimator_has_its_own_colour_wherever_it_stands() -> None:
-    looks = [estimate.look(name) for name in NAMES]
+    looks = [sweep.look(name) for name in NAMES]
     assert len({color for color, _ in looks}) == len(NAMES)
 
     def drawn(*names: str) -> dict[str, str]:
         run = stored([row(name) for name in names], np.ones((1, len(names))),
                      np.ones((1, len(names))))  # fmt: skip
-        top = estimate.draw(run).axes[0]
+        top = sweep.estimate_figure(run).axes[0]
         return {str(line.get_label()): str(line.get_color()) for line in top.lines}
 
     assert drawn("fobg", "zobg")["fobg"] == drawn("zobg", "es", "fobg")["fobg"]

@@ -1,11 +1,173 @@
-"""What T1's data say of each theorem."""
+"""T1: the papers' theorems on stiffness, variance and bias, against random contact problems."""
 
 from __future__ import annotations
 
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim, listed, over
+from problems.studies.shared import contact_bounds as bounds
+from problems.studies.study import Claim, StudyParams, dataset, listed, over, setting
+
+NOTES = (
+    "Systems: C = D = I, A = B = E = 0, where the bounds are tightest; z standard normal,"
+    " mu log-uniform from 1e-8 to 1; F symmetric positive definite, or a P-matrix that is"
+    " neither symmetric nor definite. All numbers are without units.",
+    "Thm. 4.5 puts a lower bound on l inside an upper bound on the slope, which bounds"
+    " nothing; taken as an equality, it is the printed formula, and its sign (A.32) is wrong.",
+    "dlam/dz = -(I - D + D F)^-1 D with D in [0, 1]: for a P-matrix the slope is bounded"
+    " whatever mu. What grows as mu falls is the curvature, 1/(4 F^1.5 sqrt(mu)).",
+)
+
+
+SIZES = tuple(range(1, 9))
+MUS = 10.0 ** np.arange(-8, 1)
+GAINS = np.array([0.8, 1.0, 1.2])
+_POINTS = 5
+"""Cloud of each system's domain over which slope and supremum of thm. 4.5 are taken."""
+HORIZONS = np.array([2, 4, 6, 8, 10, 12, 14, 16, 18, 20])
+BOUNDS = ("4.5 as printed", "4.5, sign corrected", "4.5, l at the point", "1/lambda_min(S)",
+          "5.1", "5.1 corrected", "A.26 for the slope")  # fmt: skip
+
+
+class Params(StudyParams):
+    """Parameters of T1; the papers test none of this."""
+
+    draws: int = setting(200, "1", "random systems for each size and kind", least=10)
+    sweep: int = setting(20, "1", "systems of four contacts followed over mu", least=2)
+    pairs: int = setting(60, "1", "random single contacts for prop. 5.2 to thm. 5.4", least=5)
+    n_samples: int = setting(20000, "1", "samples behind each variance", least=100)
+
+
+def _audit(params: Params, rng: np.random.Generator) -> dict:
+    """Slope over bound, (kind, size, bound, draw): a bound holds where this is at most one."""
+    shape = (len(bounds.KINDS), len(SIZES), len(BOUNDS), params.draws)
+    ratio = np.full(shape, np.nan)
+    step = np.zeros(shape[:2])
+    for row, kind in enumerate(bounds.KINDS):
+        for column, n in enumerate(SIZES):
+            F = np.stack([bounds.random_p_matrix(rng, n, kind) for _ in range(params.draws)])
+            mu = 10 ** rng.uniform(-8, 0, params.draws)
+            z = rng.standard_normal((params.draws, n))
+            any_z, away = bounds.solve(z, F, mu), bounds.solve(np.abs(z) + 0.05, F, mu)
+            reach, steepest = _over_domain(z, F, mu, rng)
+            apart = np.abs(z) + 0.05
+            slope, slope_away = bounds.norms(any_z.slope), bounds.norms(away.slope)
+            wrong = bounds.norms(bounds.printed_a26(any_z.lam, any_z.gap, F) - any_z.slope)
+            ratio[row, column] = [
+                steepest / bounds.theorem_4_5(reach, F, mu, 1),
+                steepest / bounds.theorem_4_5(reach, F, mu, -1),
+                slope / bounds.pointwise_4_5(any_z.lam, mu),
+                slope / bounds.definite_bound(F),
+                slope_away / bounds.theorem_5_1(apart, mu),
+                slope_away / bounds.corrected_5_1(apart, F, mu),
+                wrong / np.maximum(slope, 1e-300),
+            ]
+            undefined = ~np.isfinite(bounds.definite_bound(F))
+            for bound in (3, 5):
+                ratio[row, column, bound, undefined] = np.nan
+            step[row, column] = np.mean(np.any(away.lam > mu[:, None] / apart, axis=1))
+    return {
+        "ratio": (("kind", "size", "bound", "draw"), ratio, "1",
+                  "true slope over bound; for A.26 its relative error"),
+        "step_5_1": (("kind", "size"), step, "1",
+                     "how often lam_i > mu/z_i, against a step in the proof of 5.1"),
+    }  # fmt: skip
+
+
+def _over_domain(
+    z: np.ndarray, F: np.ndarray, mu: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Largest |z| and largest slope, (draws,) each, of every system over points of its domain."""
+    reach, steepest = np.linalg.norm(z, axis=1), bounds.norms(bounds.solve(z, F, mu).slope)
+    for _ in range(_POINTS - 1):
+        other = rng.standard_normal(z.shape)
+        reach = np.maximum(reach, np.linalg.norm(other, axis=1))
+        steepest = np.maximum(steepest, bounds.norms(bounds.solve(other, F, mu).slope))
+    return reach, steepest
+
+
+def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
+    """Largest slope and curvature at a kink over mu, with the printed bound, (kind, mu)."""
+    slope, curvature, bound = np.empty((3, len(bounds.KINDS), len(MUS)))
+    for row, kind in enumerate(bounds.KINDS):
+        F = np.stack([bounds.random_p_matrix(rng, n, kind) for _ in range(params.sweep)])
+        open_, shut = np.exp(rng.standard_normal((2, params.sweep, n)))
+        for column, mu in enumerate(MUS):
+            # Contact 0 at its kink, contact 1 pressed, the others open.
+            lam, gap = mu / open_, open_.copy()
+            lam[:, 1], gap[:, 1] = shut[:, 1], mu / shut[:, 1]
+            lam[:, 0] = gap[:, 0] = np.sqrt(mu)
+            z = gap - np.einsum("kij,kj->ki", F, lam)
+            weights = np.full(params.sweep, mu)
+            delta = np.zeros((1, n))
+            delta[0, 0] = 1e-3 * np.sqrt(mu)
+            at, up, down = (bounds.solve(z + d, F, weights) for d in (0 * delta, delta, -delta))
+            slope[row, column] = bounds.norms(at.slope).max()
+            bent = bounds.norms(up.slope - down.slope) / (2 * delta[0, 0])
+            curvature[row, column] = bent.max()
+            reach = np.linalg.norm(z, axis=1)
+            bound[row, column] = bounds.theorem_4_5(reach, F, weights, 1).max()
+    along = ("kind", "mu")
+    return {
+        "slope": (along, slope, "1", "largest |dlam/dz| of all systems"),
+        "curvature": (along, curvature, "1", "largest |d²lam/dz²| at a kink"),
+        "printed": (along, bound, "1", "bound of thm. 4.5 as printed"),
+    }
+
+
+def _counterexamples() -> dict:
+    """Two systems of two contacts, from the errata, that break the final inequalities."""
+    F = np.array([[[1.0, -1000.0], [0.0, 1.0]], [[1.0, -100.0], [0.0, 1.0]]])
+    z, mu = np.array([[1000.0, 0.0], [1.0, 1.0]]), np.ones(2)
+    found = bounds.solve(z, F, mu)
+    # C = [1, 0], D = [0, 1]': one state, n² |C| |D| = 4, and |diag(lam)|² for l mu.
+    state = abs(found.slope[0, 0, 1])
+    held = 4 * float(np.sum(found.lam[0] ** 2))
+    return {
+        "counter_4_5": ("side", [state, held], "1", "|dx+/dx| and thm. 4.5 at F_1"),
+        "counter_5_1": ("side",
+                        [bounds.norms(found.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]], "1",
+                        "|dlam/dz| and thm. 5.1 at F_2"),
+    }  # fmt: skip
+
+
+def run(params: Params) -> xr.Dataset:
+    """All checks; see the claims for what each is for."""
+    rng = np.random.default_rng(params.seed)
+    audit, sweep = _audit(params, rng), _sweep(params, rng)
+    pairs = bounds.smoothing_pairs(rng, params.pairs)
+    bias = bounds.theorem_5_4(rng, params.pairs)
+    vectors = bounds.empirical_bias_pairs(rng, 100 * params.draws)
+    unbiased = bounds.unbiasedness(params.seed, 10 * params.n_samples)
+    growth = bounds.growth(params.seed, params.n_samples, HORIZONS, GAINS)
+    return dataset(
+        {
+            **audit,
+            **sweep,
+            **_counterexamples(),
+            **{f"pair_{name}": ("pair", values, "1", f"{name}, single contact")
+               for name, values in pairs.items()},
+            **{f"vector_{name}": ("vector", values, "1", f"{name}, lemma III.4")
+               for name, values in vectors.items()},
+            **{f"printed_{name}": (("constants", "pair"), values, "1",
+                                   f"{name} of thm. 5.4, eq. 5.1 as printed")
+               for name, values in bias.items()},
+            "z_score": ((), unbiased["z_score"], "1", "lemma III.1 on wall-1d"),
+            "components": ((), unbiased["components"], "1", "inputs compared"),
+            "growth": (("gain", "horizon"), growth, "1", "variance of the gradient"),
+            "policy_lipschitz": ((), np.hypot(1, bounds.GROWTH_NOISE), "1",
+                                 "constant of the policy in state and noise"),
+        },
+        {
+            "kind": list(bounds.KINDS),
+            "size": (SIZES, "1", "number of contacts"),
+            "bound": list(BOUNDS),
+            "constants": [f"({a:g}, {b:g})" for a, b in bounds.CONSTANTS],
+            "mu": (MUS, "1", "central-path parameter"),
+            "gain": (GAINS, "1", "Lipschitz constant of the dynamics"),
+            "horizon": (HORIZONS, "1", "steps"),
+        },
+    )  # fmt: skip
 
 
 def claims(data: xr.Dataset) -> list[Claim]:

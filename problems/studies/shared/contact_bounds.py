@@ -15,8 +15,8 @@ from dynamics.contact import Barrier, Exact, Step
 from dynamics.systems import ParameterTable, entries, lcs
 from dynamics.systems.lcs import is_p_matrix
 from problems.registry import get
-from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.shared.scalar_contact import (
+from problems.studies.shared.sampled_step import (
+    SampledStep,
     averaged_exact,
     barrier_contact,
     gaussian,
