@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.arguments import BLOCK, NonFinite, as_output, as_rows, common_length
+from dynamics.batch.arguments import NonFinite, as_output, as_rows, common_length
 from dynamics.batch.engines.rollout_engines import Call, Results
 from dynamics.batch.graphs.objective import Costs
 from dynamics.batch.graphs.policy import RolloutPolicy
@@ -51,8 +51,8 @@ class RolloutFunction(Rolling):
     A stage cost with four arguments is of (x_t, u_t, u_t - u_{t-1}, p); calls then take `u_before`.
 
     `step` is a system closed by a contact law, the same that the NLP uses; p are its parameters.
-    Backends, threads and block are those of `BatchFunction`; results depend neither on threads nor
-    on block, to the last bit. Code size and compile time do not depend on `horizon`.
+    `engine` takes backend, threads and block as `BatchFunction` does; results depend neither on
+    threads nor on block, to the last bit. Code size and compile time do not depend on `horizon`.
 
         f = RolloutFunction(step, stage_cost, terminal_cost, 40, open_loop(nx, nu))
         r = f(x0, theta, noise=Gaussian(0.1, seed=0), n_samples=1000)
@@ -69,12 +69,9 @@ class RolloutFunction(Rolling):
         terminal_cost: ca.Function,
         horizon: int,
         policy: RolloutPolicy,
-        backend: str = "auto",
-        threads: int | None = None,
-        block: int = BLOCK,
+        **engine: Any,
     ) -> None:
-        costs = Costs(stage_cost, terminal_cost)
-        super().__init__(step, costs, horizon, policy, backend, threads, block)
+        super().__init__(step, Costs(stage_cost, terminal_cost), horizon, policy, **engine)
 
     def __call__(
         self,

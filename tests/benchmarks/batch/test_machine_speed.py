@@ -64,7 +64,7 @@ def let_loose(name: str, threads: int) -> tuple[RolloutFunction, np.ndarray]:
     p, policy = step.p.vector, open_loop(system.nx, system.nu)
     stage = ca.Function("stage", [system.x, system.u, p], [0.1 * ca.sumsqr(system.u)])
     end = ca.Function("end", [system.x, p], [-system.x[0]])
-    return RolloutFunction(step, stage, end, HORIZON, policy, "c", threads), x0
+    return RolloutFunction(step, stage, end, HORIZON, policy, backend="c", threads=threads), x0
 
 
 def from_ones(path: Path) -> ca.Function:
