@@ -1,7 +1,4 @@
-"""Make laws, methods and policies from names and settings; errors list the valid names.
-
-The command line and :func:`ocp.solve` both use these functions.
-"""
+"""Make laws, methods and policies from names and settings; errors list the valid names."""
 
 from __future__ import annotations
 

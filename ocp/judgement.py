@@ -1,8 +1,4 @@
-"""One solution from three judges: of a result, or of a solve that Ctrl-C ended.
-
-This module combines the audit with the certificate, the referee and the solver's status into one
-status; each of these is independent of the others.
-"""
+"""One solution from three independent judges: of a result, or of a solve that Ctrl-C ended."""
 
 from __future__ import annotations
 

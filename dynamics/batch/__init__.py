@@ -18,7 +18,6 @@ from dynamics.batch.random import Gaussian
 from dynamics.batch.rolling import Moments
 from dynamics.batch.rollout import (
     EpisodeFunction,
-    EpisodeMoments,
     Episodes,
     RolloutFunction,
     RolloutMoments,
@@ -32,7 +31,6 @@ __all__ = [
     "DensePolicy",
     "Episode",
     "EpisodeFunction",
-    "EpisodeMoments",
     "Episodes",
     "Gaussian",
     "Moments",

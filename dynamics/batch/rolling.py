@@ -100,6 +100,21 @@ def _merge(left: Triple, right: Triple) -> Triple:
 STRIDE = 1 << 22
 
 
+@dataclass(frozen=True)
+class RolloutMoments:
+    """Moments over samples of the cost, or of an episode's return, and of both its gradients.
+
+    `gradient` is of d value / d theta and `zeroth` of (value - baseline) * score, each None where
+    it was not requested; their arrays have the policy's shape. Samples in which any value is NaN or
+    infinite are left out of all of them and named by `nonfinite`.
+    """
+
+    value: Moments
+    gradient: Moments | None
+    zeroth: Moments | None
+    nonfinite: NonFinite
+
+
 class Rolling:
     """A step under a policy, rolled out over `horizon` steps for many samples.
 
@@ -153,16 +168,13 @@ class Rolling:
             warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=3)
         return nonfinite
 
-    def _summed(
-        self, q: Call, last: np.ndarray | None = None
-    ) -> tuple[list[Moments | None], NonFinite]:
-        """Moments as requested of cost, both gradients; `last` (n, nx) gets what is carried."""
+    def _summed(self, q: Call, sign: float = 1.0) -> RolloutMoments:
+        """Moments of what was requested, times `sign`."""
         total: Moments | None = None
         bad: list[np.ndarray] = []
         for begin in range(0, q.n, STRIDE):
             end = min(begin + STRIDE, q.n)
-            ends = None if last is None else last[begin:end]
-            merged, indices = self._stride(q.part(begin, end), ends)
+            merged, indices = self._stride(q.part(begin, end))
             bad.append(begin + indices)
             total = merged if total is None else total.merged(merged)
         total = total or merge_chunks(*(np.zeros((0, q.n_values)),) * 3)
@@ -170,12 +182,21 @@ class Rolling:
         nonfinite = NonFinite(len(indices), indices)
         if nonfinite:
             warnings.warn(f"rollout: {nonfinite}; left out", BatchWarning, stacklevel=3)
-        return self._named(total, q), nonfinite
+        shape, size = self.policy.shape(self.horizon), q.theta.shape[1]
 
-    def _stride(self, q: Call, last: np.ndarray | None) -> tuple[Moments, np.ndarray]:
+        def block(begin: int, end: int, to: tuple[int, ...]) -> Moments:
+            mean, m2 = total.mean[begin:end].reshape(to), total.m2[begin:end].reshape(to)
+            return Moments(total.n, sign * mean, m2)
+
+        after = 1 + size * q.gradient
+        gradient = block(1, 1 + size, shape) if q.gradient else None
+        zeroth = block(after, after + size, shape) if q.score else None
+        return RolloutMoments(block(0, 1, ()), gradient, zeroth, nonfinite)
+
+    def _stride(self, q: Call) -> tuple[Moments, np.ndarray]:
         chunk = self._engine.chunk
         table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
-        bad = self._engine.moments(q, table, last)
+        bad = self._engine.moments(q, table)
         indices = self._find_bad(q, table[:, 0], chunk) if bad else np.empty(0, dtype=np.int64)
         split = 1 + q.n_values
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
@@ -191,20 +212,6 @@ class Rolling:
                 self._engine.samples(part, results)
                 found.append(begin + results.non_finite().indices)
         return np.concatenate(found)
-
-    def _named(self, total: Moments, q: Call) -> list[Moments | None]:
-        shape, size = self.policy.shape(self.horizon), q.theta.shape[1]
-
-        def block(begin: int, end: int, to: tuple[int, ...]) -> Moments:
-            mean, m2 = total.mean[begin:end].reshape(to), total.m2[begin:end].reshape(to)
-            return Moments(total.n, mean, m2)
-
-        after = 1 + size * q.gradient
-        return [
-            block(0, 1, ()),
-            block(1, 1 + size, shape) if q.gradient else None,
-            block(after, after + size, shape) if q.score else None,
-        ]
 
     def _request(
         self,

@@ -13,7 +13,7 @@ from dynamics.batch.engines.rollout_engines import Call, Results
 from dynamics.batch.graphs.objective import Costs
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.random import Gaussian
-from dynamics.batch.rolling import Moments, Rolling
+from dynamics.batch.rolling import Rolling, RolloutMoments
 from dynamics.contact import Step
 
 
@@ -24,21 +24,6 @@ class Rollouts:
     cost: np.ndarray
     gradient: np.ndarray | None
     score: np.ndarray | None
-    nonfinite: NonFinite
-
-
-@dataclass(frozen=True)
-class RolloutMoments:
-    """Moments over samples of the cost, its gradient, and the zeroth-order gradient.
-
-    `gradient` is of d cost / d theta and `zeroth` of (cost - baseline) * score, each None where it
-    was not requested; their arrays have the policy's shape. Samples in which any value is NaN or
-    infinite are left out of all of them and named by `nonfinite`.
-    """
-
-    cost: Moments
-    gradient: Moments | None
-    zeroth: Moments | None
     nonfinite: NonFinite
 
 
@@ -132,9 +117,7 @@ class RolloutFunction(Rolling):
             self._start(x0, u_before), theta, p, noise, n_samples,
             gradient=gradient, score=score, baseline=float(baseline),
         )  # fmt: skip
-        (cost, slope, zeroth), nonfinite = self._summed(q)
-        assert cost is not None
-        return RolloutMoments(cost, slope, zeroth, nonfinite)
+        return self._summed(q)
 
     def _start(self, x0: Any, u_before: Any | None) -> np.ndarray:
         """Initial states, with the input before beside them where the cost asks for it."""
@@ -177,20 +160,6 @@ class Episodes:
         if self.trail is None:
             raise ValueError("the states were not kept; pass states=True")
         return self.trail[..., :-2]
-
-
-@dataclass(frozen=True)
-class EpisodeMoments:
-    """Moments over samples of the return, its gradient, and the zeroth-order gradient.
-
-    As `RolloutMoments`, of returns in place of costs; `lived` (n,) are the steps of each episode.
-    """
-
-    value: Moments
-    gradient: Moments | None
-    zeroth: Moments | None
-    lived: np.ndarray
-    nonfinite: NonFinite
 
 
 class EpisodeFunction(Rolling):
@@ -268,7 +237,7 @@ class EpisodeFunction(Rolling):
         score: bool = False,
         baseline: float = 0.0,
         along: Episodes | None = None,
-    ) -> EpisodeMoments:
+    ) -> RolloutMoments:
         """Mean and second moment over the samples, computed as they come and never stored.
 
         Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
@@ -278,14 +247,7 @@ class EpisodeFunction(Rolling):
             x0, theta, p, noise, n_samples, gradient=gradient, score=score, along=along,
             baseline=-float(baseline),
         )  # fmt: skip
-        last = np.empty((q.n, self.tapes.nx))
-        (cost, slope, zeroth), nonfinite = self._summed(q, last)
-        assert cost is not None
-        value, gradient_moments, zeroth_moments = (
-            None if m is None else Moments(m.n, -m.mean, m.m2) for m in (cost, slope, zeroth)
-        )
-        assert value is not None
-        return EpisodeMoments(value, gradient_moments, zeroth_moments, last[:, -1], nonfinite)
+        return self._summed(q, -1.0)
 
     def _asked(
         self, x0: Any, *given: Any, along: Episodes | None, pull: Any = None, **wanted: Any

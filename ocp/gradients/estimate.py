@@ -105,7 +105,7 @@ class RolloutObjective(SampledObjective):
             self._forward.moments, **self._arguments(n, noise.first), noise=noise,
             gradient=order == "first", score=order == "zeroth", baseline=baseline,
         )  # fmt: skip
-        part = {"cost": found.cost, "zeroth": found.zeroth, "first": found.gradient}[order]
+        part = {"cost": found.value, "zeroth": found.zeroth, "first": found.gradient}[order]
         flat = Moments(part.n, np.ravel(part.mean), np.ravel(part.m2))
         return flat, found.nonfinite.indices
 

@@ -13,8 +13,8 @@ from dynamics.batch import (
     DensePolicy,
     Episode,
     EpisodeFunction,
-    EpisodeMoments,
     Episodes,
+    RolloutMoments,
     RolloutPolicy,
 )
 from dynamics.batch.graphs.objective import DISCOUNT
@@ -77,8 +77,8 @@ class TaskRollouts:
         theta: np.ndarray,
         normaliser: Normaliser | None = None,
         **asked: Any,
-    ) -> EpisodeMoments:
-        """Moments over samples, with nothing kept of single ones but the steps they lived."""
+    ) -> RolloutMoments:
+        """Moments over samples, with nothing kept of single ones."""
         p = self._packed(normaliser, 1.0, None)
         return without_warnings(self.function.moments, x0, theta, p, **asked)
 

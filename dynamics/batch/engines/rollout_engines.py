@@ -141,13 +141,12 @@ class CompiledRolloutEngine:
         want = (results.gradient is not None) + 2 * (results.score is not None)
         return self._all(q, want, **vars(results))
 
-    def moments(self, q: Call, table: Array, last: Array | None = None) -> int:
+    def moments(self, q: Call, table: Array) -> int:
         """Fill a row `(count, means, second moments)` of `table` for each chunk of samples.
 
-        `last` (n, nx), where given, gets what is carried at the end. Returns how many samples are
-        not finite.
+        Returns how many samples are not finite.
         """
-        return self._all(q, q.gradient + 2 * q.score + 4, moments=table, last=last)
+        return self._all(q, q.gradient + 2 * q.score + 4, moments=table)
 
     def _all(self, q: Call, want: int, **results: Array | None) -> int:
         job, _alive = self._job(q, want, results)
@@ -229,14 +228,12 @@ class ChunkEngine:
         over_chunks(q.n, self.chunk, self._threads, work)
         return sum(bad)
 
-    def moments(self, q: Call, table: Array, last: Array | None = None) -> int:
+    def moments(self, q: Call, table: Array) -> int:
         """As :meth:`CompiledRolloutEngine.moments`."""
         bad: list[int] = []
 
         def work(begin: int, end: int) -> None:
-            cost, gradient, score, trail = self._chunk(q.part(begin, end))
-            if last is not None:
-                last[begin:end] = trail[-1].T
+            cost, gradient, score, _ = self._chunk(q.part(begin, end))
             values = np.vstack((cost[None], gradient, score * (cost - q.baseline)))
             values = values[:, np.isfinite(values).all(axis=0)]
             n = values.shape[1]

@@ -66,7 +66,7 @@ def rolled(name: str, **options) -> list[np.ndarray]:
     theta = 0.3 * rng.standard_normal(policy.shape(HORIZON))
     given = {"noise": Gaussian(0.1, seed=3), "score": True}
     single, whole = f(x0, theta, **given), f.moments(x0, theta, **given)
-    moments = [whole.cost, whole.gradient, whole.zeroth]
+    moments = [whole.value, whole.gradient, whole.zeroth]
     return [single.cost, single.gradient, single.score, *[m.mean for m in moments],
             *[m.m2 for m in moments]]  # fmt: skip
 

@@ -165,7 +165,6 @@ def test_moments_are_those_of_the_samples(policy):
         np.testing.assert_allclose(
             moments.m2 / (N - 1), samples.var(axis=0, ddof=1), rtol=1e-10, atol=1e-13
         )
-    np.testing.assert_array_equal(whole.lived, single.lived)
 
 
 def test_the_zeroth_order_gradient_has_the_first_order_ones_mean():
@@ -175,7 +174,7 @@ def test_the_zeroth_order_gradient_has_the_first_order_ones_mean():
     call |= {"x0": np.array([0.1, 0.0]), "noise": Gaussian(0.2, seed=5), "n_samples": 400_000}
     found = f.moments(**call, score=True, baseline=f(call["x0"], call["theta"]).value[0])
     error = np.sqrt(found.zeroth.m2 / found.zeroth.n**2 + found.gradient.m2 / found.gradient.n**2)
-    assert np.all(found.lived == HORIZON)
+    assert np.all(f(**{**call, "n_samples": 10_000}).lived == HORIZON)
     assert np.all(np.abs(found.zeroth.mean - found.gradient.mean) < 4 * error)
 
 

@@ -125,7 +125,7 @@ def test_threads_and_blocks_do_not_change_a_bit(system, backend):
             values = f(**given, score=True)
             moments = f.moments(**given, score=True, baseline=0.3)
             arrays = [values.cost, values.gradient, values.score]
-            for m in (moments.cost, moments.gradient, moments.zeroth):
+            for m in (moments.value, moments.gradient, moments.zeroth):
                 arrays += [m.mean, m.m2]
             answers.append(arrays)
     for answer in answers[1:]:
@@ -181,7 +181,7 @@ def test_moments_are_those_of_the_samples(policy, backend):
     moments = f.moments(**given, n_samples=n, score=True, baseline=1.5)
     gain = (samples.cost - 1.5).reshape(-1, *[1] * (samples.score.ndim - 1))
     pairs = [
-        (moments.cost, samples.cost),
+        (moments.value, samples.cost),
         (moments.gradient, samples.gradient),
         (moments.zeroth, gain * samples.score),
     ]
@@ -204,7 +204,7 @@ def test_moments_survive_a_large_mean():
     noise = Gaussian(1.0, seed=0)
     moments = f.moments(**given, noise=noise, n_samples=20_000)
     costs = f(**given, noise=noise, n_samples=20_000).cost
-    np.testing.assert_allclose(moments.cost.variance, costs.var(ddof=1), rtol=1e-6)
+    np.testing.assert_allclose(moments.value.variance, costs.var(ddof=1), rtol=1e-6)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -220,8 +220,8 @@ def test_non_finite_samples_are_named_and_left_out_of_moments(backend):
         moments = f.moments(**given)
     np.testing.assert_array_equal(moments.nonfinite.indices, [3, 4097, 5002])
     kept = np.delete(samples.cost, [3, 4097, 5002])
-    assert moments.cost.n == 5000
-    np.testing.assert_allclose(moments.cost.mean, kept.mean(), rtol=1e-12)
+    assert moments.value.n == 5000
+    np.testing.assert_allclose(moments.value.mean, kept.mean(), rtol=1e-12)
 
 
 def test_nan_ends_the_inner_loop_and_spoils_no_neighbour():
@@ -369,4 +369,4 @@ def test_no_samples_are_no_answer():
     f = rollout("wall", "barrier", "open")
     empty = f(np.zeros((0, 2)), np.zeros((6, 1)))
     assert empty.gradient.shape == (0, 6, 1)
-    assert f.moments(np.zeros((0, 2)), np.zeros((6, 1))).cost.n == 0
+    assert f.moments(np.zeros((0, 2)), np.zeros((6, 1))).value.n == 0
