@@ -196,7 +196,8 @@ def film(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     more than five times as long as high, or as the bodies, is replaced by cameras that each follow
     their own motion.
     """
-    boxes = [np.array([_bodies(shapes) for shapes in play]) for play in plays]
+    boxes = [np.array([bounds(one for one in shapes if not isinstance(one, HalfPlane))
+                       for shapes in play]) for play in plays]  # fmt: skip
     whole = _union(boxes)
     size = whole[1] - whole[0]
     body = float(np.max(boxes[0][:, 1] - boxes[0][:, 0]))
@@ -207,10 +208,6 @@ def film(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     size = np.where(travels, _AROUND * body, whole[1] - whole[0] + 2 * _MARGIN * _AROUND * body)
     size = np.maximum(size, _LOWEST * size.max())
     return [Camera(np.where(travels, _follow(own, size), middle), size) for own in boxes]
-
-
-def _bodies(shapes: Iterable[Shape]) -> np.ndarray:
-    return bounds(shape for shape in shapes if not isinstance(shape, HalfPlane))
 
 
 def _union(boxes: list[np.ndarray]) -> np.ndarray:

@@ -112,7 +112,6 @@ def draw_contacts(
     contacts: Sequence[ContactFrame],
     pushes: tuple[np.ndarray, np.ndarray],
     largest: float,
-    alpha: float = 1,
     cones: float = 1,
 ) -> list[Artist]:
     """Draw the forces ``pushes``, normal and friction (points,), and cones this strong, 0 for none.
@@ -124,12 +123,12 @@ def draw_contacts(
     for frame, normal, friction in visible(contacts, pushes, largest):
         if frame.friction and cones:
             drawn.append(draw_cone(axis, frame, longest, cones))
-        drawn.append(draw_force(axis, frame, normal, friction, longest / largest, alpha))
+        drawn.append(draw_force(axis, frame, normal, friction, longest / largest))
     return drawn
 
 
 def draw_force(
-    axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float, alpha: float = 1
+    axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float
 ) -> Artist:
     """Draw the force as an arrow from the contact, ``scale`` [m per unit] times its size long."""
     tx, ty = frame.tangent
@@ -140,7 +139,7 @@ def draw_force(
     return axis.annotate(
         "", xytext=(frame.x, frame.y), xy=tip, zorder=5, annotation_clip=False,
         arrowprops={"arrowstyle": "-|>", "color": VERMILLION, "linewidth": 1.0, "shrinkA": 0,
-                    "shrinkB": 0, "alpha": alpha, "mutation_scale": 6},
+                    "shrinkB": 0, "mutation_scale": 6},
     )  # fmt: skip
 
 

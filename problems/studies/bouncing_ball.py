@@ -121,7 +121,10 @@ def run(params: Params) -> xr.Dataset:
     printed = as_printed(MUS[-1], params.q0, params.g, fine)[1]
     turns = [turning_points(mu, params.q0, params.g) for mu in MUS]
     regained = turning_points(REBOUND_MU, params.q0, params.g)[2]
-    rebound = [_rebound(params, h, regained) for h in FINE]
+    longer = params.model_copy(update={"duration": regained})
+    # The greatest height after the least one.
+    fallen = [stepped(longer, h, REBOUND_MU)[0] for h in FINE]
+    rebound = [float(y[int(y.argmin()) :].max()) for y in fallen]
     rates = [np.diff(v) / params.h / params.v0 for _, v in (*soft, exact)]
     per_mu, stepping = ("mu", "q_x"), ("mu", "q_step")
     energy = [v**2 / 2 + params.g * y - mu * np.log(y) for (y, v), mu in zip(ode, MUS, strict=True)]
@@ -157,12 +160,6 @@ def run(params: Params) -> xr.Dataset:
             "step": (FINE, "s", "step size"),
         },
     )  # fmt: skip
-
-
-def _rebound(params: Params, h: float, duration: float) -> float:
-    """Return the greatest height after the least one, by softened time stepping."""
-    y, _ = stepped(params.model_copy(update={"duration": duration}), h, REBOUND_MU)
-    return float(y[int(y.argmin()) :].max())
 
 
 def claims(data: xr.Dataset) -> list[Claim]:

@@ -107,12 +107,6 @@ def parameters_of(task: Task, decision: np.ndarray) -> np.ndarray:
     return np.arctanh((decision - middle) / half)
 
 
-def first_throw(params: Params, run: int) -> np.ndarray:
-    """Angle and speed that a run starts at."""
-    rng = np.random.default_rng([params.seed, run])
-    return np.array([params.angle, params.speed]) + params.spread * rng.uniform(-1, 1, 2)
-
-
 def _learned(
     task: Task, algorithm: Algorithm, law: ContactLaw, params: Params, run: int
 ) -> np.ndarray:
@@ -122,7 +116,8 @@ def _learned(
         task=task, algorithm=algorithm, law=law, hidden=None, seed=seed, normalise=False
     )
     state = algorithm.begin(experiment)
-    state["theta"] = parameters_of(task, first_throw(params, run))
+    off = params.spread * np.random.default_rng([params.seed, run]).uniform(-1, 1, 2)
+    state["theta"] = parameters_of(task, np.array([params.angle, params.speed]) + off)
     found = [state["theta"]]
     for k in range(params.iterations):
         state, _ = algorithm.iterate(experiment, state, k)
@@ -180,7 +175,12 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _of_landscapes(data: xr.Dataset, smoothed: list[str]) -> list[Claim]:
-    peaks = {str(law): _peaks(data["line"].sel(law=law).values) for law in data["law"].values}
+    from scipy.signal import find_peaks
+
+    # Local maxima that stand out by more than a thousandth of the range of values.
+    lines = {str(law): data["line"].sel(law=law).values for law in data["law"].values}
+    peaks = {law: len(find_peaks(line, prominence=_PROMINENT * np.ptp(line))[0])
+             for law, line in lines.items()}  # fmt: skip
     fewer = [peaks[name] < peaks["FOPG"] for name in smoothed]
     exact = data["landscape"].sel(law="FOPG")
     losses = []
@@ -196,10 +196,3 @@ def _of_landscapes(data: xr.Dataset, smoothed: list[str]) -> list[Claim]:
               f"{over(smoothed, np.array(losses) < -_REACHED)}: less by"
               f" {', '.join(f'{loss:.2g}' for loss in losses)}", max(losses) < -_REACHED),
     ]  # fmt: skip
-
-
-def _peaks(line: np.ndarray) -> int:
-    """Local maxima that stand out by more than a thousandth of the range of values."""
-    from scipy.signal import find_peaks
-
-    return len(find_peaks(line, prominence=_PROMINENT * np.ptp(line))[0])

@@ -121,11 +121,6 @@ class Request:
         return self.spec.params(self.given["params"]).model_dump()
 
     @property
-    def case(self) -> Case:
-        """The same request for another process."""
-        return case_of(self.spec, self.given)
-
-    @property
     def origin(self) -> dict[str, Any]:
         """What rebuilds the problem of a run: its parameters, and a user's file."""
         source = None if self.spec.path is None else str(self.spec.path)

@@ -24,7 +24,7 @@ from problems.plugin import edited, problem_of
 from reports import console
 from reports.cli import interrupt
 from reports.cli.commands import ReplayOptions, SolveOptions
-from reports.cli.request import Request, assignments, check_place, check_places
+from reports.cli.request import Request, assignments, case_of, check_place, check_places
 from reports.cli.streams import Output
 from reports.console import number, small
 
@@ -118,8 +118,8 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
                 from ocp.sweeps.job import solve_starts
 
                 found = solve_starts(
-                    request.session, request.case, options.starts, options.seed, on_stage,
-                    rank, options.jobs,
+                    request.session, case_of(request.spec, request.given), options.starts,
+                    options.seed, on_stage, rank, options.jobs,
                 )  # fmt: skip
             if not options.refine:
                 return found
@@ -138,7 +138,8 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
 
 def show(output: Output, solution: Solution) -> None:
     """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
-    if solution.stages and output.table_of_stages:
+    # Elsewhere lines have listed the stages already.
+    if solution.stages and output.console.is_terminal and output.progress:
         output.note(console.stage_table(solution.stages))
     if unseen := console.hidden_stages(solution.stages):
         output.note(unseen)

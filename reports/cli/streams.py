@@ -216,11 +216,6 @@ class Output:
         return not (self.quiet or self.logged)
 
     @property
-    def table_of_stages(self) -> bool:
-        """Whether a table at the end lists all stages: only where no lines listed them before."""
-        return self.console.is_terminal and self.progress
-
-    @property
     def console(self) -> Console:
         """Console on stderr, 80 columns wide unless it is a terminal."""
         from rich.console import Console

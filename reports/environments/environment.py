@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from ocp.errors import InputError
-from reports.environments.world import StepResult, World
+from reports.environments.world import World
 
 if TYPE_CHECKING:
     from reports.environments.renderer import Renderer
@@ -84,13 +84,11 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._trail, self._t = found.trail, found.t
         terminated, truncated = bool(found.terminated[0]), bool(found.truncated[0])
         self._over = terminated or truncated
-        seen = world.observed(found.x)[0]
-        return seen, float(found.reward[0]), terminated, truncated, self._info(found)
-
-    def _info(self, found: StepResult) -> dict[str, Any]:
-        names = (measure.signal.name for measure in self.world.task.measures)
+        seen, names = world.observed(found.x)[0], (m.signal.name for m in world.task.measures)
         measures = dict(zip(names, found.measures[0].tolist(), strict=True))
-        return {**measures, "unsolved": bool(found.unsolved[0])}
+        return seen, float(found.reward[0]), terminated, truncated, {
+            **measures, "unsolved": bool(found.unsolved[0]),
+        }  # fmt: skip
 
     def render(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Draw the state, (height, width, 3) in bytes; of a flight a strobe."""

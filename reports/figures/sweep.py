@@ -150,7 +150,8 @@ def _maps(
             _verdicts(row[2], part["grade"].values),
         ]  # fmt: skip
         for axes in row:
-            _cross(axes, good)
+            up, across = np.nonzero(~good)
+            axes.plot(across, up, "x", color=INK, markersize=4, linewidth=0)
         words = ", ".join(f"{name} = {float(data[name].values[k]):.4g}"
                           for name, k in chosen.items())  # fmt: skip
         row[0].set_ylabel(_titled(span[1]) + (f"\n{words}" if words else ""))
@@ -194,11 +195,6 @@ def _framed(axes: Axes, shape: tuple[int, ...]) -> None:
     axes.grid(False)
     axes.set_facecolor(FAINT)
     axes.set(xlim=(-0.5, shape[1] - 0.5), ylim=(-0.5, shape[0] - 0.5))
-
-
-def _cross(axes: Axes, good: np.ndarray) -> None:
-    up, across = np.nonzero(~good)
-    axes.plot(across, up, "x", color=INK, markersize=4, linewidth=0)
 
 
 def _readable(colour: tuple[float, float, float, float]) -> str:

@@ -37,7 +37,10 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
     """Content and figures of one solved run; friction cones are drawn where ``cones``."""
     stored = view.run
     solved = stored.status is Status.SOLVED
-    found = motion.tracks(view)
+    found, signals = motion.tracks(view), view.signals("contacts")
+    unit = signals[0].unit if signals else ""
+    if view.array("normal_impulse") is not None:
+        unit = "N s"
     content = {
         **head(view),
         "grade": stored.meta["grade"],
@@ -55,7 +58,7 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
         "others": [[shown(other.get(key)) for key in _starts(view)]
                    for other in stored.meta["others"]],
         "contacts": contact_rows(stored.audit, partial(peak_multiplier, view)),
-        "peak": label("peak", multiplier_unit(view)),
+        "peak": label("peak", unit),
         "idle": idle_contacts(stored.audit),
         "scenarios": view.scenarios,
         "gap": label("its gap", view.gap_unit),
@@ -109,14 +112,6 @@ def _law_figures(view: RunView) -> tuple[dict[str, Figure | None], list[str]]:
     if mu is None or not np.isfinite(mu).any():
         return {}, []
     return {"contact": run.contact_plane(view)}, []
-
-
-def multiplier_unit(view: RunView) -> str:
-    """Unit of the contacts' impulses, or forces, in tables and pictures alike."""
-    if view.array("normal_impulse") is not None:
-        return "N s"
-    signals = view.signals("contacts")
-    return signals[0].unit if signals else ""
 
 
 def peak_multiplier(view: RunView, index: int) -> float:

@@ -66,12 +66,10 @@ def strobes(found: Sequence[SeedGroup]) -> list[Figure]:
     shown = [(group, view) for group, view in views if view.picture is not None]
     if len(shown) == 1 and (single := strobe(shown[0][1])) is not None:
         return [single]
-    return strobe_rows([(_title(group), view) for group, view in shown])[0]
-
-
-def _title(group: SeedGroup) -> str:
-    seed = f"seed {group.best.meta['seed']}" if len(group.runs) > 1 else ""
-    return ", ".join(filter(None, [group.label, seed]))
+    seeds = [f", seed {group.best.meta['seed']}" * (len(group.runs) > 1) for group, _ in shown]
+    titled = zip(seeds, shown, strict=True)
+    return strobe_rows([((group.label + seed).removeprefix(", "), view)
+                        for seed, (group, view) in titled])[0]  # fmt: skip
 
 
 def _color(place: int) -> str:

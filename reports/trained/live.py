@@ -148,15 +148,10 @@ def _bars(values: Sequence[float], width: int, height: int) -> tuple[list[str], 
         known = known[np.linspace(0, len(known) - 1, width).round().astype(int)]
     finite = known[np.isfinite(known)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
-    eighths = [
-        1 + round((8 * height - 1) * _height(v, low, high)) if np.isfinite(v) else 0 for v in known
-    ]
+    heights = (known - low) / (high - low) if high > low else 0.5 + 0.0 * known
+    eighths = [1 + round((8 * height - 1) * h) if np.isfinite(h) else 0 for h in heights.tolist()]
     rows = [
         "".join(_EIGHTHS[min(8, max(0, count - 8 * row))] for count in eighths)
         for row in reversed(range(height))
     ]
     return rows, low, high
-
-
-def _height(value: float, low: float, high: float) -> float:
-    return (value - low) / (high - low) if high > low else 0.5

@@ -145,6 +145,7 @@ def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[st
     """
     shape = (len(WIDTHS), SETS)
     square, bias, error, at_end, steepest, flattest, inside = np.empty((7, *shape))
+    out = np.concatenate((-1 - DEPTHS, 1 + DEPTHS))
     for row, sigma in enumerate(WIDTHS):
         middle = np.linspace(-1 + 3 * sigma, 1 - 3 * sigma, 101)
         true = pusher.smoothed(middle, sigma)
@@ -160,7 +161,9 @@ def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[st
             end, doubt = _with_error(u, pusher.step(u), sigma, np.array([1.0]))
             at_end[row, i] = (end[0] - pusher.smoothed(1.0, sigma)) / doubt[0]
             steepest[row, i], flattest[row, i] = _slopes(pusher, few, sigma)
-            inside[row, i] = _inside(rng.uniform(-1, 1, dense), sigma)
+            states = rng.uniform(-1, 1, dense)
+            after = answers(average_of(states, states, sigma), out)
+            inside[row, i] = np.min(1 - np.abs(after))
     both = ("width", "set")
     return {
         "score_square": (both, square, "1",
@@ -190,10 +193,3 @@ def _slopes(pusher: LinePusher, z: np.ndarray, sigma: float) -> tuple[float, flo
     at = np.linspace(pusher.c + sigma, z.max(), 400)
     slope = model.jacobians(at[:, None])[1][:, 0, 0] / pusher.rho
     return slope.max(), slope.min()
-
-
-def _inside(states: np.ndarray, sigma: float) -> float:
-    """How far inside walls at -1 and 1 m the average of ``states`` puts what penetrates them."""
-    model = average_of(states, states, sigma)
-    after = model.values(np.concatenate((-1 - DEPTHS, 1 + DEPTHS))[:, None])[:, 0]
-    return float(np.min(1 - np.abs(after)))

@@ -170,13 +170,12 @@ _NODES = 21
 
 def law_of(name: str, params: Params) -> ContactLaw:
     """Return the contact law called ``name`` at the study's settings."""
-    if name == "exact":
-        return Exact()
-    if name == "barrier":
-        return Barrier(mu=params.mu)
-    if name == "adaptive":
-        return Adaptive(sigma=params.spread)
-    return Randomized(sigma=params.sigma, samples=params.samples, seed=params.seed)
+    laws: dict[str, ContactLaw] = {
+        "exact": Exact(), "barrier": Barrier(mu=params.mu),
+        "adaptive": Adaptive(sigma=params.spread),
+        "randomized": Randomized(params.sigma, params.samples, params.seed),
+    }  # fmt: skip
+    return laws[name]
 
 
 def plan(problem: Problem, law: ContactLaw) -> Solution:

@@ -73,7 +73,10 @@ def risks(rho: float, seed: int) -> dict[str, Any]:
             g = answers(average_of(x, y, sigma), z) if "data" in case else y @ joint / joint.sum(0)
             risk[row, column] = least = _risk(joint, y, g)
             for i in range(_PERTURBATIONS):
-                wave = _wave(z / sigma, rng)
+                size, rate = rng.standard_normal(4), rng.uniform(0, 2, 4)
+                phase = rng.uniform(0, 2 * np.pi, 4)
+                # A smooth random function.
+                wave = size @ np.cos(rate[:, None] * (z / sigma) + phase[:, None])
                 wave /= np.sqrt(joint.sum(axis=0) @ wave**2)
                 higher[row, column, :, i] = [
                     _risk(joint, y, g + change * wave) - least for change in CHANGES
@@ -107,12 +110,6 @@ def _distribution(case: str, rng: np.random.Generator) -> tuple[np.ndarray, np.n
 def _risk(joint: np.ndarray, y: np.ndarray, map_values: np.ndarray) -> float:
     """``E |g(z) - y|²``, noising, eq. 3, for the joint chances (n, k) of y (n,) and z (k,)."""
     return float(np.sum(joint * (map_values - y[:, None]) ** 2))
-
-
-def _wave(s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A smooth random function of s (k,)."""
-    size, rate, phase = rng.standard_normal(4), rng.uniform(0, 2, 4), rng.uniform(0, 2 * np.pi, 4)
-    return size @ np.cos(rate[:, None] * s + phase[:, None])
 
 
 def score(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
