@@ -42,7 +42,7 @@ def test_the_bundle_of_a_pusher_is_its_closed_form():
     error = 5 * (width[0] + rho * s) / np.sqrt(n)
     assert np.abs(y[:, 0] - mean).max() < error
     assert np.abs(slopes[:, 0, 2] - rho * norm.cdf(m / s)).max() < 5 * rho / np.sqrt(n)
-    with pytest.raises(NotImplementedError, match="no slopes of their own"):
+    with pytest.raises(NotImplementedError, match="cannot be differentiated again"):
         bundle.curvatures(z, y)
 
 
