@@ -21,15 +21,19 @@ LIST = ROOT / "tests/slow.txt"
 MOST, MOST_OF_ALL_CASES = 0.7, 1.5
 """Seconds of processor time of one case, and of all cases of one test together."""
 ALWAYS = (
+    "tests/cli/test_limits.py::test_what_cannot_be_is_refused[units]",
     "tests/cli/test_one_way.py::test_a_solve_with_its_pdf_loads_and_calls_little",
     "tests/cli/test_pdf.py::test_reports_of_stored_runs",
     "tests/cli/test_sweep.py::test_the_same_command_goes_on_after_a_kill_or_ctrl_c[9]",
     "tests/docs/test_generated.py::test_generated_pages_are_in_step",
     "tests/docs/test_pages.py::test_a_page_works_as_printed[README.md]",
     "tests/docs/test_pages.py::test_a_page_works_as_printed[docs/tutorials/first-solve.md]",
+    "tests/unit/ocp/test_sensitivity.py::"
+    "test_sensitivities_are_the_limit_of_re_solves[cart-walls-mp-exact]",
     "tests/unit/test_words.py::test_a_word_has_one_meaning",
 )
-"""Whole ways through the program, which stay in ``make test`` whatever they take."""
+"""Whole ways through the program, and tests that alone caught a fault put in: they stay in
+``make test`` whatever they take."""
 TIMES, ALL = "TEST_TIMES", "ALL_TESTS"
 """Environment variables: a file that gets the time of each test; no test is slow by the list."""
 

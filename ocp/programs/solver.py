@@ -38,9 +38,7 @@ class Status(Enum):
     TIME_LIMIT = "not converged: the time limit was reached"
     INFEASIBLE = "not converged: the constraints could not be met from this guess"
     DIVERGED = "not converged: the iterates diverged or a function returned NaN or infinity"
-    INTERRUPTED = (
-        "interrupted by the user; this is the best point so far: continue with --from its run"
-    )
+    INTERRUPTED = "interrupted: this is the best point so far; continue with --from its run"
     FAILED = "not converged: the solver gave up"
 
     @property

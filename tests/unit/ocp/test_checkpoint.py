@@ -55,11 +55,11 @@ def test_nothing_stays_of_what_did_nothing(tmp_path: Path) -> None:
 
 
 def test_a_checkpoint_that_is_not_held_is_not_used(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="inside of 'with' only"):
+    with pytest.raises(RuntimeError, match="inside a 'with' block"):
         Checkpoint(tmp_path, "toy", ASKED).save_rows(0, [])
     with Checkpoint(tmp_path, "toy", ASKED) as held:
         pass
-    with pytest.raises(RuntimeError, match="inside of 'with' only"):
+    with pytest.raises(RuntimeError, match="inside a 'with' block"):
         held.rows(0)
 
 

@@ -246,7 +246,7 @@ def test_a_step_size_that_is_a_state_is_refined_too() -> None:
 
 @pytest.mark.parametrize(
     ("name", "why"),
-    [("push-1d", "part of the model"), ("wall-1d", "an input is the impulse of a step")],
+    [("push-1d", "part of the model"), ("wall-1d", "an input is an impulse per step")],
 )
 def test_where_a_step_cannot_be_refined_the_reason_is_told(name: str, why: str) -> None:
     problem = get(name)

@@ -84,7 +84,12 @@ def test_layers_change_the_feedback_little():
         (pendulum(), (0.0, np.nan, 0.0), (), "rest must be 3 finite numbers"),
         (pendulum(), (0.2, 0.0, 0.0), (), "pendulum does not rest at the state given: a step mo"),
         (pendulum(offset=0.1), (0.0,) * 3, (), "does not rest at the state given"),
-        (pendulum(slice(0, 1)), (0.0,) * 3, (), "cannot be kept at rest by what is observed"),
+        (
+            pendulum(slice(0, 1)),
+            (0.0,) * 3,
+            (),
+            "cannot be stabilised at rest from its observations",
+        ),
     ],
 )
 def test_what_cannot_balance_is_told(task, rest, hidden, words):
