@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+# Tests start many processes: each reads the bytecode that the first one wrote.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated numbers verdicts refined promises
 
