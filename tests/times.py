@@ -18,7 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 LIST = ROOT / "tests/slow.txt"
-MOST, MOST_OF_ALL_CASES = 0.7, 1.5
+MOST, MOST_OF_ALL_CASES = 0.5, 1.0
 """Seconds of processor time of one case, and of all cases of one test together."""
 ALWAYS = (
     "tests/cli/test_limits.py::test_what_cannot_be_is_refused[units]",
