@@ -19,7 +19,7 @@ from ocp.judges.referee import evaluate
 from ocp.judges.verdict import UNJUDGED
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Status
-from ocp.rollout import Rollout, trajectory_costs
+from ocp.rollout import Rollout, problem_impulses, trajectory_costs
 from ocp.routes.homotopy import Progress, RouteResult, Trace, translate
 from ocp.routes.table import route_for
 from ocp.session import Session
@@ -46,8 +46,9 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
     # Not the solver's f, which may hold a penalty on gains or on products of contact.
     physical = session.problem.parameters.pack(values)
     kept = feasible(nlp, found)
-    costs = trajectory_costs(session.problem, plan.x, plan.u, physical)
-    rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, costs)
+    impulses = problem_impulses(session.problem, nlp.step, plan.x, plan.u, plan.lam, physical)
+    costs = trajectory_costs(session.problem, plan.x, plan.u, impulses, physical)
+    rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, impulses, costs)
     certificate = Certificate("undecided", reason=UNJUDGED)
     idle, span, derivative = float("nan"), 0.0, None
     if kept:

@@ -37,8 +37,10 @@ class Problem:
     """Minimise the mean over scenarios of ``sum_k l(x_k, u_k, du_k) + l_N(x_N)``, k < N.
 
     ``stage_cost`` is an expression in ``system.x``, ``system.u``, ``du`` (the symbol for
-    u_k - u_{k-1}, with u_{-1} = ``u_before``) and the parameters, ``terminal_cost`` in
-    ``system.x`` and the parameters. ``x0`` (nx,), ``u_before`` (nu,), and all bounds are
+    u_k - u_{k-1}, with u_{-1} = ``u_before``), ``system.lam`` (the impulses of contact of the step
+    from x_k to x_{k+1}; the mean over the branches of a law that averages) and the parameters,
+    ``terminal_cost`` in ``system.x`` and the parameters, and ``path`` constraints in what the
+    stage cost has, but ``du``. ``x0`` (nx,), ``u_before`` (nu,), and all bounds are
     expressions in the parameters, so that a study may turn any of them. ``source`` is the user's
     file that it was built by, None for one that has a name or none, and ``source_digest`` that of
     all the file was made of then (:mod:`problems.source_digest`); ``shown`` is the
@@ -104,7 +106,7 @@ class Problem:
     def _check_symbols(self) -> None:
         s, free = self.system, self.start
         own, last = [self.parameters.vector], [s.x, self.parameters.vector]
-        along = [*last, s.u, *([] if self.du is None else [self.du])]
+        along = [*last, s.u, s.lam, *([] if self.du is None else [self.du])]
         if self.du is not None and not self.du.is_valid_input():
             raise InputError(f"{self.name}: du must be symbols, ca.SX.sym('du', {s.nu})")
         bounds = [
@@ -115,7 +117,7 @@ class Problem:
         bounds += [] if free is None else [("the start", free.lower), ("the start", free.upper)]
         for known, used, expected in (
             (along, [("stage_cost", self.stage_cost), *((c.name, c.expression) for c in self.path)],
-             "no state, input, du or declared parameter"),
+             "no state, input, du, contact impulse or declared parameter"),
             (last, [("terminal_cost", self.terminal_cost),
                     *((c.name, c.expression) for c in self.terminal)],
              "no state or declared parameter"),
@@ -132,6 +134,12 @@ class Problem:
     def uses_du(self) -> bool:
         """Whether the cost depends on input increments."""
         return self.du is not None
+
+    @cached_property
+    def uses_impulses(self) -> bool:
+        """Whether the stage cost or a path constraint depends on contact impulses."""
+        seen = ca.vertcat(self.stage_cost, *(one.expression for one in self.path))
+        return bool(ca.depends_on(seen, self.system.lam))
 
     @cached_property
     def exact_step(self) -> Step:
@@ -176,24 +184,28 @@ class Problem:
 
     @cached_property
     def cost_terms(self) -> ca.Function:
-        """Map ``(x, u, du, p)`` to ``(stage cost, terminal cost at x)``."""
+        """Map ``(x, u, du, lam, p)`` to ``(stage cost, terminal cost at x)``."""
         costs = [self.stage_cost, self.terminal_cost]
-        return ca.Function(
-            "cost_terms", self._symbols, costs, ["x", "u", "du", "p"], ["stage", "terminal"]
-        )
+        names = ["x", "u", "du", "lam", "p"], ["stage", "terminal"]
+        return ca.Function("cost_terms", self._symbols, costs, *names)
 
     @cached_property
     def state_slopes(self) -> ca.Function:
-        """Map ``(x, u, du, p)`` to the gradients by x, (nx, 1), of stage and terminal cost."""
-        costs = (self.stage_cost, self.terminal_cost)
-        slopes = [ca.densify(ca.gradient(cost, self.system.x)) for cost in costs]
+        """Map ``(x, u, du, lam, p)`` to gradients of the costs.
+
+        By x, (nx, 1), of stage and terminal cost, and by lam, (nlam, 1), of the stage cost.
+        """
+        x, lam = self.system.x, self.system.lam
+        sought = (self.stage_cost, x), (self.terminal_cost, x), (self.stage_cost, lam)
+        slopes = [ca.densify(ca.gradient(cost, by)) for cost, by in sought]
         return ca.Function("state_slopes", self._symbols, slopes)
 
     @property
     def _symbols(self) -> list[ca.SX]:
-        """``(x, u, du, p)``, with a symbol for du where the cost has none."""
-        du = ca.SX.sym("du", self.system.nu) if self.du is None else self.du
-        return [self.system.x, self.system.u, du, self.parameters.vector]
+        """``(x, u, du, lam, p)``, with a symbol for du where the cost has none."""
+        system = self.system
+        du = ca.SX.sym("du", system.nu) if self.du is None else self.du
+        return [system.x, system.u, du, system.lam, self.parameters.vector]
 
     @cached_property
     def scales(self) -> Scales:
@@ -235,9 +247,10 @@ class Problem:
         p = np.array([one.value / units.of(one.unit) for one in self.parameters])
         x, u = (np.array(v).ravel() for v in self.limits(p)[:2])
         costs = [
-            np.ravel(self.cost_terms(x + s * scaling.x, u + s * scaling.u, s * scaling.u, p))
+            np.ravel(self.cost_terms(x + s * scaling.x, u + s * scaling.u, s * scaling.u,
+                                     abs(s) * scaling.impulse, p))
             for s in (0.0, -1.0, 1.0)
-        ]
+        ]  # fmt: skip
         changes = np.abs(np.array(costs[1:], dtype=float) - costs[0]) @ (self.N, 1.0)
         return band(float(changes.max()) / units.cost)
 

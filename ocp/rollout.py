@@ -35,13 +35,15 @@ class Gains:
 class Rollout:
     """Trajectories of all scenarios: x (S, N+1, nx), u (S, N, nu), lam and gap (S, N, n).
 
-    ``costs`` (S,) are the scenarios' costs, ``cost`` their mean.
+    ``impulses`` (S, N, nlam) are those that the problem's cost depends on
+    (:func:`problem_impulses`), ``costs`` (S,) the scenarios' costs, ``cost`` their mean.
     """
 
     x: np.ndarray
     u: np.ndarray
     lam: np.ndarray
     gap: np.ndarray
+    impulses: np.ndarray
     costs: np.ndarray
 
     @property
@@ -125,8 +127,8 @@ def roll_on(
     node on, and so is its cost; the first such step is returned, None where there is none.
 
     With ``substeps`` every input, or the policy's answer at a node, is held over so many steps, and
-    what is returned are the problem's nodes and the last step before each; the step size must then
-    have been divided already, in ``values`` or in ``x0``.
+    what is returned are the problem's nodes, the sum of lam and the last gap between two of them;
+    the step size must then have been divided already, in ``values`` or in ``x0``.
     """
     if law is None:
         step = problem.exact_step
@@ -158,7 +160,9 @@ def roll_on(
         x[s, k + 1 :], lam[s, k:], gap[s, k:] = np.nan, np.nan, np.nan
         worst = int(np.argmax(error[s, k]))
         lost.append(Unsolved(k, step.contacts[worst].name, int(s), float(error[s, k, worst])))
-    rolled = Rollout(x, u, lam, gap, trajectory_costs(problem, x, u, physical))
+    impulses = problem_impulses(problem, step, x, u, lam, physical)
+    costs = trajectory_costs(problem, x, u, impulses, physical)
+    rolled = Rollout(x, u, lam, gap, impulses, costs)
     for one in lost:
         rolled.costs[one.scenario] = np.nan
     return rolled, min(lost, key=lambda one: one.step, default=None)
@@ -180,9 +184,9 @@ def _ahead(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Roll states x (S, nx) on by inputs u (S, K, nu), each held for ``count`` steps.
 
-    Returns, by input, the state after its steps (S, K, nx), lam and gap of the last (S, K, n), and
-    the largest error of any (S, K, n). That is infinite where a state is NaN: a single contact,
-    solved in closed form, has no error of its own.
+    Returns, by input, the state after its steps (S, K, nx), the sum of lam and the last gap
+    (S, K, n), and the largest error of any (S, K, n). That is infinite where a state is NaN: a
+    single contact, solved in closed form, has no error of its own.
     """
     S, K = u.shape[:2]
     rolled = step.solve.map(S).mapaccum(K * count)
@@ -194,17 +198,51 @@ def _ahead(
     after, lam, gap, error = found
     right = np.isfinite(error) & np.isfinite(after).all(axis=3, keepdims=True)
     largest = np.where(right, error, np.inf).max(axis=2, initial=0.0)
-    return after[:, :, -1], lam[:, :, -1], gap[:, :, -1], largest
+    return after[:, :, -1], lam.sum(axis=2), gap[:, :, -1], largest
+
+
+def problem_impulses(
+    problem: Problem, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
+    physical: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Impulses of the contacts of the problem's system, (S, N, nlam), from a step's (S, N, n).
+
+    They are the mean over the step's branches. A step of another system, which has friction in
+    place of the edges of a cone, is matched by the normal and tangential impulses of every contact.
+    NaN where neither the cost nor a path constraint depends on impulses, or none can be matched.
+    """
+    own, other = problem.system, step.system
+    unknown = np.full((*lam.shape[:2], own.nlam), np.nan)
+    if not problem.uses_impulses or step.n == 0:
+        return unknown
+    weights = np.array([node.weight for node in step.nodes])
+    mean = np.einsum("skbn,b->skn", lam.reshape(*lam.shape[:2], step.branches, -1), weights)
+    if [one.name for one in own.contacts] == [one.name for one in other.contacts]:
+        return mean
+    if own.forces is None or other.forces is None:
+        return unknown
+    sought, given = (ca.vertcat(one.normal, one.tangential) for one in (own.forces, other.forces))
+    sought = ca.jacobian(sought, own.lam)
+    given = ca.substitute(given, ca.vertcat(other.x, other.u), ca.vertcat(own.x, own.u))
+    matched = ca.Function(
+        "matched", [own.x, own.u, other.lam, problem.parameters.vector],
+        [ca.vec(ca.densify(sought)), ca.densify(given)],
+    )  # fmt: skip
+    columns, forces = at_steps(matched, x[:, :-1], u, mean, p=physical)
+    edges = columns.reshape(*lam.shape[:2], own.nlam, -1).swapaxes(2, 3)
+    found = np.linalg.pinv(np.nan_to_num(edges)) @ forces[..., None]
+    return found[..., 0]
 
 
 def trajectory_costs(
-    problem: Problem, x: np.ndarray, u: np.ndarray, physical: np.ndarray
+    problem: Problem, x: np.ndarray, u: np.ndarray, impulses: np.ndarray, physical: np.ndarray
 ) -> np.ndarray:
-    """Cost of each trajectory, x (S, N+1, nx), u (S, N, nu); returns (S,)."""
+    """Cost of trajectories x (S, N+1, nx), u (S, N, nu), impulses (S, N, nlam); returns (S,)."""
     before = np.array(problem.limits(physical)[1]).ravel()
     du = np.diff(u, axis=1, prepend=np.broadcast_to(before, (len(u), 1, before.size)))
-    stage, _ = at_steps(problem.cost_terms, x[:, :-1], u, du, p=physical)
-    _, terminal = at_steps(problem.cost_terms, x[:, -1:], u[:, -1:], du[:, -1:], p=physical)
+    stage, _ = at_steps(problem.cost_terms, x[:, :-1], u, du, impulses, p=physical)
+    last = (part[:, -1:] for part in (x, u, du, impulses))
+    _, terminal = at_steps(problem.cost_terms, *last, p=physical)
     return stage.sum(axis=(1, 2)) + terminal[:, 0, 0]
 
 

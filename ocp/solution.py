@@ -90,6 +90,7 @@ def replayed(
     inputs = plan["u"].values if gains is None else gains
     rolled = roll_out(problem, inputs, values, law, x[:, 0])
     physical = problem.parameters.pack(values)
+    seen = seen_sizes(problem, x)
     distance = signed_distances(problem, rolled.x, physical)
     deepest = -(rolled.gap if distance is None else distance)
     return Replay(
@@ -103,7 +104,7 @@ def replayed(
         penetration=max(0.0, float(np.max(deepest, initial=0.0))),
         between=None if distance is None else between(problem, rolled.x, physical),
         broken=noticeable(
-            broken_constraints(problem, rolled.x, rolled.u, physical, seen_sizes(problem, x))
+            broken_constraints(problem, rolled.x, rolled.u, rolled.impulses, physical, seen)
         ),
     )
 

@@ -110,7 +110,7 @@ def check(spec: ProblemSpec) -> None:
     start = problem.initial_states(p)
     if not np.all(np.isfinite(start)):
         raise InputError(f"{spec.path}: x0 is not finite: {start[0]}")
-    cost = np.array(problem.cost_terms(start[0], np.zeros(system.nu), np.zeros(system.nu), p))
+    cost = np.array(problem.cost_terms(start[0], np.zeros(system.nu), np.zeros(system.nu), 0, p))
     if not np.all(np.isfinite(cost)):
         raise InputError(f"{spec.path}: the cost is not a finite number at x0 and u = 0")
     if not np.all(np.isfinite(_step(problem, start[0], p))):

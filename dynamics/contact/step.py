@@ -47,6 +47,15 @@ class Step(ABC):
         """Symbols of the multipliers (n, 1)."""
         return ca.SX.sym("lam", self.branches * self.system.nlam)
 
+    @property
+    def impulses(self) -> ca.SX:
+        """The system's multipliers (nlam, 1): the mean of ``lam`` over the branches."""
+        if self.branches == 1:
+            return self.lam
+        branches = zip(self.nodes, self.rows, strict=True)
+        weighted = (node.weight * self.lam[rows] for node, rows in branches)
+        return sum(weighted, ca.SX(self.system.nlam, 1))
+
     @cached_property
     def states(self) -> ca.SX:
         """Symbols of the branches' next states in ``inner``, none where lam alone is unknown."""

@@ -148,9 +148,12 @@ class RolloutObjective(SampledObjective):
         if not self._compiled:
             problem, p = self.problem, self.step.p.vector
             x, u = problem.system.x, problem.system.u
-            changes = [] if problem.du is None else [problem.du]
+            extra = {} if problem.du is None else {"du": problem.du}
+            extra |= {"lam": problem.system.lam} if problem.uses_impulses else {}
+            given = {"x": x, "u": u, **extra, "p": p}
+            stage = [_dense(problem.stage_cost)]
             costs: tuple[Callable[..., Any], ...] = (
-                ca.Function("stage_cost", [x, u, *changes, p], [_dense(problem.stage_cost)]),
+                ca.Function("stage_cost", [*given.values()], stage, [*given], ["cost"]),
                 ca.Function("terminal_cost", [x, p], [_dense(problem.terminal_cost)]),
             )
             made = RolloutFunction(self.step, *costs, problem.N, self._policy, **self._engine)

@@ -123,7 +123,9 @@ def audit(
         worst=worst_constraints(nlp, result.point.x, g, bounds),
         **{name: getattr(book, name) for name in _OF_BOOK},
         replay_failed="" if unsolved is None else unsolved.brief,
-        replay_broken=noticeable(broken_constraints(problem, replay.x, replay.u, physical, seen)),
+        replay_broken=noticeable(
+            broken_constraints(problem, replay.x, replay.u, replay.impulses, physical, seen)
+        ),
     )
     return found, replay, book
 
@@ -154,15 +156,16 @@ def _penetration(problem: Problem, x: np.ndarray, gap: np.ndarray, physical: np.
 
 
 def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -> float:
-    """Largest derivative of the state part of the cost with respect to any input, relative.
+    """Largest derivative of the contact part of the cost with respect to any input, relative.
 
-    ``B_k' nu_{k+1}`` with ``nu_k = dl/dx + A_k' nu_{k+1}`` along the exact replay, over the sum of
-    ``|dl/dx|``: zero where no input moves anything that the task is about. That are the states
-    which inputs move through contact alone: an arm that goes back to its rest is no progress with
-    the object. NaN where there are none, or the cost looks at none.
+    ``B_k' nu_{k+1} + D_k' dl/dlam`` with ``nu_k = dl/dx + A_k' nu_{k+1} + C_k' dl/dlam`` along the
+    exact replay, over the sum of ``|dl/dx|`` and ``|dl/dlam|``; A, B, C, D are the derivatives of
+    the next state and of lam by x and u. It is zero where no input moves anything that the task is
+    about: the impulses, and the states that inputs move through contact alone. An arm that goes
+    back to its rest is no progress with the object. NaN where the cost depends on neither.
     """
     mask = _moved_by_contact_alone(problem)
-    if not (mask.any() and np.all(np.isfinite(replay.x))):
+    if not ((mask.any() or problem.uses_impulses) and np.all(np.isfinite(replay.x))):
         return float("nan")
     largest, size = _slopes(problem, replay, values, mask)
     return largest / size if np.isfinite(size) and size > 0 else float("nan")
@@ -196,14 +199,19 @@ def _slopes(
         u = replay.u[s]
         increments = np.diff(np.vstack([before, u]), axis=0)
         x, after, n = replay.x[s, :-1], replay.x[s, 1:], problem.system.nx
-        here = mask * np.array(slopes(x.T, u.T, increments.T, physical)[0]).T
-        nu = mask * np.array(slopes(after[-1], u[-1], increments[-1], physical)[1]).ravel()
-        size += np.abs(here).sum() + np.abs(nu).sum()
-        A, B = (np.array(J) for J in jacobian(x.T, u.T, p, after.T, replay.lam[s].T)[:2])
+        lam, m = replay.impulses[s], u.shape[1]
+        by_x, _, by_lam = slopes(x.T, u.T, increments.T, lam.T, physical)
+        here, of_lam = mask * np.array(by_x).T, np.array(by_lam).T
+        end = slopes(after[-1], u[-1], increments[-1], lam[-1], physical)[1]
+        nu = mask * np.array(end).ravel()
+        size += np.abs(here).sum() + np.abs(nu).sum() + np.abs(of_lam).sum()
+        found = jacobian(x.T, u.T, p, after.T, replay.lam[s].T)
+        A, B, C, D = (np.array(found[i]) for i in (0, 1, 3, 4))
         for k in reversed(range(problem.N)):
-            by_input = B[:, k * u.shape[1] : (k + 1) * u.shape[1]].T @ nu
+            of_x, of_u = slice(k * n, (k + 1) * n), slice(k * m, (k + 1) * m)
+            by_input = B[:, of_u].T @ nu + D[:, of_u].T @ of_lam[k]
             largest = max(largest, float(np.abs(by_input).max(initial=0.0)))
-            nu = here[k] + A[:, k * n : (k + 1) * n].T @ nu
+            nu = here[k] + A[:, of_x].T @ nu + C[:, of_x].T @ of_lam[k]
     return largest, size
 
 
@@ -246,7 +254,9 @@ def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
     """
     sizes = problem.scales
     costs = [
-        trajectory_costs(problem, plan.x + s * sizes.x, plan.u + s * sizes.u, physical)
+        trajectory_costs(
+            problem, plan.x + s * sizes.x, plan.u + s * sizes.u, plan.impulses, physical
+        )
         for s in (-1.0, 1.0)
     ]
     return float(np.nan_to_num([np.abs(c - plan.costs).max() for c in costs]).max())
@@ -267,7 +277,8 @@ def _held_cost(problem: Problem, step: Step, values: dict[str, float], plan: Rol
     physical = problem.parameters.pack(values)
     held = np.tile(np.array(problem.limits(physical)[1]).ravel(), (1, problem.N, 1))
     idle, unsolved = roll_on(problem, held, values, step, plan.x[:, 0])
-    if unsolved is not None or broken_constraints(problem, idle.x, idle.u, physical):
+    moved = idle.x, idle.u, idle.impulses
+    if unsolved is not None or broken_constraints(problem, *moved, physical):
         return float("nan")
     return idle.cost
 
@@ -280,18 +291,19 @@ def _still_cost(problem: Problem, step: Step, values: dict[str, float], plan: Ro
     limit, S, p = STILL * problem.scales.x / N, len(x), step.p.pack(values)
     if not all(_holds(step, p, x[s, 0], plan.u[s], limit) for s in range(S)):
         return float("nan")
-    costs = trajectory_costs(problem, x, u, physical)
-    still = replace(plan, x=x, u=u, costs=costs)
+    free = np.zeros_like(plan.impulses)
+    costs = trajectory_costs(problem, x, u, free, physical)
+    still = replace(plan, x=x, u=u, impulses=free, costs=costs)
     slope = max(_state_slope(problem, x[s, 0], physical) for s in range(S))
     if slope <= CONTENT * cost_span(problem, still, physical):
         return float("nan")
-    return float("nan") if broken_constraints(problem, x, u, physical) else still.cost
+    return float("nan") if broken_constraints(problem, x, u, free, physical) else still.cost
 
 
 def _state_slope(problem: Problem, x: np.ndarray, physical: np.ndarray) -> float:
     """Most that staying at x (nx,) costs more where one state moves by its size, first order."""
     before = problem.limits(physical)[1]
-    stage, end = problem.state_slopes(x, before, 0 * before, physical)
+    stage, end, _ = problem.state_slopes(x, before, 0 * before, 0, physical)
     slopes = np.abs(problem.N * np.array(stage) + np.array(end)).ravel()
     return float((problem.scales.x * slopes).max(initial=0.0))
 

@@ -114,7 +114,7 @@ def refined_replay(
     x = rolled.x.copy()
     if not name:
         x[:, :, place] *= by
-    costs = trajectory_costs(problem, x, rolled.u, problem.parameters.pack(values))
+    costs = trajectory_costs(problem, x, rolled.u, rolled.impulses, problem.parameters.pack(values))
     return replace(rolled, x=x, costs=costs), "" if failed is None else str(failed)
 
 
@@ -186,7 +186,9 @@ def evaluate(
     there = found.replay
     planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
     replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
-    broken = broken_constraints(problem, there.x, there.u, physical, seen_sizes(problem, plan.x))
+    broken = broken_constraints(
+        problem, there.x, there.u, there.impulses, physical, seen_sizes(problem, plan.x)
+    )
     reasons = survival(problem, plan, found, replayed, broken)
     finer = survival_refined(problem, plan, found, values)
     return RefereeReport(
@@ -295,7 +297,7 @@ def survival_refined(
     if there.cost - plan.cost > COST_SHARE * max(abs(plan.cost), least):
         reasons.append(f"it costs {there.cost:.6g}")
     seen = seen_sizes(problem, plan.x)
-    every = broken_constraints(problem, there.x, there.u, physical, seen)
+    every = broken_constraints(problem, there.x, there.u, there.impulses, physical, seen)
     reasons += [f"its {words}" for words in describe_violations(noticeable(every, STATE_SHARE))]
     if problem.signed_distance is not None:
         deep = -float(np.nanmin(distances(problem, there.x, physical), initial=0.0))

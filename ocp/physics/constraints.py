@@ -75,14 +75,15 @@ def travelled(problem: Problem, x: np.ndarray) -> np.ndarray:
 
 
 def broken_constraints(
-    problem: Problem, x: np.ndarray, u: np.ndarray, physical: np.ndarray,
+    problem: Problem, x: np.ndarray, u: np.ndarray, impulses: np.ndarray, physical: np.ndarray,
     sizes: np.ndarray | None = None,
 ) -> list[Broken]:  # fmt: skip
     """Find what trajectories x (S, N+1, nx), u (S, N, nu) violate, each entry where it is worst.
 
-    Bounds of states and inputs, path and terminal constraints, and the periodicity of a start that
-    is chosen; the worst first. NaN is no violation: report that the replay failed.
-    ``sizes`` (nx,) are those of the states, by default the problem's.
+    ``impulses`` (S, N, nlam) are those of the system. Bounds of states and inputs, path and
+    terminal constraints, and the periodicity of a start that is chosen; the worst first. NaN is no
+    violation: report that the replay failed. ``sizes`` (nx,) are those of the states, by default
+    the problem's.
     """
     u_low, u_high, x_low, x_high = (np.array(v).ravel() for v in problem.limits(physical)[2:])
     system, of_x = problem.system, problem.scales.x if sizes is None else sizes
@@ -94,7 +95,9 @@ def broken_constraints(
     ]
     for kind, constraints in (("path", problem.path), ("terminal", problem.terminal)):
         if constraints:
-            at = (x[:, :-1], u) if kind == "path" else (x[:, -1:], u[:, -1:])
+            at = (x[:, :-1], u, impulses)
+            if kind == "terminal":
+                at = (x[:, -1:], u[:, -1:], impulses[:, -1:])
             off, size = _constraints_off(problem, constraints, *at, physical, of_x)
             first = 0 if kind == "path" else problem.N
             names = constraint_names(constraints)
@@ -148,7 +151,7 @@ def _worst_entries(
 
 def _constraints_off(
     problem: Problem, constraints: Sequence[Constraint], x: np.ndarray, u: np.ndarray,
-    physical: np.ndarray, of_x: np.ndarray,
+    lam: np.ndarray, physical: np.ndarray, of_x: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Violation of every entry, (S, steps, n), and the size of a change of it."""
     system = problem.system
@@ -156,12 +159,13 @@ def _constraints_off(
     low = ca.vertcat(*(c.lower for c in constraints))
     high = ca.vertcat(*(c.upper for c in constraints))
     size = _row_sizes(value, system.x, of_x) + _row_sizes(value, system.u, problem.scales.u)
+    size += _row_sizes(value, system.lam, np.full(system.nlam, problem.scales.impulse))
     function = ca.Function(
         "constraints",
-        [system.x, system.u, problem.parameters.vector],
+        [system.x, system.u, system.lam, problem.parameters.vector],
         [ca.densify(part) for part in (ca.fmax(low - value, value - high), size)],
     )
-    off, size = at_steps(function, x, u, p=physical)
+    off, size = at_steps(function, x, u, lam, p=physical)
     # Where nothing changes a constraint to first order, any violation of it is a large one.
     return off, np.fmax(size, 1e-12)
 

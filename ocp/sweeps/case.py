@@ -206,7 +206,7 @@ def _costs_and_bounds(problem: Problem) -> ca.Function:
     ends = [*problem.limits(p), *problem.start_limits(p)]
     costs = [problem.stage_cost, problem.terminal_cost]
     held = [*costs, *ends, *(ca.SX(part) for row in parts for part in row), ca.SX(system.h)]
-    return ca.Function("problem", [system.x, system.u, du, p], held)
+    return ca.Function("problem", [system.x, system.u, du, system.lam, p], held)
 
 
 def _digest(function: ca.Function) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynamics.contact import Step
 from dynamics.contact.learned_step import LearnedStep
+from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
 from ocp.programs.program import Layout
@@ -21,6 +22,9 @@ class Graph:
 
     ``names`` are all scalar parameters in order, ``p`` their symbols: the problem's, the law's,
     then ``penalty`` and ``relaxation``.
+
+    Raises :class:`~ocp.errors.InputError` where the problem's cost or constraints are on contact
+    impulses, and the law has none.
     """
 
     problem: Problem
@@ -28,6 +32,11 @@ class Graph:
     policy: Policy
 
     def __post_init__(self) -> None:
+        if self.problem.uses_impulses and isinstance(self.step, LearnedStep):
+            raise InputError(
+                f"{self.problem.name}: the cost or a path constraint depends on contact impulses,"
+                " which a learned law does not compute; choose another law"
+            )
         table = self.problem.parameters + self.step.p
         self.penalty, self.relaxation = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
         self.names = [*table.names, "penalty", "relaxation"]
@@ -63,14 +72,21 @@ class Graph:
 
     def stage_cost(self) -> ca.SX:
         """Stage cost with du written out as u - u_before, and what the law adds to it."""
-        problem, cost = self.problem, self.problem.stage_cost
+        problem, cost = self.problem, self._with_impulses(self.problem.stage_cost)
         if problem.du is not None:
             cost = ca.substitute(cost, problem.du, problem.system.u - self.u_before)
         return cost + self.step.extra_stage_cost
 
+    def _with_impulses(self, expression: ca.SX) -> ca.SX:
+        """The same in the step's multipliers: the system's are their mean over branches."""
+        if not self.problem.uses_impulses:
+            return expression
+        return ca.substitute(expression, self.problem.system.lam, self.step.impulses)
+
     def path_constraints(self) -> ca.SX:
         """Path constraint expressions, stacked."""
-        return ca.vertcat(ca.SX(0, 1), *(c.expression for c in self.problem.path))
+        path = ca.vertcat(ca.SX(0, 1), *(c.expression for c in self.problem.path))
+        return self._with_impulses(path)
 
     def terminal_constraints(self) -> ca.SX:
         """Terminal constraint expressions, stacked."""

@@ -217,8 +217,15 @@ def so_far(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
     else:
         before = np.array(problem.limits(p)[1]).ravel()
         du = np.diff(np.concatenate([before[None], u[0]]), axis=0)
-        stage, _ = at_steps(problem.cost_terms, x[:1, :-1], u[:1], du[None], p=p)
-        _, last = at_steps(problem.cost_terms, x[:1, -1:], u[:1, -1:], du[None, -1:], p=p)
+        lam = np.zeros((1, len(du), problem.system.nlam))
+        if problem.uses_impulses:
+            stored = view.array(f"lam{suffix}")
+            if stored is None or stored.shape[-1] != problem.system.nlam:
+                return None
+            lam = stored
+        stage, _ = at_steps(problem.cost_terms, x[:1, :-1], u[:1], du[None], lam[:1], p=p)
+        last = (part[:1, -1:] for part in (x, u, du[None], lam))
+        _, last = at_steps(problem.cost_terms, *last, p=p)
     sums = np.concatenate([[0.0], np.cumsum(stage[0, :, 0])])
     return sums, float(sums[-1] + last.item())
 

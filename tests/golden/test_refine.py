@@ -27,8 +27,8 @@ def replayed_at_half(found: Solution) -> float:
     at = values | {"h": values["h"] / 2}
     rolled = roll_out(fine, np.repeat(u, 2, axis=1), at, x0=found.data["x"].values[:, 0])
     p, x = problem.parameters.pack(values), rolled.x[0, ::2]
-    stages = (problem.cost_terms(x[k], u[0, k], 0, p)[0] for k in range(problem.N))
-    return sum(map(float, stages)) + float(problem.cost_terms(x[-1], u[0, -1], 0, p)[1])
+    stages = (problem.cost_terms(x[k], u[0, k], 0, 0, p)[0] for k in range(problem.N))
+    return sum(map(float, stages)) + float(problem.cost_terms(x[-1], u[0, -1], 0, 0, p)[1])
 
 
 def test_a_plan_is_refined_until_its_replay_at_half_the_step_agrees() -> None:

@@ -29,9 +29,9 @@ def at_a_quarter(found: Solution) -> float:
     )  # fmt: skip
     p, x, du = problem.parameters.pack(values), rolled.x[0, ::4], 0 * u[0, 0]
     stages = sum(
-        float(problem.cost_terms(x[k], u[0, k], du, p)[0]) for k in range(problem.N)
+        float(problem.cost_terms(x[k], u[0, k], du, 0, p)[0]) for k in range(problem.N)
     )  # fmt: skip
-    return stages + float(problem.cost_terms(x[-1], u[0, -1], du, p)[1])
+    return stages + float(problem.cost_terms(x[-1], u[0, -1], du, 0, p)[1])
 
 
 def test_a_plan_that_only_its_step_holds_up_is_amber() -> None:
@@ -67,7 +67,7 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
     found = solve(get("ball-bounce"), Exact())
     problem, values, data = found.problem, found.values, found.data
     x, u, lam, gap = (data[name].values for name in ("x", "u", "lam", "gap"))
-    plan = Rollout(x, u, lam, gap, np.array([found.cost]))
+    plan = Rollout(x, u, lam, gap, lam, np.array([found.cost]))
     report, sharp = evaluate(problem, problem.exact_step, plan, values)
     assert report.refined_reasons == [] and sharp.refined is not None
     own = sharp.refined

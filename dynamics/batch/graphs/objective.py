@@ -60,8 +60,8 @@ class Objective(ABC):
 class Costs(Objective):
     """`sum_{t<N} stage(x_t, u_t, p) + terminal(x_N, p)`.
 
-    A stage cost with four arguments is of (x_t, u_t, u_t - u_{t-1}, p), and carries the input
-    before.
+    A stage cost may have two more arguments: the change u_t - u_{t-1} after u_t, which carries the
+    input before, and, called ``lam``, the system's impulses of contact (nlam, 1) before p.
     """
 
     stage: ca.Function
@@ -70,7 +70,12 @@ class Costs(Objective):
     @property
     def with_change(self) -> bool:
         """Whether the stage cost is of the change of inputs too."""
-        return self.stage.n_in() == 4
+        return self.stage.n_in() == 4 + self.with_impulses
+
+    @property
+    def with_impulses(self) -> bool:
+        """Whether the stage cost is of the impulses of contact too."""
+        return "lam" in self.stage.name_in()
 
     @cached_property
     def carried(self) -> ca.SX:
@@ -80,17 +85,20 @@ class Costs(Objective):
     def check(self, step: Step) -> None:
         """Raise `ValueError` for costs that are no functions of state, input and parameters."""
         nx, nu, np = step.system.nx, step.system.nu, len(step.p)
-        sizes, arguments = (nx, nu, np), "(x, u, p)"
-        if self.with_change:
-            sizes, arguments = (nx, nu, nu, np), "(x, u, du, p)"
-        fits("stage cost", self.stage, sizes, arguments, 1)
+        extra = {"du": nu} if self.with_change else {}
+        extra |= {"lam": step.system.nlam} if self.with_impulses else {}
+        fits("stage cost", self.stage, (nx, nu, *extra.values(), np),
+             f"({', '.join(('x', 'u', *extra, 'p'))})", 1)  # fmt: skip
+        if self.with_impulses and step.n == 0:
+            raise ValueError("the stage cost needs contact impulses, which the law does not have")
         fits("terminal cost", self.final, (nx, np), "(x, p)", 1)
 
     def outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The next state, with the input behind it where that is carried, and the stage cost."""
         system, p = step.system, step.p.vector
-        change = [system.u - self.carried] if self.with_change else []
-        cost = expanded(self.stage)(system.x, system.u, *change, p)
+        extra = [system.u - self.carried] if self.with_change else []
+        extra += [step.impulses] if self.with_impulses else []
+        cost = expanded(self.stage)(system.x, system.u, *extra, p)
         return ca.vertcat(x_next_expr, system.u if self.with_change else ca.SX(0, 1)), cost
 
     def terminal(self, step: Step) -> ca.SX:

@@ -191,7 +191,7 @@ def object_cost(name: str, x: np.ndarray) -> float:
     """Part of the cost that looks at the object, of states x (N+1, nx); the rest weighs nothing."""
     problem = get(name, w_a=0.0, w_du=0.0)
     p, still = problem.parameters.values, np.zeros(problem.system.nu)
-    stages = [problem.cost_terms(state, still, still, p) for state in x]
+    stages = [problem.cost_terms(state, still, still, 0, p) for state in x]
     return sum(float(stage) for stage, _ in stages[:-1]) + float(stages[-1][1])
 
 

@@ -64,7 +64,7 @@ def of_problem(name: str, horizon: int, n: int, n_map: int) -> Case:
     names = [parameter.name for parameter in problem.parameters]
     physical = ca.vertcat(*[step.p[name] for name in names])
     du = ca.SX.sym("du", system.nu)
-    stage, terminal = problem.cost_terms(system.x, system.u, du, physical)
+    stage, terminal = problem.cost_terms(system.x, system.u, du, system.lam, physical)
     change = [du] if problem.uses_du else []
     limits = problem.limits(problem.parameters.values)
     return Case(

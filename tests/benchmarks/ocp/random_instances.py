@@ -149,7 +149,7 @@ def _misplaced(found: Solution) -> float:
     problem, values = found.problem, found.values
     x, u = found.data["x"].values, found.data["u"].values
     physical = problem.parameters.pack(values)
-    broken = broken_constraints(problem, x, u, physical)
+    broken = broken_constraints(problem, x, u, found.data["lam"].values, physical)
     e, g, h = (values[name] for name in ("restitution", "g", "h"))
     fastest = np.sqrt(x[..., 5].max())
     deep = 2 * (e * h * fastest + g * h**2) / (1 + e) + 3 * g * h**2

@@ -34,7 +34,7 @@ def prepared(name: str, law: str):
     system, step = problem.system, LAWS[law]().close(problem.system)
     p, du = step.p.vector, ca.SX.sym("du", system.nu)
     physical = ca.vertcat(*[step.p[parameter.name] for parameter in problem.parameters])
-    stage, terminal = problem.cost_terms(system.x, system.u, du, physical)
+    stage, terminal = problem.cost_terms(system.x, system.u, du, system.lam, physical)
     change = [du] if problem.uses_du else []
     costs = (
         ca.Function("stage", [system.x, system.u, *change, p], [stage]),

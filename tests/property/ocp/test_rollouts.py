@@ -127,7 +127,7 @@ def test_costs_on_increments_start_from_the_input_before(seed: int) -> None:
     problem = problem_of("push-disc")
     x, u = noise.standard_normal((2, N + 1, 4)), noise.standard_normal((2, N, 2))
     physical = np.array([parameter.value for parameter in problem.parameters])
-    found = trajectory_costs(problem, x, u, physical)
+    found = trajectory_costs(problem, x, u, np.zeros((2, N, 1)), physical)
     off = ((x[..., :2] - [1.0, 0.5]) ** 2).sum(axis=-1)
     before = np.concatenate([np.tile([-1.0, 0.2], (2, 1, 1)), u[:, :-1]], axis=1)
     stage = 0.01 * off[:, :-1] + 0.1 * ((u - before) ** 2).sum(axis=-1)

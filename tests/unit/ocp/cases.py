@@ -58,6 +58,13 @@ def line(N: int = 4) -> Problem:
     return get("push-1d", N=N, qa0=-0.2)
 
 
+def weighed(problem: Problem) -> Problem:
+    """With a cost on the square of contact impulses, and a bound on their sum."""
+    lam = problem.system.lam
+    limit = Constraint("press", ca.sum1(lam) + problem.system.u[0], -9.0, 9.0)
+    return replace(problem, stage_cost=problem.stage_cost + ca.sumsqr(lam), path=[limit])
+
+
 Case = tuple[Callable[[], Problem], Callable[[], ContactLaw], Policy]
 CASES: dict[str, Case] = {
     "open-loop": (crowded, lambda: Barrier(mu=SMOOTH), OpenLoop()),
@@ -69,6 +76,10 @@ CASES: dict[str, Case] = {
     "two-feedback": (lambda: two_walls(2), lambda: Barrier(mu=SMOOTH), Feedback(penalty=0.1)),
     "randomized": (line, lambda: Randomized(0.2, 3, scheme="gauss-hermite",
                                             base=Barrier(mu=SMOOTH)), OpenLoop()),
+    "impulses": (lambda: weighed(two_walls(2)), lambda: Barrier(mu=SMOOTH), OpenLoop()),
+    "mean-impulses": (lambda: weighed(line()),
+                      lambda: Randomized(0.2, 3, scheme="gauss-hermite", base=Barrier(mu=SMOOTH)),
+                      Feedback(penalty=0.1)),
     "exact": (lambda: two_walls(2), Exact, Feedback(penalty=0.1)),
 }  # fmt: skip
 

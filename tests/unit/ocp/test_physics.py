@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ocp import Constraint
+from ocp import Constraint, Problem
 from ocp.physics.constraints import broken_constraints
 from ocp.physics.measures import distances, least_between, measure
 from problems import get
@@ -52,17 +52,21 @@ def test_distances_between_nodes_of_a_turning_box_are_those_of_dense_samples() -
 # --- constraints of the replay ---------------------------------------------------------------
 
 
+def no_impulses(problem: Problem) -> np.ndarray:
+    return np.zeros((1, problem.N, problem.system.nlam))
+
+
 def test_broken_constraints_are_named_with_step_and_amount() -> None:
     problem = get("planar-hand")
     p = physical(problem)
     x = np.repeat(problem.initial_states(p)[:, None], problem.N + 1, axis=1)
     u = x[:, :-1, 3:].copy()
-    assert broken_constraints(problem, x, u, p) == []
+    assert broken_constraints(problem, x, u, no_impulses(problem), p) == []
     x_upper = np.array(problem.limits(p)[5]).ravel()
     x[0, 12, 4] = x_upper[4] + 0.2
     u[0, 12, 1] = x[0, 12, 4]
     u[0, 5, 0] += float(get("planar-hand").parameters.get("reach").value) + 0.05
-    first, second = broken_constraints(problem, x, u, p)[:2]
+    first, second = broken_constraints(problem, x, u, no_impulses(problem), p)[:2]
     assert (first.violation.name, first.violation.component) == ("bound on x", "l2")
     assert (first.violation.step, first.violation.amount) == (12, pytest.approx(0.2))
     assert first.share == pytest.approx(0.2 / problem.scaling.x)
@@ -76,7 +80,9 @@ def test_the_share_of_a_constraint_does_not_depend_on_how_it_is_written(scale: f
     end = Constraint("end", scale * problem.system.x[0], scale * 0.3, ca.inf)
     problem = replace(problem, terminal=[end])
     x = np.zeros((1, problem.N + 1, 2))
-    found = broken_constraints(problem, x, np.zeros((1, problem.N, 1)), physical(problem))
+    found = broken_constraints(
+        problem, x, np.zeros((1, problem.N, 1)), no_impulses(problem), physical(problem)
+    )
     assert len(found) == 1
     assert found[0].violation.name == "terminal"
     assert found[0].violation.step == problem.N
@@ -90,9 +96,9 @@ def test_a_broken_period_of_a_chosen_start_is_named() -> None:
     x = np.repeat(problem.initial_states(p)[:, None], 5, axis=1)
     x[0, :, 0] = np.linspace(0, 4 * x[0, 0, -1], 5)
     u = np.zeros((1, 4, 6))
-    assert broken_constraints(problem, x, u, p) == []
+    assert broken_constraints(problem, x, u, no_impulses(problem), p) == []
     x[0, -1, 12] += 1.5
-    (found,) = broken_constraints(problem, x, u, p)
+    (found,) = broken_constraints(problem, x, u, no_impulses(problem), p)
     names = [signal.name for signal in problem.system.states]
     assert (found.violation.name, found.violation.component) == ("periodic", names[12])
     assert (found.violation.step, found.violation.amount) == (4, pytest.approx(1.5))

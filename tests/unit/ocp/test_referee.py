@@ -29,7 +29,7 @@ from tests.unit.ocp.user_problems import (
 
 def plan_of(found: Solution) -> Rollout:
     x, u, lam, gap = (found.data[name].values for name in ("x", "u", "lam", "gap"))
-    return Rollout(x, u, lam, gap, np.array([found.cost]))
+    return Rollout(x, u, lam, gap, lam, np.array([found.cost]))
 
 
 @functools.cache
@@ -221,10 +221,10 @@ def test_the_refined_cost_is_that_of_a_quarter_of_the_step() -> None:
     rolled = roll_out(fine, np.repeat(inputs, 4, axis=1), values | {"h": values["h"] / 4}, x0=x0)
     coarse = rolled.x[:, ::4]
     stage = sum(
-        float(problem.cost_terms(coarse[0, k], inputs[0, k], 0, physical(problem))[0])
+        float(problem.cost_terms(coarse[0, k], inputs[0, k], 0, 0, physical(problem))[0])
         for k in range(problem.N)
     )
-    end = float(problem.cost_terms(coarse[0, -1], 0, 0, physical(problem))[1])
+    end = float(problem.cost_terms(coarse[0, -1], 0, 0, 0, physical(problem))[1])
     report = referee(problem, inputs, values, x0)
     assert report.refined_cost == pytest.approx(stage + end, rel=1e-12)
     assert report.refined_cost != pytest.approx(report.cost, rel=1e-6)
@@ -318,7 +318,7 @@ def test_what_survives_is_within_its_shares() -> None:
     for off, count in ((0.004, 0), (0.03, 1)):
         u = plan.u.copy()
         u[0, 2, 0] = 3.0 + off
-        broken = broken_constraints(problem, plan.x, u, physical(problem))
+        broken = broken_constraints(problem, plan.x, u, plan.impulses, physical(problem))
         assert len(broken) == 1
         reasons = verdict(clean, broken)
         assert len(reasons) == count

@@ -29,7 +29,7 @@ def test_a_flight_through_a_body_does_not_survive_however_small_the_body(length:
     problem = Problem("flight", system, 2, ca.SX(0), ca.SX(0), ca.SX.zeros(4), p)
     x = length * np.array([[[-0.5, 0, 10, 0], [0.5, 0, 10, 0], [1.5, 0, 10, 0]]])
     u, one = np.zeros((1, 2, 2)), np.zeros((1, 2, 1))
-    plan = Rollout(x, u, one, one, np.zeros(1))
+    plan = Rollout(x, u, one, one, one, np.zeros(1))
     replay = Referee(plan, 0.0, None, "the model itself", np.nan, "")
     found = measure(problem, problem.exact_step, x, u, one, np.zeros(0))
     (reason,) = survival(problem, plan, replay, found, [])

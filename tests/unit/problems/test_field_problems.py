@@ -68,7 +68,7 @@ def test_costs_match_the_hand_computed_ones() -> None:
     for name, costs in hand.items():
         problem = problems.get(name)
         x, u = rng.normal(size=problem.system.nx), rng.normal(size=problem.system.nu)
-        got = problem.cost_terms(x, u, 0 * u, problem.parameters.values)
+        got = problem.cost_terms(x, u, 0 * u, 0, problem.parameters.values)
         assert [float(value) for value in got] == pytest.approx(costs(x, u), rel=1e-12)
 
 

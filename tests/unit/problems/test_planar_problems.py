@@ -46,7 +46,7 @@ def test_published_settings():
         nx, nu = problem.system.nx, problem.system.nu
         x, u, du = rng.normal(size=nx), rng.normal(size=nu), rng.normal(size=nu)
         state = np.dot(weights, (x[:n] - goal) ** 2) + 1e-3 * np.sum((x[n:] - rest) ** 2)
-        stage, end = problem.cost_terms(x, u, du, problem.parameters.values)
+        stage, end = problem.cost_terms(x, u, du, 0, problem.parameters.values)
         assert float(stage) == pytest.approx(state + 10 * np.sum(du**2), rel=1e-12)
         assert float(end) == pytest.approx(100 * state, rel=1e-12)
         (reach,) = problem.path

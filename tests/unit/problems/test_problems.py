@@ -131,7 +131,7 @@ def test_costs_match_the_hand_computed_ones(name: str):
     for _ in range(5):
         x, u = rng.normal(size=problem.system.nx), rng.normal(size=problem.system.nu)
         du = rng.normal(size=problem.system.nu)
-        got = problem.cost_terms(x, u, du, problem.parameters.values)
+        got = problem.cost_terms(x, u, du, 0, problem.parameters.values)
         assert np.allclose([float(value) for value in got], HAND[name](x, u, du), rtol=1e-13)
 
 

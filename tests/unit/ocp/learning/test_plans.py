@@ -86,11 +86,11 @@ def test_the_cost_is_minus_the_return_whatever_the_trajectory():
         task, reward=goal * after**3 + 0.5 * (ca.cos(after) + x * u) - ca.exp(x), final=x**2
     )
     problem = planned_problem(mixed, START)
-    rng = np.random.default_rng(5)
+    rng, none = np.random.default_rng(5), np.zeros((1, 4, task.system.nlam))
     for p in (np.array([1.0]), np.array([-2.0])):
         states = np.vstack([START, rng.normal(size=(4, 1))])
         inputs = rng.normal(size=(4, 1))
-        cost = trajectory_costs(problem, states[None], inputs[None], p)[0]
+        cost = trajectory_costs(problem, states[None], inputs[None], none, p)[0]
         assert cost == pytest.approx(-returned(mixed, states, inputs, p), rel=1e-12)
 
 
