@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from ocp.distribution import version  # first: it sees to it that what follows is ours
 from ocp.errors import DamagedRun, InputError, NotConverged
+from ocp.free_time import free
 from ocp.policy import Feedback, OpenLoop
 from ocp.problem import Constraint, Problem, Scaling, Scenarios
 from ocp.programs.solver import Status
@@ -37,6 +38,7 @@ __all__ = [
     "Solution",
     "Status",
     "estimate",
+    "free",
     "load",
     "roll_out",
     "solve",

@@ -14,6 +14,7 @@ from pydantic import InstanceOf
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError, abbreviated
+from ocp.free_time import FreeStep, with_free_step
 from ocp.problem_parts import (
     Constraint,
     FreeStart,
@@ -40,8 +41,9 @@ class Problem:
     u_k - u_{k-1}, with u_{-1} = ``u_before``), ``system.lam`` (the impulses of contact of the step
     from x_k to x_{k+1}; the mean over the branches of a law that averages) and the parameters,
     ``terminal_cost`` in ``system.x`` and the parameters, and ``path`` constraints in what the
-    stage cost has, but ``du``. ``x0`` (nx,), ``u_before`` (nu,), and all bounds are
-    expressions in the parameters, so that a study may turn any of them. ``source`` is the user's
+    stage cost has, but ``du``. ``x0`` (nx,), ``u_before`` (nu,), and all bounds are expressions in
+    the parameters. With ``h=free(lower, upper)`` the step size is the last state, and the final
+    time is free (:func:`~ocp.free_time.free`). ``source`` is the user's
     file that it was built by, None for one that has a name or none, and ``source_digest`` that of
     all the file was made of then (:mod:`problems.source_digest`); ``shown`` is the
     :class:`problems.user_code.UserProblemRecord` that its runs store.
@@ -73,6 +75,7 @@ class Problem:
     source: str | None = None
     source_digest: str | None = None
     shown: Any = None
+    h: FreeStep | None = None
 
     def __post_init__(self) -> None:
         for what, kind in _KINDS.items():
@@ -99,6 +102,10 @@ class Problem:
         if self.start is not None:
             self.start.check(self.name, nx)
         self._check_symbols()
+        if self.h is not None:
+            made = with_free_step(self, validated(f"{self.name}: h", self.h, InstanceOf[FreeStep]))
+            for what, value in {**made, "h": None}.items():
+                self._set(what, value)
 
     def _set(self, what: str, value: Any) -> None:
         object.__setattr__(self, what, value)

@@ -27,7 +27,7 @@ from problems import get
 from tests.unit.dynamics.learned.wavy import Wavy
 from tests.unit.ocp.user_problems import defaults, physical
 
-N, H, FORCE = 8, 0.1, 5.0
+N, H, FORCE = 4, 0.1, 5.0
 METHODS = (Direct(), MultipleShooting(), SingleShooting())
 
 
