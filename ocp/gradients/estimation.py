@@ -19,6 +19,7 @@ from ocp.gradients.sampling import (
     EstimatorRun,
     Progress,
     ReferenceGradient,
+    Workers,
     reference_gradient,
     reference_kind,
     run_estimator,
@@ -211,10 +212,12 @@ def run_sampling(
     seed: np.random.SeedSequence,
     progress: Progress | None = None,
     keep: CheckpointKey | None = None,
+    workers: Workers | None = None,
 ) -> dict[str, Estimate]:
     """Estimate one objective by ``sampling``, with the random streams of ``seed``.
 
-    ``keep`` is where sums under way are saved, and the beginning of their keys.
+    ``keep`` is where sums under way are saved, and the beginning of their keys; ``workers`` compute
+    chunks elsewhere.
     """
 
     def kept(name: str) -> CheckpointKey | None:
@@ -226,12 +229,12 @@ def run_sampling(
         estimator = SAMPLED[name]
         noise = Gaussian(sampling.sigma, stream(seed, estimator.stream))
         found[name] = run_estimator(
-            objective, estimator, noise, sampling.samples, progress, kept(name)
+            objective, estimator, noise, sampling.samples, progress, kept(name), workers
         )
         _check_finite(objective, name, found[name])
     known = reference_gradient(
         objective, sampling.sigma, seed, sampling.most_reference_samples, sampling.reference,
-        progress, kept("reference"),
+        progress, kept("reference"), workers,
     )  # fmt: skip
     judged = _Judge(objective, sampling, seed, known)
     answers = {}

@@ -5,27 +5,15 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, ClassVar, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError
+from ocp.gradients.chunks import Sampler, mean_cost
 from ocp.gradients.objective import Bulk, SampledObjective
-
-CHUNK = 1 << 13
-"""Samples that are worked on at once; fixed, since sums are taken chunk by chunk."""
-
-Contributions = Callable[[Gaussian, int], np.ndarray]
-"""Maps (noise from its first sample on, m) to the estimates (m, d) of m single samples."""
-
-
-class Sampler(NamedTuple):
-    """``single`` estimates, and the moments of many at once by ``bulk``, None where it cannot."""
-
-    single: Contributions
-    bulk: Callable[[Gaussian, int], Bulk | None] = lambda noise, m: None
 
 
 class Estimator(ABC):
@@ -45,6 +33,12 @@ class Estimator(ABC):
     def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Return what gives the single estimates; ``n`` is how many there will be."""
 
+    def with_baseline(
+        self, objective: SampledObjective, mean_cost: Callable[[], float]
+    ) -> Estimator:
+        """The same with its baseline as a number; ``mean_cost()`` is that of all samples."""
+        return self
+
 
 @dataclass(frozen=True)
 class ZeroOrder(Estimator):
@@ -60,18 +54,32 @@ class ZeroOrder(Estimator):
     summary: str
     baseline: str = "none"
     evaluations: int = 1
+    value: float | None = None
     stream: ClassVar[int] = 0
 
+    def with_baseline(
+        self, objective: SampledObjective, mean_cost: Callable[[], float]
+    ) -> ZeroOrder:
+        """The same with b as a number."""
+        if self.baseline == "none":
+            return replace(self, value=0.0)
+        return replace(self, value=mean_cost() if self.baseline == "mean" else objective.nominal())
+
     def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Fix the baseline and return ``(V - b) s``; raises for ``mean`` of a single sample."""
-        baseline, factor = 0.0, 1.0
-        if self.baseline in ("zero-noise", "antithetic"):
-            baseline = objective.nominal()
-        elif self.baseline == "mean":
+        """Return ``(V - b) s``, b computed where it has no value yet.
+
+        Raises :class:`~ocp.errors.InputError` for the mean of the others of a single sample.
+        """
+        factor = 1.0
+        if self.baseline == "mean":
             if n < 2:
                 raise InputError("the mean of the other samples needs 2 samples or more, got 1")
             # V_i less the mean of the others is n/(n-1) times V_i less the mean of all.
-            baseline, factor = mean_cost(objective, noise, n), n / (n - 1)
+            factor = n / (n - 1)
+        baseline = self.value
+        if baseline is None:
+            baseline = self.with_baseline(objective, lambda: mean_cost(objective, noise, n)).value
+            assert baseline is not None
 
         def one(g: Gaussian, m: int) -> np.ndarray:
             found = objective.scored(g, m)
@@ -87,19 +95,6 @@ class ZeroOrder(Estimator):
         if self.baseline == "antithetic":
             return Sampler(lambda g, m: (one(g, m) + one(g.mirrored(), m)) / 2)
         return Sampler(one, bulk)
-
-
-def mean_cost(objective: SampledObjective, noise: Gaussian, n: int) -> float:
-    """Mean of the finite costs among n samples."""
-    fused = objective.moments(noise, n, "cost")
-    if fused is not None:
-        return float(fused[0].mean[0])
-    total, count = 0.0, 0
-    for begin in range(0, n, CHUNK):
-        cost = objective.scored(noise.after(begin), min(CHUNK, n - begin)).cost
-        finite = cost[np.isfinite(cost)]
-        total, count = total + float(finite.sum()), count + len(finite)
-    return total / max(count, 1)
 
 
 @dataclass(frozen=True)

@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError
-from ocp.gradients.estimators import CHUNK, SAMPLED, Estimator, Sampler
+from ocp.gradients.chunks import CHUNK, Chunk, chunks, mean_cost, mean_of
+from ocp.gradients.estimators import SAMPLED, Estimator
 from ocp.gradients.objective import SampledObjective, StaticObjective
 from ocp.store.checkpoint import Checkpoint
 
 _KEPT_VALUES = 1 << 20
-BULK = 1 << 18
-"""Samples whose moments are asked for at once; fixed for the same reason as `CHUNK`."""
 
 CheckpointKey = tuple[Checkpoint, str]
 """Where sums under way are kept, and under which key."""
 Progress = Callable[[int], None]
 """Called with the number of samples done since the last call."""
+
+
+class Workers(Protocol):
+    """What computes chunks elsewhere."""
+
+    def chunks(
+        self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int
+    ) -> Iterator[Chunk]:
+        """Chunks of n samples from ``first`` to ``last``; of the costs without an estimator."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -44,42 +54,51 @@ def run_estimator(
     n: int,
     progress: Progress | None = None,
     keep: CheckpointKey | None = None,
+    workers: Workers | None = None,
 ) -> EstimatorRun:
     """Sample ``n`` estimates, merging the moments of chunks in their order (Welford, Chan).
 
-    The chunks do not depend on threads or block size, so neither does any bit of the answer. With
-    ``keep`` the sums so far are saved now and then, and a later call goes on from them.
+    The chunks do not depend on threads, block size or ``workers``, so neither does any bit of the
+    answer. With ``keep`` the sums so far are saved now and then, and a later call resumes.
     """
     sums = _Sums(len(objective.theta))
     if keep is not None:
         sums.restore(keep)
     if progress is not None and sums.done:
         progress(sums.done)
-    sampler: Sampler | None = None
-    while sums.done < n:
-        sampler = sampler or estimator.sampler(objective, noise, n)
-        size = _advance(sums, sampler, noise, n)
-        if progress is not None:
-            progress(size)
-        if keep is not None and (sums.done == n or keep[0].due()):
-            sums.save(keep)
+    if sums.done < n:
+        for size in _advance(sums, objective, estimator, noise, n, workers):
+            if progress is not None:
+                progress(size)
+            if keep is not None and (sums.done == n or keep[0].due()):
+                sums.save(keep)
     return EstimatorRun(
         sums.total, sums.largest, np.concatenate(sums.kept), np.concatenate(sums.nonfinite)
     )
 
 
-def _advance(sums: _Sums, sampler: Sampler, noise: Gaussian, n: int) -> int:
-    """Take the next samples in: one by one while they are kept, then in bulk where that exists."""
-    here, left = noise.after(sums.done), n - sums.done
-    if not sums.keeps:
-        size = min(BULK, left)
-        found = sampler.bulk(here, size)
-        if found is not None:
-            sums.add_moments(*found, size)
-            return size
-    size = min(CHUNK, left)
-    sums.add(sampler.single(here, size))
-    return size
+def _advance(
+    sums: _Sums, objective: SampledObjective, estimator: Estimator, noise: Gaussian, n: int,
+    workers: Workers | None,
+) -> Iterator[int]:  # fmt: skip
+    """Take all samples in and yield their numbers: one by one while they are kept, then chunks."""
+
+    def of_all() -> float:
+        if workers is None:
+            return mean_cost(objective, noise, n)
+        return mean_of(workers.chunks(None, noise, 0, n, n))
+
+    estimator = estimator.with_baseline(objective, of_all)
+    sampler = estimator.sampler(objective, noise, n)
+    while sums.keeps and sums.done < n:
+        yield sums.keep(sampler.single(noise.after(sums.done), min(CHUNK, n - sums.done)))
+    if workers is None:
+        left = chunks(sampler, noise, sums.done, n)
+    else:
+        left = workers.chunks(estimator, noise, sums.done, n, n)
+    for chunk in left:
+        sums.add(chunk)
+        yield chunk.size
 
 
 class _Sums:
@@ -91,31 +110,24 @@ class _Sums:
         self.kept = [np.empty((0, d))]
         self.nonfinite = [np.empty(0, dtype=np.int64)]
 
-    def add(self, values: np.ndarray) -> None:
-        """Take the next chunk of single estimates in, (m, d)."""
-        size = len(values)
-        finite = np.isfinite(values).all(axis=1)
-        if not finite.all():
-            self.nonfinite.append(self.done + np.flatnonzero(~finite))
-            values = values[finite]
-        self.total = self.total.merged(_moments(values))
-        if len(values):
-            self.largest = max(self.largest, float(np.square(values).sum(axis=1).max()) ** 0.5)
-        if self.keeps:
-            self.kept.append(values)
-        self.done += size
+    def keep(self, values: np.ndarray) -> int:
+        """Take the next single estimates (m, d) in, and keep them; return m."""
+        self.kept.append(values[np.isfinite(values).all(axis=1)])
+        self.add(Chunk.of(values))
+        return len(values)
 
     @property
     def keeps(self) -> bool:
         """Whether samples are still kept one by one."""
         return self.done * len(self.total.mean) < _KEPT_VALUES
 
-    def add_moments(self, found: Moments, nonfinite: np.ndarray, size: int) -> None:
-        """Take the moments of the next ``size`` samples in."""
-        if len(nonfinite):
-            self.nonfinite.append(self.done + nonfinite)
-        self.total = self.total.merged(found)
-        self.done += size
+    def add(self, chunk: Chunk) -> None:
+        """Take the next chunk in."""
+        if len(chunk.nonfinite):
+            self.nonfinite.append(self.done + chunk.nonfinite)
+        self.total = self.total.merged(chunk.moments)
+        self.largest = max(self.largest, chunk.largest)
+        self.done += chunk.size
 
     def save(self, keep: CheckpointKey) -> None:
         """Write the sums."""
@@ -135,14 +147,6 @@ class _Sums:
         self.done, self.largest = int(found["done"]), float(found["largest"])
         self.total = Moments(int(found["n"]), found["mean"], found["m2"])
         self.kept, self.nonfinite = [found["kept"]], [found["nonfinite"]]
-
-
-def _moments(values: np.ndarray) -> Moments:
-    n, d = values.shape
-    if n == 0:
-        return Moments(0, np.zeros(d), np.zeros(d))
-    mean = values.mean(axis=0)
-    return Moments(n, mean, np.square(values - mean).sum(axis=0))
 
 
 REFERENCE_STREAM = 3
@@ -172,6 +176,7 @@ def reference_gradient(
     kind: str = "auto",
     progress: Progress | None = None,
     keep: CheckpointKey | None = None,
+    workers: Workers | None = None,
 ) -> ReferenceGradient | None:
     """Find the gradient: ``auto`` takes the first that there is of the kinds in their order.
 
@@ -189,7 +194,7 @@ def reference_gradient(
         return quadrature(objective, sigma)
     noise = Gaussian(sigma, stream(seed, REFERENCE_STREAM))
     pairs = SAMPLED["zobg-antithetic"]
-    found = run_estimator(objective, pairs, noise, n_samples, progress, keep).moments
+    found = run_estimator(objective, pairs, noise, n_samples, progress, keep, workers).moments
     return ReferenceGradient(found.mean, found.standard_error, "larger zobg run", found.n)
 
 

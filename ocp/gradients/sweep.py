@@ -13,7 +13,7 @@ import numpy as np
 from dynamics.batch import Gaussian
 from ocp.gradients.estimation import Sampling, check_samples, run_sampling
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.sampling import reference_kind
+from ocp.gradients.sampling import Workers, reference_kind
 from ocp.gradients.verdict import short_verdict
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
@@ -58,7 +58,8 @@ class SweepRun:
     """A study under way. :meth:`run` does what is left; ``rows`` holds the finished points.
 
     Point i draws from the streams ``SeedSequence(seed, spawn_key=(i,))``, so that points are
-    independent of each other and of how often the study was stopped.
+    independent of each other and of how often the study was stopped. ``workers`` maps what of the
+    objective is changed at a point to what samples it elsewhere.
     """
 
     def __init__(
@@ -68,7 +69,9 @@ class SweepRun:
         sweep: Axis | None = None,
         checkpoint: Checkpoint | None = None,
         build: Build | None = None,
+        workers: Callable[[dict[str, float]], Workers] | None = None,
     ) -> None:
+        self._workers = workers
         self.sampling, self.sweep, self._checkpoint = sampling, sweep, checkpoint
         self._tasks = _points_of(objective, sampling, sweep, build)
         self.rows: list[list[dict[str, Any]]] = []
@@ -118,14 +121,22 @@ class SweepRun:
             if rows is None:
                 seed = np.random.SeedSequence(self.sampling.seed, spawn_key=(i,))
                 keep = None if saved is None else (saved, f"{i:05d}")
-                found = run_sampling(sampling, objective, seed, note, keep)
-                at = {"point": i, "value": None if self.sweep is None else self.sweep.values[i]}
+                value = None if self.sweep is None else self.sweep.values[i]
+                workers = self._workers and self._workers(self._changed(value))
+                found = run_sampling(sampling, objective, seed, note, keep, workers)
+                at = {"point": i, "value": value}
                 rows = to_json([at | estimate.row() for estimate in found.values()])
                 if saved is not None:
                     saved.save_rows(i, rows)
             else:
                 self.resumed += 1
             self.rows.append(rows)
+
+    def _changed(self, value: float | None) -> dict[str, float]:
+        """What of the objective is swept, and its value."""
+        if value is None or self.sweep is None or self.sweep.name in OF_THE_PLAN:
+            return {}
+        return {self.sweep.name: value}
 
 
 def _points_of(

@@ -55,6 +55,21 @@ def content_digest(source: str | None, settings: Mapping[str, Any]) -> str:
     return hashlib.sha256("\n".join(found).encode()).hexdigest() if found else ""
 
 
+class FilesChanged(InputError):
+    """Files are no longer what a study was asked of; the message names them."""
+
+
+def check_content(
+    problem: str, expected: str | None, source: str | None, settings: Mapping[str, Any]
+) -> None:
+    """Raise :class:`FilesChanged` unless :func:`content_digest` is ``expected``, None for any."""
+    if expected not in (None, content_digest(source, settings)):
+        raise FilesChanged(
+            f"{problem}, what it imports, or a file of the law has changed since this was begun, so"
+            " that two problems would mix; give the same command again"
+        )
+
+
 @cache
 def program_digest() -> str:
     """SHA-256, in hex, of the source of all that computes: a version alone may be edited."""

@@ -25,14 +25,10 @@ from ocp.problem import Problem
 from ocp.request import OWN, ProblemSource
 from ocp.session import Session
 from ocp.solve import new_session
-from ocp.store.provenance import content_digest
+from ocp.store.provenance import check_content, content_digest
 
 _PLACES = {"contact": "contact_settings", "problem": "params", "setting": "settings"}
 """Fields that hold what a name with such a beginning means."""
-
-
-class FilesChanged(InputError):
-    """Files are no longer what a study was asked of; the message names them."""
 
 
 @dataclass(frozen=True)
@@ -57,23 +53,18 @@ class Case:
     def source(self) -> ProblemSource:
         """What builds the problem.
 
-        Raises :class:`~ocp.errors.InputError` for an unknown name, and :class:`FilesChanged` where
-        files have changed since the request.
+        Raises :class:`~ocp.errors.InputError` for an unknown name, and
+        :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
         """
         found = load_plugin("problems").source(self.problem)
-        if self.content not in (None, self._content(found)):
-            raise FilesChanged(
-                f"{self.problem}, what it imports, or a file of the law has changed since this was"
-                " begun, so that two problems would mix; give the same command again"
-            )
+        digest = getattr(found, "digest", None)
+        check_content(self.problem, self.content, digest, self.contact_settings)
         return found
 
     def with_content(self, source: ProblemSource) -> Case:
         """The same, asked of the user's files as ``source`` was read from them."""
-        return replace(self, content=self._content(source))
-
-    def _content(self, source: ProblemSource) -> str:
-        return content_digest(getattr(source, "digest", None), self.contact_settings)
+        digest = getattr(source, "digest", None)
+        return replace(self, content=content_digest(digest, self.contact_settings))
 
     def session(self, source: ProblemSource | None = None) -> Session:
         """Build it, of ``source`` where that is at hand.

@@ -18,7 +18,8 @@ from ocp.scheduling import Failure, run_jobs
 from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.solve import Rank, best_of, check_starts, credited, rank, solve_session
-from ocp.sweeps.case import Case, FilesChanged, cached_session
+from ocp.store.provenance import FilesChanged
+from ocp.sweeps.case import Case, cached_session
 
 TRAJECTORIES = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
 """What is kept of a solution's arrays, beside the times of nodes."""
@@ -60,7 +61,7 @@ def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
     The answer is that of ``ocp solve`` with the same words, whatever the worker did before. What
     cannot be asked, or raises, is a point too, with the sentence as its verdict.
 
-    Raises :class:`~ocp.sweeps.case.FilesChanged` where files have changed since the request.
+    Raises :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
     """
     began = time.perf_counter()
     try:
@@ -166,14 +167,15 @@ def solve_starts(
     progress: Callable[[StageRecord], None] | None = None,
     rank_by: Rank = "planned",
     jobs: int = 1,
+    scheduler: str | None = None,
 ) -> Solution:
-    """Solve from ``starts`` guesses, ``jobs`` of them at a time, each in a process of its own.
+    """Solve from ``starts`` guesses in ``jobs`` processes, or on the cluster of ``scheduler``.
 
     ``session`` is that of ``case`` here. The answer is :func:`~ocp.solve.solve_session`'s, to the
     last bit, and so is what it raises.
     """
     check_starts(starts)
-    if jobs == 1 or starts == 1:
+    if starts == 1 or (jobs == 1 and scheduler is None):
         return solve_session(session, starts, seed, progress, rank_by)
     work = [SolveJob(case, starts, seed, number=number) for number in range(starts)]
     found: dict[int, StartResult] = {}
@@ -185,7 +187,7 @@ def solve_starts(
     try:
         with (
             interruptible(),
-            closing(run_jobs(solve_start, work, jobs, None, callback)) as outcomes,
+            closing(run_jobs(solve_start, work, jobs, scheduler, callback)) as outcomes,
         ):
             for place, sent in outcomes:
                 if isinstance(sent, Failure):

@@ -24,7 +24,8 @@ from ocp.scheduling import Failure, run_jobs
 from ocp.session import Session
 from ocp.solve import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
-from ocp.sweeps.case import Case, FilesChanged
+from ocp.store.provenance import FilesChanged
+from ocp.sweeps.case import Case
 from ocp.sweeps.grid import Grid, axes, dataset, dimension, save_point, saved_points
 from ocp.sweeps.job import COUNTS, FAULT, NUMBERS, WORDS, JobResult, failed_result, solve_job
 from ocp.validation import Axis, expand_path
@@ -162,7 +163,7 @@ def solve_grid(
     Each that is solved is written to the checkpoint and passed to ``on_point``. What a point
     reports, and None at its end, goes to ``callback``, which may raise to stop.
 
-    Raises :class:`~ocp.sweeps.case.FilesChanged` where files have changed since the request.
+    Raises :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
     """
     places, found = study.places, {} if found is None else found
     # Points of one structure stand together, for a worker builds each structure once.

@@ -15,6 +15,7 @@ from reports.cli.learning.options import (
 from reports.cli.options import (
     PROBLEM,
     RUN,
+    JobsOptions,
     LawOptions,
     Options,
     ProblemOptions,
@@ -142,12 +143,9 @@ class SweepOptions(StartsOptions):
         None, metavar="NAME=A:B:n[:log]",
         help="Values of a parameter, a law setting (contact.mu), a setting (setting.tol).",
     )  # fmt: skip
-    scheduler: str | None = option(
-        None, metavar="ADDRESS", help="Address of a Dask cluster for the points."
-    )
 
 
-class EstimateOptions(ProblemOptions):
+class EstimateOptions(JobsOptions, ProblemOptions):
     """Estimate the gradient of a smoothed objective with several estimators, and judge each.
 
     The cost of an objective, or of a problem's rollout, is averaged over Gaussian noise on the

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ from ocp import store
 from ocp.effort import check_time
 from ocp.errors import InputError, choose, did_you_mean, interruptible
 from ocp.factories import contact_law, split_policy_settings
-from ocp.gradients.estimate import NamedObjective, rollout_objective, static_objective
+from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.estimation import Sampling
 from ocp.gradients.estimators import RULES
 from ocp.gradients.objective import SampledObjective
+from ocp.gradients.parallel import JobWorkers
 from ocp.gradients.sampling import reference_kind
 from ocp.gradients.sweep import SweepRun, read_sweep, summary, sweep_dataset
 from ocp.store.checkpoint import Checkpoint
@@ -37,11 +39,11 @@ _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--polic
 
 @dataclass(frozen=True)
 class EstimateRequest:
-    """One checked study: ``given`` parameters as typed, ``params`` all of them."""
+    """One checked study; ``params`` are all parameters of the case."""
 
     options: EstimateOptions
     spec: ObjectiveSpec | ProblemSpec
-    given: dict[str, str]
+    case: ObjectiveCase
     objective: SampledObjective
     params: dict[str, Any]
     sampling: Sampling
@@ -58,7 +60,8 @@ class EstimateRequest:
         rules = _rules(split_policy_settings(assignments("-s", options.settings))[1], estimators)
         most = options.reference_samples
         sweep = None if options.sweep is None else read_sweep(options.sweep)
-        built = build(spec, given, options)
+        case = case_of(spec, given, options)
+        built = case.build(spec)
         objective, params = built.objective, built.params
         sampling = Sampling(
             estimators, whole("--samples", options.samples),
@@ -77,7 +80,7 @@ class EstimateRequest:
             params["sigma"] = sampling.sigma
         if sweep is not None:
             _check_sweep(sweep, spec, given, options)
-        return cls(options, spec, given, objective, params, sampling, sweep)
+        return cls(options, spec, case, objective, params, sampling, sweep)
 
     @property
     def record(self) -> dict[str, Any]:
@@ -126,7 +129,30 @@ class EstimateRequest:
                     f"--sweep: {self.spec.name} has no parameter {name!r}"
                     f"{did_you_mean(name, names)}; available: {', '.join(names)}"
                 )
-        return build(self.spec, {**self.given, **changed}, self.options).objective
+        return self.changed(changed).build(self.spec).objective
+
+    def changed(self, values: Mapping[str, float]) -> ObjectiveCase:
+        """The case at other values of what is swept."""
+        objective = self.objective
+        known = {*objective.parameters, *(signal.name for signal in objective.decision)}
+        if values.keys() <= known:
+            return replace(self.case, at=values)
+        return replace(self.case, params={**self.case.params, **values})
+
+    @property
+    def workers(self) -> Callable[[Mapping[str, float]], JobWorkers] | None:
+        """What samples elsewhere, by what is changed at a point; None in this process."""
+        options = self.options
+        if not options.parallel:
+            return None
+        threads = options.threads or max(1, len(os.sched_getaffinity(0)) // options.jobs)
+
+        def workers(values: Mapping[str, float]) -> JobWorkers:
+            case = self.changed(values)
+            case = replace(case, engine={**case.engine, "threads": threads})
+            return JobWorkers(case, options.jobs, options.scheduler)
+
+        return workers
 
     def unit(self) -> str:
         """Unit of what is swept."""
@@ -142,26 +168,26 @@ class EstimateRequest:
         return units.get(self.sweep.name, "1")
 
 
-def build(
+def case_of(
     spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], options: EstimateOptions
-) -> NamedObjective:
-    """Return the objective with all its parameters and the default noise."""
-
+) -> ObjectiveCase:
+    """The objective in plain words; raises InputError for options that have no effect on it."""
     engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
-    own = _policy_settings(options)
+    own, path = _policy_settings(options), getattr(spec, "path", None)
+    name = spec.name if path is None else str(path)
     if not isinstance(spec, ObjectiveSpec):
         theta = None if options.at is None else _stored_decision(options, spec, given)
         settings = assignments("-c", options.law_settings)
-        return rollout_objective(
-            spec, given, options.contact, settings, options.policy, own, theta, **engine
-        )
+        content = content_digest(spec.digest, settings)
+        return ObjectiveCase(name, given, options.contact, settings, options.policy, own, theta,
+                             engine, content=content)  # fmt: skip
     unused = [_OF_ROLLOUTS[name] for name in _OF_ROLLOUTS if name in options.given]
     unused += [f"-s policy.{name}" for name in own]
     if unused:
         raise InputError(
             f"{spec.name} is an objective without dynamics, {unused[0]} has no effect; drop it"
         )
-    return static_objective(spec, given, **engine)
+    return ObjectiveCase(name, given, engine=engine)
 
 
 def _policy_settings(options: EstimateOptions) -> dict[str, str]:
@@ -259,8 +285,9 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     key = {**request.decisive, "backend": options.backend}
     checkpoint = Checkpoint(options.out, request.spec.name, key, request.content)
     study = SweepRun(
-        request.objective, request.sampling, request.sweep, checkpoint, request.rebuilt
-    )
+        request.objective, request.sampling, request.sweep, checkpoint, request.rebuilt,
+        request.workers,
+    )  # fmt: skip
     what, seconds = f"{study.samples:.3g} samples of {request.spec.name}", study.seconds()
     check_time(what, seconds)
     options.output.announce(what, seconds)

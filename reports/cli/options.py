@@ -184,12 +184,33 @@ class SolverOptions(ProblemOptions):
     solver: str = option("ipopt", help="ipopt, fatrop, uno or sleqp.")
 
 
-class StartsOptions(SolverOptions):
+class JobsOptions(Options):
+    """Where many jobs are done: in processes of this computer, or on a Dask cluster."""
+
+    jobs: int = option(1, "-j", min=1, max=1024, help="Number of parallel processes.")
+    scheduler: str | None = option(
+        None, metavar="ADDRESS", help="Address of a Dask scheduler; jobs go to its workers."
+    )
+
+    def check(self) -> None:
+        """Raise InputError for processes beside a cluster."""
+        from ocp.errors import InputError
+
+        super().check()
+        if self.scheduler is not None and "jobs" in self.given:
+            raise InputError("--jobs starts local processes, --scheduler uses a cluster; drop one")
+
+    @property
+    def parallel(self) -> bool:
+        """Whether jobs leave this process."""
+        return self.jobs > 1 or self.scheduler is not None
+
+
+class StartsOptions(JobsOptions, SolverOptions):
     """Several starts of one solve."""
 
     starts: int = option(1, min=1, max=10_000, help="Initial guesses per solve.")
     rank: str = option("planned", help="Cost that ranks several starts: planned, exact or referee.")
-    jobs: int = option(1, "-j", min=1, max=1024, help="Number of parallel processes.")
 
     def check(self) -> None:
         """Raise InputError for an unknown rank, and for a rank of a single start."""

@@ -36,8 +36,9 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     """Build the session, and read the solution to start from."""
     if options.require is not None:
         choose("requirement", options.require, REQUIREMENTS)
-    if "jobs" in options.given and options.starts == 1:
-        raise InputError("--jobs needs several starts; give --starts 2 or more")
+    parallel = [f"--{name}" for name in ("jobs", "scheduler") if name in options.given]
+    if parallel and options.starts == 1:
+        raise InputError(f"{parallel[0]} needs several starts; give --starts 2 or more")
     if options.start is not None and options.starts > 1:
         raise InputError("--from excludes several starts; drop --starts")
     if options.plot is not None:
@@ -112,14 +113,14 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
         try:
             if start is not None:
                 found = solve_from(request.session, start, options.seed, on_stage)
-            elif min(options.jobs, options.starts) == 1:
+            elif options.starts == 1 or not options.parallel:
                 found = solve_session(request.session, options.starts, options.seed, on_stage, rank)
             else:
                 from ocp.sweeps.job import solve_starts
 
                 found = solve_starts(
                     request.session, case_of(request.spec, request.given), options.starts,
-                    options.seed, on_stage, rank, options.jobs,
+                    options.seed, on_stage, rank, options.jobs, options.scheduler,
                 )  # fmt: skip
             if not options.refine:
                 return found

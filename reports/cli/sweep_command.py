@@ -48,8 +48,6 @@ class SweepRequest:
 
 def check(options: SweepOptions) -> SweepRequest:
     """Read the grid, build its first point, and check memory and places before any work."""
-    if options.scheduler is not None and "jobs" in options.given:
-        raise InputError("--jobs starts local processes, --scheduler uses a cluster; drop one")
     over = axes(options.over or ())
     study = make_grid(
         case_of(*read_names(options)),

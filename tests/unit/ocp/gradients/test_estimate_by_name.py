@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 import ocp
+from dynamics.batch import Gaussian
 from ocp.errors import InputError
+from ocp.gradients import parallel, sampling
+from ocp.gradients.case import ObjectiveCase
+from ocp.gradients.estimators import SAMPLED
+from ocp.store.checkpoint import Checkpoint
 from reports.cli.app import main
 
 
@@ -35,3 +40,46 @@ def test_python_and_the_command_line_estimate_the_same_numbers(
 def test_noise_that_rounding_hides_is_refused():
     with pytest.raises(InputError, match="rounding errors dominate"):
         ocp.estimate("heaviside", sigma=1e20)
+
+
+@pytest.mark.parametrize("name", ["heaviside", "push-1d"])
+def test_processes_sample_the_same_bits(name, monkeypatch):
+    """Pieces are computed in other processes and summed in their order."""
+    monkeypatch.setattr(sampling, "_KEPT_VALUES", 1)
+    monkeypatch.setattr(parallel, "PIECE", parallel.BULK)
+    params = {"N": 2} if name == "push-1d" else {}
+    given = {
+        "params": params,
+        "reference": "none",
+        "samples": parallel.BULK + 100_000,
+        "threads": 1,
+    }
+    alone = ocp.estimate(name, ["zobg-mean", "fobg"], **given)
+    spread = ocp.estimate(name, ["zobg-mean", "fobg"], jobs=2, **given)
+    for key, found in alone.items():
+        np.testing.assert_array_equal(spread[key].mean, found.mean)
+        np.testing.assert_array_equal(spread[key].variance, found.variance)
+        np.testing.assert_array_equal(spread[key].moments.n, given["samples"])
+
+
+def test_a_stopped_estimate_resumes_with_other_workers(monkeypatch, tmp_path):
+    """Sums saved by one process are continued by two, to the last bit."""
+    monkeypatch.setattr(sampling, "_KEPT_VALUES", 1)
+    monkeypatch.setattr(parallel, "PIECE", parallel.BULK)
+    case = ObjectiveCase("heaviside", {}, engine={"threads": 1})
+    objective, noise, n = case.build().objective, Gaussian(0.1, 4), 3 * parallel.BULK
+    whole = sampling.run_estimator(objective, SAMPLED["zobg"], noise, n)
+    with Checkpoint(tmp_path, "heaviside", {"seed": 4}) as kept:
+        sampling.run_estimator(objective, SAMPLED["zobg"], noise, parallel.BULK, keep=(kept, "z"))
+        workers = parallel.JobWorkers(case, jobs=2)
+        resumed = sampling.run_estimator(
+            objective, SAMPLED["zobg"], noise, n, keep=(kept, "z"), workers=workers
+        )
+    np.testing.assert_array_equal(resumed.moments.mean, whole.moments.mean)
+    np.testing.assert_array_equal(resumed.moments.m2, whole.moments.m2)
+
+
+def test_a_changed_file_is_not_mixed(tmp_path):
+    case = ObjectiveCase("heaviside", {}, content="other")
+    with pytest.raises(InputError, match="has changed since this was begun"):
+        case.build()

@@ -1,0 +1,115 @@
+"""A named objective in plain words, so that any process can build it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from dynamics.contact import ContactLaw
+from ocp.distribution import load_plugin
+from ocp.effort import check_memory, sampling_memory
+from ocp.errors import InputError, input_errors
+from ocp.factories import closing_law, policy_of
+from ocp.gradients.chunks import CHUNK
+from ocp.gradients.objective import SampledObjective
+from ocp.gradients.rollouts import RolloutObjective
+from ocp.policy import Policy
+from ocp.store.provenance import check_content
+
+SIGMA_SHARE = 0.1
+"""Default noise on a problem's inputs, as a share of their characteristic size."""
+SIGMA_RATIO = 1e9
+"""Largest ratio of noise to default noise: beyond it, rounding hides one size behind the other."""
+
+
+@dataclass(frozen=True)
+class NamedObjective:
+    """An objective, all its parameters, and the noise ``sigma`` where none is chosen.
+
+    ``usual`` is the noise that the limits of :meth:`check_sigma` are relative to.
+    """
+
+    objective: SampledObjective
+    params: dict[str, Any]
+    sigma: float
+    usual: float
+
+    def check_sigma(self, values: Iterable[float]) -> None:
+        """Raise InputError for noise so small or large that rounding hides its effect."""
+        low, high = self.usual / SIGMA_RATIO, self.usual * SIGMA_RATIO
+        for value in values:
+            if not low <= value <= high:
+                raise InputError(
+                    f"sigma of {self.objective.name} must be from {low:.3g} to {high:.3g} (beyond,"
+                    f" rounding errors dominate), got {value:g}"
+                )
+
+
+@dataclass(frozen=True)
+class ObjectiveCase:
+    """An objective in plain words, so that any process can build it.
+
+    ``at`` are parameters and components of the decision that are changed after it is built.
+    ``content`` is the digest of the user's files, the problem's and a learned law's.
+    """
+
+    problem: str
+    params: Mapping[str, Any] = field(default_factory=dict)
+    contact: ContactLaw | str = "barrier"
+    contact_settings: Mapping[str, Any] = field(default_factory=dict)
+    policy: Policy | str = "open-loop"
+    policy_settings: Mapping[str, Any] = field(default_factory=dict)
+    theta: np.ndarray | None = None
+    engine: Mapping[str, Any] = field(default_factory=dict)
+    at: Mapping[str, float] = field(default_factory=dict)
+    content: str | None = None
+
+    def build(self, spec: Any = None) -> NamedObjective:
+        """Build it, of ``spec`` where that is at hand.
+
+        The default noise of rollouts is a tenth of the inputs' largest scale.
+
+        Raises :class:`~ocp.errors.InputError` for a law that cannot close the system, for a policy
+        setting other than ``stationary``, and where the decision needs more memory than there is;
+        :class:`~ocp.store.provenance.FilesChanged` where a file is no longer what it was.
+        """
+        spec = load_plugin("problems").named(self.problem) if spec is None else spec
+        digest = getattr(spec, "digest", None)
+        check_content(self.problem, self.content, digest, self.contact_settings)
+        made = self._static(spec) if hasattr(spec, "objective") else self._rollouts(spec)
+        return replace(made, objective=made.objective.at(self.at)) if self.at else made
+
+    def _static(self, spec: Any) -> NamedObjective:
+        """An objective without dynamics; its parameter ``sigma`` is the default noise."""
+        values = spec.params(self.params).model_dump()
+        usual = float(spec.Params.model_fields["sigma"].default)
+        objective = spec.objective(self.params, **self.engine)
+        return NamedObjective(objective, values, float(values["sigma"]), usual)
+
+    def _rollouts(self, spec: Any) -> NamedObjective:
+        """A problem's rollouts."""
+        values, problem = spec.params(self.params).model_dump(), spec.problem(self.params)
+        law = closing_law(self.contact, self.contact_settings, problem.system)
+        own, theta = self.policy_settings, self.theta
+        chosen = policy_of(self.policy, own)
+        if unused := own.keys() - {"stationary"}:
+            raise InputError(
+                f"-s policy.{min(unused)} has no effect: an estimate has no gains to limit; drop it"
+            )
+        per_step = problem.system.nu * (1 if chosen.name == "open-loop" else problem.system.nx + 1)
+        needed = sampling_memory(float(problem.N) * per_step, CHUNK)
+        check_memory(f"{spec.name} with N = {problem.N}", needed)
+        expected = problem.N * per_step if not own.get("stationary") else None
+        if theta is not None and expected is not None and theta.size != expected:
+            raise InputError(
+                f"the decision has {theta.size} variables, {spec.name} needs {expected}; give the"
+                " parameters of the run that it is from"
+            )
+        with input_errors():
+            objective = RolloutObjective(problem, law, chosen, theta, **self.engine)
+        sigma = SIGMA_SHARE * float(problem.scales.u.max())
+        known = spec.Params.model_fields.get("sigma")
+        return NamedObjective(objective, values, sigma, known.default if known else sigma)

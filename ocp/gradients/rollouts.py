@@ -1,0 +1,178 @@
+"""The cost of a problem's rollouts as an objective of its inputs or gains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine, open_loop
+from dynamics.contact import ContactLaw
+from dynamics.systems import Signal
+from ocp.gradients.objective import Bulk, CostSamples, Order, SampledObjective, without_warnings
+from ocp.policy import Feedback, OpenLoop, Policy
+from ocp.problem import Problem
+
+
+class RolloutObjective(SampledObjective):
+    """Cost of a problem's rollout under a law, with noise added to the input of every step.
+
+        V(theta, w) = sum_k l(x_k, u_k, du_k) + l_N(x_N),   u_k = pi(x_k, theta) + w_k
+
+    (pathologies, eq. 1). ``theta`` holds the inputs of all steps, or the gains of every step as
+    rows of K and then k (of one step where the feedback is stationary). Without a given ``theta``
+    it is the problem's guess, with K = 0. Bounds on inputs do not clip: the estimators' theory is
+    about the unclipped policy. With several scenarios sample i starts in scenario i modulo their
+    number, so the mean over samples is the mean over scenarios too. ``parameters`` are those of the
+    problem and the parameters of the law, ``contact.mu`` and the like.
+
+    Raises ``ValueError`` where the law cannot close the system.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        law: ContactLaw,
+        policy: Policy | None = None,
+        theta: np.ndarray | None = None,
+        **engine: Any,
+    ) -> None:
+        policy = OpenLoop() if policy is None else policy
+        self.problem, self.policy = problem, policy
+        self.step = law.close(replace(problem.system, parameters=problem.parameters))
+        self.name, self.n_noise = problem.name, problem.N * problem.system.nu
+        # Shared by all copies that differ in values alone, so that nothing is compiled twice.
+        self._compiled: list[RolloutFunction] = []
+        self._engine = engine
+        self.parameters = self.step.p.defaults
+        shape = self._policy.shape(problem.N)
+        self.theta = (
+            self._guess(shape) if theta is None else np.asarray(theta, float).reshape(shape)
+        ).ravel()
+        self.decision = _decision(problem, policy, shape)
+
+    def costs(self, noise: np.ndarray) -> np.ndarray:
+        """Cost at given noise (n, N nu), in the order of steps."""
+        n, system = len(noise), self.problem.system
+        given = np.ascontiguousarray(noise.reshape(n, self.problem.N, system.nu))
+        return self._rolled(n, 0, noise=given, gradient=False).cost
+
+    def nominal(self) -> float:
+        """Cost without noise, its mean over scenarios."""
+        return float(self.costs(np.zeros((self.problem.scenarios.n, self.n_noise))).mean())
+
+    def slope(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
+        """Mean cost over the scenarios, without noise, at ``theta``, and its gradient."""
+        shaped = theta.reshape(self._policy.shape(self.problem.N))
+        found = self._rolled(self.problem.scenarios.n, 0, theta=shaped)
+        gradient = found.gradient.reshape(len(found.cost), -1)
+        return float(found.cost.mean()), gradient.mean(axis=0)
+
+    def scored(self, noise: Gaussian, n: int) -> CostSamples:
+        """Costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
+        found = self._rolled(n, noise.first, noise=noise, gradient=False, score=True)
+        return CostSamples(found.cost, found.score.reshape(n, -1))
+
+    def differentiated(self, noise: Gaussian, n: int) -> CostSamples:
+        """Costs and their exact gradients through contact."""
+        found = self._rolled(n, noise.first, noise=noise)
+        return CostSamples(found.cost, found.gradient.reshape(n, -1))
+
+    def perturbed(self, noise: Gaussian, n: int) -> CostSamples:
+        """Costs of policies with disturbed parameters, which act without noise."""
+        d = len(self.theta)
+        e = noise.draw(n, 1, d)[:, 0]
+        theta = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
+        found = self._rolled(n, noise.first, theta=theta, gradient=False)
+        acts = self._forward.acting[1].ravel()
+        return CostSamples(found.cost, acts * e / noise.scales(d) ** 2)
+
+    def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
+        """Moments computed inside the kernel that rolls out and draws the noise."""
+        found = without_warnings(
+            self._forward.moments, **self._arguments(n, noise.first), noise=noise,
+            gradient=order == "first", score=order == "zeroth", baseline=baseline,
+        )  # fmt: skip
+        part = {"cost": found.value, "zeroth": found.zeroth, "first": found.gradient}[order]
+        flat = Moments(part.n, np.ravel(part.mean), np.ravel(part.m2))
+        return flat, found.nonfinite.indices
+
+    def _rolled(self, n: int, first: int, **how: Any) -> Any:
+        return without_warnings(self._forward, **self._arguments(n, first) | how)
+
+    def _arguments(self, n: int, first: int) -> dict[str, Any]:
+        problem = self.problem
+        physical = problem.parameters.pack(self.parameters)
+        x0 = problem.initial_states(physical)
+        rows = (first + np.arange(n)) % len(x0)
+        call: dict[str, Any] = {
+            "n_samples": n,
+            "x0": x0[rows] if len(x0) > 1 else x0[0],
+            "theta": self.theta.reshape(self._policy.shape(problem.N)),
+            "p": self.values,
+        }
+        if problem.uses_du:
+            call["u_before"] = np.array(problem.limits(physical)[1]).ravel()
+        return call
+
+    def _guess(self, shape: tuple[int, ...]) -> np.ndarray:
+        physical = self.problem.parameters.pack(self.parameters)
+        inputs = self.problem.initial_guess(physical)[1]
+        if isinstance(self.policy, OpenLoop):
+            return inputs
+        theta = np.zeros(shape)
+        theta[..., -self.problem.system.nu :] = inputs if self._policy.per_step else inputs[0]
+        return theta
+
+    @cached_property
+    def _policy(self) -> RolloutPolicy:
+        nx, nu = self.problem.system.nx, self.problem.system.nu
+        if isinstance(self.policy, Feedback):
+            return affine(nx, nu, per_step=not self.policy.stationary)
+        return open_loop(nx, nu)
+
+    @property
+    def _forward(self) -> RolloutFunction:
+        if not self._compiled:
+            problem, p = self.problem, self.step.p.vector
+            x, u = problem.system.x, problem.system.u
+            extra = {} if problem.du is None else {"du": problem.du}
+            extra |= {"lam": problem.system.lam} if problem.uses_impulses else {}
+            given = {"x": x, "u": u, **extra, "p": p}
+            stage = [_dense(problem.stage_cost)]
+            costs: tuple[Callable[..., Any], ...] = (
+                ca.Function("stage_cost", [*given.values()], stage, [*given], ["cost"]),
+                ca.Function("terminal_cost", [x, p], [_dense(problem.terminal_cost)]),
+            )
+            made = RolloutFunction(self.step, *costs, problem.N, self._policy, **self._engine)
+            self._compiled.append(made)
+        return self._compiled[0]
+
+
+def _dense(cost: ca.SX | float) -> ca.SX:
+    return ca.densify(ca.SX(cost))
+
+
+def _decision(problem: Problem, policy: Policy, shape: tuple[int, ...]) -> tuple[Signal, ...]:
+    """Names of theta's components: ``u[3]``, or ``K[3].u.x`` and ``k[3].u``."""
+    system = problem.system
+    if isinstance(policy, OpenLoop):
+        row = [(s.name, s.unit) for s in system.inputs]
+        return tuple(Signal(f"{n}[{t}]", unit) for t in range(shape[0]) for n, unit in row)
+    gains = [
+        (f".{u.name}.{x.name}", f"{u.unit}/({x.unit})")
+        for u in system.inputs
+        for x in system.states
+    ]
+    offsets = [(f".{u.name}", u.unit) for u in system.inputs]
+    steps = [f"[{t}]" for t in range(shape[0])] if len(shape) == 2 else [""]
+    return tuple(
+        Signal(f"{head}{step}{tail}", unit)
+        for step in steps
+        for head, row in (("K", gains), ("k", offsets))
+        for tail, unit in row
+    )
