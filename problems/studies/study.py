@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -46,10 +47,18 @@ class StudyParams(Parameters):
 
 
 class Pieces:
-    """Finished pieces of a study by their keys, kept by a checkpoint where there is one."""
+    """Finished pieces of a study by their keys, kept by a checkpoint where there is one.
 
-    def __init__(self, checkpoint: Checkpoint | None = None) -> None:
-        self._checkpoint = checkpoint
+    Pieces that are independent jobs go to ``jobs`` processes, by default one a CPU, or to the
+    cluster of ``scheduler``.
+    """
+
+    def __init__(
+        self, checkpoint: Checkpoint | None = None, jobs: int | None = None,
+        scheduler: str | None = None,
+    ) -> None:  # fmt: skip
+        self._checkpoint, self.scheduler = checkpoint, scheduler
+        self.jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
 
     def get(self, key: str, make: Callable[[], Mapping[str, ArrayLike]]) -> dict[str, np.ndarray]:
         """Arrays of a piece: those that were kept, or else made and kept now."""
@@ -139,17 +148,19 @@ class FigureStudy:
         return check_parameters(self.id, self.Params, values)
 
     def data(
-        self, values: Mapping[str, Any] | None = None, kept: Checkpoint | None = None
-    ) -> xr.Dataset:
+        self, values: Mapping[str, Any] | None = None, kept: Checkpoint | None = None,
+        jobs: int | None = None, scheduler: str | None = None,
+    ) -> xr.Dataset:  # fmt: skip
         """Run at ``values``, the rest at their defaults; the parameters become attributes.
 
-        Pieces of a study that resumes are taken from ``kept`` and put there.
+        Pieces of a study that resumes are taken from ``kept`` and put there, and computed where
+        :class:`Pieces` states.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter and ``ValueError`` where a
         variable has no units.
         """
         params = self.params(values or {})
-        more = [Pieces(kept)] if self.resumes else []
+        more = [Pieces(kept, jobs, scheduler)] if self.resumes else []
         found = self._module.run(params, *more)
         for name, array in found.variables.items():
             if array.dtype.kind in "fiu" and "units" not in array.attrs:

@@ -170,7 +170,7 @@ class EstimateOptions(JobsOptions, ProblemOptions):
     threads: int | None = option(None, min=1, max=1024, help="CPUs to use.")
 
 
-class FigureOptions(StoreOptions):
+class FigureOptions(JobsOptions, StoreOptions):
     """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims.
 
     With --format or --panel the bare figure is written as well, for a paper: ID-figure.pdf, or
@@ -179,7 +179,7 @@ class FigureOptions(StoreOptions):
 
     code: ClassVar = "reports.cli.figure_command"
     examples: ClassVar = (
-        "figure A1", "figure --all --quick --out studies", "figure P3 P6 --format svg --panel b",
+        "figure A1", "figure --all --quick -j 4", "figure P3 P6 --format svg --panel b",
     )  # fmt: skip
     figures: list[str] | None = argument(
         None, help="Figures, such as P6 (ocp list), or stored runs to draw again."

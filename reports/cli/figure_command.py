@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import asdict
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from string import ascii_lowercase
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ocp import store
 from ocp.effort import STUDY, check_memory
 from ocp.errors import InputError, choose
+from ocp.scheduling import Failure, run_jobs
 from ocp.store import atomic
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.stored_run import StoredRun
@@ -28,6 +29,9 @@ from reports.cli.request import assignments, check_places
 from reports.papers import FORMATS, bare
 from reports.pdf import write_pdf
 from reports.tables import claim_table
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 FigureRequest = list["tuple[FigureStudy, dict[str, Any]] | StoredRun"]
 
@@ -68,16 +72,63 @@ def _study(
 
 def run(options: FigureOptions, request: FigureRequest) -> int:
     """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
-    done = []
-    for one in request:
-        if isinstance(one, tuple):
-            done.append(_reproduce(*one, options))
-            continue
-        file = _bare(one, options)
-        options.output.say(f"files: {file}")
-        done.append({"id": one.meta["problem"], "files": [str(file)], "run": str(one.path)})
-    options.output.document(done[0] if len(options.figures or ()) == 1 else {"figures": done})
+    done: dict[int, dict[str, Any]] = {}
+    for place, one in enumerate(request):
+        if isinstance(one, StoredRun):
+            file = _bare(one, options)
+            options.output.say(f"files: {file}")
+            done[place] = {"id": one.meta["problem"], "files": [str(file)], "run": str(one.path)}
+    named = {place: one for place, one in enumerate(request) if isinstance(one, tuple)}
+    for place, data in _computed(named, options):
+        done[place] = _shown(*named[place], data, options)
+    found = [done[place] for place in sorted(done)]
+    options.output.document(found[0] if len(options.figures or ()) == 1 else {"figures": found})
     return 0
+
+
+@dataclass(frozen=True)
+class StudyJob:
+    """A study at its parameters, and the store beside which its finished pieces are kept."""
+
+    study: str
+    params: dict[str, Any]
+    out: Path
+
+
+def study_data(job: StudyJob, report: Callable[[Any], None]) -> xr.Dataset:
+    """Run a study in one process; a :data:`~ocp.scheduling.Function`."""
+    study = studies.get(job.study)
+    with Checkpoint(job.out if study.resumes else None, study.id, job.params) as kept:
+        return study.data(job.params, kept, jobs=1)
+
+
+def _computed(
+    named: dict[int, tuple[FigureStudy, dict[str, Any]]], options: FigureOptions
+) -> Iterator[tuple[int, xr.Dataset]]:
+    """Data of every study by its place: side by side, or one with all workers for its pieces."""
+    if not options.parallel or len(named) == 1:
+        for place, (study, params) in named.items():
+            yield place, _alone(study, params, options)
+        return
+    places = list(named)
+    jobs = [StudyJob(study.id, params, options.out.resolve()) for study, params in named.values()]
+    with closing(run_jobs(study_data, jobs, options.jobs, options.scheduler)) as outcomes:
+        for index, outcome in outcomes:
+            with _explained(*named[places[index]]):
+                if isinstance(outcome, Failure):
+                    raise outcome.error
+            yield places[index], outcome
+
+
+def _alone(study: FigureStudy, params: dict[str, Any], options: FigureOptions) -> xr.Dataset:
+    if not options.output.quiet:
+        print(f"{study.id}: {study.title}", file=sys.stderr, flush=True)
+    jobs = options.jobs if "jobs" in options.given else None
+    with Checkpoint(options.out if study.resumes else None, study.id, params) as kept:
+        for line in kept.notes:
+            options.output.say(line)
+        with _explained(study, params):
+            return study.data(params, kept, jobs, options.scheduler)
 
 
 def _bare(run: StoredRun, options: FigureOptions) -> Path:
@@ -109,28 +160,24 @@ def _explained(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
         ) from error
 
 
-def _reproduce(
-    study: FigureStudy, params: dict[str, Any], options: FigureOptions
+def _shown(
+    study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options: FigureOptions
 ) -> dict[str, Any]:
+    """Store the data, check the claims, and draw the figure."""
     out, output = options.out, options.output
-    if not output.quiet:
-        print(f"{study.id}: {study.title}", file=sys.stderr, flush=True)
+    with _explained(study, params):
+        claims = study.claims(data)
+    meta = {
+        "kind": "figure",
+        "argv": options.argv,
+        "seed": params["seed"],
+        "record": {"params": params},
+        "claims": [asdict(claim) for claim in claims],
+        "verdict": did_hold(claims),
+        "status": "done",
+    }
+    stored = store.write(out, study.id, data, meta)
     with Checkpoint(out if study.resumes else None, study.id, params) as kept:
-        for line in kept.notes:
-            output.say(line)
-        with _explained(study, params):
-            data = study.data(params, kept)
-            claims = study.claims(data)
-        meta = {
-            "kind": "figure",
-            "argv": options.argv,
-            "seed": params["seed"],
-            "record": {"params": params},
-            "claims": [asdict(claim) for claim in claims],
-            "verdict": did_hold(claims),
-            "status": "done",
-        }
-        stored = store.write(out, study.id, data, meta)
         kept.discard()
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     with _explained(study, params):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -48,13 +47,14 @@ def trained_curves(job: TrainingJob, tell: Report) -> Curves:
 def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) -> dict[str, Curves]:
     """What ``function`` gives for every job, arrays by name, by the key of the job.
 
-    Those that were kept are not redone; the others are done in as many processes as there are
-    CPUs. Raises what a job raised.
+    Those that were kept are not redone; the others go where ``pieces`` states. Raises what a job
+    raised.
     """
     found = {key: pieces.kept(key) for key in jobs}
     left = [key for key, arrays in found.items() if arrays is None]
-    workers = min(len(os.sched_getaffinity(0)), max(1, len(left)))
-    for place, outcome in run_jobs(function, [jobs[key] for key in left], workers):
+    workers = min(pieces.jobs, max(1, len(left)))
+    work = [jobs[key] for key in left]
+    for place, outcome in run_jobs(function, work, workers, pieces.scheduler):
         if isinstance(outcome, Failure):
             raise outcome.error
         found[left[place]] = pieces.keep(left[place], outcome)
