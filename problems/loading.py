@@ -143,7 +143,8 @@ _REQUIRED = ("name", "title", "Params", "build")
 _LONGEST = 100
 
 
-def _word(name: str) -> str:
+def check_name(name: str) -> str:
+    """Return the name of a problem; raises ValueError unless it is one word."""
     if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > _LONGEST:
         raise ValueError(
             f"must be a word of letters, digits, '-' and '_', of at most {_LONGEST} characters"
@@ -172,7 +173,7 @@ def _parameters(kind: Any) -> Any:
 _Function = Annotated[Callable[..., Any], AfterValidator(_plain_function)]
 _MaybeFunction = Annotated[Callable[..., Any] | None, AfterValidator(_plain_function)]
 _KINDS: dict[str, Any] = {
-    "name": Annotated[Line, AfterValidator(_word)],
+    "name": Annotated[Line, AfterValidator(check_name)],
     "title": Line,
     "Params": Annotated[Any, AfterValidator(_parameters)],
     "build": _Function,

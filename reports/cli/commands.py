@@ -82,6 +82,20 @@ class ShowOptions(Options):
     )
 
 
+class NewOptions(Options):
+    """Write NAME.py, a commented problem file that solves as it is, to begin with.
+
+    It is a mass before a wall with a distance by hand, --scene a scene of shapes, --machine a
+    machine of links.
+    """
+
+    code: ClassVar = "reports.cli.new_command"
+    examples: ClassVar = ("new bumper", "new push-box --scene", "new leg --machine")
+    problem: str = argument(metavar="NAME", help="Name of the problem and of its file.")
+    scene: bool = option(False, help="Bodies, pushers and obstacles in the plane.")
+    machine: bool = option(False, help="Links with joints and motors over the ground.")
+
+
 class SolveOptions(StartsOptions):
     """Solve a problem under a contact law, audit the answer, and store the run."""
 
@@ -317,7 +331,7 @@ class DoctorOptions(Options):
 
 COMMANDS: dict[str, type[Options]] = {
     "list": ListOptions, "laws": LawsOptions, "methods": MethodsOptions,
-    "settings": SettingsOptions, "show": ShowOptions, "solve": SolveOptions,
+    "settings": SettingsOptions, "show": ShowOptions, "new": NewOptions, "solve": SolveOptions,
     "replay": ReplayOptions, "continue": ContinueOptions, "sweep": SweepOptions,
     "estimate": EstimateOptions, "collect": CollectOptions, "learn": LearnOptions,
     "train": TrainOptions, "evaluate": EvaluateOptions, "figure": FigureOptions,
