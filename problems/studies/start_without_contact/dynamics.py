@@ -17,7 +17,7 @@ from dynamics.learned.laws import LearnedLaw
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp import Direct, Feedback, NotConverged, SingleShooting, solve
-from ocp.gradients.estimate import RolloutObjective
+from ocp.gradients.rollouts import RolloutObjective
 from ocp.learning.unrolls.unrolling import adam
 from ocp.problem import Problem
 from ocp.rollout import Gains, roll_on
