@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # Tests start many processes: each reads the bytecode that the first one wrote.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-mpcc bench-random lint gallery claims docs generated numbers verdicts refined promises
+.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random lint gallery claims docs generated numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -67,6 +67,11 @@ bench-solve: setup
 # rewrites the table of the site; PROBLEMS="hopper push-1d" does some of them.
 bench-solvers: setup
 	$(BIN)/python -m tests.benchmarks.ocp.solvers $(PROBLEMS)
+
+# Solves every named problem under the exact law and the barrier from ten perturbed guesses, compares
+# what the referee makes of the plans, and rewrites the table of the site.
+bench-laws: setup
+	$(BIN)/python -m tests.benchmarks.ocp.default_law $(PROBLEMS)
 
 # Solves the AMPL .nl files of complementarity problems under DIR, with reference.csv beside them,
 # against a plain Scholtes loop; CHECK=--cross-check tries to disprove the certificates.

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from dynamics.systems import ContactSystem
 
 T = TypeVar("T")
+DEFAULT_LAW = "exact"
+"""The law of plans where none is chosen: docs/reference/laws.md compares it with the barrier."""
 
 
 def contact_law(contact: ContactLaw | str, values: Mapping[str, Any]) -> ContactLaw:
@@ -49,6 +51,14 @@ def law_settings(contact: ContactLaw | str) -> tuple[str, ...]:
     if isinstance(contact, ContactLaw):
         return ()
     return tuple(inspect.signature(choose("contact law", contact, LAWS)).parameters)
+
+
+def laws_with(setting: str) -> str:
+    """The part of a sentence that names the laws which take ``setting``; "" where none does."""
+    from dynamics.laws import LAWS
+
+    names = [name for name, law in LAWS.items() if setting in inspect.signature(law).parameters]
+    return f"; {setting} belongs to {', '.join(names)}" if names else ""
 
 
 def closing_law(
@@ -90,9 +100,10 @@ def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) ->
     where = "ocp settings " + name if kind == "policy" else "ocp laws " + name
     for key in values:
         if key not in takes:
+            others = laws_with(key) if kind == "contact law" else ""
             raise InputError(
                 f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
-                f" it takes {', '.join(takes) or 'none'}; list them with {where}"
+                f" it takes {', '.join(takes) or 'none'}{others}; list them with {where}"
             )
     from ocp.validation import parse
 

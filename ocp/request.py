@@ -16,7 +16,7 @@ from pydantic import Field
 from dynamics.contact import ContactLaw
 from ocp.distribution import load_plugin
 from ocp.errors import InputError, choose, did_you_mean
-from ocp.factories import law_settings
+from ocp.factories import law_settings, laws_with
 from ocp.problem import Problem
 from ocp.programs.options import documented, has_option
 from ocp.programs.solver import SOLVERS
@@ -152,7 +152,7 @@ def _unknown_keyword(
     ]
     return (
         f"solve has no argument {key!r}{did_you_mean(key, (*settings, *takes))};"
-        f" {'; '.join([*lists, *made])}"
+        f" {'; '.join([*lists, *made])}{'' if isinstance(contact, ContactLaw) else laws_with(key)}"
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, input_errors, interruptible
-from ocp.factories import closing_law, method_of, policy_of, split_policy_settings
+from ocp.factories import DEFAULT_LAW, closing_law, method_of, policy_of, split_policy_settings
 from ocp.judgement import judged, keeping
 from ocp.policy import Policy
 from ocp.problem import Problem
@@ -38,7 +38,7 @@ _FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Statu
 
 def solve(
     problem: ProblemLike,
-    contact: ContactLaw | str = "barrier",
+    contact: ContactLaw | str = DEFAULT_LAW,
     transcription: Method | str = "direct",
     policy: Policy | str = "open-loop",
     solver: str = "ipopt",
@@ -153,7 +153,7 @@ def solve_from(
 
 def new_session(
     problem: ProblemLike,
-    contact: ContactLaw | str = "barrier",
+    contact: ContactLaw | str = DEFAULT_LAW,
     transcription: Method | str = "direct",
     policy: Policy | str = "open-loop",
     solver: str = "ipopt",

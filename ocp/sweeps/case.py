@@ -20,7 +20,7 @@ from dynamics.contact import ContactLaw, Step
 from dynamics.systems import LAW_PREFIX, ParameterTable
 from ocp.distribution import load_plugin
 from ocp.errors import InputError, did_you_mean
-from ocp.factories import law_settings
+from ocp.factories import DEFAULT_LAW, law_settings
 from ocp.problem import Problem
 from ocp.request import OWN, ProblemSource
 from ocp.session import Session
@@ -42,7 +42,7 @@ class Case:
 
     problem: str
     params: Mapping[str, Any] = field(default_factory=dict)
-    contact: str = "barrier"
+    contact: str = DEFAULT_LAW
     contact_settings: Mapping[str, Any] = field(default_factory=dict)
     method: str = "direct"
     policy: str = "open-loop"
@@ -127,7 +127,7 @@ class Case:
         for option, held in (("-p", self.params), ("-c", self.contact_settings),
                              ("-s", self.settings)):  # fmt: skip
             words += [part for key, value in held.items() for part in (option, f"{key}={value}")]
-        chosen = {"contact": (self.contact, "barrier"), "method": (self.method, "direct"),
+        chosen = {"contact": (self.contact, DEFAULT_LAW), "method": (self.method, "direct"),
                   "policy": (self.policy, "open-loop"), "solver": (self.solver, "ipopt"),
                   "seed": (seed, 0), "starts": (starts, 1), "rank": (rank, "planned")}  # fmt: skip
         for name, (value, usual) in chosen.items():

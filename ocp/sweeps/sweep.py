@@ -17,6 +17,7 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from ocp.effort import check_memory, points_memory
 from ocp.errors import InputError, interruptible
+from ocp.factories import DEFAULT_LAW
 from ocp.judgement import record
 from ocp.problem import Problem
 from ocp.request import ProblemLike, split_keywords
@@ -41,7 +42,7 @@ OnPoint = Callable[[int, JobResult], None]
 def sweep(
     problem: ProblemLike,
     over: Mapping[str, Any] | Iterable[str | Axis],
-    contact: ContactLaw | str = "barrier",
+    contact: ContactLaw | str = DEFAULT_LAW,
     *,
     params: Mapping[str, Any] | None = None,
     contact_settings: Mapping[str, Any] | None = None,

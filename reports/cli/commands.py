@@ -131,8 +131,8 @@ class ContinueOptions(SolverOptions):
 
     code: ClassVar = "reports.cli.sweep_command:continue"
     examples: ClassVar = (
-        "continue push-disc --over contact.mu --from 1e-1 --to 1e-5 --scale log",
-        "continue push-1d --over M --from 1 --to 2 --contact exact --pdf path.pdf",
+        "continue push-1d --contact barrier --over mu --from 1e-1 --to 1e-5",
+        "continue push-1d --over M --from 1 --to 2 --pdf path.pdf",
     )
     over: str = option(MISSING, help="Parameter, such as contact.mu or M.")
     start: float = option(MISSING, "--from", help="First value.")
@@ -150,8 +150,8 @@ class SweepOptions(StartsOptions):
 
     code: ClassVar = "reports.cli.sweep_command"
     examples: ClassVar = (
-        "sweep push-disc --over M=0.5:2:7 --over contact.mu=1e-4:1e-1:4:log -j 2",
-        "sweep push-1d --over N=10:40:4 --contact exact --starts 3 --pdf sweep.pdf",
+        "sweep push-disc --over M=0.5:2:7 --over h=0.05:0.1:3 -j 2",
+        "sweep push-1d --contact barrier --over mu=1e-3:1e-1:5:log --pdf sweep.pdf",
     )
     over: list[str] | None = option(
         None, metavar="NAME=A:B:n[:log]",
@@ -171,6 +171,7 @@ class EstimateOptions(JobsOptions, ProblemOptions):
         "estimate heaviside --samples 1e5 --sweep sigma=0.01:1:9:log",
         "estimate push-1d --contact exact --estimators zobg,alpha -s alpha.gamma=1",
     )
+    contact: str = option("barrier", help="Contact law; list with ocp laws.")
     estimators: str = option(
         "zobg,fobg,alpha", help="Names separated by commas; list with ocp list."
     )

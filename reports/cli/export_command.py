@@ -12,7 +12,7 @@ from dynamics.batch import TabulatedPolicy, exported, identifier
 from dynamics.contact import ContactLaw, Step
 from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError, did_you_mean
-from ocp.factories import closing_law
+from ocp.factories import DEFAULT_LAW, closing_law
 from ocp.problem import Problem
 from ocp.rollout import step_values
 from ocp.solution import Solution
@@ -97,7 +97,7 @@ def _find(options: ExportOptions) -> ExportRequest:
             raise InputError(f"--source is for a run, but {what} is a problem; drop it")
         found = spec(what)
         problem = found.problem(assignments("-p", options.params))
-        law = closing_law(options.contact or "barrier", given, problem.system)
+        law = closing_law(options.contact or DEFAULT_LAW, given, problem.system)
         return ExportRequest(found.name, found.title, problem, law)
     request = _read_run(what, options)
     if options.params:

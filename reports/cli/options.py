@@ -156,7 +156,7 @@ class TagOptions(StoreOptions):
 class LawOptions(StoreOptions):
     """A contact law and its settings."""
 
-    contact: str = option("barrier", help="Contact law; list with ocp laws.")
+    contact: str = option("exact", help="Contact law; list with ocp laws.")
     law_settings: list[str] | None = assigned(
         "--contact-setting", "-c", help="Setting of the contact law; list with ocp laws."
     )

@@ -35,9 +35,9 @@ solve push-1d -p M=0
 solve push-1d -p M=1_000.5
 solve push-1d -p nothing=1
 solve push-1d -p M
-solve push-1d -c mu=nan
-solve push-1d -c mu=-1
-solve push-1d -c mu=inf
+solve push-1d --contact barrier -c mu=nan
+solve push-1d --contact barrier -c mu=-1
+solve push-1d --contact barrier -c mu=inf
 solve push-1d -s tol=1e10 -s dual_inf_tol=1e10 -s compl_inf_tol=1e10
 solve push-1d -s tol=0
 solve push-1d -s tol=nan
@@ -76,7 +76,7 @@ estimate heaviside --threads 1000000
 estimate heaviside --estimators nothing
 estimate push-1d -p N=3 -n 10 --at nothing
 sweep push-1d --over M=1:2:1e9
-sweep push-1d --over M=1:2:1000000 --over mu=1:2:100000
+sweep push-1d --contact barrier --over M=1:2:1000000 --over mu=1:2:100000
 sweep push-1d --over M=1:2:-1
 sweep push-1d --over M=1:2:2 -j 0
 sweep push-1d --over M=nan:2:2
@@ -124,8 +124,8 @@ solve push-1d -p N=4 --json --solver sleqp
 solve push-1d -p N=4 --json -p M=1e-300
 solve push-1d -p N=4 --json -p M=1e300
 solve push-1d -p N=4 --json -p M=1e-3 -p goal_x=1e308
-solve wall-1d -p N=4 --json -c mu=1e-300
-solve wall-1d -p N=4 --json -c mu=1e300
+solve wall-1d -p N=4 --json --contact barrier -c mu=1e-300
+solve wall-1d -p N=4 --json --contact barrier -c mu=1e300
 continue wall-1d -p N=3 --over m --from 1 --to 1e-300 --steps 3 --json
 continue wall-1d -p N=3 --over contact.mu --from 1 --to 1e-300 --scale log --steps 3 --json
 estimate belt-block --sigma 1e308 -n 100 --json

@@ -49,8 +49,9 @@ def store_of_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ["solve", "wall-1d", "--contact", "barrier", "-c", "mu=1e-3"],
         ["solve", "push-1d", "--contact", "exact"],
         ["solve", "push-1d", "--contact", "adaptive", "--method", "multiple-shooting"],
-        ["solve", "push-disc", "-p", "scenarios=3", "--policy", "feedback"],
-        ["continue", "wall-1d", "--over", "contact.mu", "--from", "1e-1", "--to", "1e-4",
+        ["solve", "push-disc", "--contact", "barrier", "-p", "scenarios=3", "--policy", "feedback"],
+        ["continue", "wall-1d", "--contact", "barrier",
+         "--over", "contact.mu", "--from", "1e-1", "--to", "1e-4",
          "--scale", "log", "--steps", "4"],
     ]  # fmt: skip
     for arguments in calls:

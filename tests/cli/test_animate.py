@@ -27,9 +27,10 @@ def store_of_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("animated")
     (root / "bare.py").write_text(USER)
     for arguments in (
-        ["solve", "push-1d", "-p", "N=6"],
-        ["solve", str(root / "bare.py"), "-p", "N=6"],
-        ["continue", "wall-1d", "--over", "contact.mu", "--from", "1e-1", "--to", "1e-2",
+        ["solve", "push-1d", "--contact", "barrier", "-p", "N=6"],
+        ["solve", str(root / "bare.py"), "--contact", "barrier", "-p", "N=6"],
+        ["continue", "wall-1d", "--contact", "barrier",
+         "--over", "contact.mu", "--from", "1e-1", "--to", "1e-2",
          "--scale", "log", "--steps", "2"],
     ):  # fmt: skip
         assert main([*arguments, "--out", str(root / "runs"), "--quiet"]) == 0

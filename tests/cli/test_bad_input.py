@@ -13,7 +13,8 @@ import pytest
 from tests.resealed import having, lacking, reseal
 
 SOLVE = ("solve", "wall-1d")
-CONTINUE = ("continue", "wall-1d", "--over", "contact.mu")
+SMOOTH = (*SOLVE, "--contact", "barrier")
+CONTINUE = ("continue", "wall-1d", "--contact", "barrier", "--over", "contact.mu")
 
 CASES = {
     "problem": (["solve", "wal-1d"], ["'wal-1d'", "did you mean 'wall-1d'", "push-disc"]),
@@ -23,10 +24,10 @@ CASES = {
     "no problem": (["solve"], ["PROBLEM"]),
     "law": ([*SOLVE, "--contact", "barier"], ["did you mean 'barrier'", "randomized"]),
     "law's setting": ([*SOLVE, "-c", "nu=1"], ["'nu'", "did you mean 'mu'", "kappa"]),
-    "setting's type": ([*SOLVE, "-c", "mu=abc"], ["mu must be a number", "'abc'"]),
-    "mu = 0": ([*SOLVE, "-c", "mu=0"], ["mu", "exact law"]),
-    "mu not finite": ([*SOLVE, "-c", "mu=nan"], ["mu", "finite"]),
-    "mu and kappa": ([*SOLVE, "-c", "mu=1", "-c", "kappa=1"], ["mu or kappa"]),
+    "setting's type": ([*SMOOTH, "-c", "mu=abc"], ["mu must be a number", "'abc'"]),
+    "mu = 0": ([*SMOOTH, "-c", "mu=0"], ["mu", "exact law"]),
+    "mu not finite": ([*SMOOTH, "-c", "mu=nan"], ["mu", "finite"]),
+    "mu and kappa": ([*SMOOTH, "-c", "mu=1", "-c", "kappa=1"], ["mu or kappa"]),
     "negative sigma": (
         [*SOLVE, "--contact", "adaptive", "-c", "sigma=-0.1"],
         ["sigma must be positive", "-0.1"],
@@ -36,12 +37,12 @@ CASES = {
         ["sigma does not belong"],
     ),
     "no assignment": ([*SOLVE, "-c", "mu"], ["name=value", "'mu'"]),
-    "given twice": ([*SOLVE, "-c", "mu=1", "-c", "mu=2"], ["twice"]),
+    "given twice": ([*SMOOTH, "-c", "mu=1", "-c", "mu=2"], ["twice"]),
     "base without name": (
         [*SOLVE, "--contact", "randomized", "-c", "base.mu=1"],
         ["base=barrier"],
     ),
-    "base of a plain law": ([*SOLVE, "-c", "base.mu=1"], ["no base law"]),
+    "base of a plain law": ([*SMOOTH, "-c", "base.mu=1"], ["no base law"]),
     "base law": (
         [*SOLVE, "--contact", "randomized", "-c", "base=barier"],
         ["did you mean 'barrier'"],
@@ -51,7 +52,7 @@ CASES = {
         ["samples must be a whole number"],
     ),
     "kappa without energy": (
-        ["solve", "cart-walls", "-c", "kappa=10"],
+        ["solve", "cart-walls", "--contact", "barrier", "-c", "kappa=10"],
         ["kappa", "give mu instead"],
     ),
     "an objective": (["solve", "heaviside"], ["no", "ocp estimate heaviside"]),
@@ -85,7 +86,18 @@ CASES = {
     "report without a file": (["report", "nothing"], ["--output"]),
     "PDF in a directory's place": ([*SOLVE, "--pdf", "."], ["is a directory"]),
     "parameter of a law": (
-        ["continue", "wall-1d", "--over", "contact.nu", "--from", "1", "--to", "2"],
+        [
+            "continue",
+            "wall-1d",
+            "--contact",
+            "barrier",
+            "--over",
+            "contact.nu",
+            "--from",
+            "1",
+            "--to",
+            "2",
+        ],
         ["did you mean 'contact.mu'", "goal_x"],
     ),
     "scale": ([*CONTINUE, "--from", "1", "--to", "2", "--scale", "lgo"], ["did you mean 'log'"]),
@@ -151,7 +163,7 @@ def test_wrong_usage(ocp, tmp_path: Path, arguments: list[str], words: list[str]
 
 
 def test_debug_shows_where(ocp) -> None:
-    done = ocp("solve", "wall-1d", "-c", "mu=0", "--debug")
+    done = ocp("solve", "wall-1d", "--contact", "barrier", "-c", "mu=0", "--debug")
     assert done.code == 2
     assert "Traceback" in done.err
     assert "error: barrier: mu" in done.err

@@ -164,7 +164,7 @@ def test_a_decision_is_of_this_problem_at_these_parameters(
 ) -> None:
     assert main(SOLVE) == 0
     run = str(store.find("@last", "runs"))
-    assert main(["solve", "wall-1d", "-p", "N=3", "--quiet"]) == 0
+    assert main(["solve", "wall-1d", "--contact", "barrier", "-p", "N=3", "--quiet"]) == 0
     other = str(store.find("@last", "runs"))
     estimate = ["estimate", "mine.py", "-n", "20", "--estimators", "zobg", *QUICK]
     capsys.readouterr()

@@ -43,7 +43,19 @@ def without_times(value: Any) -> Any:
 
 
 def test_solve_json(ocp) -> None:
-    done = ocp("solve", "wall-1d", "-c", "mu=1e-3", "-p", "m=2", "--seed", "3", "--json")
+    done = ocp(
+        "solve",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "-c",
+        "mu=1e-3",
+        "-p",
+        "m=2",
+        "--seed",
+        "3",
+        "--json",
+    )
     assert done.code == 0
     found = strict(done.out)
     assert set(found) >= SOLVE_KEYS
@@ -57,7 +69,7 @@ def test_solve_json(ocp) -> None:
 
 
 def test_the_split_of_the_time_adds_up(ocp) -> None:
-    done = ocp("solve", "wall-1d", "--json")
+    done = ocp("solve", "wall-1d", "--contact", "barrier", "--json")
     found = strict(done.out)
     assert found["evaluation_s"] + found["solver_s"] == pytest.approx(found["solve_s"], rel=1e-12)
     spent = [stage["evaluation_s"] for stage in found["stages"]]
@@ -83,7 +95,17 @@ def test_a_failure_keeps_its_run_and_says_so(ocp) -> None:
 
 
 def test_a_failure_names_the_worst_constraints(ocp) -> None:
-    done = ocp("solve", "push-disc", "-s", "max_iter=3", "-s", "homotopy=false", "--json")
+    done = ocp(
+        "solve",
+        "push-disc",
+        "--contact",
+        "barrier",
+        "-s",
+        "max_iter=3",
+        "-s",
+        "homotopy=false",
+        "--json",
+    )
     found = strict(done.out)
     assert done.code == 3
     assert found["status"] == "iteration-limit"
@@ -104,7 +126,8 @@ def test_a_rerun_gives_identical_json_but_for_times(ocp) -> None:
 
 
 def test_continue_json(ocp) -> None:
-    done = ocp("continue", "wall-1d", "--over", "contact.mu", "--from", "1e-1", "--to", "1e-4",
+    done = ocp("continue", "wall-1d", "--contact", "barrier",
+               "--over", "contact.mu", "--from", "1e-1", "--to", "1e-4",
                "--scale", "log", "--steps", "3", "--json")  # fmt: skip
     assert done.code == 0
     found = strict(done.out)
@@ -178,7 +201,7 @@ def test_runs_lists_the_damaged_ones_too(ocp, store_of_runs: Path) -> None:
         "push-1d", "push-1d", "push-disc", "wall-1d", "wall-1d",
     ]  # fmt: skip
     assert all(entry["damage"] is None for entry in listed)
-    ocp("solve", "wall-1d", "--quiet")
+    ocp("solve", "wall-1d", "--contact", "barrier", "--quiet")
     meta = next(Path("runs").rglob("meta.json"))
     meta.write_text("{")
     damaged = ocp("runs", "--json")
@@ -267,10 +290,10 @@ def test_doctor_refuses_two_roots() -> None:
 
 
 def test_quiet_and_plain_output(ocp) -> None:
-    loud = ocp("solve", "wall-1d")
+    loud = ocp("solve", "wall-1d", "--contact", "barrier")
     assert "Solved" in loud.out and "run: " in loud.out
     assert "lam·gap" in loud.err
-    quiet = ocp("solve", "wall-1d", "--quiet")
+    quiet = ocp("solve", "wall-1d", "--contact", "barrier", "--quiet")
     assert quiet.out.splitlines()[0] == loud.out.splitlines()[0]
     assert quiet.err == ""
 
@@ -280,9 +303,22 @@ def test_quiet_and_plain_output(ocp) -> None:
     [
         ["solve", "push-disc", "--contact", "exact"],
         ["solve", "wall-1d", "--contact", "randomized", "-c", "base=barrier", "-c", "samples=4"],
-        ["solve", "push-disc", "-s", "max_iter=3", "-s", "homotopy=false"],
-        ["solve", "push-1d", "--starts", "2"],
-        ["continue", "push-1d", "--over", "M", "--from", "1", "--to", "2", "--steps", "2"],
+        ["solve", "push-disc", "--contact", "barrier", "-s", "max_iter=3", "-s", "homotopy=false"],
+        ["solve", "push-1d", "--contact", "barrier", "--starts", "2"],
+        [
+            "continue",
+            "push-1d",
+            "--contact",
+            "barrier",
+            "--over",
+            "M",
+            "--from",
+            "1",
+            "--to",
+            "2",
+            "--steps",
+            "2",
+        ],
         ["runs"],
         ["runs", "wall-1d"],
         ["show", "cart-walls"],
@@ -302,7 +338,7 @@ def test_everything_fits_80_columns(ocp, arguments: list[str]) -> None:
 
 
 def test_a_stage_is_told_in_one_line_without_a_terminal(ocp) -> None:
-    done = ocp("solve", "push-1d", "-c", "mu=1e-2", "--json")
+    done = ocp("solve", "push-1d", "--contact", "barrier", "-c", "mu=1e-2", "--json")
     rows = [line.split() for line in done.err.partition("cost under")[0].splitlines()]
     assert rows[0] == ["stage", "parameter", "cost", "lam·gap", "residual", "iter", "s"]
     stages = done.json["stages"]
@@ -313,12 +349,13 @@ def test_a_stage_is_told_in_one_line_without_a_terminal(ocp) -> None:
         assert row[-2] == str(stage["iterations"]) and f"{stage['cost']:.7g}" in row
     hidden = set(range(1, len(stages) + 1)) - {int(row[0]) for row in told}
     assert all(stages[n - 1]["label"] == "neighbour" for n in hidden)
-    quiet = ocp("solve", "push-1d", "-c", "mu=1e-2", "-q")
+    quiet = ocp("solve", "push-1d", "--contact", "barrier", "-c", "mu=1e-2", "-q")
     assert quiet.err == ""
 
 
 def test_a_point_of_a_continuation_is_told_in_one_line(ocp) -> None:
-    done = ocp("continue", "wall-1d", "--over", "m", "--from", "1", "--to", "2", "--steps", "2",
+    done = ocp("continue", "wall-1d", "--contact", "barrier",
+               "--over", "m", "--from", "1", "--to", "2", "--steps", "2",
                "--json")  # fmt: skip
     rows = [line.split() for line in done.err.splitlines()]
     assert [row[0] for row in rows[1:4]] == ["1", "1.5", "2"]
@@ -342,7 +379,7 @@ def test_jit_without_a_compiler_is_one_line(ocp, monkeypatch: pytest.MonkeyPatch
         raise compiler.CompilerError("no C compiler found (looked for cc)")
 
     monkeypatch.setattr(compiler, "find_compiler", none)
-    done = ocp("solve", "wall-1d", "-s", "jit=true", "--json", "--quiet")
+    done = ocp("solve", "wall-1d", "--contact", "barrier", "-s", "jit=true", "--json", "--quiet")
     assert done.code == 0
     line = "no C compiler found (looked for cc); functions are interpreted"
     assert strict(done.out)["jit"] == line

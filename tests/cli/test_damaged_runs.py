@@ -28,10 +28,11 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     root = tmp_path_factory.mktemp("made")
     small, kept = ["-p", "N=3"], ["--quiet", "--out", str(root)]
     for line in (
-        ["solve", "wall-1d", *small],
-        ["continue", "wall-1d", *small, "--over", "mu", "--from", "0.1", "--to", "0.05",
+        ["solve", "wall-1d", "--contact", "barrier", *small],
+        ["continue", "wall-1d", "--contact", "barrier",
+         *small, "--over", "mu", "--from", "0.1", "--to", "0.05",
          "--steps", "1"],
-        ["sweep", "wall-1d", *small, "--over", "m=1:2:2"],
+        ["sweep", "wall-1d", "--contact", "barrier", *small, "--over", "m=1:2:2"],
         ["estimate", "heaviside", "-n", "100"],
         ["train", "ball-throw", "-s", "samples=2", "-p", "horizon=3", "--iterations", "1"],
     ):  # fmt: skip

@@ -70,7 +70,23 @@ def test_a_horizon_can_be_swept(capsys, tmp_path):
 
 
 def test_a_stored_plan_is_the_decision(capsys, tmp_path):
-    assert main(["solve", "wall-1d", "-p", "N=5", "--out", str(tmp_path), "--quiet", "--json"]) == 0
+    assert (
+        main(
+            [
+                "solve",
+                "wall-1d",
+                "--contact",
+                "barrier",
+                "-p",
+                "N=5",
+                "--out",
+                str(tmp_path),
+                "--quiet",
+                "--json",
+            ]
+        )
+        == 0
+    )
     run = json.loads(capsys.readouterr().out)["run"]
     sizes = []
     for more in ((), ("--at", run)):

@@ -115,14 +115,18 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     assert ocp("replay", run, "--quiet").code == 0
     assert ocp("report", run, "-o", "again.pdf", "--quiet").code == 0
     assert ocp("animate", run, "-o", "plan.gif", "--quiet").code == 0
-    again = ocp("solve", "push-1d", *words, "--from", run, "--json", "-q")
+    again = ocp("solve", "push-1d", "--contact", "barrier", *words, "--from", run, "--json", "-q")
     assert again.json["cost"] == pytest.approx(solved.json["cost"], rel=1e-6)
     over = ["--over", "M", "--from", "1", "--to", "1.2", "--steps", "2", "--json", "-q"]
-    assert len(ocp("continue", "push-1d", *words, *over).json["points"]) == 3
+    assert (
+        len(ocp("continue", "push-1d", "--contact", "barrier", *words, *over).json["points"]) == 3
+    )
     if model == "ewda":
         # The cost need not rise with trust: the path has a fold at every datum that it passes.
         over = ["--over", "contact.trust", "--from", "0", "--to", "1e-3", "--steps", "2"]
-        points = ocp("continue", "push-1d", *words, *over, "--json", "-q").json["points"]
+        points = ocp(
+            "continue", "push-1d", "--contact", "barrier", *words, *over, "--json", "-q"
+        ).json["points"]
         assert (points[0]["value"], points[-1]["value"]) == (0, 1e-3)
     judged = ocp("estimate", "push-1d", *words, "-n", "200", "--json", "-q")
     assert judged.code == 0 and judged.json["estimates"]

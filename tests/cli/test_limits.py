@@ -13,14 +13,15 @@ from ocp.continuation import walk
 from ocp.judgement import judged
 from reports.cli.streams import Output
 
-WALL = ("solve", "wall-1d")
+WALL = ("solve", "wall-1d", "--contact", "barrier")
 TOO_MUCH = {
     "stages of a homotopy": ([*WALL, "-s", "factor=0.999999"], "4.61e+06 stages"),
     "ends of a homotopy": ([*WALL, "-s", "start=1e300", "-c", "mu=1e-300"], "too far below"),
     "steps": ([*WALL, "-p", "N=1e8"], "2.72e+03 GB of memory"),
     "steps beyond counting": ([*WALL, "-p", "N=1e23"], "a whole number >= 1, got '1e23'"),
     "steps of feedback": (
-        ["solve", "push-disc", "-p", "N=900000", "--policy", "feedback"], "GB of memory",
+        ["solve", "push-disc", "--contact", "barrier",
+         "-p", "N=900000", "--policy", "feedback"], "GB of memory",
     ),
     "nodes of a law": (
         ["solve", "half-cheetah", "--contact", "randomized", "-c", "samples=4096", "-p", "N=200"],
@@ -29,15 +30,19 @@ TOO_MUCH = {
     "solves in parallel": (
         [*WALL, "-p", "N=100000", "--starts", "1000", "--jobs", "1000"], "1000 solves in parallel",
     ),
-    "points": (["sweep", "wall-1d", "--over", "m=1:2:1e9"], "from 2 to 100000"),
+    "points": (["sweep", "wall-1d", "--contact", "barrier",
+                "--over", "m=1:2:1e9"], "from 2 to 100000"),
     "points together": (
-        ["sweep", "wall-1d", "--over", "m=1:2:20000", "-p", "N=100000"], "a grid of 20000 points",
+        ["sweep", "wall-1d", "--contact", "barrier",
+         "--over", "m=1:2:20000", "-p", "N=100000"], "a grid of 20000 points",
     ),
     "points of a growing horizon": (
-        ["sweep", "wall-1d", "--over", "N=1:50000:50000"], "a grid of 50000 points",
+        ["sweep", "wall-1d", "--contact", "barrier",
+         "--over", "N=1:50000:50000"], "a grid of 50000 points",
     ),
     "steps of a curve": (
-        ["continue", "wall-1d", "--over", "m", "--from", "1", "--to", "2", "--steps", "100000",
+        ["continue", "wall-1d", "--contact", "barrier",
+         "--over", "m", "--from", "1", "--to", "2", "--steps", "100000",
          "-p", "N=20000"], "--steps 100000 would take",
     ),
     "values": (["estimate", "coulomb", "--sweep", "nu=0.1:1:1e9"], "from 1 to 100000"),
@@ -100,7 +105,8 @@ def test_a_curve_that_ends_in_no_number_has_failed(ocp, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(walk, "judged", overflown)
     monkeypatch.setattr(walk, "SMALLEST", 0.9)
-    done = ocp("continue", "wall-1d", "--over", "m", "--from", "1", "--to", "0.5",
+    done = ocp("continue", "wall-1d", "--contact", "barrier",
+               "--over", "m", "--from", "1", "--to", "0.5",
                "--steps", "1", "-p", "N=3", "--json")  # fmt: skip
     assert done.code == 3 and done.json["success"] is False
     assert "its cost, replayed, is not finite" in done.json["verdict"]

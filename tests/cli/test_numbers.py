@@ -14,20 +14,24 @@ from reports.cli import app
 DOORS = {
     "steps of a problem": ["solve", "wall-1d", "-p", "N={}"],
     "parameter": ["solve", "wall-1d", "-p", "m={}"],
-    "law": ["solve", "wall-1d", "-c", "mu={}"],
+    "law": ["solve", "wall-1d", "--contact", "barrier", "-c", "mu={}"],
     "law's count": ["solve", "wall-1d", "--contact", "randomized", "-c", "samples={}"],
-    "our setting": ["solve", "wall-1d", "-s", "factor={}"],
-    "solver's setting": ["solve", "wall-1d", "-s", "tol={}"],
-    "solver's count": ["solve", "wall-1d", "-s", "max_iter={}"],
-    "policy": ["solve", "wall-1d", "--policy", "feedback", "-s", "policy.bound={}"],
-    "seed": ["solve", "wall-1d", "--seed", "{}"],
-    "starts": ["solve", "wall-1d", "--starts={}"],
-    "first value": ["continue", "wall-1d", "--over", "m", "--from", "{}", "--to", "2"],
-    "continuation": ["continue", "wall-1d", "--over", "m", "--from", "1", "--to", "2",
+    "our setting": ["solve", "wall-1d", "--contact", "barrier", "-s", "factor={}"],
+    "solver's setting": ["solve", "wall-1d", "--contact", "barrier", "-s", "tol={}"],
+    "solver's count": ["solve", "wall-1d", "--contact", "barrier", "-s", "max_iter={}"],
+    "policy": ["solve", "wall-1d", "--contact", "barrier",
+               "--policy", "feedback", "-s", "policy.bound={}"],
+    "seed": ["solve", "wall-1d", "--contact", "barrier", "--seed", "{}"],
+    "starts": ["solve", "wall-1d", "--contact", "barrier", "--starts={}"],
+    "first value": ["continue", "wall-1d", "--contact", "barrier",
+                    "--over", "m", "--from", "{}", "--to", "2"],
+    "continuation": ["continue", "wall-1d", "--contact", "barrier",
+                     "--over", "m", "--from", "1", "--to", "2",
                      "--steps", "{}"],
-    "end of an axis": ["sweep", "wall-1d", "--over", "m={}:2:3"],
-    "points of an axis": ["sweep", "wall-1d", "--over", "m=1:2:{}"],
-    "parameter of a sweep": ["sweep", "wall-1d", "--over", "m=1:2:3", "-p", "N={}"],
+    "end of an axis": ["sweep", "wall-1d", "--contact", "barrier", "--over", "m={}:2:3"],
+    "points of an axis": ["sweep", "wall-1d", "--contact", "barrier", "--over", "m=1:2:{}"],
+    "parameter of a sweep": ["sweep", "wall-1d", "--contact", "barrier",
+                             "--over", "m=1:2:3", "-p", "N={}"],
     "samples": ["estimate", "heaviside", "-n", "{}"],
     "noise": ["estimate", "heaviside", "--sigma", "{}"],
     "estimate's sweep": ["estimate", "heaviside", "--sweep", "theta={}:1:3"],
@@ -58,9 +62,32 @@ def test_what_is_no_number_is_refused_at_every_door(ocp, tmp_path: Path, door: l
 def test_whole_numbers_may_be_written_as_numbers(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
     monkeypatch.setattr(app, "carry_out", lambda options: seen.append(options) or 0)
-    ocp("solve", "wall-1d", "--seed", " 1e1 ", "--starts=+2.0", "--jobs", "-0")
-    ocp("solve", "wall-1d", "--seed", " 1e1 ", "--starts=+2.0", "-j3e0")
-    ocp("continue", "wall-1d", "--over", "m", "--from", "+.5", "--to", "1E1", "--steps", "2e2")
+    ocp(
+        "solve",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "--seed",
+        " 1e1 ",
+        "--starts=+2.0",
+        "--jobs",
+        "-0",
+    )
+    ocp("solve", "wall-1d", "--contact", "barrier", "--seed", " 1e1 ", "--starts=+2.0", "-j3e0")
+    ocp(
+        "continue",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "--over",
+        "m",
+        "--from",
+        "+.5",
+        "--to",
+        "1E1",
+        "--steps",
+        "2e2",
+    )
     assert [(one.seed, getattr(one, "starts", 0), getattr(one, "jobs", 0)) for one in seen] == [
         (10, 2, 3), (0, 0, 0)
     ]  # fmt: skip
@@ -77,4 +104,4 @@ def test_python_reads_words_as_the_command_line_does() -> None:
         with pytest.raises(InputError, match=r"setting \w+ must be a number"):
             workbench.solve("wall-1d", settings=setting)
     with pytest.raises(InputError, match="mu must be a number, got True"):
-        workbench.solve("wall-1d", mu=True)
+        workbench.solve("wall-1d", "barrier", mu=True)

@@ -61,13 +61,18 @@ def test_examples_are_understood(ocp, name: str, monkeypatch) -> None:
 
 
 def test_stages_are_logged_at_info_and_solvers_at_debug(ocp, caplog) -> None:
-    silent = ocp("solve", "wall-1d", "-q")
+    silent = ocp("solve", "wall-1d", "--contact", "barrier", "-q")
     assert silent.err == "" and "ocp.routes" not in silent.out
-    told = ocp("solve", "wall-1d", "-q", "-v").err
+    told = ocp("solve", "wall-1d", "--contact", "barrier", "-q", "-v").err
     assert "ocp.routes.homotopy: " in told and "ocp.session: " in told
     assert "ocp.programs.solver" not in told
-    assert "ocp.programs.solver: ipopt" in ocp("solve", "wall-1d", "-q", "-vv").err
-    assert ocp("solve", "wall-1d", "-q").err == "", "what was asked for once is not kept"
+    assert (
+        "ocp.programs.solver: ipopt"
+        in ocp("solve", "wall-1d", "--contact", "barrier", "-q", "-vv").err
+    )
+    assert ocp("solve", "wall-1d", "--contact", "barrier", "-q").err == "", (
+        "what was asked for once is not kept"
+    )
 
 
 def test_logging_is_pythons_own(caplog) -> None:
@@ -106,7 +111,7 @@ def test_output_in_every_encoding(tmp_path: Path, encoding: str) -> None:
 
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
 def test_a_solve_in_another_encoding_is_stored_all_the_same(tmp_path, encoding: str) -> None:
-    solved = ("solve", "wall-1d", "--pdf", "a.pdf")
+    solved = ("solve", "wall-1d", "--contact", "barrier", "--pdf", "a.pdf")
     done = run_as(tmp_path, *solved, PYTHONIOENCODING=encoding, PYTHONUTF8="0", LC_ALL="C")
     assert done.returncode == 0, done.stderr
     assert b"lam*gap" in done.stderr if encoding == "ascii" else b"lam\xb7gap" in done.stderr

@@ -53,7 +53,7 @@ def stored_hash(solution: Solution, root: Path) -> str:
 
 @pytest.fixture(scope="module")
 def pushed() -> Solution:
-    return solve("push-disc", mu=1e-3, N=6)
+    return solve("push-disc", "barrier", mu=1e-3, N=6)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -72,7 +72,8 @@ def test_python_stores_what_the_command_line_stores(ocp, tmp_path, name: str, la
 
 def test_method_policy_and_settings_are_those_of_the_command_line(ocp, tmp_path) -> None:
     told = ocp(
-        "solve", "push-disc", "-p", "N=4", "-p", "scenarios=2", "--method", "multiple-shooting",
+        "solve", "push-disc", "--contact", "barrier",
+"-p", "N=4", "-p", "scenarios=2", "--method", "multiple-shooting",
         "--policy", "feedback", "-s", "policy.penalty=0.01", "-s", "max_iter=200", "--json",
     ).json  # fmt: skip
     named = solve(
@@ -121,8 +122,8 @@ def test_the_defaults_are_those_of_the_command_line() -> None:
         (["heaviside"], {"problem": "heaviside"}),
         (["wall-1d", "--contact", "barier"], {"contact": "barier"}),
         (["wall-1d", "-c", "muu=1"], {"contact_settings": {"muu": 1}}),
-        (["wall-1d", "-c", "mu=-1"], {"mu": -1}),
-        (["wall-1d", "-c", "mu=x"], {"mu": "x"}),
+        (["wall-1d", "--contact", "barrier", "-c", "mu=-1"], {"contact": "barrier", "mu": -1}),
+        (["wall-1d", "--contact", "barrier", "-c", "mu=x"], {"contact": "barrier", "mu": "x"}),
         (["wall-1d", "-p", "Nn=3"], {"params": {"Nn": 3}}),
         (["wall-1d", "--method", "dirct"], {"method": "dirct"}),
         (["wall-1d", "--policy", "feedbak"], {"policy": "feedbak"}),
@@ -150,11 +151,14 @@ def test_what_is_wrong_is_told_in_the_same_words(ocp, line, python) -> None:
             " params={'base': ...} or contact_settings={'base': ...}",
         ),
         (
-            {"muu": 1e-3},
+            {"contact": "barrier", "muu": 1e-3},
             "solve has no argument 'muu' (did you mean 'mu'?); the barrier law takes mu, kappa;"
             " wall-1d takes",
         ),
-        ({"mu": 1.0, "contact_settings": {"mu": 2.0}}, "mu is given twice; give it once"),
+        (
+            {"contact": "barrier", "mu": 1.0, "contact_settings": {"mu": 2.0}},
+            "mu is given twice; give it once",
+        ),
         ({"max_iter": 3}, "max_iter is not an argument of solve; use settings={'max_iter': ...}"),
         ({"contact": Exact(), "mu": 1.0}, "the law is already built; pass mu to Exact(...)"),
         (

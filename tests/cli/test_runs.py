@@ -23,11 +23,12 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("store")
     small = ["-p", "N=4", "--quiet", "--out", str(root)]
     for line in (
-        ["solve", "wall-1d", "--tag", "first", "--tag", "both"],
-        ["solve", "wall-1d", "-c", "mu=1e-2", "--tag", "both"],
-        ["continue", "wall-1d", "--over", "mu", "--from", "1e-1", "--to", "1e-2", "--steps", "2"],
+        ["solve", "wall-1d", "--contact", "barrier", "--tag", "first", "--tag", "both"],
+        ["solve", "wall-1d", "--contact", "barrier", "-c", "mu=1e-2", "--tag", "both"],
+        ["continue", "wall-1d", "--contact", "barrier", "--over", "mu", "--from", "1e-1",
+         "--to", "1e-2", "--steps", "2"],
         ["solve", "push-1d", "--contact", "exact"],
-    ):
+    ):  # fmt: skip
         assert main([*line, *small]) == 0
     return root
 
@@ -91,7 +92,9 @@ def test_a_run_is_named_from_the_latest_back(ocp, runs: Path) -> None:
         ages[-1], ages[-1], ages[-2], ages[0],
     ]  # fmt: skip
     assert ocp("replay", "@last", "--json").json["run"].endswith(ages[-1].name)
-    assert ocp("solve", "wall-1d", "-p", "N=6", "--from", "@4", "-q").code == 0
+    assert (
+        ocp("solve", "wall-1d", "--contact", "barrier", "-p", "N=6", "--from", "@4", "-q").code == 0
+    )
     assert "resumed" not in ocp("runs", "@1").err
     assert ocp("report", "@2", "-o", "a.pdf").code == 0
     done = ocp("runs", "@9")
@@ -100,17 +103,18 @@ def test_a_run_is_named_from_the_latest_back(ocp, runs: Path) -> None:
 
 def test_tags_are_no_part_of_the_answer(ocp, runs: Path) -> None:
     first = ocp("runs", "--tag", "first", "--json").json["runs"][0]
-    same = ocp("solve", "wall-1d", "-p", "N=4", "--quiet", "--json").json
+    same = ocp("solve", "wall-1d", "--contact", "barrier", "-p", "N=4", "--quiet", "--json").json
     assert same["hash"] == first["hash"]
     assert first["tags"] == ["both", "first"]
     assert ocp("runs", first["run"], "--json").json["tags"] == ["both", "first"]
-    done = ocp("solve", "wall-1d", "--tag", "two words")
+    done = ocp("solve", "wall-1d", "--contact", "barrier", "--tag", "two words")
     assert done.code == 2 and "one word" in done.err
     assert "has no runs" in ocp("runs", "--out", "other").out
 
 
 @pytest.mark.parametrize("command", [
-    ["continue", "wall-1d", "--over", "mu", "--from", "0.1", "--to", "0.01", "--steps", "1"],
+    ["continue", "wall-1d", "--contact", "barrier",
+     "--over", "mu", "--from", "0.1", "--to", "0.01", "--steps", "1"],
     ["estimate", "heaviside", "-n", "100"],
     ["train", "ball-throw", "-s", "samples=2", "-p", "horizon=3", "--iterations", "1"],
 ])  # fmt: skip
@@ -124,7 +128,7 @@ def test_every_command_that_stores_a_run_takes_tags(ocp, command: list[str]) -> 
 def test_the_store_is_where_the_environment_says(ocp, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setenv("OCP_RUNS", str(tmp_path / "shelf"))
     assert store.default_root() == tmp_path / "shelf"
-    found = ocp("solve", "wall-1d", "-p", "N=4", "--json", "-q").json["run"]
+    found = ocp("solve", "wall-1d", "--contact", "barrier", "-p", "N=4", "--json", "-q").json["run"]
     assert Path(found).parent == tmp_path / "shelf" / "wall-1d"
     assert store.find("@last") == Path(found)
     assert len(ocp("runs", "--json").json["runs"]) == 1

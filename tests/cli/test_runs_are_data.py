@@ -54,8 +54,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     mine, kept = str(root / "mine.py"), ["--out", str(root / "runs"), "--quiet"]
     for line in (
         ["solve", mine, "-p", "N=4"],
-        ["continue", mine, "-p", "N=4", "--over", "mu", "--from", "0.1", "--to", "0.01",
-         "--steps", "2"],
+        ["continue", mine, "--contact", "barrier", "-p", "N=4", "--over", "mu", "--from", "0.1",
+         "--to", "0.01", "--steps", "2"],
         ["sweep", mine, "-p", "N=4", "--over", "m=1:2:2"],
         ["estimate", mine, "-p", "N=4", "-n", "100"],
     ):  # fmt: skip
@@ -144,7 +144,7 @@ def test_what_needs_code_says_so_in_a_sentence(ocp, made: Path) -> None:
 
 
 def test_source_is_for_runs_of_a_file(ocp) -> None:
-    run = ocp("solve", "wall-1d", "-p", "N=4", "--json", "-q").json["run"]
+    run = ocp("solve", "wall-1d", "--contact", "barrier", "-p", "N=4", "--json", "-q").json["run"]
     done = ocp("replay", run, "--source", "a.py")
     assert done.code == 2 and "wall-1d is not defined in a file; drop --source" in done.err
 

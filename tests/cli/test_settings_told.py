@@ -101,9 +101,18 @@ def test_a_setting_is_found_by_its_name(ocp) -> None:
     [
         (["settings", "fobg"], ["did you mean 'fopg'", "randomized"]),
         (["laws", "barier"], ["did you mean 'barrier'", "exact"]),
-        (["solve", "wall-1d", "-s", "homotpy=true"], ["did you mean 'homotopy'", "ocp settings"]),
-        (["solve", "wall-1d", "-s", "toll=1"], ["did you mean 'tol'", "strategy", "jit"]),
-        (["solve", "wall-1d", "-c", "nu=1"], ["mu, kappa", "ocp laws barrier"]),
+        (
+            ["solve", "wall-1d", "--contact", "barrier", "-s", "homotpy=true"],
+            ["did you mean 'homotopy'", "ocp settings"],
+        ),
+        (
+            ["solve", "wall-1d", "--contact", "barrier", "-s", "toll=1"],
+            ["did you mean 'tol'", "strategy", "jit"],
+        ),
+        (
+            ["solve", "wall-1d", "--contact", "barrier", "-c", "nu=1"],
+            ["mu, kappa", "ocp laws barrier"],
+        ),
     ],
 )
 def test_what_is_unknown_is_told_what_there_is(ocp, arguments: list[str], told: list[str]) -> None:
@@ -120,7 +129,7 @@ def test_methods(ocp) -> None:
 
 def test_a_setting_may_be_called_without_its_prefix(ocp) -> None:
     path = ["--from", "1e-2", "--to", "1e-3", "--steps", "1", "--json", "--quiet"]
-    short = ocp("continue", "wall-1d", "--over", "mu", *path).json
+    short = ocp("continue", "wall-1d", "--contact", "barrier", "--over", "mu", *path).json
     assert short["over"] == "contact.mu"
     assert [point["complementarity"] for point in short["points"]] == pytest.approx([1e-2, 1e-3])
 

@@ -78,7 +78,19 @@ def test_a_reader_that_goes_is_no_fault(capsys: pytest.CaptureFixture[str]) -> N
 def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
     """A descriptor 1 that came closed would be the next file's, into which solvers then print."""
     program = "import os; os.closerange(0, 3)\n" + HEEDED.replace('os.write(1, b".")', "pass")
-    words = [sys.executable, "-c", program, "solve", "wall-1d", "-p", "N=2", "-s", "print_level=5"]
+    words = [
+        sys.executable,
+        "-c",
+        program,
+        "solve",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "-p",
+        "N=2",
+        "-s",
+        "print_level=5",
+    ]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     assert subprocess.run(words, cwd=tmp_path, env=environment, timeout=120).returncode == 0
     assert main(["runs", "--out", str(tmp_path / "runs"), "--json"]) == 0

@@ -22,7 +22,7 @@ from tests.cli.conftest import Ocp
 
 ROOT = Path(__file__).parents[2]
 KEPT = "*/.unfinished-*/point-*.json"
-OVER = ("--over", "M=0.5:2:3", "--over", "mu=1e-3:1e-2:2:log", "-p", "N=6")
+OVER = ("--contact", "barrier", "--over", "M=0.5:2:3", "--over", "mu=1e-3:1e-2:2:log", "-p", "N=6")
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +30,28 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A store with one sweep of which two points fail, which tests only read."""
     root = tmp_path_factory.mktemp("swept")
     over = ["--over", "qa0=-0.5:-0.2:2", "--over", "width=0.2:0.4:3"]
-    assert main(["sweep", "push-1d", *over, "-p", "N=6", "--out", str(root), "--quiet"]) == 3
+    assert (
+        main(
+            [
+                "sweep",
+                "push-1d",
+                "--contact",
+                "barrier",
+                *over,
+                "-p",
+                "N=6",
+                "--out",
+                str(root),
+                "--quiet",
+            ]
+        )
+        == 3
+    )
     return root
 
 
 def test_each_point_is_told_and_stored_as_a_solve_of_its_own(ocp: Ocp) -> None:
-    done = ocp("sweep", "push-1d", *OVER, "--json")
+    done = ocp("sweep", "push-1d", "--contact", "barrier", *OVER, "--json")
     assert done.code == 0, done.err
     told = done.json
     assert [axis["name"] for axis in told["axes"]] == ["M", "contact.mu"]
@@ -44,7 +60,19 @@ def test_each_point_is_told_and_stored_as_a_solve_of_its_own(ocp: Ocp) -> None:
     assert run.kind == "sweep" and run.data["cost"].dims == ("M", "contact.mu")
     point = told["points"][3]
     assert (point["M"], point["contact.mu"]) == (1.25, 1e-2)
-    alone = ocp("solve", "push-1d", "-p", "N=6", "-p", "M=1.25", "-c", "mu=0.01", "--json").json
+    alone = ocp(
+        "solve",
+        "push-1d",
+        "-p",
+        "N=6",
+        "-p",
+        "M=1.25",
+        "--contact",
+        "barrier",
+        "-c",
+        "mu=0.01",
+        "--json",
+    ).json
     names = ("cost", "exact_cost", "referee_cost", "status", "stationarity", "iterations",
              "verdict", "complementarity", "grade")  # fmt: skip
     assert {name: point[name] for name in names} == {name: alone[name] for name in names}
@@ -63,7 +91,7 @@ def test_failed_points_are_kept_named_and_can_be_looked_at(swept: Path, ocp: Ocp
     assert [one["at"] for one in failed] == [{"qa0": -0.2, "width": w} for w in (0.3, 0.4)]
     assert "qa0 = -0.2, width = 0.3: push-1d: the pusher starts inside" in meta["verdict"]
     words = shlex.split(failed[0]["command"])
-    assert words[:3] == ["ocp", "solve", "push-1d"]
+    assert words[:3] == ["ocp", "solve", "push-1d", "--contact", "barrier"]
     assert "starts inside the object" in ocp(*words[1:]).err
 
 
@@ -102,7 +130,18 @@ def test_the_same_command_goes_on_after_a_kill_or_ctrl_c(
     stop: signal.Signals, tmp_path: Path, ocp: Ocp
 ) -> None:
     kept = tmp_path / "kept"
-    words = ["sweep", "push-1d", "--over", "M=0.5:2:7", "-p", "N=6", "--out", str(kept)]
+    words = [
+        "sweep",
+        "push-1d",
+        "--contact",
+        "barrier",
+        "--over",
+        "M=0.5:2:7",
+        "-p",
+        "N=6",
+        "--out",
+        str(kept),
+    ]
     process = _stopped([*words, "--jobs", "2"], kept, stop)
     out, err = process.communicate(timeout=120)
     assert process.returncode == (-9 if stop == signal.SIGKILL else 130)
@@ -124,18 +163,27 @@ def _hash(told: dict[str, Any]) -> str:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["sweep", "push-1d"], "a sweep needs a parameter; give --over NAME=A:B:n"),
-        (["sweep", "push-1d", "--over", "M"], "expected NAME=A:B:n"),
-        (["sweep", "push-1d", "--over", "Mass=1:2:2"], "no parameter 'Mass'"),
-        (["sweep", "push-1d", "--over", "M=1:2:2", "-p", "M=3"], "drop its own value"),
-        (["sweep", "push-1d", "--over", "M=-1:2:4"], "must be a number > 0 [kg], got -1"),
-        (["sweep", "push-1d", "--over", "M=1:2:2", "--rank", "exact"], "give --starts 2 or more"),
-        (["sweep", "push-1d", "--over", "M=1:2:2", "-j", "2", "--scheduler", "tcp://a:1"],
+        (["sweep", "push-1d", "--contact", "barrier"],
+         "a sweep needs a parameter; give --over NAME=A:B:n"),
+        (["sweep", "push-1d", "--contact", "barrier", "--over", "M"], "expected NAME=A:B:n"),
+        (["sweep", "push-1d", "--contact", "barrier",
+          "--over", "Mass=1:2:2"], "no parameter 'Mass'"),
+        (["sweep", "push-1d", "--contact", "barrier",
+          "--over", "M=1:2:2", "-p", "M=3"], "drop its own value"),
+        (["sweep", "push-1d", "--contact", "barrier",
+          "--over", "M=-1:2:4"], "must be a number > 0 [kg], got -1"),
+        (["sweep", "push-1d", "--contact", "barrier",
+          "--over", "M=1:2:2", "--rank", "exact"], "give --starts 2 or more"),
+        (["sweep", "push-1d", "--contact", "barrier",
+          "--over", "M=1:2:2", "-j", "2", "--scheduler", "tcp://a:1"],
          "drop one"),
-        (["sweep", "push-1d", "--over", "setting.tl=1e-8:1e-6:2:log"], "tl"),
+        (["sweep", "push-1d", "--contact", "barrier",
+          "--over", "setting.tl=1e-8:1e-6:2:log"], "tl"),
         (["sweep", "nothing", "--over", "M=1:2:2"], "unknown problem 'nothing'"),
-        (["solve", "push-1d", "--jobs", "2"], "--jobs needs several starts"),
-        (["solve", "push-1d", "--starts", "2", "--rank", "best"], "unknown rank 'best'"),
+        (["solve", "push-1d", "--contact", "barrier",
+          "--jobs", "2"], "--jobs needs several starts"),
+        (["solve", "push-1d", "--contact", "barrier",
+          "--starts", "2", "--rank", "best"], "unknown rank 'best'"),
     ],
 )  # fmt: skip
 def test_bad_words_are_told_in_a_sentence(words: list[str], sentence: str, ocp: Ocp) -> None:

@@ -19,7 +19,17 @@ from reports.view import RunView
 
 QUIET = ("--json", "--quiet")
 EXACT = ("--contact", "exact")
-KINKED = ("solve", "push-disc", *EXACT, "--method", "single-shooting", "-s", "homotopy=true")
+KINKED = (
+    "solve",
+    "push-disc",
+    "--contact",
+    "barrier",
+    *EXACT,
+    "--method",
+    "single-shooting",
+    "-s",
+    "homotopy=true",
+)
 """A point without multipliers, so that the certificate has to ask a program."""
 
 
@@ -27,7 +37,7 @@ KINKED = ("solve", "push-disc", *EXACT, "--method", "single-shooting", "-s", "ho
 
 
 def test_what_is_certified_is_done_whether_or_not_it_survives(ocp) -> None:
-    done = ocp("solve", "planar-push", *EXACT, *QUIET)
+    done = ocp("solve", "planar-push", "--contact", "barrier", *EXACT, *QUIET)
     found = done.json
     assert done.code == 0
     assert (found["success"], found["survives"], found["grade"]) == (True, False, "certified")
@@ -38,14 +48,21 @@ def test_what_is_certified_is_done_whether_or_not_it_survives(ocp) -> None:
 
 
 def test_survival_can_be_required(ocp) -> None:
-    assert ocp("solve", "planar-push", *EXACT, *QUIET, "--require", "survives").code == 3
-    done = ocp("solve", "push-1d", *EXACT, *QUIET, "--require", "survives")
+    assert (
+        ocp(
+            "solve", "planar-push", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives"
+        ).code
+        == 3
+    )
+    done = ocp("solve", "push-1d", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives")
     assert done.code == 0
     assert (done.json["survives"], done.json["grade"]) == (True, "survives")
 
 
 def test_a_plan_that_survives_at_its_step_only_is_not_what_is_required(ocp) -> None:
-    done = ocp("solve", "cart-walls", *EXACT, *QUIET, "--require", "survives")
+    done = ocp(
+        "solve", "cart-walls", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives"
+    )
     found = done.json
     assert done.code == 3 and found["success"]
     assert (found["survives"], found["survives_at_h"]) == (False, True)
@@ -54,11 +71,13 @@ def test_a_plan_that_survives_at_its_step_only_is_not_what_is_required(ocp) -> N
 
 def test_refine_tells_every_step_and_refuses_what_has_none(ocp) -> None:
     coarse = ("-p", "h=0.2", "-p", "N=10")
-    found = ocp("solve", "ball-bounce", *EXACT, *coarse, "--refine", *QUIET).json
+    found = ocp(
+        "solve", "ball-bounce", "--contact", "barrier", *EXACT, *coarse, "--refine", *QUIET
+    ).json
     levels = found["refined"]["levels"]
     assert len(levels) > 1 and levels[-1]["cost"] == found["cost"]
     assert found["params"]["N"] == levels[-1]["N"] == 10 * 2 ** (len(levels) - 1)
-    refused = ocp("solve", "push-1d", "--refine")
+    refused = ocp("solve", "push-1d", "--contact", "barrier", "--refine")
     assert refused.code == 2 and "the step size is part of the model" in refused.err
 
 
@@ -84,7 +103,7 @@ def test_what_obeys_no_dynamics_is_not_called_unstable(ocp) -> None:
     [("--require", "survive", "survives"), ("--rank", "refree", "referee")],
 )
 def test_unknown_words_say_what_was_meant(ocp, option: str, word: str, meant: str) -> None:
-    done = ocp("solve", "push-1d", option, word)
+    done = ocp("solve", "push-1d", "--contact", "barrier", option, word)
     assert done.code == 2
     assert f"{word!r} (did you mean {meant!r}?)" in done.err
     assert done.err.count("\n") == 1 and not Path("runs").exists()
@@ -191,10 +210,21 @@ def test_starts_are_ranked_by_their_referee(ocp, tmp_path: Path) -> None:
 
 
 def test_a_start_that_did_not_help_is_said(ocp) -> None:
-    first = ocp("solve", "push-1d", *QUIET).json
-    cold = ocp("solve", "push-1d", *EXACT, *QUIET, "--from", first["run"], "-s", "max_iter=3")
+    first = ocp("solve", "push-1d", "--contact", "barrier", *QUIET).json
+    cold = ocp(
+        "solve",
+        "push-1d",
+        "--contact",
+        "barrier",
+        *EXACT,
+        *QUIET,
+        "--from",
+        first["run"],
+        "-s",
+        "max_iter=3",
+    )
     assert "did not converge from the stored run" in cold.json["verdict"]
-    warm = ocp("solve", "push-1d", *EXACT, *QUIET, "--from", first["run"])
+    warm = ocp("solve", "push-1d", "--contact", "barrier", *EXACT, *QUIET, "--from", first["run"])
     assert warm.code == 0 and "started at" not in warm.json["verdict"]
 
 
@@ -247,7 +277,8 @@ def test_the_pages_bar_has_the_grade_of_the_run(ocp) -> None:
 
 
 def test_points_of_a_path_carry_all_three_judges(ocp) -> None:
-    found = ocp("continue", "planar-push", "--over", "contact.mu", "--from", "1e-2", "--to", "1e-3",
+    found = ocp("continue", "planar-push", "--contact", "barrier",
+                "--over", "contact.mu", "--from", "1e-2", "--to", "1e-3",
                 "--scale", "log", "--steps", "2", "--json", "--quiet").json  # fmt: skip
     assert len(found["points"]) >= 3
     for point in found["points"]:

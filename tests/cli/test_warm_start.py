@@ -35,13 +35,29 @@ def test_what_cannot_be_started_from_is_said_in_one_line(ocp, store_of_runs: Pat
     wall = next(p for p in (store_of_runs / "wall-1d").iterdir() if kind(p) == "solve")
     refused(*PUSH, "--from", str(wall), words="solves wall-1d, not push-disc")
     path = next(p for p in (store_of_runs / "wall-1d").iterdir() if kind(p) == "continue")
-    refused("solve", "wall-1d", "--from", str(path), words="expected a run of ocp solve")
     refused(
-        "solve", "wall-1d", "--from", str(wall), "--starts", "2", words="excludes several starts"
+        "solve",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "--from",
+        str(path),
+        words="expected a run of ocp solve",
     )
-    run = ocp("solve", "wall-1d", "--json", "--quiet").json["run"]
+    refused(
+        "solve",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "--from",
+        str(wall),
+        "--starts",
+        "2",
+        words="excludes several starts",
+    )
+    run = ocp("solve", "wall-1d", "--contact", "barrier", "--json", "--quiet").json["run"]
     (Path(run) / "solution.nc").write_bytes(b"")
-    refused("solve", "wall-1d", "--from", run, words="checksum", code=4)
+    refused("solve", "wall-1d", "--contact", "barrier", "--from", run, words="checksum", code=4)
 
 
 def kind(run: Path) -> str:

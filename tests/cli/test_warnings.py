@@ -49,7 +49,7 @@ def test_a_file_with_an_accent_is_written_in_an_ascii_locale(tmp_path: Path) -> 
     ocp = Path(sys.executable).with_name("ocp")
     ascii_only = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     done = subprocess.run(
-        [ocp, "solve", "wall-1d", "--plot", "é.pdf", "-q"],
+        [ocp, "solve", "wall-1d", "--contact", "barrier", "--plot", "é.pdf", "-q"],
         cwd=tmp_path, env={**os.environ, **ascii_only}, capture_output=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -88,7 +88,16 @@ def test_the_sdist_holds_sources_and_tests_and_no_pictures(tmp_path: Path) -> No
 
 
 def test_the_wheel_solves_and_reports_in_an_empty_folder(elsewhere: Path, tmp_path: Path) -> None:
-    done = run(elsewhere / "ocp", "solve", "push-1d", "--pdf", "one.pdf", cwd=tmp_path)
+    done = run(
+        elsewhere / "ocp",
+        "solve",
+        "push-1d",
+        "--contact",
+        "barrier",
+        "--pdf",
+        "one.pdf",
+        cwd=tmp_path,
+    )
     assert "Solved: cost 1.38692" in done.stdout
     assert (tmp_path / "one.pdf").read_bytes().startswith(b"%PDF")
     assert [path.parent.name for path in tmp_path.glob("runs/*/*")] == ["push-1d"]

@@ -80,7 +80,22 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = tmp_path_factory.mktemp("root")
     small = ["-s", "unroll=2", "-s", "samples=2", "--iterations", "1", "--quiet"]
     assert main(["train", "ball-throw", *small, "--out", str(found)]) == 0
-    assert main(["solve", "wall-1d", "-p", "N=4", "--quiet", "--out", str(found)]) == 0
+    assert (
+        main(
+            [
+                "solve",
+                "wall-1d",
+                "--contact",
+                "barrier",
+                "-p",
+                "N=4",
+                "--quiet",
+                "--out",
+                str(found),
+            ]
+        )
+        == 0
+    )
     return found
 
 

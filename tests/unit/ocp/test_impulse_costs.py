@@ -20,7 +20,7 @@ from ocp import (
     roll_out,
     solve,
 )
-from ocp.gradients.estimate import RolloutObjective
+from ocp.gradients.rollouts import RolloutObjective
 from ocp.physics.constraints import broken_constraints
 from ocp.rollout import problem_impulses, roll_on
 from problems import get
