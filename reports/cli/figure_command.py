@@ -87,7 +87,7 @@ def run(options: FigureOptions, request: FigureRequest) -> int:
 
 
 @dataclass(frozen=True)
-class StudyJob:
+class FigureJob:
     """A study at its parameters, and the store beside which its finished pieces are kept."""
 
     study: str
@@ -95,7 +95,7 @@ class StudyJob:
     out: Path
 
 
-def study_data(job: StudyJob, report: Callable[[Any], None]) -> xr.Dataset:
+def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
     """Run a study in one process; a :data:`~ocp.scheduling.Function`."""
     study = studies.get(job.study)
     with Checkpoint(job.out if study.resumes else None, study.id, job.params) as kept:
@@ -111,7 +111,7 @@ def _computed(
             yield place, _alone(study, params, options)
         return
     places = list(named)
-    jobs = [StudyJob(study.id, params, options.out.resolve()) for study, params in named.values()]
+    jobs = [FigureJob(study.id, params, options.out.resolve()) for study, params in named.values()]
     with closing(run_jobs(study_data, jobs, options.jobs, options.scheduler)) as outcomes:
         for index, outcome in outcomes:
             with _explained(*named[places[index]]):
