@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # Tests start many processes: each reads the bytecode that the first one wrote.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random lint gallery claims docs generated numbers verdicts refined promises
+.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random lint gallery claims docs generated notebooks numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -95,6 +95,10 @@ docs: setup
 # Pages of docs/generated, from specs, help texts and the JSON in docs/generated/data.
 generated: setup
 	$(BIN)/python -m reports.site
+
+# Executes the notebooks of examples/ and stores what their cells give, for the site and for readers.
+notebooks: setup
+	$(BIN)/python -m reports.site.notebooks
 
 # Measures a random 20 of the site's numbers again, SEED=7 others, COUNT=5 fewer; it fails where one
 # differs. Seconds are exempt, and what `console` blocks print is compared by make test.

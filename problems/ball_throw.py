@@ -62,7 +62,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Time stepping with restitution after Paoli and Schatzman; lam is an impulse [N s].
+    """Time stepping (ball-throw.2) with restitution (ball-throw.3); lam is an impulse [N s].
 
     In free flight the nodes lie on a parabola, the velocity of a step being that in its middle. The
     pair keeps the next node from falling below ``-R(s)``, s the height one step before: two steps

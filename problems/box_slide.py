@@ -47,10 +47,11 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The box of adaptive barrier smoothing, fig. 6b: the floor's normal force is m g.
+    """The box of adaptive barrier smoothing, fig. 6b: (box-slide.1) with the pairs (box-slide.2).
 
-    Its step from rest, softened, is ``v+ = -(2 mu/h) f/(b² - f²)``. At rest no push below
-    friction m g moves the box, and the exact law has no gradient there.
+    The floor's normal force is m g. The step from rest, softened, is
+    ``v+ = -(2 mu/h) f/(b² - f²)``. At rest no push below friction m g moves
+    the box, and the exact law has no gradient there.
     """
     p = table(params)
     system = time_stepping(

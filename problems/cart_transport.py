@@ -67,10 +67,11 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Cart and box in relative coordinates; u is a force [N], friction acts between the two.
+    """Cart and box (cart-transport.1) in relative coordinates, with friction (cart-transport.4).
 
-    Up to |u| = friction g (mc + mb) the box rides along. It slides forward only where the cart
-    brakes harder than that, which is how it gets from one end of the cart to the other.
+    u is a force [N]. Up to |u| = friction g (mc + mb) the box rides along. It slides forward only
+    where the cart brakes harder than that, which is how it gets from one end of the cart to
+    the other.
     """
     p = table(params)
     mc, mb, h = p["mc"], p["mb"], p["h"]

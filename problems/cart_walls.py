@@ -65,7 +65,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Implicit Euler on the upright linearisation; u and lam are forces [N].
+    """Implicit Euler (cart-walls.1) on the upright linearisation; u and lam are forces [N].
 
     The walls are compliant, so there is no signed distance to audit: that the tip runs into a wall
     is the model, and the gap, which has the wall's spring in it, is what must not be negative.

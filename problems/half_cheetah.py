@@ -86,7 +86,10 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Build the half-cheetah on the ground z = 0; state (q, v, h), impulses lam [N s]."""
+    """The steps (half-cheetah.1) with contacts (half-cheetah.5), at the cost (half-cheetah.8).
+
+    The ground is z = 0, the state (q, v, h), lam are impulses [N s].
+    """
     p, friction = friction_of(table(params))
     step = ca.SX.sym("h")
     machine = machine_of(

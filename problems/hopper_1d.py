@@ -86,9 +86,10 @@ def highest(params: Params) -> float:
 
 
 def build(params: Params) -> Problem:
-    """Body and foot on a rail, a force between them, stops of the leg; impulses [N s].
+    """Body (hopper-1d.1) and foot (hopper-1d.2) on a rail, the stops of the leg (hopper-1d.4).
 
-    Within the flight the leg's force is not determined, since it moves nothing that counts.
+    lam are impulses [N s]. Within the flight the leg's force is not determined, since it moves
+    nothing that counts.
     """
     p = table(params)
     mb, mf, h = p["mb"], p["mf"], p["h"]

@@ -179,7 +179,7 @@ def _of(p: Params | ParameterTable, key: str) -> ca.SX:
 
 
 def build(params: Params) -> Problem:
-    """The quasi-dynamic model of noising, eq. 13, with two rows for each contact.
+    """The quasi-dynamic model of noising, eq. 13: (planar-hand.3), two rows a contact.
 
     u are the commanded joint angles [rad], lam the impulses [N s] along the edges of the friction
     cones. Without friction there is one row a contact, and no parameter ``friction`` to turn.

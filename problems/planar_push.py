@@ -101,7 +101,7 @@ def _touch(q: ca.SX, side: ca.SX, r: ca.SX) -> contacts.Contact:
 
 
 def build(params: Params) -> Problem:
-    """The quasi-dynamic model of noising, eq. 13, with two rows for the contact.
+    """The quasi-dynamic model of noising, eq. 13: (planar-push.2), two rows for the contact.
 
     u is the commanded position of the pusher [m], lam the impulses [N s] along the edges of the
     friction cone. Without friction there is one row, and no parameter ``friction`` to turn.

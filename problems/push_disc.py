@@ -70,7 +70,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The quasi-dynamic model of noising, eq. 13, with the gap linearised at the current q.
+    """The model (push-disc.1) of noising, eq. 13, with the gap (push-disc.2) linearised at q.
 
     u is the commanded position of the pusher [m], lam an impulse [N s].
     """

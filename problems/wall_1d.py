@@ -48,7 +48,10 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The problem of pathologies, ex. IV.1-2, with a task; u and lam are impulses [N s]."""
+    """The steps (wall-1d.1) of pathologies, ex. IV.1-2, with a task (wall-1d.2).
+
+    u and lam are impulses [N s].
+    """
     p = table(params)
     system = time_stepping(
         name,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ocp.store.atomic import write
-from reports.site import code_pages, figures, gallery
+from reports.site import code_pages, figures, gallery, parts
 from reports.site.measured import DATA, GENERATED, table_pages
 
 
@@ -14,6 +14,7 @@ def pages() -> dict[str, str]:
         **figures.pages(),
         **table_pages(),
         **code_pages.pages(),
+        **parts.pages(),
     }
 
 

@@ -12,6 +12,7 @@ from ocp.transcription import METHODS
 from reports import settings
 from reports.cli.app import commands, first_paragraph
 from reports.settings import SettingGroup
+from reports.site import notebooks
 from reports.site.measured import DOCS, escaped, table
 
 WIDTH = 80
@@ -103,14 +104,20 @@ FOLDER = DOCS.parent / "examples"
 
 
 def example_pages() -> dict[str, str]:
-    """A page per script of ``examples``, and a list of scripts and notebooks."""
+    """A page per script and notebook of ``examples``, and a list of them."""
     scripts = {file.stem: file.read_text(encoding="utf-8") for file in sorted(FOLDER.glob("*.py"))}
     rows = [
         (f"[{name}]({name}.md)", (ast.get_docstring(ast.parse(source)) or "").partition("\n\n")[0])
         for name, source in scripts.items()
     ]
-    rows += [(f"`{book.name}`", "a notebook") for book in sorted(FOLDER.glob("*.ipynb"))]
+    books = {file.stem: notebooks.title(file) for file in sorted(FOLDER.glob("*.ipynb"))}
+    rows += [(f"[{name}]({name}.md)", f"Notebook: {title}.") for name, title in books.items()]
     written = {
+        f"examples/{name}.md": f"<!-- notebook: {name} -->\n\n# {title}\n\nThe site shows"
+        f" `examples/{name}.ipynb` here, with what each cell gives.\n"
+        for name, title in books.items()
+    }
+    written |= {
         f"examples/{name}.md": f'# {name}\n\n```python title="examples/{name}.py"\n{source}```\n'
         for name, source in scripts.items()
     }

@@ -8,8 +8,10 @@ from typing import Any
 
 from problems import describe, names, spec
 from problems.spec import ProblemSpec
-from reports.notation import full_citation, plain, powers
+from reports.notation import full_citation, powers
+from reports.site.equations import listed
 from reports.site.measured import DATA, DOCS, provenance, read, table
+from reports.site.roles import cleaned
 
 PICTURES = DOCS / "pictures"
 
@@ -46,8 +48,8 @@ def page(found: ProblemSpec, shown: Sequence[Mapping[str, Any]]) -> str:
     solve = f"```sh\nocp solve {found.name} --contact exact\n```\n"
     parts = [f"# {found.name}\n", f"{found.title}.\n", *_pictures(found), solve]
     if found.equations:
-        lines = "\n".join(plain(line) for line in found.equations)
-        parts.append(f"## Equations\n\n```text\n{lines}\n```\n")
+        used = cleaned(found.build.__doc__)
+        parts.append(f"## Equations\n\n{listed(found.name)}\nIn the code, `build`: {used}\n")
     parts.append(f"## Parameters\n\n{_parameters(found)}")
     if found.golden:
         parts.append(f"## Best known values\n\n{_golden(found)}")

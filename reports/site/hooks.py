@@ -1,10 +1,12 @@
-"""What mkdocs calls while it builds: folders of the navigation become their pages."""
+"""What mkdocs calls while it builds: folders become pages, notebooks and equations are set."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 from typing import Any
+
+from reports.site import equations, notebooks
 
 _LINK = re.compile(r"\]\(([\w/.-]+\.md)")
 
@@ -41,3 +43,8 @@ def on_config(config: Any) -> Any:
     """Give mkdocs the navigation with its folders expanded."""
     config.nav = expanded(config.nav, Path(config.docs_dir))
     return config
+
+
+def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
+    """Put in place of their markers the notebooks with their outputs, and equations in MathML."""
+    return equations.typeset(notebooks.shown(markdown), page.file.src_uri)

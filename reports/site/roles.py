@@ -15,6 +15,12 @@ def linked(text: str) -> str:
     return _ROLE.sub(_link, text).replace("::\n\n    ", ":\n\n    ")
 
 
+def cleaned(text: str | None) -> str:
+    """The first paragraph of a docstring in Markdown, on one line, its references as code."""
+    named = _ROLE.sub(lambda found: f"`{found[2].rpartition('.')[2]}`", text or "")
+    return " ".join(named.partition("\n\n")[0].replace("``", "`").split())
+
+
 def _link(found: re.Match[str]) -> str:
     short, name = found.groups()
     shown = name.rpartition(".")[2] if short else name

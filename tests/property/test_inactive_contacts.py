@@ -12,7 +12,7 @@ import problems
 from dynamics.batch import StepFunction
 from dynamics.contact import Exact, Step
 from ocp import Feedback
-from ocp.gradients.estimate import RolloutObjective
+from ocp.gradients.rollouts import RolloutObjective
 from tests.unit.dynamics.batch.backends import BACKENDS
 
 FORWARD = {

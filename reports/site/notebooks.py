@@ -1,0 +1,81 @@
+"""Notebooks as pages, with what each cell gives.
+
+``python -m reports.site.notebooks`` executes those of ``examples`` and stores their outputs.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from ocp.store.atomic import write
+from reports.site.measured import DOCS
+
+FOLDER = DOCS.parent / "examples"
+_PANDAS = re.compile(r'<style scoped>.*?</style>|(?<=<table) border="1" class="dataframe"', re.S)
+_MARKER = re.compile(r"<!-- notebook: ([\w-]+) -->.*", re.S)
+
+
+def shown(page: str) -> str:
+    """The page, or the notebook that its ``<!-- notebook: NAME -->`` asks for."""
+    return _MARKER.sub(lambda found: rendered(FOLDER / f"{found[1]}.ipynb"), page)
+
+
+def rendered(path: Path) -> str:
+    """The notebook in Markdown: its texts, its code, and below each cell what it gave."""
+    return "\n\n".join(part for cell in _cells(path) for part in _parts(cell))
+
+
+def title(path: Path) -> str:
+    """The heading that the notebook begins with."""
+    return _cells(path)[0]["source"][0].strip("# \n")
+
+
+def _cells(path: Path) -> list[dict[str, Any]]:
+    return json.loads(path.read_text(encoding="utf-8"))["cells"]
+
+
+def _parts(cell: dict[str, Any]) -> list[str]:
+    text = "".join(cell["source"])
+    if cell["cell_type"] != "code":
+        return [text]
+    return [f"```python\n{text}\n```", *map(_output, cell["outputs"])]
+
+
+def _output(output: dict[str, Any]) -> str:
+    """The richest form of an output that a page can show."""
+    data = {kind: "".join(text) for kind, text in output.get("data", {}).items()}
+    if picture := data.get("image/png"):
+        source = f"data:image/png;base64,{picture.strip()}"
+        return f'<p><img alt="What the cell above draws" src="{source}"></p>'
+    if page := data.get("text/html"):
+        return _PANDAS.sub("", page).replace("\n", "")
+    return "```text\n" + data.get("text/plain", "".join(output.get("text", ()))).strip() + "\n```"
+
+
+def execute(path: Path) -> Any:
+    """The notebook with fresh outputs, and nothing else of the process that made them."""
+    import nbclient
+    import nbformat
+
+    notebook = nbformat.read(path, 4)
+    about = {"metadata": {"path": str(FOLDER)}}
+    nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=about).execute()
+    for cell in notebook.cells:
+        cell.metadata = {}
+    notebook.metadata["language_info"] = {"name": "python"}
+    return notebook
+
+
+def main() -> None:
+    """Execute all notebooks."""
+    import nbformat
+
+    for path in sorted(FOLDER.glob("*.ipynb")):
+        write(path, (nbformat.writes(execute(path)) + "\n").encode())
+
+
+if __name__ == "__main__":
+    main()

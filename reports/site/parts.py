@@ -1,0 +1,48 @@
+"""What a problem file is put together from, with signatures: a list that a tutorial includes."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import Any
+
+from dynamics import systems
+from dynamics.systems.contacts import Contact
+from ocp import free_time, problem
+from problems import drawing, parameters, scenes
+from reports.site.roles import cleaned
+
+PARTS: dict[str, tuple[Any, ...]] = {
+    "Shapes": (scenes.Disc, scenes.Box, scenes.Capsule, scenes.HalfPlane),
+    "Scenes": (scenes.Body, scenes.Pusher, scenes.Obstacle, scenes.Goal, scenes.Scene,
+               scenes.Scene.quasi_dynamic, scenes.Scene.time_stepping, scenes.pictured),
+    "Machines": (systems.Link, systems.Sphere, systems.Part, systems.Machine,
+                 systems.Machine.system),
+    "Contacts by hand": (systems.signals, systems.time_stepping, systems.quasi_dynamic,
+                         Contact.between),
+    "Costs, constraints and start": (problem.Problem, problem.Constraint, problem.FreeStart,
+                                     free_time.free, problem.Scaling, problem.Scenarios),
+    "Parameters": (parameters.quantity, parameters.structure, parameters.choice, parameters.table),
+    "Drawing by hand": (drawing.Mark, drawing.Segment, drawing.Spring, drawing.ContactFrame),
+}  # fmt: skip
+_INNER = {"self", "settings", "citation", "source", "source_digest", "shown"}
+
+
+def pages() -> dict[str, str]:
+    """The list, one group after the other."""
+    groups = (f"### {title}\n\n{''.join(map(_item, found))}" for title, found in PARTS.items())
+    return {"signatures/parts.md": "\n".join(groups)}
+
+
+def _item(one: Any) -> str:
+    """Names and defaults of the arguments, and the first paragraph of the docstring."""
+    given = [p for p in inspect.signature(one).parameters.values() if p.name not in _INNER]
+    shown = ", ".join(_argument(p) for p in given)
+    return f"- `{one.__qualname__}({shown})`: {cleaned(inspect.getdoc(one))}\n"
+
+
+def _argument(one: inspect.Parameter) -> str:
+    if one.default is one.empty:
+        return re.sub(":.*", "", str(one))
+    plain = isinstance(one.default, str | int | float | tuple | None)
+    return f"{one.name}={one.default!r}" if plain else f"{one.name}=..."
