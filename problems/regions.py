@@ -2,18 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from dynamics.learned.collecting import Drawn, Piece, draw_piece
 from dynamics.learned.region import Region
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError
 from ocp.problem import Problem
+from ocp.scheduling import Report
+from ocp.store.provenance import check_content
+from problems import registry
 from problems.spec import ProblemSpec
 
 _SPREAD = 0.3
+
+
+@dataclass(frozen=True)
+class CollectJob:
+    """A piece of the transitions of a problem, which a worker builds by its name or file."""
+
+    problem: str
+    params: dict[str, Any]
+    content: str
+    piece: Piece
+
+
+def collect_piece(job: CollectJob, report: Report) -> Drawn:
+    """Draw the transitions of a piece; a :data:`~ocp.scheduling.Function`.
+
+    Raises :class:`~ocp.store.provenance.FilesChanged` where the problem's file has changed.
+    """
+    found = registry.spec(job.problem)
+    check_content(job.problem, job.content, found.digest, {})
+    problem = found.problem(job.params)
+    region = region_of(found, found.params(job.params), problem)
+    return draw_piece(problem.exact_step, region, job.piece)
 
 
 def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:

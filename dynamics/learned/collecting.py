@@ -22,6 +22,8 @@ Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 MOST = 1000
 """Draws per requested row after which a region is rejected."""
+PIECE = 1 << 18
+"""Most transitions of a piece; fixed, since each piece has its own random stream."""
 AT_ONCE = 200_000
 """States that are drawn at once."""
 
@@ -40,23 +42,71 @@ def collect(
     ``keep`` chooses among states, by default those that do not penetrate (:func:`apart`).
     ``values`` of parameters replace the step's. A step that was not solved is left out, another
     drawn in its place, and ``unsolved`` in the provenance counts them. The same seed gives the same
-    data, whatever the number of threads.
+    data, whatever the number of threads or of :class:`Piece` workers.
 
     Raises ``ValueError`` for a region that does not fit, that keeps almost no state, and for what
     :meth:`Transitions.checked` refuses.
     """
-    region.check(step.system)
-    p, rng = step.p.pack(values), np.random.default_rng(seed)
-    source = _Source(step, p, region, apart(step, p) if keep is None else keep)
-    drawn = [
-        source.draw(rng, n - n // 2, region.box_states, "ranges"),
-        source.draw(rng, n // 2, region.tube_states, "tube"),
+    drawn = [draw_piece(step, region, piece, keep, values) for piece in pieces(n, seed)]
+    return merged(step, region, drawn, seed, provenance)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Rows that one worker draws from a random stream of their own: in the ranges, and the tube."""
+
+    in_ranges: int
+    in_tube: int
+    stream: np.random.SeedSequence
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a piece gave: rows x, u and x_next of either half, and how many were not solved."""
+
+    in_ranges: Rows
+    in_tube: Rows
+    unsolved: int
+
+
+def pieces(n: int, seed: int) -> list[Piece]:
+    """Split n transitions; a single piece draws from the stream of the seed itself."""
+    count = max(1, -(-n // PIECE))
+    root = np.random.SeedSequence(seed)
+    streams = [root] if count == 1 else root.spawn(count)
+    ends = [k * n // count for k in range(count + 1)]
+    halves = [end // 2 for end in ends]
+    return [
+        Piece(ends[k + 1] - ends[k] - (halves[k + 1] - halves[k]), halves[k + 1] - halves[k], one)
+        for k, one in enumerate(streams)
     ]
+
+
+def draw_piece(
+    step: Step, region: Region, piece: Piece, keep: Keep | None = None,
+    values: Mapping[str, float] | None = None,
+) -> Drawn:  # fmt: skip
+    """Draw the transitions of a piece; raises as :func:`collect` does."""
+    region.check(step.system)
+    p, rng = step.p.pack(values), np.random.default_rng(piece.stream)
+    source = _Source(step, p, region, apart(step, p) if keep is None else keep)
+    in_ranges = source.draw(rng, piece.in_ranges, region.box_states, "ranges")
+    in_tube = source.draw(rng, piece.in_tube, region.tube_states, "tube")
+    return Drawn(in_ranges, in_tube, source.unsolved)
+
+
+def merged(
+    step: Step, region: Region, drawn: Sequence[Drawn], seed: int,
+    provenance: Mapping[str, Any] | None = None,
+) -> Transitions:  # fmt: skip
+    """Put pieces together in their order, all rows in the ranges before those in the tube."""
+    rows = [*(one.in_ranges for one in drawn), *(one.in_tube for one in drawn)]
+    x, u, x_next = (np.concatenate(column) for column in zip(*rows, strict=True))
     told = {
-        **{"seed": seed, "region": region.described(), "how": "collected", "in_tube": n // 2},
-        **{"unsolved": source.unsolved, **(provenance or {})},
+        **{"seed": seed, "region": region.described(), "how": "collected"},
+        **{"in_tube": sum(len(one.in_tube[0]) for one in drawn)},
+        **{"unsolved": sum(one.unsolved for one in drawn), **(provenance or {})},
     }
-    x, u, x_next = (np.concatenate(column) for column in zip(*drawn, strict=True))
     return Transitions.checked(x, u, x_next, step.system.states, step.system.inputs, told)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import xarray as xr
 
-from dynamics.learned.collecting import collect
+from dynamics.learned.collecting import Drawn, merged, pieces
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.files import TABLES, read_table
 from dynamics.learned.fit import fit
@@ -19,10 +20,12 @@ from dynamics.learned.transitions import LEAST, Transitions, split_rows
 from ocp.effort import check_memory
 from ocp.errors import InputError, choose
 from ocp.problem import Problem
+from ocp.scheduling import Failure, run_jobs
 from ocp.store import atomic, models
 from ocp.store.checkpoint import Checkpoint
+from ocp.store.provenance import content_digest
 from problems import spec
-from problems.regions import region_of
+from problems.regions import CollectJob, collect_piece, region_of
 from problems.registry import objective_names
 from reports import learned
 from reports.cli import interrupt
@@ -39,6 +42,8 @@ class CollectRequest:
     problem: Problem
     region: Region
     samples: int
+    file: str
+    content: str
 
 
 def check_collect(options: CollectOptions) -> CollectRequest:
@@ -60,7 +65,9 @@ def check_collect(options: CollectOptions) -> CollectRequest:
     check_memory(f"{samples} transitions", 32.0 * samples * (2 * system.nx + system.nu))
     region = region_of(found, params, problem)
     check_place(options.file, "data")
-    return CollectRequest(found.name, params.model_dump(), problem, region, samples)
+    file = found.name if found.path is None else str(found.path)
+    return CollectRequest(found.name, params.model_dump(), problem, region, samples, file,
+                          content_digest(found.digest, {}))  # fmt: skip
 
 
 def run_collect(options: CollectOptions, request: CollectRequest) -> int:
@@ -68,7 +75,8 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
     began, step = time.perf_counter(), request.problem.exact_step
     origin = {"problem": request.name, "parameters": request.params}
     with input_errors(f"{request.name}: "):
-        data = collect(step, request.region, request.samples, options.seed, provenance=origin)
+        drawn = _drawn(options, request)
+        data = merged(step, request.region, drawn, options.seed, origin)
     models.save(data.dataset(), options.file)
     document, seconds = learned.data_document(data), time.perf_counter() - began
     for line in learned.lines(document):
@@ -77,6 +85,19 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
     options.output.say(f"data: {options.file} ({len(data)} transitions, {seconds:.1f} s)")
     options.output.document({"file": str(options.file), **document, "seconds": seconds})
     return 0
+
+
+def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
+    """All pieces in their order, from the workers that the options name."""
+    jobs = [CollectJob(request.file, request.params, request.content, piece)
+            for piece in pieces(request.samples, options.seed)]  # fmt: skip
+    found: dict[int, Drawn] = {}
+    with closing(run_jobs(collect_piece, jobs, options.jobs, options.scheduler)) as outcomes:
+        for place, outcome in outcomes:
+            if isinstance(outcome, Failure):
+                raise outcome.error
+            found[place] = outcome
+    return [found[place] for place in sorted(found)]
 
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from reports.cli.options import (
     PROBLEM,
+    JobsOptions,
     LawOptions,
     Options,
     RunOptions,
@@ -21,7 +22,7 @@ NOISE = 0.2
 """Default noise of a learned model, in standard deviations of the data."""
 
 
-class CollectOptions(Options):
+class CollectOptions(JobsOptions):
     """Draw states without penetration and inputs, and advance each by one step of the exact law.
 
     Half are drawn in the problem's region, half in a tube around the path from start to goal.
