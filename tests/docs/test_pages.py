@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -54,6 +55,28 @@ def test_a_page_works_to_its_end(
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     Walk(page, tmp_path).through(slow=True)
+
+
+SOUGHT = (
+    "MPC", "receding horizon", "URDF", "MJCF", "3-D", "mesh", "Jupyter", "my robot", "biped",
+    "torque limits", "free final time",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("word", SOUGHT)
+def test_a_word_that_people_look_for_is_a_heading(word: str) -> None:
+    text = (ROOT / "docs/reference/cannot.md").read_text(encoding="utf-8")
+    assert re.search(rf"^## .*\b{word}\b", text, re.MULTILINE | re.IGNORECASE)
+
+
+def test_every_program_that_people_come_from_has_its_version_of_the_problem() -> None:
+    """Ours and CasADi's run; the others say that they did not."""
+    text = (ROOT / "docs/howto/coming-from.md").read_text(encoding="utf-8")
+    for title in ("Ours", "CasADi Opti", "rockit", "do-mpc", "nosnoc", "Drake"):
+        section = text.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+        (block, *_) = (b for b in blocks(section) if b.language in ("console", "python"))
+        assert block.runs == (title in ("Ours", "CasADi Opti")), title
+        assert title == "Ours" or f"*{title.split()[-1]} beyond ours*" in section
 
 
 def test_few_blocks_are_never_run() -> None:
