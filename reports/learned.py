@@ -196,15 +196,20 @@ def outside_table(document: Mapping[str, Any]) -> Group:
 
 
 @contextmanager
-def training_progress(quiet: bool, first: int, epochs: int) -> Iterator[Callable[[Epoch], None]]:
-    """Yield a callback for epochs: one live line on a terminal, elsewhere one per ten epochs."""
-    began = time.monotonic()
+def training_progress(quiet: bool, epochs: int) -> Iterator[Callable[[Epoch, str], None]]:
+    """Yield a callback for epochs: one live line on a terminal, elsewhere one per ten epochs.
+
+    Each line begins with the text that comes with the epoch.
+    """
+    began, first = time.monotonic(), dict[str, int]()
     with live(quiet, every_s=math.inf) as show:
 
-        def report(epoch: Epoch) -> None:
-            seconds = (time.monotonic() - began) / max(1, epoch.number - first)
+        def report(epoch: Epoch, name: str) -> None:
+            done = epoch.number - first.setdefault(name, epoch.number - 1)
+            seconds = (time.monotonic() - began) / done
             left = f", {seconds * (epochs - epoch.number):.0f} s left"
-            text, now = _line(epoch, epochs), epoch.number % 10 == 0 or epoch.number == epochs
+            text = name + _line(epoch, epochs)
+            now = epoch.number % 10 == 0 or epoch.number == epochs
             show(text if now else "", now, lambda: Text(text + left))
 
         yield report

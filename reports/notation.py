@@ -7,8 +7,6 @@ import re
 from functools import cache
 from pathlib import Path
 
-import typst
-
 _TOKEN = re.compile(
     r'"(?P<text>[^"]*)"'
     r"|(?P<sum>sum_\((?P<index>\w+)=[^)]*\)\^\([^)]*\))"
@@ -63,6 +61,8 @@ _ROOT = Path(__file__).parent
 @cache
 def full_citation(key: str) -> str:
     """Return an entry as its style writes it; a key that is not there stands for itself."""
+    import typst
+
     page, given = str(_ROOT / "templates" / "citation.typ"), {"key": key}
     try:
         set_page = typst.compile(

@@ -101,6 +101,11 @@ class Training:
         return self._now.number
 
     @property
+    def error(self) -> float:
+        """The least held-out error so far, on noised inputs; infinite where none is held out."""
+        return self._now.least
+
+    @property
     def done(self) -> bool:
         """Whether all epochs are over or the held-out error has stopped to fall."""
         now, recipe = self._now, self.recipe

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
+from dynamics.learned import collecting
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.transitions import split_rows
 from ocp.store import models
@@ -95,7 +97,7 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     for row in told["coordinates"]:
         assert row["noise"] == pytest.approx(0.1 * row["scale"])
     assert [row["name"] for row in told["fit"]["states"]] == ["qu", "qa"]
-    beside = {"seconds", "epochs", "resumed"}
+    beside = {"seconds", "epochs", "resumed", "seeds"}
     shown = ocp("show", "model.nc", "--json").json
     assert shown == {key: value for key, value in told.items() if key not in beside}
     text = ocp("show", "model.nc").out
@@ -337,3 +339,29 @@ def test_a_next_state_that_never_varies_is_told(ocp: Ocp) -> None:
     done = ocp("learn", "data.nc", "--model", "ewda", "-o", "model.nc")
     assert done.code == 2
     assert "the next hand never varies" in done.err
+
+
+def test_the_best_of_several_seeds_is_kept_whatever_the_processes(ocp) -> None:
+    collected = ocp("collect", "push-1d", "-n", "400", "-o", "data.nc", "-q")
+    assert collected.code == 0
+    network = ("--model", "mlp", "--hidden", "4", "--epochs", "3", "-q")
+    both = ocp("learn", "data.nc", *network, "--seeds", "2", "-j", "2", "-o", "best.nc", "--json")
+    errors = both.json["seeds"]
+    alone = {
+        seed: ocp("learn", "data.nc", *network, "--seed", seed, "-o", f"{seed}.nc", "--json").json
+        for seed in errors
+    }
+    assert errors == {seed: found["seeds"][seed] for seed, found in alone.items()}
+    best = min(errors, key=errors.__getitem__)
+    for key in ("fit", "outside"):
+        assert both.json.get(key) == alone[best].get(key)
+
+
+def test_pieces_are_the_same_data_in_any_process(ocp, monkeypatch) -> None:
+    monkeypatch.setattr(collecting, "PIECE", 100)
+    words = ("collect", "push-1d", "-n", "350", "--seed", "3", "-q")
+    assert ocp(*words, "-o", "one.nc").code == 0
+    assert ocp(*words, "-o", "two.nc", "-j", "2").code == 0
+    one, two = (xr.load_dataset(file) for file in ("one.nc", "two.nc"))
+    assert one.attrs["data_hash"] == two.attrs["data_hash"]
+    xr.testing.assert_identical(one, two)

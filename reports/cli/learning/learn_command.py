@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
-from contextlib import closing
-from dataclasses import dataclass
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import xarray as xr
@@ -15,12 +17,12 @@ from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.files import TABLES, read_table
 from dynamics.learned.fit import fit
 from dynamics.learned.region import Region
-from dynamics.learned.training import Recipe, Training
+from dynamics.learned.training import Epoch, Recipe, Training
 from dynamics.learned.transitions import LEAST, Transitions, split_rows
 from ocp.effort import check_memory
 from ocp.errors import InputError, choose
 from ocp.problem import Problem
-from ocp.scheduling import Failure, run_jobs
+from ocp.scheduling import Failure, Report, run_jobs
 from ocp.store import atomic, models
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.provenance import content_digest
@@ -101,7 +103,7 @@ def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
 
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
-NETWORK = ("hidden", "epochs")
+NETWORK = ("hidden", "epochs", "seeds", "jobs", "scheduler")
 HELD_OUT = 0.1
 _COPIES = 6
 """Copies of all weights in training: current, best, gradient, two moments of Adam, the update."""
@@ -109,11 +111,11 @@ _COPIES = 6
 
 @dataclass(frozen=True)
 class LearnRequest:
-    """The data, the recipe of a network (None for an average), and its checkpoint."""
+    """The data, the recipe of a network (None for an average), and a checkpoint for each seed."""
 
     data: Transitions
     recipe: Recipe | None
-    checkpoint: Checkpoint
+    checkpoints: list[Checkpoint]
 
 
 def check(options: LearnOptions) -> LearnRequest:
@@ -138,12 +140,12 @@ def check(options: LearnOptions) -> LearnRequest:
     data = _data(options)
     check_place(options.file, "model")
     recipe = _recipe(options, data, hidden) if network else None
-    key = {"data": data.hash, "sigma": options.noise, "hidden": hidden,
-               "epochs": options.epochs, "seed": options.seed}  # fmt: skip
+    key = {"data": data.hash, "sigma": options.noise, "hidden": hidden, "epochs": options.epochs}
     place = atomic.destination(options.file)
     # Next to the file; none for a device or a FIFO.
     root = place.parent if network and place is not None else None
-    return LearnRequest(data, recipe, Checkpoint(root, "", key))
+    seeds = range(options.seed, options.seed + options.seeds)
+    return LearnRequest(data, recipe, [Checkpoint(root, "", {**key, "seed": one}) for one in seeds])
 
 
 def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -> Recipe:
@@ -178,58 +180,110 @@ def _data(options: LearnOptions) -> Transitions:
 
 def run(options: LearnOptions, request: LearnRequest) -> int:
     """Learn a time step from transitions: a weighted average, or a network on noised inputs."""
-    began, epochs, resumed = time.perf_counter(), None, 0
-    with request.checkpoint as checkpoint:
-        for line in checkpoint.notes:
-            options.output.say(line)
-        if request.recipe is None:
-            dataset = _described(options, request.data, *_averaged(options, request.data))
-        else:
-            state, samples = checkpoint.state("training"), request.data.samples()
-            with input_errors():
-                training = Training(samples, options.noise, request.recipe, options.seed, state)
-            resumed = training.epoch
-            dataset = _described(options, request.data, *_trained(options, request, training))
-            epochs = training.epoch
-        models.save(dataset, options.file)
-        checkpoint.discard()
-    document = learned.model_document(dataset)
+    began = time.perf_counter()
+    if request.recipe is None:
+        found = [Learned(_averaged(options, request.data), options.seed)]
+    else:
+        found = _trained(options, request, request.recipe)
+    best = min(found, key=lambda one: one.error)
+    models.save(best.dataset, options.file)
+    for checkpoint in request.checkpoints:
+        with checkpoint:
+            checkpoint.discard()
+    document = learned.model_document(best.dataset)
     for table in (learned.fit_table, learned.outside_table):
         options.output.note(table(document))
+    for one in found if len(found) > 1 else ():
+        kept = ", kept" if one is best else ""
+        options.output.say(f"seed {one.seed}: held-out error {one.error:.4g}{kept}")
+    if best.resumed:
+        options.output.say(f"resumed after epoch {best.resumed}")
     seconds = time.perf_counter() - began
-    if resumed:
-        options.output.say(f"resumed after epoch {resumed}")
-    how = "" if epochs is None else f", {epochs} epochs"
+    how = "" if best.epochs is None else f", {best.epochs} epochs"
     options.output.say(f"model: {options.file} ({options.model}{how}, {seconds:.1f} s)")
-    times = {"seconds": seconds, "epochs": epochs, "resumed": resumed}
-    options.output.document({"file": str(options.file), **document, **times})
+    content = {"seconds": seconds, "epochs": best.epochs, "resumed": best.resumed,
+               "seeds": {one.seed: one.error for one in found}}  # fmt: skip
+    options.output.document({"file": str(options.file), **document, **content})
     return 0
 
 
-def _described(options: LearnOptions, data: Transitions, model: Any, held_out: Any) -> xr.Dataset:
+@dataclass(frozen=True)
+class Learned:
+    """A model with its errors; ``error`` is the least held-out one of a network's training."""
+
+    dataset: xr.Dataset
+    seed: int
+    error: float = math.nan
+    epochs: int | None = None
+    resumed: int = 0
+
+
+@dataclass(frozen=True)
+class NetworkJob:
+    """The training of one network; ``kept`` is the directory of its checkpoint."""
+
+    data: Transitions
+    noise: float
+    recipe: Recipe
+    seed: int
+    kept: Path | None
+
+
+def train_network(job: NetworkJob, report: Report) -> Learned:
+    """Train a network; a :data:`~ocp.scheduling.Function` that reports every epoch.
+
+    Raises :class:`~ocp.errors.InputError` for data that a network cannot learn from.
+    """
+    checkpoint, data = Checkpoint.borrowed(job.kept), job.data.samples()
+    with input_errors():
+        training = Training(data, job.noise, job.recipe, job.seed, checkpoint.state("training"))
+    resumed = training.epoch
+    try:
+        for epoch in training.epochs():
+            report(asdict(epoch))
+            if checkpoint.due():
+                checkpoint.save_state("training", **training.state)
+    except KeyboardInterrupt:
+        checkpoint.save_state("training", **training.state)
+        raise
+    dataset = _described(job.data, training.model(), training.held_out, job.noise, job.seed)
+    return Learned(dataset, job.seed, training.error, training.epoch, resumed)
+
+
+def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> list[Learned]:
+    """A network for each seed, in the order of the seeds, from the workers that options name."""
+    with ExitStack() as held:
+        for checkpoint in request.checkpoints:
+            held.enter_context(checkpoint)
+            for line in checkpoint.notes:
+                options.output.say(line)
+        jobs = [NetworkJob(request.data, options.noise, recipe, options.seed + k, one.place)
+                for k, one in enumerate(request.checkpoints)]  # fmt: skip
+        show = held.enter_context(learned.training_progress(options.quiet, options.epochs))
+
+        def callback(place: int, message: Any) -> None:
+            interrupt.check()
+            show(Epoch(**message), f"seed {jobs[place].seed}: " if len(jobs) > 1 else "")
+
+        work = run_jobs(train_network, jobs, options.jobs, options.scheduler, callback)
+        found: dict[int, Learned] = {}
+        for place, outcome in held.enter_context(closing(work)):
+            if isinstance(outcome, Failure):
+                raise outcome.error
+            found[place] = outcome
+    return [found[place] for place in sorted(found)]
+
+
+def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:
     """A model and its errors on the held-out rows."""
-    fitted = fit(model, data.samples(), held_out, options.noise or NOISE, options.seed)
+    fitted = fit(model, data.samples(), held_out, noise or NOISE, seed)
     return learned.model_dataset(model.dataset(), fitted.dataset(), data, len(held_out))
 
 
-def _averaged(options: LearnOptions, data: Transitions) -> tuple[Any, Any]:
-    """The average of all rows except the held-out ones, and the numbers of those."""
+def _averaged(options: LearnOptions, data: Transitions) -> xr.Dataset:
+    """The average of all rows except the held-out ones, and its errors on those."""
     kept, held_out = split_rows(len(data), HELD_OUT, options.seed)
     z, y = data.z[kept], data.x_next[kept]
     scales, sigma = data.normalisation, options.noise
-    return EwdaModel(z, y, scales, sigma, data.origin, options.seed), held_out
-
-
-def _trained(options: LearnOptions, request: LearnRequest, training: Training) -> tuple[Any, Any]:
-    """The network after its last epoch, and the numbers of the held-out rows."""
-    try:
-        with learned.training_progress(options.quiet, training.epoch, options.epochs) as report:
-            for epoch in training.epochs():
-                report(epoch)
-                interrupt.check()
-                if request.checkpoint.due():
-                    request.checkpoint.save_state("training", **training.state)
-    except KeyboardInterrupt:
-        request.checkpoint.save_state("training", **training.state)
-        raise
-    return training.model(), training.held_out
+    model = EwdaModel(z, y, scales, sigma, data.origin, options.seed)
+    return _described(data, model, held_out, options.noise, options.seed)

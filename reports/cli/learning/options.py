@@ -10,7 +10,6 @@ from reports.cli.options import (
     PROBLEM,
     JobsOptions,
     LawOptions,
-    Options,
     RunOptions,
     TagOptions,
     argument,
@@ -37,7 +36,7 @@ class CollectOptions(JobsOptions):
     seed: int = option(0, min=0, help="Seed of the random draws.")
 
 
-class LearnOptions(Options):
+class LearnOptions(JobsOptions):
     """Learn a time step from transitions: a weighted average, or a network on noised inputs.
 
     A tenth of the rows is held out to measure the fit. The state of the training is kept: after
@@ -56,6 +55,7 @@ class LearnOptions(Options):
     hidden: str = option("128,128,128,128", help="Units of each hidden layer (mlp).")
     epochs: int = option(200, min=1, help="Largest number of epochs (mlp).")
     seed: int = option(0, min=0, help="Random seed.")
+    seeds: int = option(1, min=1, max=1000, help="Networks, one a seed; the best is kept (mlp).")
     problem: str | None = option(None, help=f"Problem of the data. {PROBLEM}")
     columns: str | None = option(
         None, metavar="NAME=COLUMN,...", help="Column names in a table."
