@@ -98,7 +98,7 @@ generated: setup
 
 # Executes the notebooks of examples/ and stores what their cells give, for the site and for readers.
 notebooks: setup
-	$(BIN)/python -m reports.site.notebooks
+	$(BIN)/python -m tests.notebooks
 
 # Measures a random 20 of the site's numbers again, SEED=7 others, COUNT=5 fewer; it fails where one
 # differs. Seconds are exempt, and what `console` blocks print is compared by make test.

@@ -186,8 +186,8 @@ def _page(found: Spec) -> None:
     from reports.tables import golden_table, parameter_table
 
     described = _described(found)
-    for line in described["equations"]:
-        print(fill(line, 80, initial_indent="    ", subsequent_indent="        "))
+    for k, line in enumerate(described["equations"], 1):
+        print(fill(f"{line}    ({k})", 80, initial_indent="    ", subsequent_indent="        "))
     print()
     print_table(parameter_table(described["parameters"]))
     golden = found.golden if isinstance(found, ProblemSpec | ObjectiveSpec) else {}

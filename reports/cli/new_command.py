@@ -15,14 +15,12 @@ from reports.cli.request import check_place
 
 def check(options: NewOptions) -> Path:
     """The file to write; raises InputError for a bad name, two kinds, or a file that exists."""
-    name = options.problem.removesuffix(".py")
     with input_errors():
-        check_name(name)
-    if name in names():
-        raise InputError(f"{name} is a problem of the workbench; choose another name")
+        file = Path(f"{check_name(options.problem.removesuffix('.py'))}.py")
+    if file.stem in names():
+        raise InputError(f"{file.stem} is a problem of the workbench; choose another name")
     if options.machine and options.scene:
         raise InputError("--machine and --scene are two kinds of file; give one of them")
-    file = Path(f"{name}.py")
     if file.exists() or file.is_symlink():
         raise InputError(f"{file} exists; choose another name, or move the file away")
     check_place(file, "problem file")
@@ -30,7 +28,7 @@ def check(options: NewOptions) -> Path:
 
 
 def run(options: NewOptions, file: Path) -> int:
-    """Write the template under its new name, and say what may be done with it."""
+    """Write the template under its new name, and say how to solve it."""
     kind = "machine" if options.machine else "scene" if options.scene else "plain"
     atomic.write(file, template(kind, file.stem).encode(), "the problem file")
     options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")

@@ -1,7 +1,4 @@
-"""Notebooks as pages, with what each cell gives.
-
-``python -m reports.site.notebooks`` executes those of ``examples`` and stores their outputs.
-"""
+"""Notebooks of ``examples`` as pages, with the outputs that ``make notebooks`` stores in them."""
 
 from __future__ import annotations
 
@@ -10,7 +7,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-from ocp.store.atomic import write
 from reports.site.measured import DOCS
 
 FOLDER = DOCS.parent / "examples"
@@ -53,29 +49,3 @@ def _output(output: dict[str, Any]) -> str:
     if page := data.get("text/html"):
         return _PANDAS.sub("", page).replace("\n", "")
     return "```text\n" + data.get("text/plain", "".join(output.get("text", ()))).strip() + "\n```"
-
-
-def execute(path: Path) -> Any:
-    """The notebook with fresh outputs, and nothing else of the process that made them."""
-    import nbclient
-    import nbformat
-
-    notebook = nbformat.read(path, 4)
-    about = {"metadata": {"path": str(FOLDER)}}
-    nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=about).execute()
-    for cell in notebook.cells:
-        cell.metadata = {}
-    notebook.metadata["language_info"] = {"name": "python"}
-    return notebook
-
-
-def main() -> None:
-    """Execute all notebooks."""
-    import nbformat
-
-    for path in sorted(FOLDER.glob("*.ipynb")):
-        write(path, (nbformat.writes(execute(path)) + "\n").encode())
-
-
-if __name__ == "__main__":
-    main()

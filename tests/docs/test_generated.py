@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ocp.errors import InputError
-from problems import describe, names, spec
+from problems import describe, names, scenes, spec
 from reports.notation import powers
 from reports.site import measured
 from reports.site.__main__ import pages as fresh
@@ -81,6 +81,16 @@ def test_a_table_is_kept_and_read_again(tmp_path: Path, monkeypatch: pytest.Monk
     assert table(kept["columns"], kept["rows"]).splitlines() == [
         "| n | v | w |", "| --- | ---: | --- |", "| a | 1.5 | – |", "| b\\|c | 2 | yes |",
     ]  # fmt: skip
+
+
+def test_all_parts_of_a_problem_file_are_listed_with_their_arguments() -> None:
+    text = (measured.GENERATED / "signatures" / "parts.md").read_text(encoding="utf-8")
+    listed = {name.split(".")[0] for name in re.findall(r"^- `([\w.]+)\(", text, re.MULTILINE)}
+    assert {*scenes.__all__, "Link", "Machine", "Sphere", "Part", "Constraint", "free"} <= listed
+    (arguments,) = re.findall(r"^- `Problem\((.*)\)`", text, re.MULTILINE)
+    for name in ("stage_cost", "terminal_cost", "u_lower", "x_upper", "path", "terminal", "guess"):
+        assert f", {name}" in arguments
+    assert ":class:" not in text and "``" not in text and "<factory>" not in text
 
 
 def test_pictures_stay_small() -> None:

@@ -15,7 +15,7 @@ import xarray as xr
 
 from ocp import Solution, solve
 from problems.loading import import_file
-from reports.site import notebooks
+from tests import notebooks
 from tests.docs.pages import agrees
 
 ROOT = Path(__file__).parents[2]

@@ -1,0 +1,27 @@
+"""Executes the notebooks of ``examples`` and stores what their cells give: ``make notebooks``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import nbclient
+import nbformat
+
+from reports.site.notebooks import FOLDER
+
+
+def execute(path: Path) -> Any:
+    """The notebook with fresh outputs, and nothing else of the process that made them."""
+    notebook = nbformat.read(path, 4)
+    about = {"metadata": {"path": str(FOLDER)}}
+    nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=about).execute()
+    for cell in notebook.cells:
+        cell.metadata = {}
+    notebook.metadata["language_info"] = {"name": "python"}
+    return notebook
+
+
+if __name__ == "__main__":
+    for file in sorted(FOLDER.glob("*.ipynb")):
+        nbformat.write(execute(file), file)
