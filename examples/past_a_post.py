@@ -12,7 +12,7 @@ title = "An object pushed past a post"
 
 
 class Params(Parameters):
-    """The post stands on the straight way from the object to its goal."""
+    """All numbers: value, unit, meaning, range. Set one with -p NAME=VALUE."""
 
     R: float = quantity(0.2, "m", "radius of the object", above=0)
     r: float = quantity(0.1, "m", "radius of the pusher", above=0)
@@ -21,11 +21,11 @@ class Params(Parameters):
     goal_x: float = quantity(1.0, "m", "goal of the object, x")
     goal_y: float = quantity(0.3, "m", "goal of the object, y")
     h: float = quantity(0.05, "s", "step size", above=0)
-    N: int = structure(40, "number of steps", least=1)
+    N: int = structure(40, "number of steps", least=1)  # shapes the problem, is no symbol
 
 
 def scene(p):
-    """What stands on the table; the post is smooth."""
+    """What there is; any two things of which one moves may touch."""
     return Scene(
         [
             Pusher("pusher", Disc(p["r"]), at=(-0.4, 0.0), stiffness=50.0),
@@ -33,7 +33,7 @@ def scene(p):
             Obstacle("post", Disc(p["post"]), at=(0.5, 0.1)),
             Goal("object", at=(p["goal_x"], p["goal_y"])),
         ],
-        friction={("pusher", "object"): p["friction"]},
+        friction={("pusher", "object"): p["friction"]},  # other pairs are smooth
     )
 
 
@@ -41,12 +41,12 @@ draw, frames = pictured(scene)
 
 
 def build(params: Params) -> Problem:
-    """Effort is how fast the commanded place of the pusher changes."""
-    p = table(params)
+    """The input is the commanded place of the pusher [m]; effort is how fast it changes."""
+    p = table(params)  # a symbol for each quantity
     things = scene(p)
-    system = things.quasi_dynamic(name, p, h=p["h"])
+    system = things.quasi_dynamic(name, p, h=p["h"])  # things.time_stepping has velocities
     off = things.of("object", system.x)[:2] - ca.vertcat(p["goal_x"], p["goal_y"])
-    du = ca.SX.sym("du", system.nu)
+    du = ca.SX.sym("du", system.nu)  # change of the input
     return Problem(
         name,
         system,
@@ -56,8 +56,8 @@ def build(params: Params) -> Problem:
         x0=things.at_rest(system),
         parameters=p,
         du=du,
-        u_before=things.hold,
-        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+        u_before=things.hold,  # input before the first step
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),  # usual sizes
     )
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from ocp.errors import InputError, input_errors
 from ocp.store import atomic
 from problems import names
 from problems.loading import check_name
-from problems.templates import template
 from reports.cli.commands import NewOptions
 from reports.cli.request import check_place
+
+TEMPLATES = {"plain": "bumper.py", "scene": "past_a_post.py", "machine": "push_up.py"}
+"""Files of ``examples``, which a wheel has among its templates (pyproject.toml)."""
+_FOLDERS = [Path(__file__).parents[1] / "templates", Path(__file__).parents[2] / "examples"]
 
 
 def check(options: NewOptions) -> Path:
@@ -30,7 +34,10 @@ def check(options: NewOptions) -> Path:
 def run(options: NewOptions, file: Path) -> int:
     """Write the template under its new name, and say how to solve it."""
     kind = "machine" if options.machine else "scene" if options.scene else "plain"
-    atomic.write(file, template(kind, file.stem).encode(), "the problem file")
+    places = (folder / TEMPLATES[kind] for folder in _FOLDERS)
+    text = next(place for place in places if place.exists()).read_text(encoding="utf-8")
+    named = re.sub('^name = ".*"$', f'name = "{file.stem}"', text, count=1, flags=re.MULTILINE)
+    atomic.write(file, named.encode(), "the problem file")
     options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")
     options.output.document({"file": str(file), "problem": file.stem, "template": kind})
     return 0

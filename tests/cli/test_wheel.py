@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from reports.cli.new_command import TEMPLATES
+
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
 PICTURES = (".gif", ".png", ".mp4")
@@ -71,7 +73,8 @@ def elsewhere(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_wheel_holds_the_packages_whole_and_no_pictures(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     packed = {name for name in names if name.partition("/")[0] in PACKAGES}
-    assert packed == tracked(*PACKAGES)
+    copied = {f"reports/templates/{file}" for file in TEMPLATES.values()}
+    assert packed == tracked(*PACKAGES) | copied
     assert {f"{name}/py.typed" for name in PACKAGES} <= packed
     assert {"reports/references.bib", "reports/templates/solve.typ"} <= packed
     assert not [name for name in names if name.endswith(PICTURES)]
@@ -101,6 +104,8 @@ def test_the_wheel_solves_and_reports_in_an_empty_folder(elsewhere: Path, tmp_pa
     assert "Solved: cost 1.38692" in done.stdout
     assert (tmp_path / "one.pdf").read_bytes().startswith(b"%PDF")
     assert [path.parent.name for path in tmp_path.glob("runs/*/*")] == ["push-1d"]
+    run(elsewhere / "ocp", "new", "mine", "--machine", cwd=tmp_path)
+    assert "push-up on one arm" in run(elsewhere / "ocp", "show", "mine.py", cwd=tmp_path).stdout
 
 
 def test_the_wheel_is_whole_from_python_too(elsewhere: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from problems.drawing import ContactFrame, Shape
 from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, quantity, structure, table
 
-name = "machine"
+name = "push-up"
 title = "A push-up on one arm"
 axes = ("x [m]", "z [m]")
 # A tree of links in the vertical plane; angles [rad] count clockwise, lengths are in metres.
