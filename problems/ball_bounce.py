@@ -50,10 +50,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """Plastic time stepping (ball-bounce.1) of a point ball at the cost (ball-bounce.2).
-
-    u is a force [N], lam an impulse [N s].
-    """
+    """Plastic time stepping (ball-bounce.1) of a point; u is a force [N], lam an impulse [N s]."""
     p = table(params)
     weight = ca.vertcat(0, p["m"] * p["g"])
     system = time_stepping(

@@ -86,10 +86,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The steps (half-cheetah.1) with contacts (half-cheetah.5), at the cost (half-cheetah.8).
-
-    The ground is z = 0, the state (q, v, h), lam are impulses [N s].
-    """
+    """Steps (half-cheetah.1) with contacts (half-cheetah.5); state (q, v, h), lam in N s."""
     p, friction = friction_of(table(params))
     step = ca.SX.sym("h")
     machine = machine_of(

@@ -87,10 +87,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The steps (hopper.1) with contacts (hopper.5), at the cost (hopper.7).
-
-    The ground is z = 0, the state (q, v), lam are impulses [N s].
-    """
+    """Steps (hopper.1) with contacts (hopper.5); state (q, v), impulses lam [N s]."""
     p, friction = friction_of(table(params))
     machine = machine_of(
         base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"],

@@ -63,10 +63,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The problem of noising, sec. IV-B: steps (push-1d.1) at the cost (push-1d.2).
-
-    u is the commanded position [m], lam an impulse [N s].
-    """
+    """Steps (push-1d.1) of noising, sec. IV-B; u is a commanded position [m], lam in N s."""
     p = table(params)
     system = quasi_dynamic(
         name,

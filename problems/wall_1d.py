@@ -48,10 +48,7 @@ class Params(Parameters):
 
 
 def build(params: Params) -> Problem:
-    """The steps (wall-1d.1) of pathologies, ex. IV.1-2, with a task (wall-1d.2).
-
-    u and lam are impulses [N s].
-    """
+    """Steps (wall-1d.1) of pathologies, ex. IV.1-2, with a task; u and lam are impulses [N s]."""
     p = table(params)
     system = time_stepping(
         name,

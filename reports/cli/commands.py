@@ -83,16 +83,12 @@ class ShowOptions(Options):
 
 
 class NewOptions(Options):
-    """Write NAME.py, a commented problem file that solves as it is, to begin with.
-
-    It is a mass before a wall with a distance by hand, --scene a scene of shapes, --machine a
-    machine of links.
-    """
+    """Write NAME.py, a commented problem file to begin with, which solves as it is."""
 
     code: ClassVar = "reports.cli.new_command"
     examples: ClassVar = ("new bumper", "new push-box --scene", "new leg --machine")
     problem: str = argument(metavar="NAME", help="Name of the problem and of its file.")
-    scene: bool = option(False, help="Bodies, pushers and obstacles in the plane.")
+    scene: bool = option(False, help="Bodies and pushers of shapes, in place of distances by hand.")
     machine: bool = option(False, help="Links with joints and motors over the ground.")
 
 

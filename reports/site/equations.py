@@ -41,9 +41,9 @@ def typeset(page: str, url: str) -> str:
 
 
 def _link(found: re.Match[str], folder: str) -> str:
-    name = found[1]
-    place = posixpath.relpath(f"generated/gallery/{name}.md", folder or ".")
-    return f"[{found[0]}]({place}#{name}.{found[2]})" if name in names() else found[0]
+    text, name = found[0], found[1]
+    place = posixpath.relpath(f"generated/gallery/{name}.md#{text[1:-1]}", folder or ".")
+    return f"[{text}]({place})" if name in names() else text
 
 
 def _equations(given: str) -> str:

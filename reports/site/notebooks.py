@@ -11,17 +11,14 @@ from reports.site.measured import DOCS
 
 FOLDER = DOCS.parent / "examples"
 _PANDAS = re.compile(r'<style scoped>.*?</style>|(?<=<table) border="1" class="dataframe"', re.S)
-_MARKER = re.compile(r"<!-- notebook: ([\w-]+) -->.*", re.S)
+_MARKER = re.compile(r"<!-- notebook: ([\w-]+) -->")
 
 
 def shown(page: str) -> str:
-    """The page, or the notebook that its ``<!-- notebook: NAME -->`` asks for."""
-    return _MARKER.sub(lambda found: rendered(FOLDER / f"{found[1]}.ipynb"), page)
-
-
-def rendered(path: Path) -> str:
-    """The notebook in Markdown: its texts, its code, and below each cell what it gave."""
-    return "\n\n".join(part for cell in _cells(path) for part in _parts(cell))
+    """The page, or the notebook of its ``<!-- notebook: NAME -->``: texts, code, and outputs."""
+    asked = _MARKER.search(page)
+    cells = _cells(FOLDER / f"{asked[1]}.ipynb") if asked else []
+    return "\n\n".join(part for cell in cells for part in _parts(cell)) or page
 
 
 def title(path: Path) -> str:

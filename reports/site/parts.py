@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from typing import Any
 
 from dynamics import systems
@@ -36,13 +35,11 @@ def pages() -> dict[str, str]:
 
 def _item(one: Any) -> str:
     """Names and defaults of the arguments, and the first paragraph of the docstring."""
-    given = [p for p in inspect.signature(one).parameters.values() if p.name not in _INNER]
-    shown = ", ".join(_argument(p) for p in given)
+    given = inspect.signature(one).parameters.values()
+    shown = ", ".join(_argument(p) for p in given if p.name not in _INNER)
     return f"- `{one.__qualname__}({shown})`: {cleaned(inspect.getdoc(one))}\n"
 
 
 def _argument(one: inspect.Parameter) -> str:
-    if one.default is one.empty:
-        return re.sub(":.*", "", str(one))
-    plain = isinstance(one.default, str | int | float | tuple | None)
-    return f"{one.name}={one.default!r}" if plain else f"{one.name}=..."
+    text = str(one.replace(annotation=one.empty))
+    return text if "<" not in text and len(text) < 40 else f"{one.name}=..."
