@@ -187,7 +187,7 @@ def _page(found: Spec) -> None:
 
     described = _described(found)
     for k, line in enumerate(described["equations"], 1):
-        print(fill(f"{line}    ({k})", 80, initial_indent="    ", subsequent_indent="        "))
+        print(fill(f"({k}) {line}", 80, initial_indent="  ", subsequent_indent="      "))
     print()
     print_table(parameter_table(described["parameters"]))
     golden = found.golden if isinstance(found, ProblemSpec | ObjectiveSpec) else {}
