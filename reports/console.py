@@ -62,21 +62,23 @@ def stage_title(label: str) -> str:
     return label.rpartition(".")[2] or "parameter"
 
 
-def stage_table(stages: Sequence[StageRecord]) -> Table:
-    """Homotopy table: parameter, cost, residuals, iterations, seconds, rejected stages."""
+def stage_table(stages: Sequence[StageRecord], cost: float | None) -> Table:
+    """Homotopy table: parameter, cost, residuals, iterations, seconds, rejections, the answer."""
     labels = {stage.label for stage in stages}
     head = stage_title(labels.pop()) if len(labels) == 1 else "parameter"
     rows = (
         (index, f"{stage_title(label)} {value}".rstrip() if head == "parameter" else value, *cells)
-        for index, label, value, *cells in stage_rows(stages)
+        for index, label, value, *cells in stage_rows(stages, cost)
     )
     heads = (">stage", f">{head}", ">cost", ">lam·gap", ">residual", ">iter", ">s", "")
     return table_of(*heads, rows=rows)
 
 
-def stage_rows(stages: Sequence[StageRecord]) -> list[tuple[str, ...]]:
-    """Number, label, value, cost, lam·gap, residual, iterations, seconds, rejection; as text."""
-    return [_stage_cells(index, stage) for index, stage in shown_stages(stages)]
+def stage_rows(stages: Sequence[StageRecord], cost: float | None) -> list[tuple[str, ...]]:
+    """Number, label, value, cost, lam·gap, residual, iterations, seconds, note; as text."""
+    shown, found = shown_stages(stages, cost)
+    rows = [_stage_cells(index, stage) for index, stage in shown]
+    return [*rows[:-1], (*rows[-1][:-1], "answer")] if found else rows
 
 
 def _stage_cells(index: int, stage: StageRecord) -> tuple[str, ...]:
@@ -116,7 +118,7 @@ class StageLines:
 
 
 class StageFilter:
-    """Decides for one stage after another whether tables show it.
+    """Decides for one stage after another whether tables show it, and numbers those they show.
 
     Left out are neighbouring schedules that did not lower the cost.
     """
@@ -128,28 +130,51 @@ class StageFilter:
         """Whether the next stage is shown; ``number`` is then its number."""
         from ocp.routes.branches import NEIGHBOUR
 
-        self.number += 1
-        taken = stage.accepted and stage.cost < self.lowest
-        if taken and stage.label in ("active set", NEIGHBOUR):
+        lower = stage.accepted and stage.cost < self.lowest
+        if lower and stage.label in ("active set", NEIGHBOUR):
             self.lowest = stage.cost
-        return stage.label != NEIGHBOUR or taken
+        taken = stage.label != NEIGHBOUR or lower
+        self.number += taken
+        return taken
 
 
-def shown_stages(stages: Sequence[StageRecord]) -> list[tuple[int, StageRecord]]:
-    """The stages that tables show, with their numbers."""
+def shown_stages(
+    stages: Sequence[StageRecord], cost: float | None
+) -> tuple[list[tuple[int, StageRecord]], bool]:
+    """The stages that tables show, with their numbers, and whether the last one is the answer.
+
+    The answer of this ``cost`` is the iterate of the accepted stage with the same cost: the last of
+    several. Stages after it are left out. A solve that ended on none of its stages shows them all.
+    """
     filtered = StageFilter()
-    return [(filtered.number, stage) for stage in stages if filtered.take(stage)]
+    shown = [(filtered.number, stage) for stage in stages if filtered.take(stage)]
+    cost = math.nan if cost is None else cost
+    off = [(abs(stage.cost - cost), -number) for number, stage in shown if stage.accepted]
+    least, place = min(off, default=(math.inf, 0))
+    found = least <= _SAME * max(abs(cost), _SAME)
+    return shown[: -place if found else None], found
 
 
-def hidden_stages(stages: Sequence[StageRecord]) -> str:
-    """A sentence on the number of stages that tables leave out; empty for none."""
-    count = len(stages) - len(shown_stages(stages))
-    many = (
-        f"{count} neighbouring contact schedules were"
-        if count > 1
-        else "1 neighbouring contact schedule was"
-    )
-    return f"{many} tried without a lower cost." if count else ""
+_SAME = 1e-6
+"""Relative difference of the costs of an answer and of the stage that gave it, at most."""
+
+
+def stage_note(stages: Sequence[StageRecord], cost: float | None) -> str:
+    """Which stage gave the answer, and how many stages tables leave out; empty for no stages."""
+    from ocp.routes.branches import NEIGHBOUR
+
+    shown, found = shown_stages(stages, cost)
+    tried = sum(stage.label == NEIGHBOUR for stage in stages)
+    tried -= sum(stage.label == NEIGHBOUR for _, stage in shown)
+    later = len(stages) - len(shown) - tried
+    parts = [f"Stage {shown[-1][0]} gave the answer."] if found else []
+    for count, what, end in (
+        (tried, "neighbouring contact schedule", "tried without a lower cost."),
+        (later, "later stage", "solved without a better answer."),
+    ):
+        if count:
+            parts.append(f"{count} {what}{'s were' if count > 1 else ' was'} {end}")
+    return " ".join(parts)
 
 
 def _line(*cells: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from textwrap import fill
 
 import casadi as ca
 import numpy as np
@@ -155,6 +156,8 @@ def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 
 
 _FEWEST, _MOST = 3, 7
 _TALLEST, _SMALL = 3.1, 1.7
+_LETTERS = 120
+"""Letters of titles beside each other that fit across."""
 MOST_SCENARIOS = 12
 
 
@@ -184,13 +187,14 @@ def strobe_rows(
 ) -> tuple[list[Figure], str]:
     """Strobes beside each other under their titles, of scenario 0 each, in rows of one figure each.
 
-    Views without a picture are left out. All have the same limits, and their arrows one scale,
-    given in the returned caption.
+    Views without a picture are left out. Those of one problem have the same limits, and their
+    arrows one scale, given in the returned caption; those of several have each its own.
     """
     shown = [(title, view) for title, view in shown if view.picture is not None]
     if not shown:
         return [], ""
     forces = [found for _, view in shown if (found := _forces_drawn(view)) is not None]
+    alike = len({view.run.meta["problem"] for _, view in shown}) == 1
     largest = max((found.largest for found in forces), default=0.0)
     count = len(shown)
     columns = {1: 1, 2: 2, 4: 2}.get(count, 4 if count in (7, 8) or count > 9 else 3)
@@ -199,28 +203,35 @@ def strobe_rows(
         figure = Figure(figsize=(WIDTH, _SMALL))
         axes = figure.subplots(1, columns, squeeze=False)[0]
         for axis, (title, view) in zip(axes, shown[start : start + columns], strict=False):
-            draw_strobe(axis, view, cones, largest)
-            axis.set_title(title, loc="left", fontsize=7.5)
+            draw_strobe(axis, view, cones, largest if alike else None)
+            axis.set_title(fill(title, _LETTERS // columns), loc="left", fontsize=7.5)
             axis.tick_params(labelsize=7)
             axis.set_xlabel(axis.get_xlabel(), fontsize=7)
-            axis.set_ylabel(axis.get_ylabel() if axis is axes[0] else "", fontsize=7)
+            axis.set_ylabel("" if alike and axis is not axes[0] else axis.get_ylabel(), fontsize=7)
             used.append(axis)
         for axis in axes[len(shown) - start :]:
             axis.set_axis_off()
         figures.append(figure)
-    height = _one_view(used) * 0.85 * WIDTH / columns + 0.55
+    if alike:
+        _one_view(used)
+    # A tall picture among others of several problems must not make all rows tall.
+    ratio = np.median([np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim()) for axis in used])
+    lines = max(axis.get_title("left").count("\n") for axis in used)
+    height = float(np.clip(ratio * 0.85 * WIDTH / columns + 0.55, 1.0, _TALLEST)) + 0.12 * lines
     for figure in figures:
-        figure.set_figheight(float(np.clip(height, 1.0, _TALLEST)))
-    return figures, caption(largest, forces[0].unit, cones) if largest > 0 else ""
+        figure.set_figheight(height)
+    if largest <= 0:
+        return figures, ""
+    told = "arrows: contact forces, in each picture to its own scale"
+    return figures, caption(largest, forces[0].unit, cones) if alike else told
 
 
-def _one_view(axes: Sequence[Axes]) -> float:
-    """Give all axes the limits that hold each of theirs; returns their height over their width."""
+def _one_view(axes: Sequence[Axes]) -> None:
+    """Give all axes the limits that hold each of theirs."""
     limits = np.array([[axis.get_xlim(), axis.get_ylim()] for axis in axes])
     low, high = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
     for axis in axes:
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    return float((high - low)[1] / (high - low)[0])
 
 
 def draw_strobe(

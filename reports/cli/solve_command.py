@@ -141,9 +141,9 @@ def show(output: Output, solution: Solution) -> None:
     """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
     # Elsewhere lines have listed the stages already.
     if solution.stages and output.console.is_terminal and output.progress:
-        output.note(console.stage_table(solution.stages))
-    if unseen := console.hidden_stages(solution.stages):
-        output.note(unseen)
+        output.note(console.stage_table(solution.stages, solution.cost))
+    if told := console.stage_note(solution.stages, solution.cost):
+        output.note(told)
     output.note(console.result_table(solution))
     if solution.audit.contacts:
         output.note(console.contact_table(solution.audit))

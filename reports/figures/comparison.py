@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -20,6 +21,8 @@ from reports.strobe import strobe_rows
 from reports.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH
 from reports.view import RunView
 
+_LETTERS = 45
+"""Letters of a line of a run's name beside its costs."""
 _WIDE = 30.0
 """Times the second smallest difference beyond which differences are drawn by powers of ten."""
 
@@ -58,7 +61,8 @@ def costs(views: list[RunView], names: list[str]) -> Figure:
     values = np.array([[np.nan if c is None else c for c in found] for *_, found in kinds], float)
     least = float(np.nanmin(values[0]))
     off = values - least
-    figure = Figure(figsize=(WIDTH, 0.65 + 0.2 * len(views)))
+    names = [fill(name, _LETTERS) for name in names]
+    figure = Figure(figsize=(WIDTH, 0.65 + 0.2 * len(views) + 0.12 * "".join(names).count("\n")))
     axis = figure.subplots()
     place = np.arange(len(views))
     for (text, mark, color, _), found in zip(kinds, off, strict=True):

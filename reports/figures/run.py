@@ -230,7 +230,7 @@ def _shade(
 
 def homotopy(view: RunView) -> Figure:
     """Cost, complementarity and residual after each stage; what is zero is not drawn."""
-    numbers, stages = zip(*shown_stages(view.run.stages), strict=True)
+    numbers, stages = zip(*shown_stages(view.run.stages, view.run.meta["cost"])[0], strict=True)
     figure = Figure(figsize=(WIDTH, 1.9))
     left, right = figure.subplots(1, 2)
     number = np.array(numbers)

@@ -57,16 +57,21 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
 def labels(runs: Sequence[StoredRun]) -> list[str]:
     """A label for each run: the values in which the runs differ, problem and law first.
 
-    A setting of one law, such as mu, labels only the runs with that law. Identical requests are
-    labelled by their hashes.
+    Runs of different problems are labelled by problem and law, and by further values only where
+    these are the same. A setting of one law, such as mu, labels only the runs with that law.
+    Identical requests are labelled by their hashes.
     """
-    requests = [_flat(run) for run in runs]
+    every = [_flat(run) for run in runs]
+    named = _IN_ORDER[:2] if len({own.get("problem") for own in every}) > 1 else ()
+    first = [[str(own[key]) for key in named if key in own] for own in every]
     found = []
-    for run, own in zip(runs, requests, strict=True):
-        parts = [str(own[key]) for key in _IN_ORDER if key in own and _differs(key, own, requests)]
+    for run, own, parts in zip(runs, every, first, strict=True):
+        requests = [one for one, other in zip(every, first, strict=True) if other == parts]
+        differing = [key for key in own if _differs(key, own, requests)]
+        parts = parts + [str(own[key]) for key in _IN_ORDER if key in differing]
         parts += [
-            f"{symbol(key)} = {value_text(value, 4)}" for key, value in own.items()
-            if key not in _IN_ORDER and _differs(key, own, requests)
+            f"{symbol(key)} = {value_text(own[key], 4)}" for key in differing
+            if key not in _IN_ORDER
         ]  # fmt: skip
         found.append(", ".join(parts) or str(run.meta["hash"])[:6])
     if len(set(found)) == len(found):

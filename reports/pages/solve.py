@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from ocp.programs.solver import Status
 from reports.console import (
     contact_rows,
-    hidden_stages,
     idle_contacts,
     number,
     physics_residuals,
     small,
+    stage_note,
     stage_rows,
     stage_title,
     violation_rows,
@@ -52,7 +52,7 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
         "replayed": any(track.again is not None for track in found),
         "zero": motion.idle(found),
         "stages": _stages(view),
-        "left_out": hidden_stages(stored.stages),
+        "left_out": stage_note(stored.stages, stored.meta["cost"]),
         "worst": [] if solved else violation_rows(stored.audit),
         "starts": [key.replace("_", " ") for key in _starts(view)],
         "others": [[shown(other.get(key)) for key in _starts(view)]
@@ -90,7 +90,7 @@ def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
 def _stages(view: RunView) -> list[list[str]]:
     """Rows of the homotopy's table, without the middle of a long one."""
     rows = [[index, symbol(stage_title(label)), *cells, note] for index, label, *cells, _, note
-            in stage_rows(view.run.stages)]  # fmt: skip
+            in stage_rows(view.run.stages, view.run.meta["cost"])]  # fmt: skip
     if len(rows) <= 2 * _ENDS:
         return rows
     between = ["…", f"{len(rows) - 2 * _ENDS} more", *[""] * (len(rows[0]) - 2)]

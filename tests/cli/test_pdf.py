@@ -96,7 +96,7 @@ def test_the_page_says_what_the_run_says(views) -> None:
         content, drawn = solve_page(view)
     assert content["verdict"] == view.run.meta["verdict"]
     assert content["grade"] == "survives"
-    assert len(content["stages"]) == len(shown_stages(view.run.stages))
+    assert len(content["stages"]) == len(shown_stages(view.run.stages, view.run.meta["cost"])[0])
     assert "μ = 0.001" in content["law"]["place"]
     parameters = {row[0]: row[1:] for row in content["parameters"]}
     assert parameters["h"] == ["0.1", "s", "step size"]

@@ -40,6 +40,16 @@ def test_a_setting_of_one_law_does_not_tell_it_from_another_law() -> None:
     assert both == ["barrier, μ = 0.001", "barrier, μ = 0.01", "exact"]
 
 
+def test_runs_of_different_problems_are_told_by_problem_and_law() -> None:
+    cart = {"problem": "cart-walls", "params": {"k": 100.0, "h": 0.04}}
+    assert named({}, cart) == ["push-disc, barrier", "cart-walls, barrier"]
+    heavy = {"params": {"M": 2.0, "h": 0.1}}
+    assert named({}, heavy, cart) == [
+        "push-disc, barrier, M = 1", "push-disc, barrier, M = 2", "cart-walls, barrier"
+    ]  # fmt: skip
+    assert named(cart, cart, {})[0] == "cart-walls, barrier, h0abcd"
+
+
 def test_equal_runs_are_told_by_their_hashes() -> None:
     assert named({}, {}) == ["h0abcd", "h1abcd"]
 
