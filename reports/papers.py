@@ -31,7 +31,7 @@ _ROW, _STROBE_TALLEST = 1.75, 3.0
 _DASHES = ("-", (0, (4, 2)))
 _LEVEL = 1e-6
 """Of its size, below which a change is drawn as none."""
-_LINE = 0.14
+_LINE = 0.17
 """Height of a line of the key, of a panel's."""
 
 
@@ -116,12 +116,14 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
         look = {"linestyle": dash, "linewidth": 1.1 if len(values) == 1 else 0.6}
         for i, name in enumerate(group.names):
             for scenario, line in enumerate(values[..., i]):
+                # The colours of the first six are apart in grey print; the others have marks too.
+                mark = {"marker": "so^D"[i // 6 % 4], "markevery": 5 + i % 6} if i >= 6 else {}
                 color = CYCLE[i % len(CYCLE)]
                 text = name if dash == _DASHES[0] and scenario == 0 else None
                 if line.size < time.size:
                     axis.stairs(line, time, baseline=None, color=color, label=text, **look)
                 else:
-                    axis.plot(time, line, color=color, label=text, **look)
+                    axis.plot(time, line, color=color, label=text, **look, **mark)
     low, high = axis.get_ylim()
     if high - low < _LEVEL * max(abs(low), abs(high)):
         half = 0.05 * max(abs(low), abs(high))
@@ -132,7 +134,7 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
     axis.set_ylim(low, high + _LINE * rows * (high - low))
     axis.set_title(group.title, loc="left")
     axis.set_xlabel("time [s]")
-    axis.legend(fontsize=6.5, ncols=columns, handlelength=1.0, columnspacing=0.8,
+    axis.legend(fontsize=7, ncols=columns, handlelength=1.0, columnspacing=0.8,
                 labelspacing=0.2, borderaxespad=0.2, loc="upper left")  # fmt: skip
 
 

@@ -14,15 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FuncFormatter
 
-# Okabe and Ito's palette: every pair stays apart under the common colour deficiencies.
-BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
-ORANGE, SKY, PURPLE, YELLOW = "#E69F00", "#56B4E9", "#CC79A7", "#F0E442"
+# Okabe and Ito's hues, which stay apart under the common colour deficiencies; blue, green,
+# vermillion, purple, orange and sky blue are eight steps of CIE lightness apart for print in grey.
+BLUE, VERMILLION, GREEN = "#004C80", "#CC5500", "#006F51"
+ORANGE, SKY, PURPLE, YELLOW = "#E69F00", "#8CCDF2", "#CC79A7", "#F0E442"
 INDIGO, WINE, OLIVE, BROWN, LIME, MAGENTA = (
     "#332288", "#882255", "#999933", "#661100", "#7FC41C", "#E6007E",
 )  # fmt: skip
 CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY,
          INDIGO, WINE, OLIVE, BROWN, LIME, MAGENTA)  # fmt: skip
-"""Twelve colours that stay apart, the six first ones for colour-blind readers too."""
+"""Twelve colours that stay apart, the six first ones for colour-blind readers and in grey too."""
 GREY, FAINT, INK = "#7A7A7A", "#D9D9D9", "#222222"
 PLANNED, REPLAYED = BLUE, VERMILLION
 GRADES = {"survives": GREEN, "certified": ORANGE, "failed": VERMILLION}
@@ -61,6 +62,15 @@ _SETTINGS: dict[Any, Any] = {
     # Identifiers inside an SVG are random unless they are salted.
     "svg.hashsalt": "centralpath",
 }
+
+
+def line_of(place: int) -> dict[str, Any]:
+    """Colour and line style of the line number ``place``, apart from others in grey print too."""
+    place %= len(CYCLE)
+    return {"color": CYCLE[place], "linestyle": "-" if place < 6 else _BROKEN[place % 2]}
+
+
+_BROKEN = ((0, (5, 1.5)), (0, (1, 1)))
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from reports.figures.panels import Panel, Row, in_rows, lines, note_zero
 from reports.figures.run import FLOOR
 from reports.notation import label, symbol
 from reports.strobe import strobe_rows
-from reports.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH
+from reports.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH, line_of
 from reports.view import RunView
 
 _LETTERS = 45
@@ -112,24 +112,19 @@ def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
     return in_rows(panels), sorted(resting)
 
 
-def color_of(place: int) -> str:
-    """Colour of a run in every picture of a comparison."""
-    return CYCLE[place % len(CYCLE)]
-
-
 def _panel(
     own: Sequence[tuple[int, Track]], views: Sequence[RunView], reach: float | None
 ) -> Panel:
     def main(axis: Axes) -> None:
         for place, track in own:
-            lines(axis, views[place].time, track.plan, color=color_of(place),
+            lines(axis, views[place].time, track.plan, **line_of(place),
                   linewidth=1.1 if len(track.plan) == 1 else 0.5)  # fmt: skip
 
     def below(axis: Axes) -> None:
         note_zero(axis)
         base = own[0][1].plan
         for place, track in own[1:]:
-            lines(axis, views[place].time, track.plan - base, color=color_of(place), linewidth=0.9)
+            lines(axis, views[place].time, track.plan - base, **line_of(place), linewidth=0.9)
         limit = 1.1 * reach if reach else 1.0
         axis.set_ylim(-limit, limit)
 

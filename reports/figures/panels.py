@@ -111,7 +111,7 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
         cell.panel.main(axis)
         _dress(axis, 4)
         axis.set_title(cell.panel.title, loc="left", pad=2.5, x=-0.1 * columns / (width - 0.5),
-                       fontsize=8 if len(cell.panel.title) <= _LONG else 6.5)  # fmt: skip
+                       fontsize=8 if len(cell.panel.title) <= _LONG else 7)  # fmt: skip
         if cell.panel.below is not None:
             axis.tick_params(labelbottom=False)
             strip = place(cell.column, top - _MAIN - _BETWEEN, below)

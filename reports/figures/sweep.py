@@ -174,7 +174,7 @@ def _map(axes: Axes, values: np.ndarray, norm: Normalize, colours: str) -> Any:
     if values.size <= _WRITTEN:
         for (i, j), value in np.ndenumerate(values):
             if np.isfinite(value):
-                axes.text(j, i, f"{value:.3g}", ha="center", va="center", fontsize=6,
+                axes.text(j, i, f"{value:.3g}", ha="center", va="center", fontsize=7,
                           color=_readable(drawn.cmap(norm(value))))  # fmt: skip
     _framed(axes, values.shape)
     return drawn

@@ -14,6 +14,7 @@ from reports.figures.run import FLOOR
 from reports.notation import symbol
 from reports.pages.described import Page, head, how, law, numbered, pairs, row_figures, settings
 from reports.strobe import strobe_rows
+from reports.style import line_of
 from reports.tables import event_rows
 from reports.view import RunView
 
@@ -34,7 +35,7 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
         "title": views[0].title if one_problem else "Comparison of runs",
         "names": names,
         "labels": labelled,
-        "colors": [comparison.color_of(place) for place in range(len(views))],
+        "colors": [line_of(place)["color"] for place in range(len(views))],
         "hashes": [view.run.meta["hash"] for view in views],
         "verdicts": [view.run.meta["verdict"] for view in views],
         "grades": [view.run.meta["grade"] for view in views],

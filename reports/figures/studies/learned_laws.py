@@ -159,7 +159,7 @@ def _table(axis: Axes, data: xr.Dataset) -> None:
         style: dict[str, Any] = {"ha": "center", "va": "center", "color": INK if light else "white"}
         word = dearer(float(shown[row, column])) + _mark(int(lives[row, column]), of)
         axis.text(column, row - 0.16, word, **style)
-        axis.text(column, row + 0.25, f"plan {dearer(float(plans[row, column]))}", fontsize=6,
+        axis.text(column, row + 0.25, f"plan {dearer(float(plans[row, column]))}", fontsize=7,
                   **style)  # fmt: skip
     _grid(axis, data)
     axis.set_yticks(range(data.sizes["law"]), list(described(data.attrs).values()))

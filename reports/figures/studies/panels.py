@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -57,10 +58,10 @@ def quartile_curve(
     x: ArrayLike,
     values: np.ndarray,
     color: str,
-    style: str = "-",
+    style: Any = "-",
     label: str | None = None,
 ) -> None:
     """Draw the median over runs of ``values`` (runs, n), and the band of the middle half."""
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)
-    axis.plot(x, middle, style, color=color, label=label)
+    axis.plot(x, middle, linestyle=style, color=color, label=label)
     axis.fill_between(x, low, high, color=color, alpha=0.12, linewidth=0)

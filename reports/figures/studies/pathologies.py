@@ -69,7 +69,7 @@ def p2(data: xr.Dataset) -> Figure:
         right.plot(theta, one["variance"], mark, color=color, label=name, markersize=3)
     middle.set_ylabel("gradient")
     right.set(ylabel="variance of one sample", ylim=(0, 1.5 * float(data["variance"].max())))
-    right.legend(ncols=2, fontsize=6.5, columnspacing=0.8, handletextpad=0.2)
+    right.legend(ncols=2, fontsize=7, columnspacing=0.8, handletextpad=0.2)
     for axis in (left, middle, right):
         axis.set_xlabel("$\\theta$")
     return figure

@@ -13,7 +13,7 @@ from problems.studies.convergence_bound import bound
 from problems.studies.trained_policies import METHODS, MODEL_BASED
 from problems.studies.unroll_variance import growth
 from reports.figures.studies.panels import drawing, quartile_curve
-from reports.style import CYCLE, INK, WIDTH
+from reports.style import CYCLE, INK, WIDTH, line_of
 
 
 @drawing(
@@ -66,6 +66,7 @@ def a4(data: xr.Dataset) -> Figure:
         curves(row[1], alone, "few", named=first)
         curves(row[2], one["by_time"], "wall", named=False)
         row[0].set(ylabel="exact return", title=task, xlabel="simulated steps")
+        row[0].locator_params(axis="x", nbins=4)
         row[1].set_xlabel("steps of MBPO")
         row[2].set_xlabel("wall time [s]")
     for axes, task in zip(below.subplots(1, len(tasks), sharey=True), tasks, strict=True):
@@ -92,8 +93,7 @@ def curves(axes: Axes, data: xr.DataArray, along: str, named: bool) -> None:
     for name in map(str, data["algorithm"].values):
         values = data.sel(algorithm=name).transpose("run", along).values
         been = np.isfinite(values).all(axis=0)
-        k = list(METHODS).index(name)
-        style, color = "-" if k < len(CYCLE) else "--", CYCLE[k % len(CYCLE)]
+        color, style = line_of(list(METHODS).index(name)).values()
         at = data[along].values[been]
         quartile_curve(axes, at, values[:, been], color, style, name if named else None)
 
@@ -131,11 +131,11 @@ def a7(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(WIDTH, 5.2))
     grid = figure.add_gridspec(2, 3, height_ratios=(1.1, 1))
     curves = figure.add_subplot(grid[0, :])
-    colors = {str(m): CYCLE[k % len(CYCLE)] for k, m in enumerate(data["algorithm"].values)}
-    for k, (method, color) in enumerate(colors.items()):
+    colors = dict[str, str]()
+    for k, method in enumerate(map(str, data["algorithm"].values)):
+        colors[method], style = line_of(k).values()
         lost = np.maximum(-data["exact_return"].sel(algorithm=method).values, _LEAST)
-        style = "-" if k < len(CYCLE) else "--"
-        quartile_curve(curves, np.arange(lost.shape[-1]), lost, color, style, method)
+        quartile_curve(curves, np.arange(lost.shape[-1]), lost, colors[method], style, method)
     curves.set(yscale="log", xlabel="iteration", ylabel="minus return [$m^2$]")
     curves.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     whole = -data["landscape"].sel(law=[law for law, _ in _SHOWN]).values

@@ -128,7 +128,8 @@ def a6(data: xr.Dataset) -> Figure:
     shades = [*light_to_dark(len(laws) - 1, 0.05, 0.6), VERMILLION]
     for index, (name, shade) in enumerate(zip(laws, shades, strict=True)):
         text = name if name == "adaptive" else name.replace("mu", "BS $\\mu$")
-        impact.plot(data["q_mid"], data["impact_soft"][index], color=shade, label=text)
+        impact.plot(data["q_mid"], data["impact_soft"][index], color=shade, label=text,
+                    linestyle="-." if name == "adaptive" else "-")  # fmt: skip
     mus = data["box_mu"].values
     for index, (mu, shade) in enumerate(zip(mus, shades, strict=False)):
         push.plot(data["u"], data["push_soft"][index], color=shade, label=f"BS $\\mu$ = {mu:.1e}")

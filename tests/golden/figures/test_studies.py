@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.text import Text
 
 from ocp.errors import InputError
 from problems import studies
 from problems.studies.study import CHOICE, CODE, PAPER, did_hold
 from reports.figures.studies import DRAWINGS
+from reports.papers import BOTH, COLUMN, render
 from reports.style import styled, to_svg
 from tests.golden.figures.verdicts import SLOW, SMALL, small
 
@@ -22,9 +25,14 @@ def test_data_carry_units_and_are_drawn(identifier: str) -> None:
     found = small(identifier)
     for name, variable in found.variables.items():
         assert variable.dtype.kind not in "fiu" or variable.attrs["units"], name
-    with styled():
+    with styled(), warnings.catch_warnings():
+        warnings.simplefilter("error")
         figure = DRAWINGS[identifier].draw(found)
         assert len(to_svg(figure)) > 10_000
+        assert len(render(figure, "pdf")) > 10_000
+    assert figure.get_figwidth() in (COLUMN, BOTH)
+    sizes = [one.get_fontsize() for one in figure.findobj(Text) if one.get_text()]
+    assert min(sizes) >= 7, "journals set no smaller type"
     assert all(axis.get_xlabel() for axis in figure.axes[-2:])
     units = {variable.attrs.get("units", "1") for variable in found.variables.values()}
     labels = "".join(axis.get_ylabel() + axis.get_xlabel() for axis in figure.axes)

@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 
 from reports.figures import run as figures
 from reports.figures.panels import draw_rows
-from reports.style import CYCLE, SKY
+from reports.style import CYCLE, SKY, line_of
 from tests.unit.reports.pages.made import run, waves
 
 N = 10
@@ -74,6 +74,15 @@ def test_twelve_contacts_have_twelve_colours_that_stay_apart() -> None:
     assert len(colors) == 12 == len(set(colors))
     distances = [np.linalg.norm(lab(a) - lab(b)) for a, b in itertools.combinations(CYCLE, 2)]
     assert min(distances) > 20, "2.3 is the least that an eye can tell"
+
+
+def test_lines_stay_apart_in_grey_print() -> None:
+    """By eight steps of CIE lightness, of which an eye tells two, or by their line style."""
+    for first, second in itertools.combinations(map(line_of, range(12)), 2):
+        apart = abs(lab(first["color"])[0] - lab(second["color"])[0])
+        assert apart >= 8 or first["linestyle"] != second["linestyle"], (first, second)
+    lightness = [lab(color)[0] for color in CYCLE[:6]]
+    assert max(lightness) < 80, "seen on white"
 
 
 def lab(color: str) -> np.ndarray:

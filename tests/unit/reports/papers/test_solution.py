@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from dynamics.contact import Barrier
 from ocp import solve, store
 from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from problems import get
-from reports.papers import bare, groups, solution_figure
+from reports.papers import BOTH, bare, groups, render, solution_figure
 from reports.view import RunView
 from tests.unit.reports.made import sliding_box
 
@@ -39,6 +40,13 @@ def test_every_signal_is_in_the_panel_of_its_unit(run: StoredRun) -> None:
     ]
     x = np.concatenate([group.planned for group in found if group.title.startswith("states")], -1)
     np.testing.assert_array_equal(np.sort(x), np.sort(run.data["x"].values))
+
+
+def test_no_type_is_smaller_than_journals_set(run: StoredRun) -> None:
+    figure = solution_figure(RunView.of(run))
+    render(figure, "pdf")
+    sizes = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text()]
+    assert figure.get_figwidth() == BOTH and min(sizes) >= 7
 
 
 def test_lines_are_the_stored_numbers_planned_and_replayed(run: StoredRun) -> None:
