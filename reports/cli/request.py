@@ -72,10 +72,13 @@ def input_errors(prefix: str = "") -> Iterator[None]:
 EXAMPLES = {
     "PDF": "report.pdf",
     "C file": "rollout.c",
-    "data": "data.nc",
+    "transitions": "data.nc",
     "model": "model.nc",
     "figure": "figure.pdf",
+    "data": "data.csv",
 }
+"""A file of every kind of output."""
+_ONE_ENDING = ("PDF", "C file", "transitions", "model")
 
 
 def check_places(out: Path, pdf: Path | None) -> None:
@@ -86,10 +89,17 @@ def check_places(out: Path, pdf: Path | None) -> None:
 
 
 def check_place(file: Path, what: str) -> None:
-    """Raise InputError where ``file``, such as a PDF, cannot be written."""
+    """Raise InputError where ``file``, such as a PDF, has another ending or cannot be written."""
     if file.is_dir():
         example = EXAMPLES.get(what, "report.gif")
         raise InputError(f"{file} is a directory; name a file such as {file / example}")
+    ending = Path(EXAMPLES[what]).suffix if what in _ONE_ENDING else file.suffix
+    # A device or a pipe has any name.
+    if file.suffix.lower() != ending and (file.is_file() or not file.exists()):
+        raise InputError(
+            f"the {what} must end in {ending}, got {str(file)!r}; use"
+            f" {file.with_suffix(ending).name!r}, for example"
+        )
     with atomic.write_errors(f"the {what} to {file}"):
         place = atomic.destination(file)
     if place is None:

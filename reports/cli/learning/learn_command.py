@@ -66,7 +66,7 @@ def check_collect(options: CollectOptions) -> CollectRequest:
         )
     check_memory(f"{samples} transitions", 32.0 * samples * (2 * system.nx + system.nu))
     region = region_of(found, params, problem)
-    check_place(options.file, "data")
+    check_place(options.file, "transitions")
     file = found.name if found.path is None else str(found.path)
     return CollectRequest(found.name, params.model_dump(), problem, region, samples, file,
                           content_digest(found.digest, {}))  # fmt: skip
