@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 DEFAULT_LAW = "exact"
-"""The law of plans where none is chosen: docs/reference/laws.md compares it with the barrier."""
+"""The law of plans where none is chosen: docs/theory/laws.md compares it with the barrier."""
 
 
 def contact_law(contact: ContactLaw | str, values: Mapping[str, Any]) -> ContactLaw:

@@ -1,0 +1,33 @@
+"""One default law: in Python, on the command line, in sweeps, and by the stored evidence."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import fields
+
+from ocp.factories import DEFAULT_LAW
+from ocp.solve import solve
+from ocp.sweeps.case import Case
+from ocp.sweeps.sweep import sweep
+from reports.cli.commands import ContinueOptions, SolveOptions, SweepOptions
+from reports.site.measured import read
+
+
+def test_python_and_the_command_line_agree() -> None:
+    for function in (solve, sweep):
+        assert inspect.signature(function).parameters["contact"].default == DEFAULT_LAW
+    for options in (SolveOptions, SweepOptions, ContinueOptions, Case):
+        (contact,) = (one for one in fields(options) if one.name == "contact")
+        assert contact.default == DEFAULT_LAW
+
+
+def test_the_default_survives_most_often_and_costs_less_on_most_problems() -> None:
+    rows = [row for row in read("default-law")["rows"]]
+    survived = {
+        law: sum(int(row[3]) for row in rows if row[1] == law) for law in ("exact", "barrier")
+    }
+    costs = {law: [float(row[5]) for row in rows if row[1] == law] for law in laws}
+    (other,) = set(survived) - {DEFAULT_LAW}
+    assert survived[DEFAULT_LAW] > survived[other]
+    cheaper = [a < b for a, b in zip(costs[DEFAULT_LAW], costs[other], strict=True)]
+    assert sum(cheaper) > len(cheaper) / 2
