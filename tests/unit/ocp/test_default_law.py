@@ -22,10 +22,8 @@ def test_python_and_the_command_line_agree() -> None:
 
 
 def test_the_default_survives_most_often_and_costs_less_on_most_problems() -> None:
-    rows = [row for row in read("default-law")["rows"]]
-    survived = {
-        law: sum(int(row[3]) for row in rows if row[1] == law) for law in ("exact", "barrier")
-    }
+    rows, laws = read("default-law")["rows"], ("exact", "barrier")
+    survived = {law: sum(int(row[3]) for row in rows if row[1] == law) for law in laws}
     costs = {law: [float(row[5]) for row in rows if row[1] == law] for law in laws}
     (other,) = set(survived) - {DEFAULT_LAW}
     assert survived[DEFAULT_LAW] > survived[other]
